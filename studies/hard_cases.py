@@ -7,7 +7,7 @@ how many are refused, and how long does it take? And how do errors grow along th
 integrated from the base to the tip rather than from the tip to the base?
 
 Assumptions: the families are those that the tests hold to their tolerances, `tests/hard_cases`;
-each is described at the top of its file, and run by its test. Errors are over the arm's length, or
+each is described in its file, and run by its test. Errors are over the arm's length, or
 relative.
 
 Command: python -m studies.hard_cases [--members 12] [--family NAME ...] [--out out]

@@ -119,3 +119,11 @@ def test_what_was_finished_at_ctrl_c_is_told_and_drawn(tmp_path: Path) -> None:
     assert "interrupted" in err
     assert "from base to tip" in out
     assert (tmp_path / "hard_cases.png").stat().st_size > 0
+
+
+@pytest.mark.slow
+def test_two_hundred_random_tips_are_certified_and_none_wrongly() -> None:
+    shown = study("planner_suite", "--kinds", "tip", "--targets", "200", "--best-of", "0")
+    (total,) = (line.split() for line in shown.splitlines() if line.startswith("all"))
+    assert total[1:4:2] == ["200", "0"]
+    assert float(total[2].rstrip("%")) >= 99

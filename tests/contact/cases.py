@@ -1,9 +1,13 @@
-"""Arms whose contact has closed forms."""
+"""Arms whose contact has closed forms, and distances from obstacles by NumPy alone."""
+
+from __future__ import annotations
 
 import numpy as np
 
 from model import Anchorage, Arm, Material
+from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from model.paths import Linear
+from tests.oracles import Array
 
 
 def bar(length: float, radius: float, E: float, density: float = 1000.0) -> Arm:
@@ -16,3 +20,19 @@ def bar(length: float, radius: float, E: float, density: float = 1000.0) -> Arm:
 def stiffness(radius: float, E: float) -> float:
     """Return E J [N m2]."""
     return E * np.pi * radius**4 / 4
+
+
+def distance(body: Obstacle, x: Array) -> Array:
+    """Return the signed distance (N,) of points (N, 3)."""
+    if isinstance(body, Sphere):
+        return np.asarray(np.linalg.norm(x - body.center, axis=1) - body.radius)
+    if isinstance(body, HalfSpace):
+        n = np.array(body.normal) / np.linalg.norm(body.normal)
+        return np.asarray((x - np.array(body.point)) @ n)
+    if isinstance(body, Capsule):
+        a, b = np.array(body.start), np.array(body.end)
+        share = np.clip((x - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+        return np.asarray(np.linalg.norm(x - a - share[:, None] * (b - a), axis=1) - body.radius)
+    assert isinstance(body, Box)
+    q = np.abs((x - np.array(body.center)) @ np.array(body.frame)) - np.array(body.size) / 2
+    return np.asarray(np.linalg.norm(np.maximum(q, 0), axis=1) + np.minimum(q.max(axis=1), 0))

@@ -6,10 +6,9 @@ import numpy as np
 
 from model import Shape
 from model.effects import ExactTendons
-from tests.contact.bodies import distance
+from tests.contact.cases import distance
 from tests.contact.queries import Query
-from tests.effects.energy_rod import EnergyRod
-from tests.effects.spatial import LoadedRod, Loads
+from tests.effects.spatial import EnergyRod, LoadedRod, Loads
 
 _LOOKS, _CUTS = 2001, 6
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(24)

@@ -10,7 +10,7 @@ from model import Arm, Scene, settle
 from model.effects import Buoyancy, Contact, Effect, ExactTendons, Extension, NeoHookean, Weight
 from model.errors import OctoplanError
 from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
-from tests.contact.bodies import distance
+from tests.contact.cases import distance
 from tests.oracles import Array, Rod, paper_rod
 from tests.random_arms import DENSITY, random_arm, random_pulls
 

@@ -1,14 +1,127 @@
-"""Contact in space against springs that grow, by SciPy alone: both come to the same."""
+"""Contact is the limit of stiff springs: a loaded rod of NumPy and SciPy only.
+
+The oracle is an inextensible rod that bends and twists, clamped along x, under a dead force at its
+tip; where it is inside of a sphere or a half-space by d it is pressed back by k d^2 per length, and
+its tip by a spring of its own. As k grows this is contact. Solved as a boundary value problem by
+collocation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_bvp
 
 from model import Scene, settle
 from model.effects import Contact, TipLoad
 from model.obstacles import HalfSpace, Sphere
 from tests.contact.cases import bar
-from tests.contact.penalty_rod import Ball, PenaltyRod, Wall
 from tests.oracles import Array
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A sphere."""
+
+    center: tuple[float, float, float]
+    radius: float
+
+    def gap(self, x: Array) -> tuple[Array, Array]:
+        """Return distances (N,) and normals (3, N) at points (3, N)."""
+        off = x - np.array(self.center)[:, None]
+        far = np.linalg.norm(off, axis=0)
+        return far - self.radius, off / far
+
+
+@dataclass(frozen=True)
+class Wall:
+    """All that is behind a plane."""
+
+    point: tuple[float, float, float]
+    normal: tuple[float, float, float]
+
+    def gap(self, x: Array) -> tuple[Array, Array]:
+        """Return distances (N,) and normals (3, N) at points (3, N)."""
+        n = np.array(self.normal)
+        return n @ (x - np.array(self.point)[:, None]), np.repeat(n[:, None], x.shape[1], axis=1)
+
+
+@dataclass(frozen=True)
+class PenaltyRod:
+    """A round rod, the force at its tip, and what it is pressed on."""
+
+    length: float
+    radius: float
+    E: float
+    nu: float
+    force: tuple[float, float, float]
+    bodies: tuple[Ball | Wall, ...]
+
+    def settle(self, stiffest: float, softest: float = 1e4) -> tuple[Array, list[Array]]:
+        """Return the tip (3,), and the force of each body (3,), from springs that grow."""
+        s = np.linspace(0, self.length, 101)
+        y = np.zeros((13, s.size))
+        y[0], y[3] = s, 1.0
+        k = softest
+        while k <= 1.001 * stiffest:
+            for share in (0.3, 0.6, 1.0) if k == softest else (1.0,):
+                found = solve_bvp(
+                    lambda s, y, k=k: self._rate(y, k),
+                    lambda a, b, k=k, share=share: self._ends(a, b, k, share),
+                    s,
+                    y,
+                    tol=1e-5,
+                    max_nodes=20000,
+                )
+                assert found.success, found.message
+                s, y = found.x, found.y
+            k *= _STEP
+        fine = np.unique(np.concatenate([s, *((s[:-1] + x * np.diff(s)) for x in _INSIDE)]))
+        y = found.sol(fine)
+        k /= _STEP
+        along = [np.trapezoid(self._pressed(y[:3], body, k), fine) for body in self.bodies]
+        at_tip = [self._at_tip(y[:3, -1], body, k) for body in self.bodies]
+        return np.asarray(y[:3, -1]), [a + b for a, b in zip(along, at_tip, strict=True)]
+
+    def _at_tip(self, x: Array, body: Ball | Wall, k: float) -> Array:
+        gap, normal = body.gap(x[:, None])
+        return np.asarray(_TIP * k * max(self.radius - float(gap[0]), 0.0) * normal[:, 0])
+
+    def _pressed(self, x: Array, body: Ball | Wall, k: float) -> Array:
+        gap, normal = body.gap(x)
+        return np.asarray(k * np.maximum(self.radius - gap, 0) ** 2 * normal)
+
+    def _rate(self, y: Array, k: float) -> Array:
+        q, M, F = y[3:7], y[7:10], y[10:13]
+        w, a, b, c = q
+        frame = np.array(
+            [
+                [w * w + a * a - b * b - c * c, 2 * (a * b - w * c), 2 * (a * c + w * b)],
+                [2 * (a * b + w * c), w * w - a * a + b * b - c * c, 2 * (b * c - w * a)],
+                [2 * (a * c - w * b), 2 * (b * c + w * a), w * w - a * a - b * b + c * c],
+            ]
+        )
+        EJ = self.E * np.pi * self.radius**4 / 4
+        stiff = np.array([EJ / (1 + self.nu), EJ, EJ])[:, None]
+        kappa = np.einsum("jin,jn->in", frame, M) / stiff
+        t = frame[:, 0]
+        scalar = -(q[1:] * kappa).sum(axis=0)
+        vector = w * kappa + np.cross(q[1:], kappa, axis=0)
+        turn = np.vstack([scalar, vector]) / 2
+        f = sum((self._pressed(y[:3], body, k) for body in self.bodies), np.zeros_like(F))
+        return np.vstack([t, turn, -np.cross(t, F, axis=0), -f])
+
+    def _ends(self, base: Array, tip: Array, k: float, share: float) -> Array:
+        force = share * np.array(self.force)
+        force = sum((self._at_tip(tip[:3], body, k) for body in self.bodies), force)
+        clamp = base[:7] - np.array([0, 0, 0, 1.0, 0, 0, 0])
+        return np.concatenate([clamp, tip[7:10], tip[10:13] - force])
+
+
+# Where springs are looked at between nodes, by what they grow, and the tip's over k [m].
+_INSIDE, _STEP, _TIP = (0.25, 0.5, 0.75), 10**0.5, 1e-3
+
 
 LENGTH, RADIUS, E = 0.3, 0.006, 2e7
 

@@ -11,8 +11,7 @@ from model.errors import InputError
 from model.obstacles import Box, HalfSpace, Sphere
 from planner import Plan, plan, trajectory
 from planner.targets import TipPosition
-from tests.contact.bodies import distance
-from tests.contact.cases import bar
+from tests.contact.cases import bar, distance
 
 ARM = bar(0.3, 0.006, 2e7)
 FLOOR = HalfSpace((0, 0, -0.03), (0, 0, 1))

@@ -1,10 +1,16 @@
-"""Random arms pulled against random obstacles: complementary and in balance, by NumPy alone."""
+"""Random arms pulled against random obstacles are in balance; meshes converge."""
 
 from collections import Counter
 
+import numpy as np
 import pytest
 
-from model import OctoplanError, settle
+from model import OctoplanError, Scene, settle
+from model.contact.contacts import touches_of
+from model.contact.forward import TouchingMap
+from model.effects import Contact, TipLoad
+from model.obstacles import Capsule
+from tests.contact.cases import bar
 from tests.contact.checks import complementarity, imbalance
 from tests.contact.queries import query
 
@@ -55,3 +61,17 @@ def test_of_525_random_queries_98_percent_are_settled_and_none_is_wrong() -> Non
     assert not ends["wrong"], ends
     assert ends["touches"] + ends["free"] >= 0.98 * ends.total(), ends
     assert ends["touches"] >= 0.8 * ends.total(), ends
+
+
+def test_ends_and_end_force_of_a_strip_on_a_cylinder_converge_with_order_four_or_more() -> None:
+    cylinder = Capsule((0.12, -0.1, -0.064), (0.12, 0.1, -0.064), 0.06)
+    scene, arm = Scene(TipLoad(force=(0, 0, -12.0)), Contact(cylinder)), bar(0.3, 0.002, 1e9)
+    found, known = [], None
+    for refinement in (1, 2, 4):
+        forward = TouchingMap(arm, scene, 3, refinement)
+        here = known = forward.found(np.zeros(4), known)
+        first, second, *_, last = touches_of(here)
+        spread = (second.s - first.s) * (2 * first.pressure + second.pressure) / 6
+        found.append([first.s, last.s, np.linalg.norm(first.force) - spread])
+    coarse, fine = (np.abs(np.array(one) - np.array(found[-1])) for one in found[:2])
+    assert (np.log2(coarse / fine) > 4).all()

@@ -1,15 +1,15 @@
-"""An arm that touches something is one on which the forces of contact are put as loads."""
+"""An arm that touches something, and one that leans on a rod by lengths or with shear."""
 
 import numpy as np
 import pytest
 
 from model import Arm, Scene, settle
-from model.effects import Contact, ExactTendons, Extension, PointLoad, Weight
+from model.effects import Contact, ExactTendons, Extension, PointLoad, Shear, TipLoad, Weight
 from model.obstacles import Box, Capsule, Obstacle, Sphere
-from tests.contact.bodies import distance
-from tests.contact.cases import bar
+from tests.contact.cases import bar, distance, stiffness
 from tests.contact.checks import imbalance
 from tests.contact.queries import Query
+from tests.lengths.cases import check_complementary
 from tests.oracles import Rod, RodSection, linear
 
 # Without friction on a round bar the force's line meets the midline: a dead load there does the
@@ -92,3 +92,70 @@ def test_an_arm_that_no_edge_holds_in_its_plane_falls_aside_onto_a_second_one(
     rod = Rod(0.3, linear(0.006, 0.006, 0.3), (section,), 2e5, 0.5)
     asked = Query(ARM, scene, np.ravel(shape.tensions), (box,), rod, np.zeros(3), rubber=False)
     assert imbalance(asked, shape) < 1e-5
+
+
+BY_LENGTHS = Scene(Extension(), ExactTendons(), Contact(ROD))
+
+
+@pytest.fixture(scope="module")
+def arm() -> Arm:
+    return bar(0.3, 0.006, 2e5)
+
+
+def test_lengths_of_a_leaning_arm_give_it_back(arm: Arm) -> None:
+    T = np.array([0.0, 0.3, 0.1, 0.0])
+    given = settle(arm, T, BY_LENGTHS, 1e-8)
+    assert given.contacts
+    lengths = given.tendon_lengths + 1e-3 * (T == 0)
+    back = settle(arm, scene=BY_LENGTHS, accuracy=1e-8, lengths=lengths)
+    check_complementary(back)
+    assert back.tensions == pytest.approx(T, abs=1e-5)
+    assert back.tip == pytest.approx(given.tip, abs=1e-7 * arm.length)
+    wanted = np.sum([touch.force for touch in given.contacts], axis=0)
+    assert np.sum([touch.force for touch in back.contacts], axis=0) == pytest.approx(
+        wanted, abs=1e-5
+    )
+
+
+def test_a_rod_makes_a_winch_pull_harder(arm: Arm) -> None:
+    """The same stroke takes more tension where the arm cannot bend as it would."""
+    free = settle(arm, [0.0, 0.3, 0.0, 0.0], Scene(Extension(), ExactTendons()), 1e-8)
+    lengths = free.tendon_lengths + np.array([1e-2, 0.0, 1e-2, 1e-2])
+    leaning = settle(arm, scene=BY_LENGTHS, accuracy=1e-8, lengths=lengths)
+    assert leaning.contacts
+    assert leaning.tensions[1] > 0.3 + 1e-3
+    check_complementary(leaning)
+
+
+TABLE_4 = Arm.from_paper("table-4")
+THIN_ROD = Capsule((0.2, -0.15, -0.05), (0.2, 0.15, -0.05), 0.02)
+PULLS = np.array([0, 0, 0, 0, 0, 0, 0, 0, 0.3, 3, 0, 0])
+SHEARED = Scene(Extension(), ExactTendons(), Contact(THIN_ROD), Shear())
+
+
+def test_an_arm_that_shears_passes_through_nothing_where_it_leans() -> None:
+    """A force at a point bent it by an angle there: it was inside by 4e-6 of its length."""
+    shape = settle(TABLE_4, PULLS, SHEARED)
+    touches = shape.contacts
+    assert len(touches) > 2
+    first, last = touches[0].s, touches[-1].s
+    s = np.concatenate([np.linspace(0, TABLE_4.length, 2001), np.linspace(first, last, 101)])
+    gap = distance(THIN_ROD, shape.position(s)) - TABLE_4.outer_radius(s)[0]
+    assert gap.min() > -1e-8 * TABLE_4.length
+    assert np.abs(gap[-101:]).max() < 1e-8 * TABLE_4.length
+    forces = np.array([touch.force for touch in touches])
+    outwards = np.array([shape.position(touch.s) - touch.point for touch in touches])
+    assert ((forces * outwards).sum(axis=1) > 0).all()
+
+
+def test_what_presses_makes_up_for_the_angle_by_the_obstacle_s_curvature() -> None:
+    """A tip load f over a fulcrum: w'' = p / GA + M / EJ = 1 / r, M = f (L - s), so P / p long."""
+    L, R, E, f, r = 0.3, 0.006, 2e7, 0.01, 0.05
+    rod = Capsule((0.2, -0.1, -r - R - 1e-6), (0.2, 0.1, -r - R - 1e-6), r)
+    arm, effects = bar(L, R, E), (Extension(), ExactTendons(), Shear(), TipLoad(force=(0, 0, -f)))
+    shape = settle(arm, np.zeros(4), Scene(*effects, Contact(rod)))
+    first, *_, last = shape.contacts
+    P = sum(float(touch.force[2]) for touch in shape.contacts)
+    GA, EJ = arm.material.G * np.pi * R**2, stiffness(R, E)
+    pressure = GA * (1 / (r + R) - f * (L - first.s) / EJ)
+    assert last.s - first.s == pytest.approx(P / pressure, rel=1e-3)

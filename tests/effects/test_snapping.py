@@ -1,19 +1,23 @@
-"""Loads that an arm does not bear, and heavy loads that it does."""
+"""Arms that snap, buckle, or fall to a side: told, and where they end."""
 
 from __future__ import annotations
 
 import pickle
+from functools import cache
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
 from scipy.special import jv
 
 from model import Arm, OctoplanError, Scene, SnapError, settle
 from model.effects import ExactTendons, Extension, NeoHookean, TipLoad, Weight
 from tests.effects.bars import NO_PULL, Bar, dead_elastica, elastica, follower_elastica
 from tests.effects.cases import Array
+from tests.effects.spatial import LoadedRod, Loads
+from tests.oracles import paper_rod
 
 BAR, CONICAL = Bar(), Bar(0.012, 0.005)
 L, EJ = BAR.length, float(BAR.EJ(0.0))
@@ -173,3 +177,50 @@ def settles_or_says_why_not(name: str, seed: int) -> bool:
 def test_no_payload_ends_in_another_error(name: str) -> None:
     for seed in range(12):
         settles_or_says_why_not(name, 100 + seed)
+
+
+# All in the x-y plane: the tendons on n and -n curl the arm through 203 degrees.
+PULLS = [[0, 0, 0.2, 0], [1.0, 0, 0, 0], [0, 0, 3.0, 0]]
+DOWN = np.array([0.0, -1.0, 0.0])
+TOO_MUCH = 6e-3
+
+
+def rod(load: float) -> LoadedRod:
+    return LoadedRod(paper_rod("table-4"), np.ravel(PULLS), Loads(load * DOWN), extension=False)
+
+
+def turn_of_base(load: float) -> Array:
+    """How the base, let go, turns (3, 3) where the tip of the settled arm is turned a little."""
+    held = rod(load)
+    tip = held.settle(2)
+    columns = []
+    for axis in np.eye(3):
+        ends = [held.gap(Rotation.from_rotvec(h * axis).as_matrix() @ tip) for h in (1e-4, -1e-4)]
+        columns.append((ends[0] - ends[1]) / 2e-4)
+    return np.array(columns).T
+
+
+@cache
+def critical() -> float:
+    arm = Arm.from_paper("table-4")
+    with pytest.raises(SnapError) as error:
+        settle(arm, PULLS, Scene(TipLoad(tuple(TOO_MUCH * DOWN))), 1e-6)
+    return error.value.load_factor * TOO_MUCH
+
+
+@pytest.mark.slow
+def test_the_arm_keeps_to_its_plane_below_the_load_that_is_told() -> None:
+    arm, load = Arm.from_paper("table-4"), 0.99 * critical()
+    shape = settle(arm, PULLS, Scene(TipLoad(tuple(load * DOWN))), 1e-8)
+    u, R = rod(load).poses((0.2, 0.45), shares=2)
+    assert np.allclose(shape.position([0.2, 0.45]), u, rtol=0, atol=1e-8)
+    assert np.allclose(shape.frame([0.2, 0.45]), R, rtol=0, atol=1e-6)
+    assert abs(shape.tip[2]) < 1e-12
+
+
+def test_at_the_load_that_is_told_it_may_leave_its_plane() -> None:
+    below, above = (turn_of_base(times * critical()) for times in (0.99, 1.01))
+    for turn in (below, above):
+        assert np.abs(turn[:2, 2]).max() < 1e-5
+        assert turn[2, 2] > 0.1  # within the plane it is well held
+    assert np.linalg.det(below[:2, :2]) > 0 > np.linalg.det(above[:2, :2])

@@ -1,4 +1,4 @@
-"""octoplan export: its files, what it says, and exit codes."""
+"""octoplan export: its files, what it says, exit codes, and what is refused."""
 
 from __future__ import annotations
 
@@ -6,12 +6,16 @@ import json
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from model import InputError, Scene
+from model.effects import ExactTendons, Extension, Friction, Shear, TipLoad, Weight
+from planner import export
 from planner.cli import main
 from planner.commands.export import c_name
-from tests.export.cases import gcc
+from tests.export.cases import BENT, CURVED, SECTION_52, TABLE_4, gcc
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
 
@@ -84,3 +88,96 @@ def test_names_for_c_are_made_from_file_names() -> None:
         "Hess.toml": "arm_Hess",
     }
     assert {name: c_name(Path(name)) for name in names} == names
+
+
+FILES = {"arm.h", "arm.c", "test_vector.h", "main.c", "Makefile"}
+
+
+@pytest.mark.parametrize(
+    "effect", [Weight(), TipLoad(force=(0.0, 0.0, -0.001)), Shear(), Friction(0.1)]
+)
+def test_scenes_that_are_solved_for_have_no_map_to_export(effect: Any, tmp_path: Path) -> None:
+    to = tmp_path / "out"
+    with pytest.raises(InputError, match="no explicit map to export"):
+        export(SECTION_52, Scene(Extension(), effect), to, [0.1, 0, 0, 0])
+    assert not to.exists()
+
+
+def test_newton_s_method_along_curved_tendons_is_not_exported_in_single_precision(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(InputError, match="precision: got 'float'"):
+        export(CURVED, Scene(ExactTendons()), tmp_path, [0.1, 0, 0, 0, 0], precision="float")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "field"),
+    [
+        ({"precision": "half"}, "precision"),
+        ({"precision": 8}, "precision"),
+        ({"name": "3d"}, "name"),
+        ({"name": "a b"}, "name"),
+        ({"name": "b\u00e4r"}, "name"),
+        ({"name": "Main"}, "name"),
+        ({"name": "test_vector"}, "name"),
+        ({"name": "casadi"}, "name"),
+        ({"name": None}, "name"),
+        ({"accuracy": 0.5}, "accuracy"),
+        ({"accuracy": 1e-7, "precision": "float"}, "accuracy"),
+        ({"tensions": [1.0]}, "tensions"),
+        ({"scene": "paper"}, "scene"),
+        ({"arm": "table-4"}, "arm"),
+    ],
+)
+def test_what_is_not_allowed_is_named(options: dict[str, Any], field: str, tmp_path: Path) -> None:
+    given = {"arm": TABLE_4, "scene": Scene(), "tensions": BENT, "to": tmp_path / "out", **options}
+    with pytest.raises(InputError) as caught:
+        export(**given)
+    assert caught.value.field == field
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(InputError, match=r"in this folder: .*(file exists|not a directory)"):
+        export(TABLE_4, Scene(), tmp_path / "file", BENT, 1e-3)
+    with pytest.raises(InputError, match=r"in this folder: .*(file exists|not a directory)"):
+        export(TABLE_4, Scene(), tmp_path / "file" / "below", BENT, 1e-3)
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_a_folder_in_the_place_of_a_file_leaves_the_rest_as_it_was(tmp_path: Path) -> None:
+    (tmp_path / "main.c").mkdir()
+    (tmp_path / "arm.h").write_text("mine")
+    with pytest.raises(InputError, match=r"in this folder: main\.c in it is a folder"):
+        export(TABLE_4, Scene(), tmp_path, BENT, 1e-3)
+    assert {path.name for path in tmp_path.iterdir()} == {"main.c", "arm.h"}
+    assert (tmp_path / "arm.h").read_text() == "mine"
+
+
+def test_a_disk_that_fills_up_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = Path.write_bytes
+
+    def fills_up(path: Path, data: bytes) -> int:
+        if path.name == "main.c":
+            raise OSError(28, "No space left on device")
+        return whole(path, data)
+
+    monkeypatch.setattr(Path, "write_bytes", fills_up)
+    for to in (tmp_path / "new", tmp_path):
+        with pytest.raises(InputError, match="no space left"):
+            export(TABLE_4, Scene(), to, BENT, 1e-3)
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_an_export_replaces_the_one_before_and_leaves_other_files(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    export(TABLE_4, Scene(), tmp_path, BENT, 1e-3)
+    before = (tmp_path / "arm.h").read_text()
+    found = export(TABLE_4, Scene(), tmp_path, BENT, 1e-6)
+    assert {path.name for path in found.files} == FILES
+    assert {path.name for path in tmp_path.iterdir()} == FILES | {"mine.txt"}
+    assert (tmp_path / "arm.h").read_text() != before

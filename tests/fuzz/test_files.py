@@ -14,7 +14,7 @@ from model import OctoplanError
 from model.time_limit import OutOfTime, time_limit
 from planner import load_plan
 from planner.cli import main
-from tests.fuzz.files import WRITTEN
+from tests.fuzz.mutations import WRITTEN
 
 LIMIT = 0.5
 COMMANDS = (["plan"], ["settle"], ["stiffness"], ["settle", "--json"], ["export"], ["effects"])

@@ -14,8 +14,7 @@ from model.effects import Buoyancy, Current, Effect, ExactTendons, Extension, Ti
 from planner import Plan, plan
 from planner.targets import Backbone, BendingPlane, Fetch, Target, TipPose, TipPosition
 from planner.targets.fetch import Bend, stretches
-from tests.effects.energy_rod import EnergyRod
-from tests.effects.spatial import LoadedRod, Loads
+from tests.effects.spatial import EnergyRod, LoadedRod, Loads
 from tests.oracles import Array, Rod
 from tests.planner.cases import bend_and_plane
 from tests.random_arms import DENSITY, random_arm, random_pulls

@@ -7,10 +7,23 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.hard_cases.families import FAMILIES
+from tests.hard_cases import arms, invariants, loads, plans, pulls
 from tests.hard_cases.family import Family, judge
 
 FULL = 40
+FAMILIES = (
+    arms.SLENDER,
+    *pulls.ANY_TENSION,
+    arms.CURLED,
+    *pulls.COMPRESSION,
+    arms.LAYOUTS,
+    invariants.EXACT_VALUES,
+    invariants.UNITS,
+    invariants.TURNED,
+    loads.HEAVY_LOADS,
+    loads.STIFF_FRICTION,
+    plans.ILL_POSED_PLANS,
+)
 
 
 def check(family: Family, seeds: range, record: Callable[[str, object], None]) -> None:

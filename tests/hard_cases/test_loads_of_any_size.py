@@ -8,8 +8,7 @@ from scipy.integrate import solve_bvp
 
 from model import Arm, Scene, Shape, settle
 from model.effects import Effect, ExactTendons, Extension, TipLoad
-from tests.effects.energy_rod import EnergyRod
-from tests.effects.spatial import LoadedRod, Loads
+from tests.effects.spatial import EnergyRod, LoadedRod, Loads
 from tests.oracles import Array, paper_rod
 
 ARM, ROD = Arm.from_paper("table-2"), paper_rod("table-2")

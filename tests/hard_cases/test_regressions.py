@@ -12,7 +12,7 @@ from model.effects import Buoyancy, ExactTendons, Extension, Friction, Weight
 from model.equilibrium.forward import Collocation
 from model.errors import UnsettledSectionError
 from model.unloaded.sections import unloaded_sections
-from tests.hard_cases.families.stiff_friction import Member, planar
+from tests.hard_cases.loads import Rubbed, planar
 
 ARM = Arm.from_paper("table-4")
 FETCH = np.zeros((3, 4))
@@ -81,7 +81,7 @@ def test_exact_tendons_that_leave_no_length_crush_the_arm() -> None:
 
 def test_a_tendon_that_crosses_the_midline_has_a_kink_in_its_tension_there() -> None:
     # The estimate took no notice of it: 1e-6 of the length off for 1e-7 asked.
-    member = Member((0.012, 0.0119), (4.3e-3, -5.9e-3), 0.265, 1.42, 0.78, 1)
+    member = Rubbed((0.012, 0.0119), (4.3e-3, -5.9e-3), 0.265, 1.42, 0.78, 1)
     L = member.length
     arm = Arm(L, Linear(*member.radii), (Anchorage(L, Linear(*member.offsets), (0.0,)),))
     x, y, _, T = planar(member)
@@ -99,7 +99,7 @@ def test_careful_is_true_or_false() -> None:
 
 def test_a_mesh_before_one_that_failed_says_nothing_about_one_after_it() -> None:
     # Settled to 7 % of the length, with an estimate of 3e-6, as if the meshes 1 and 8 were near.
-    member = Member((0.012, 0.0067), (2.65e-3, 3.42e-3), 0.327, 0.43, 1.8, -1)
+    member = Rubbed((0.012, 0.0067), (2.65e-3, 3.42e-3), 0.327, 0.43, 1.8, -1)
     L = member.length
     arm = Arm(L, Linear(*member.radii), (Anchorage(L, Linear(*member.offsets), (0.0,)),))
     scene = Scene(Extension(), Friction(member.mu, member.way))

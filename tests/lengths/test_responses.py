@@ -1,14 +1,15 @@
-"""What comes with a shape by lengths: derivatives, stiffness, warm starts, many at once."""
+"""What tensions and tips do where lengths change: derivatives, stiffness, paths."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from model import Arm, Scene, length_response, settle, settle_many
+from model import Anchorage, Arm, Linear, Material, Scene, length_response, settle, settle_many
 from model.effects import Buoyancy, ExactTendons, Extension, NeoHookean, Weight
 from model.stiffness import stiffness
-from tests.lengths.cases import EXACT, check_complementary
+from model.unloaded.marched import tendon_lengths
+from tests.lengths.cases import EXACT, PAPER, SCENES, check_complementary
 
 ARM = Arm.from_paper("table-2")
 WATER = Scene(Extension(), ExactTendons(), NeoHookean(), Weight(), Buoyancy(1000.0))
@@ -83,3 +84,31 @@ def test_many_sets_of_lengths_settle_as_each_does() -> None:
         assert np.array_equal(found.tip[i], alone.tip)
         assert np.array_equal(found.tensions[i], alone.tensions)
         assert np.array_equal(found.slack[i], alone.slack.ravel())
+
+
+_SCENES = {"paper": PAPER["paper"], **{k: SCENES[k] for k in ("inextensible", "exact", "silicone")}}
+
+
+def tapered(counts: tuple[int, ...]) -> Arm:
+    """Return an arm whose sections, tip to base, have so many tendons."""
+    ends = np.linspace(0.3, 0.3 / len(counts), len(counts))
+    sections = tuple(
+        Anchorage(at, Linear(6e-3, 3e-3), tuple(0.3 * i + 2 * np.pi / n * np.arange(n)))
+        for i, (at, n) in enumerate(zip(ends, counts, strict=True))
+    )
+    return Arm(0.3, Linear(1e-2, 6e-3), sections, Material(E=2e5))
+
+
+# Six tendons are as many as there are resultants, which were once taken for tensions.
+@pytest.mark.parametrize("counts", [(4,), (3, 3), (4, 4)])
+@pytest.mark.parametrize("scene", _SCENES.values(), ids=_SCENES)
+def test_jacobian_of_lengths_are_those_of_differences(
+    scene: Scene, counts: tuple[int, ...]
+) -> None:
+    arm, step = tapered(counts), 1e-5
+    lengths = tendon_lengths(arm, scene)
+    T = np.random.default_rng(1).uniform(0, 0.4, arm.n_tendons)
+    found = lengths(T).length_tension
+    sides = [[lengths(T + side * e).lengths for side in (step, -step)] for e in np.eye(T.size)]
+    differences = np.array([(more - less) / (2 * step) for more, less in sides]).T
+    assert found == pytest.approx(differences, abs=1e-7 * np.abs(found).max())

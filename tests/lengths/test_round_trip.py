@@ -1,4 +1,4 @@
-"""Tensions to shape to lengths to shape: the same arm, taut and slack tendons told apart."""
+"""Tensions to shape to lengths to shape: the same arm; random lengths settle, or have no shape."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, Scene, Shape, settle
+from model import Arm, CollapsedError, InputError, Scene, Shape, settle
 from model.loads import is_loaded
-from tests.lengths.cases import PAPER, SCENES, check_complementary, pulled, round_trip
+from model.winches import rest_lengths
+from tests.lengths.cases import EXACT, PAPER, SCENES, check_complementary, pulled, round_trip
 
 _ARMS = ("table-2", "table-4", "random")
 
@@ -115,3 +116,29 @@ def test_weakly_felt_tensions_do_not_drift_under_loads(monkeypatch: pytest.Monke
     assert len(steps) <= 4
     assert np.linalg.norm(back.tip - given.tip) <= 1e-6 * arm.length
     check_complementary(back)
+
+
+@pytest.mark.parametrize("name", ["table-2", "table-4"])
+@pytest.mark.parametrize("scene", [EXACT, Scene.silicone(), Scene(*EXACT.effects[1:])])
+def test_random_strokes_settle(name: str, scene: Scene) -> None:
+    check_strokes(Arm.from_paper(name), scene, 3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["table-2", "table-4"])
+@pytest.mark.parametrize("scene", ["exact", "silicone", "in water", "current"])
+def test_many_random_strokes_settle(name: str, scene: str) -> None:
+    check_strokes(Arm.from_paper(name), SCENES[scene], 125)
+
+
+def check_strokes(arm: Arm, scene: Scene, count: int) -> None:
+    """Assert that lengths within 15 % of those at rest settle, or are refused for a reason."""
+    rng, rest = np.random.default_rng(5), rest_lengths(arm)
+    for _ in range(count):
+        lengths = rest * (1 + rng.uniform(-0.15, 0.15, rest.size))
+        try:
+            shape = settle(arm, scene=scene, accuracy=1e-4, lengths=lengths)
+        except (CollapsedError, InputError) as refusal:
+            assert "crushed" in str(refusal) or "no shape" in str(refusal)
+            continue
+        check_complementary(shape)

@@ -1,12 +1,18 @@
-"""Arms, targets and measures that several tests share."""
+"""Arms, targets read off settled shapes, and measures that several tests share, by NumPy alone."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import astuple
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model import Anchorage, Arm, Linear, Sampled, Scene, Shape, settle
+from model import Anchorage, Arm, CollapsedError, Linear, Sampled, Scene, Shape, settle
 from model.effects import Extension
+from planner.targets import Backbone, Bend, BendingPlane, Fetch, Target, TipPose, TipPosition
 
 Array = NDArray[np.float64]
 PAPER = Scene(Extension())
@@ -53,3 +59,68 @@ def bend_and_plane(arm: Arm, shape: Shape) -> tuple[float, float]:
 def paper_tip(arm: Arm, T: Array) -> tuple[float, ...]:
     """Tip position of settled tensions [m]."""
     return tuple(settle(arm, T, PAPER, 1e-9).tip.tolist())
+
+
+# Of each section, tip to base [N]: what an arm of table 4 bears.
+MOST = np.array([[0.6], [5.0], [15.0]])
+
+
+def pulls(rng: np.random.Generator) -> Array:
+    """Return tensions (3, 4) [N]: of half the tendons, of one a section, or of all."""
+    T, way = MOST * rng.uniform(size=(3, 4)), rng.integers(3)
+    if way == 0:
+        T *= rng.uniform(size=(3, 4)) < 0.5
+    elif way == 1:
+        T *= np.arange(4) == rng.integers(4, size=3)[:, None]
+    return T * rng.uniform(0.3, 1.0)
+
+
+def drawn(rng: np.random.Generator, arm: Arm, scene: Scene) -> Array:
+    """Return tensions (3, 4) [N] that an arm bears."""
+    while True:
+        T = pulls(rng)
+        try:
+            settle(arm, T, scene, 1e-3)
+        except CollapsedError:
+            continue
+        return T
+
+
+def read(kind: str, shape: Shape, section: int = 1) -> Target:
+    """Return the target of a kind that a shape of three sections meets."""
+    arm, tip = shape.arm, tuple(shape.tip.tolist())
+    if kind == "tip":
+        return TipPosition(tip)
+    if kind == "pose":
+        return TipPose(tip, tuple(map(tuple, shape.tip_frame.tolist())))
+    if kind == "plane":
+        bend, angle = bend_and_plane(arm, shape)
+        return BendingPlane(angle, bend, section)
+    if kind == "backbone":
+        s = arm.length * np.arange(1, 7) / 6
+        return Backbone(tuple(map(tuple, shape.position(s).tolist())), tuple(s.tolist()))
+    ends = np.array([0.0, *arm.anchorages[::-1]])
+    return Fetch(*(_bend(a, b) for a, b in pairwise(shape.frame(ends))))
+
+
+def _bend(start: Array, end: Array) -> Bend:
+    """Return the bend between two frames, and its plane from b towards -n of the first."""
+    t, n, b = end[:, 0] @ start
+    return Bend(float(np.arccos(np.clip(t, -1, 1))), float(np.arctan2(-n, b)))
+
+
+def off(shape: Shape, target: Target, kind: str) -> float:
+    """Return how far a shape is from a target: the largest of all numbers, in m and rad."""
+    found = read(kind, shape, getattr(target, "section", 1))
+    apart = np.subtract([*_numbers(astuple(found))], [*_numbers(astuple(target))])
+    if kind in ("plane", "fetch"):
+        apart = np.arctan2(np.sin(apart), np.cos(apart))
+    return float(np.abs(apart).max())
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    if isinstance(value, tuple):
+        for one in value:
+            yield from _numbers(one)
+    elif value is not None:
+        yield float(value)

@@ -24,8 +24,7 @@ from model.effects import (
 )
 from planner import Limits, Statement, build
 from planner.targets import Backbone, TipPosition
-from tests.differences import Array
-from tests.planner.differences import all_of, dense
+from tests.differences import Array, all_of, dense
 
 ARM = Arm.from_paper("table-4")
 ONE_SECTION = Arm.from_paper("section-5.2")

@@ -14,7 +14,7 @@ from model.equilibrium.forward import Collocation
 from model.equilibrium.stability import least_modes, rest_stiffness, stability
 from planner import Limits, Plan, Statement, build, load_plan, plan
 from planner.targets import TipPosition
-from tests.planner.differences import check_derivatives, whole
+from tests.differences import check_derivatives, whole
 
 ARM = Arm.from_paper("table-4")
 AIR = Scene(Extension(), Weight())

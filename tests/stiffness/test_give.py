@@ -12,7 +12,7 @@ from model.effects import Current, Effect, Extension, Friction, Shear, TipLoad
 from planner import Limits, Statement, build, stiffness
 from planner.program.problem import Problem
 from planner.targets import MinimumStiffness, Softest, Stiffest, Target, TipPosition
-from tests.planner.differences import check_derivatives, whole
+from tests.differences import check_derivatives, whole
 from tests.stiffness.cases import IN_WATER, STATICS, Array, pulling, with_effects
 
 ARM, T = Arm.from_paper("table-4"), pulling("table-4", 3)

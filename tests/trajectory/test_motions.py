@@ -1,9 +1,13 @@
-"""Motions: targets, limits and rates at every instant, clearance between waypoints."""
+"""Motions: targets, limits and rates at every instant, their certificate and their command."""
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import jsonschema
 import numpy as np
 import pytest
 from matplotlib.animation import writers
@@ -15,8 +19,11 @@ from model.effects import Extension
 from model.errors import FileError, TimeLimitError
 from model.obstacles import Sphere
 from planner import Trajectory, plan, trajectory
+from planner.cli import main
+from planner.io.schemas import schema_of
 from planner.plots.motion import animate_trajectory, save_motion
 from planner.targets import TipPosition
+from planner.trajectory.certificate import SAMPLED, MotionCertificate
 from planner.trajectory.question import waypoints_of
 
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())
@@ -207,3 +214,96 @@ def test_what_is_no_path_is_refused() -> None:
     for path in ([], 3.0):
         with pytest.raises(InputError, match="targets"):
             trajectory(ARM, path, SCENE, 20.0, rate_max=1.0)
+
+
+SOUND = MotionCertificate(residuals=(0.0,), inequalities=(0.0,), bounds=0.0, rate=1.0)
+SPOILT: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "target 0 is off": ({"residuals": (0.9e-6,)}, {"residuals": (1.1e-6,)}),
+    "target 0 is": ({"inequalities": (-0.9e-6,)}, {"inequalities": (-1.1e-6,)}),
+    "tension limit": ({"bounds": 0.0}, {"bounds": 1e-12}),
+    "rate of tension": ({"rate": 1.0}, {"rate": 1.001}),
+    "rate of stroke": ({"stroke_rate": 1 + 0.9 * SAMPLED}, {"stroke_rate": 1 + 1.1 * SAMPLED}),
+    "acceleration of a stroke": (
+        {"stroke_acceleration": 1 + 0.9 * SAMPLED},
+        {"stroke_acceleration": 1 + 1.1 * SAMPLED},
+    ),
+    "tip's acceleration": (
+        {"tip_acceleration": 1 + 0.9 * SAMPLED},
+        {"tip_acceleration": 1 + 1.1 * SAMPLED},
+    ),
+    "jumps on its way to waypoint 2": ({"jumps": ()}, {"jumps": (2,)}),
+    "less than asked": ({"clearance": 0.0}, {"clearance": -1e-9}),
+}
+
+
+@pytest.mark.parametrize("name", SPOILT)
+def test_each_check_fails_just_above_its_tolerance_and_passes_just_below(name: str) -> None:
+    allowed, spoilt = SPOILT[name]
+    assert SOUND.passed, SOUND.failures
+    assert replace(SOUND, **allowed).passed
+    (failure,) = replace(SOUND, **spoilt).failures
+    assert name in failure
+
+
+FILE = """
+[arm]
+preset = "table-4"
+[effects]
+extension = true
+[limits]
+tension_max = 20
+[motion]
+rate_max = 5
+[[waypoints]]
+type = "tip-position"
+position_mm = [320, 80, -100]
+[[waypoints]]
+type = "tip-position"
+position_mm = [300, 120, -120]
+"""
+
+
+def test_the_command_prints_what_its_schema_says_and_writes_files(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(FILE)
+    out = tmp_path / "out"
+    assert main(["trajectory", str(scene), "--json", "--out", str(out)]) == 0
+    record = json.loads(capsys.readouterr().out)
+    jsonschema.validate(record, schema_of("trajectory"))
+    assert record["certified"]
+    assert record["reached"] == [True, True]
+    assert (out / "trajectory.csv").read_text().startswith("t_s,T_11_N")
+    assert (out / "trajectory.png").stat().st_size > 10_000
+
+
+def test_a_file_asks_for_a_quasi_static_motion(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(FILE.replace("rate_max = 5", "quasi_static = true"))
+    assert main(["trajectory", str(scene), "--json"]) == 0
+    certificate = json.loads(capsys.readouterr().out)["certificate"]
+    assert certificate["tip_acceleration"] == pytest.approx(1.0, abs=2e-2)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("[motion]\nrate_max = 5\n", "", "motion: missing"),
+        ("rate_max = 5", "rate_max = -5", "motion.rate_max"),
+        ("rate_max = 5", "times_s = [1.0]", "times"),
+        ("rate_max = 5", "tip_acceleration_max_m_s2 = 0", "tip_acceleration_max_m_s2"),
+        ("[limits]\ntension_max = 20\n", "", "limits: missing"),
+        ("[[waypoints]]", "[[waypoint]]", "waypoints"),
+    ],
+)
+def test_what_is_wrong_in_the_file_is_told_with_its_place(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, told: str
+) -> None:
+    assert old in FILE
+    scene = tmp_path / "scene.toml"
+    scene.write_text(FILE.replace(old, new))
+    assert main(["trajectory", str(scene)]) == 2
+    assert told in capsys.readouterr().err

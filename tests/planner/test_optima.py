@@ -1,4 +1,4 @@
-"""Targets on which the planner used to get lost: not met, or met at far more effort than needed."""
+"""Plans are optima: of an independent program, mirrored, and where the planner used to get lost."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from model import Arm, Scene, settle
 from model.effects import Buoyancy, ExactTendons, Extension, TipLoad, Weight
@@ -13,15 +14,126 @@ from model.equilibrium.forward import Collocation
 from model.errors import UnsettledSectionError
 from model.obstacles import HalfSpace
 from planner import Limits, Plan, Statement, load_plan, plan
+from planner.mirror import mirrors
 from planner.solve import search
 from planner.solve.ipopt import Solution
 from planner.solve.refine import Refined, refine
 from planner.solve.task import Task
 from planner.targets import TipPose, TipPosition
-from tests.planner.cases import PAPER, Array
-from tests.planner.read_targets import drawn, off, read
+from tests.planner.cases import PAPER, Array, drawn, moderate, off, read
 
 ARM = Arm.from_paper("table-4")
+MOST = 20.0
+SLSQP_SCENES = {
+    "paper": Scene(Extension()),
+    "exact": Scene(Extension(), ExactTendons()),
+    "water": Scene(Extension(), Weight(), Buoyancy(1000.0)),
+    "follower": Scene(Extension(), TipLoad((0.0, 0.002, 0.0), follower=True)),
+}
+ORDER = {"2": 2, "1": 1, "inf": np.inf}
+
+
+def least(scene: Scene, tip: Array, start: Array, norm: str) -> Array:
+    """Tensions of least effort near a start, by SLSQP on tensions alone (and the largest)."""
+
+    def effort(z: Array) -> float:
+        return {"2": float(z[:12] @ z[:12]) / 2, "1": float(z[:12].sum()), "inf": float(z[12])}[
+            norm
+        ]
+
+    rows = [
+        {
+            "type": "eq",
+            "fun": lambda z: (settle(ARM, np.clip(z[:12], 0, MOST), scene, 1e-9).tip - tip) / 0.45,
+        },
+        {"type": "ineq", "fun": lambda z: z[12] - z[:12]},
+    ]
+    z = minimize(
+        effort,
+        np.append(start, start.max()),
+        bounds=[(0, MOST)] * 13,
+        constraints=rows,
+        method="SLSQP",
+        options={"maxiter": 300, "ftol": 1e-12},
+    ).x
+    assert np.linalg.norm(settle(ARM, z[:12], scene, 1e-9).tip - tip) < 1e-6
+    return np.asarray(z[:12])
+
+
+@pytest.mark.quick("paper-2", "water-inf")
+@pytest.mark.parametrize("norm", ["2", "1", "inf"])
+@pytest.mark.parametrize("name", SLSQP_SCENES)
+def test_no_tensions_near_a_plan_meet_its_tip_with_less_effort(name: str, norm: str) -> None:
+    scene, rng = SLSQP_SCENES[name], np.random.default_rng(7)
+    T = np.array([0, 0.1, 0, 0, 0.4, 0, 0, 0.2, 0, 1.1, 0.3, 0])
+    tip = settle(ARM, T, scene, 1e-9).tip
+    found = plan(ARM, TipPosition(tuple(tip)), scene, MOST, norm=norm)
+    assert found.certificate.passed, found.outcome
+    start = np.ravel(found.tensions) + 0.02 * rng.uniform(size=12)
+    other = least(scene, tip, np.clip(start, 0, MOST), norm)
+    assert found.effort <= np.linalg.norm(other, ORDER[norm]) * (1 + 1e-5)
+    assert found.effort == pytest.approx(np.linalg.norm(other, ORDER[norm]), rel=2e-3)
+
+
+def test_four_tendons_have_four_planes_and_unequal_limits_fewer() -> None:
+    angles = [mirror.angle for mirror in mirrors(ARM, Limits.of(ARM, 20.0))]
+    assert np.allclose(np.degrees(angles), [0, 45, 90, 135])
+    upper = np.full((3, 4), 20.0)
+    upper[1, 0] = 5.0
+    (mirror,) = mirrors(ARM, Limits.of(ARM, upper))
+    assert mirror.angle == 0
+    assert mirror.tendons.tolist() == [0, 3, 2, 1, 4, 7, 6, 5, 8, 11, 10, 9]
+
+
+@pytest.mark.parametrize("angle", [0, 45, 90, 135])
+def test_mirrored_tensions_have_the_mirrored_shape(angle: int) -> None:
+    s = np.linspace(0, ARM.length, 5)
+    T = np.ravel(moderate()) * np.random.default_rng(angle).uniform(0.5, 1, 12)
+    every = {round(np.degrees(m.angle)): m for m in mirrors(ARM, Limits.of(ARM, 20.0))}
+    expected = every[angle].poses(ARM, settle(ARM, T, PAPER, 1e-9).poses(s))
+    found = settle(ARM, T[every[angle].tendons], PAPER, 1e-9).poses(s)
+    signs = np.sign((expected[:, :4] * found[:, :4]).sum(axis=1))[:, None]
+    assert np.allclose(expected[:, 4:], found[:, 4:], atol=1e-9)
+    assert np.allclose(expected[:, :4] * signs, found[:, :4], atol=1e-8)
+
+
+def test_a_target_in_a_plane_that_is_cheaper_out_of_it_has_a_mirror_image() -> None:
+    T = np.zeros((3, 4))
+    rng = np.random.default_rng(3)
+    pulls = rng.exponential(1, (3, 2)) * np.array([[0.2], [1.0], [3.0]])
+    T[:, [0, 1]] = T[:, [2, 3]] = 0
+    pulls *= rng.random((3, 2)) < 0.6
+    T[:, [0, 1]], T[:, [2, 3]] = pulls[:, :1], pulls[:, 1:]
+    target = TipPosition(tuple(settle(ARM, T, PAPER, 1e-10).tip))
+    p = plan(ARM, target, PAPER, 20.0)
+    assert p.reached
+    ((angle, other),) = p.mirror_images
+    assert np.isclose(np.degrees(angle), 45)
+    assert "mirror image across the plane at 45 deg" in p.outcome
+    assert np.isclose(np.linalg.norm(other), p.effort)
+    tip = settle(ARM, other, PAPER, 1e-9).tip
+    assert np.linalg.norm(tip - target.position) < 1e-6 * ARM.length
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_targets_in_a_plane_get_plans_in_it(seed: int) -> None:
+    rng, T = np.random.default_rng(seed), np.zeros((3, 4))
+    T[:, [0, 2]] = rng.exponential(1, (3, 2)) * np.array([[0.2], [1.0], [3.0]])
+    p = plan(ARM, TipPosition(tuple(settle(ARM, T, PAPER).tip)), PAPER, 20.0)
+    assert np.allclose(p.tensions[:, 1], p.tensions[:, 3], atol=1e-6)
+    assert not p.mirror_images
+    assert "mirror" not in p.outcome
+
+
+@pytest.mark.parametrize("load", [Weight(), TipLoad((0.0, 0.0, 2e-3), (0.0, 0.0, 0.0))])
+def test_loads_across_the_plane_have_no_mirror_image(load: object) -> None:
+    scene, T = Scene(Extension(), load), np.zeros((3, 4))
+    T[2, [0, 1]] = 1.0
+    p = plan(ARM, TipPosition(tuple(settle(ARM, T, scene).tip)), scene, 20.0, starts=2)
+    assert p.reached
+    assert not p.mirror_images
+
+
 EXACT = Scene(Extension(), ExactTendons())
 PAYLOAD = Scene(Extension(), TipLoad((0.0, 0.0, -0.002)))
 

@@ -1,19 +1,20 @@
-"""From 1e-9 N to y2 T = 1000 E J: curvature grows to 1 / y and not beyond."""
+"""Tensions from 1e-9 N to y2 T = 1000 E J, and antagonists that shorten the arm to nothing."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 
-from model import Scene, settle
+from model import Anchorage, Arm, CollapsedError, Linear, Scene, settle
 from model.effects import ExactTendons, Extension
 from tests.hard_cases.family import Array, Family, WrongAnswerError, log_uniform, relative
 from tests.hard_cases.sections import CrossSection
 from tests.model.cases import arm_of
 from tests.oracles import Rod, RodSection, linear, poses, strain
 
-SCENES = {
+STATICS = {
     "paper": Scene(Extension()),
     "exact": Scene(Extension(), ExactTendons()),
     "silicone": Scene.silicone(),
@@ -21,7 +22,7 @@ SCENES = {
 
 
 @dataclass(frozen=True, eq=False)
-class Member:
+class Pulled:
     """A rod with one to four tendons that end at its tip, and its statics."""
 
     statics: str
@@ -29,7 +30,7 @@ class Member:
     T: Array
 
 
-def draw(rng: np.random.Generator, statics: str) -> Member:
+def pulled(rng: np.random.Generator, statics: str) -> Pulled:
     """One tendon is taut, at 0.6 to 0.95 of the radius; others pull up to a twentieth as hard."""
     L, thick = rng.uniform(0.1, 0.5), rng.uniform(8e-3, 20e-3)
     thin = thick * rng.uniform(0.3, 0.9)
@@ -42,10 +43,10 @@ def draw(rng: np.random.Generator, statics: str) -> Member:
     # Others that pulled as hard as the first would crush a linear body.
     room = rod.E * np.pi * thin**2 / 20
     T[1:] = np.minimum(T[1:] * rng.uniform(0, 0.05, n - 1), room * rng.uniform(0, 1, n - 1))
-    return Member(statics, rod, T)
+    return Pulled(statics, rod, T)
 
 
-def wanted_strain(member: Member, s: float) -> Array:
+def wanted_strain(member: Pulled, s: float) -> Array:
     """Return (xi, k, q) at s by the oracle."""
     rod, T = member.rod, member.T
     if member.statics == "paper":
@@ -57,10 +58,10 @@ def wanted_strain(member: Member, s: float) -> Array:
     return CrossSection(EA, EA * R**2 / 4, T, y, slope, np.array(section.angles), rubber).strains()
 
 
-def check(member: Member) -> float:
+def check_pulled(member: Pulled) -> float:
     """Return the worst of the strains (relative), and with the paper's statics of the tip."""
     rod, T = member.rod, member.T
-    shape = settle(arm_of(rod), T, SCENES[member.statics], 1e-9)
+    shape = settle(arm_of(rod), T, STATICS[member.statics], 1e-9)
     s = rod.length * np.array([0.0, 0.3, 0.7, 1.0])
     found = shape.strain(s)[:, 1:]
     bend = np.linalg.norm(found[:, :2], axis=1) * rod.sections[0].offset(s)
@@ -75,8 +76,60 @@ def check(member: Member) -> float:
     return error
 
 
-def _family(statics: str) -> Family:
-    return Family(f"any tension, {statics}", 1e-8, lambda rng: draw(rng, statics), check)
+def of_any_tension(statics: str) -> Family:
+    return Family(f"any tension, {statics}", 1e-8, lambda rng: pulled(rng, statics), check_pulled)
 
 
-FAMILIES = [_family(statics) for statics in SCENES]
+ANY_TENSION = [of_any_tension(statics) for statics in STATICS]
+
+
+COMPRESSED = {
+    "paper": Scene(Extension()),
+    "exact": Scene(Extension(), ExactTendons()),
+    "silicone": Scene.silicone(),
+}
+L, R, E = 0.3, 0.01, 110e3
+
+
+@dataclass(frozen=True)
+class Shortened:
+    """The statics, the least 1 + q that a linear body would have, and the tendons' offset [m]."""
+
+    statics: str
+    stretch: float
+    offset: float
+
+
+def shortened(rng: np.random.Generator, statics: str) -> Shortened:
+    """A fifth of the members would be turned inside out, a fifth are within 1e-5 of it."""
+    stretch = [rng.uniform(0, 0.5), rng.uniform(1e-6, 1e-5), -rng.uniform(1e-6, 0.3)]
+    return Shortened(statics, stretch[rng.choice(3, p=[0.6, 0.2, 0.2])], rng.uniform(0, 0.9) * R)
+
+
+def check_shortened(member: Shortened) -> float:
+    """Return the error of the length over L; what a linear body does not bear must be refused."""
+    arm = Arm(L, Linear(R, R), (Anchorage(L, Linear(member.offset, member.offset)),))
+    EA = E * np.pi * R**2
+    T = np.full(4, (1 - member.stretch) * EA / 4)
+    wanted = member.stretch
+    if member.statics == "silicone":
+        force = T.sum() / EA
+        wanted = brentq(lambda x: (x - x**-2) / 3 + force, 1e-3, 1, xtol=1e-15, rtol=1e-14)
+    try:
+        shape = settle(arm, T, COMPRESSED[member.statics], 1e-9)
+    except CollapsedError:
+        if wanted <= 0:
+            return 0.0
+        raise
+    if wanted <= 0:
+        raise WrongAnswerError("settled, with no length left")
+    return float(np.linalg.norm(shape.tip - [wanted * L, 0, 0])) / L
+
+
+def of_compression(statics: str) -> Family:
+    return Family(
+        f"compression, {statics}", 1e-8, lambda rng: shortened(rng, statics), check_shortened
+    )
+
+
+COMPRESSION = [of_compression(statics) for statics in COMPRESSED]

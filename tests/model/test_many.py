@@ -1,19 +1,71 @@
-"""One bad set of many is a row of nan with its reason; the others are as if it were not there."""
+"""Many sets settle as each does alone, compiled or not; a bad one is a row of nan with its reason."""
 
 from __future__ import annotations
 
+import shutil
 from typing import Any
 
 import numpy as np
 import pytest
 
-from model import Arm, CollapsedError, Scene, settle_many
-from model.effects import Buoyancy, ExactTendons, Extension, Weight
+from model import Arm, CollapsedError, Scene, settle, settle_many
+from model.effects import (
+    Buoyancy,
+    Current,
+    ExactTendons,
+    Extension,
+    PointMass,
+    TipLoad,
+    Weight,
+)
+from model.errors import SnapError
+from model.paths import Array
+
+needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+
+WATER = (Weight(), Buoyancy(1000.0))
+OFF_AXIS = PointMass(0.12, 0.004, (0.0, 0.006, 0.002))
+STREAM = Current((0.1, 0.0, 0.05), density=1000.0, coefficient=1.1)
+LOADED = {
+    "silicone, a mass off the axis": Scene.silicone(*WATER, OFF_AXIS),
+    "the paper's tendons in a stream": Scene(Extension(), *WATER, STREAM),
+}
+
+
+def sets(count: int, seed: int) -> Array:
+    """Return tensions (count, 12) that bend and roll up the arm of table 4."""
+    rng = np.random.default_rng(seed)
+    return rng.uniform(0, 0.5, (count, 12)) * np.repeat([0.3, 2.0, 6.0], 4)
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", LOADED)
+def test_many_sets_under_loads_are_those_settled_alone(name: str) -> None:
+    arm, scene, T = Arm.from_paper("table-4"), LOADED[name], sets(11, 3)
+    many = settle_many(arm, T, scene, compile=True)
+    for i, row in enumerate(T):
+        alone = settle(arm, row, scene)
+        assert many.tip[i] == pytest.approx(alone.tip, abs=1e-11)
+        assert many.tip_frame[i] == pytest.approx(alone.tip_frame, abs=1e-10)
+        assert many.error[i] == pytest.approx(alone.error, rel=1e-2, abs=1e-11)
+
+
+@needs_compiler
+def test_what_buckles_is_refused_as_it_is_alone() -> None:
+    arm, scene = Arm.from_paper("section-5.2"), Scene(TipLoad((-0.5, 0.0, 0.0)))
+    T = np.zeros((3, arm.n_tendons))
+    T[[0, 2], 1] = 0.3
+    with pytest.raises(SnapError) as refused:
+        settle(arm, T[1], scene)
+    many = settle_many(arm, T, scene, compile=True, errors="nan")
+    assert many.problems == ("", str(refused.value), "")
+    assert np.isnan(many.tip).all(axis=1).tolist() == [False, True, False]
+
 
 ARM = Arm.from_paper("table-4")
 GOOD = np.array([[0, 0, 0.3, 0, 1.0, 0, 0, 0, 0, 2.0, 0, 0], [0.1] * 12, [0.0] * 12])
 CRUSHING = np.full(12, 1e3)
-SCENES = [
+WITH_ERRORS = [
     Scene(Extension()),
     Scene(Extension(), ExactTendons()),
     Scene.silicone(),
@@ -37,7 +89,7 @@ def check(arm: Arm, scene: Scene, sets: Any, bad: dict[int, str]) -> None:
     assert [i for i, told in enumerate(many.problems) if told] == sorted(bad)
 
 
-@pytest.mark.parametrize("scene", SCENES, ids=lambda scene: f"{len(scene.effects)} effects")
+@pytest.mark.parametrize("scene", WITH_ERRORS, ids=lambda scene: f"{len(scene.effects)} effects")
 def test_bad_rows_do_not_lose_the_others(scene: Scene) -> None:
     sets = [GOOD[0], CRUSHING, GOOD[1], [1.0, 2.0], GOOD[2], -GOOD[0]]
     bad = {3: "tensions[3]: got", 5: "tensions[5]"}

@@ -26,7 +26,7 @@ class Member:
     least: Array
 
 
-def draw(rng: np.random.Generator) -> Member:
+def ill_posed(rng: np.random.Generator) -> Member:
     """Tips of settled shapes, shifted or not, and limits that leave little or nothing to choose."""
     kind, arm = str(rng.choice(KINDS)), Arm.from_paper("table-4")
     T = np.ravel(rng.uniform(0, 1, (3, 4)) * [[0.2], [1], [3]] * (rng.uniform(size=(3, 4)) < 0.5))
@@ -48,7 +48,7 @@ def draw(rng: np.random.Generator) -> Member:
     return Member(kind, tip, most, least)
 
 
-def check(member: Member) -> float:
+def check_ill_posed(member: Member) -> float:
     """Return how far the oracle's tip under a certified plan is from the target, over L."""
     arm = Arm.from_paper("table-4")
     target = TipPosition(tuple(member.tip.tolist()))
@@ -66,4 +66,4 @@ def check(member: Member) -> float:
     return float(np.linalg.norm(tip - member.tip)) / arm.length
 
 
-FAMILY = Family("ill-posed plans", 2e-6, draw, check, refuses=True)
+ILL_POSED_PLANS = Family("ill-posed plans", 2e-6, ill_posed, check_ill_posed, refuses=True)
