@@ -1,4 +1,4 @@
-"""Many sets settle as each does alone, compiled or not; a bad one is a row of nan with its reason."""
+"""Many sets settle as each does alone, compiled or not; a bad one is a row of its reason."""
 
 from __future__ import annotations
 
