@@ -24,7 +24,7 @@ from planner.io.saved_files import load_calibration, load_plan
 from planner.many import FailedPlan, plan_many
 from planner.plan import Plan, plan
 from planner.program.limits import Limits
-from planner.program.problem import Problem, build
+from planner.program.problem import Problem
 from planner.program.statement import Statement
 from planner.solve.task import Trial
 from planner.sweeps.sweep import sweep
@@ -47,7 +47,6 @@ __all__ = [
     "Trajectory",
     "Trial",
     "Unknown",
-    "build",
     "calibrate",
     "design",
     "export",

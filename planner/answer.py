@@ -15,7 +15,6 @@ from model.paths import Array
 from model.scene import Scene
 from model.shape import Shape
 from planner.avoidance.asked import NOTHING, Surroundings
-from planner.avoidance.rows import Avoidance
 from planner.certificate import Certificate
 from planner.certify import certify
 from planner.contact.remarks import remarks
@@ -24,7 +23,7 @@ from planner.mirror import mirror_images
 from planner.outcome import Facts, sentence
 from planner.program.limits import Limits
 from planner.program.optimality import Point
-from planner.program.problem import Problem, build, units
+from planner.program.problem import Problem, units
 from planner.program.program import STABILITY, STROKES
 from planner.program.statement import Mode, effort
 from planner.solve.refine import defect, settled
@@ -62,8 +61,6 @@ class Answer(SearchResult):
         Whether compiled kernels found it, and find what is derived from it; no part of the answer.
     surroundings : Surroundings
         What the arm was to keep clear of.
-    avoidance : Avoidance or None
-        The inequalities of the program that hold it.
     """
 
     arm: Arm
@@ -73,7 +70,6 @@ class Answer(SearchResult):
     accuracy: float
     machine_code: bool = field(default=False, compare=False)
     surroundings: Surroundings = NOTHING
-    avoidance: Avoidance | None = None
 
     @classmethod
     def of(cls, task: Task, result: SearchResult, **more: Any) -> Self:
@@ -199,7 +195,9 @@ class Answer(SearchResult):
         return self.targets if self.avoidance is None else (*self.targets, self.avoidance)
 
     def _problem(self) -> Problem:
-        return build(self.arm, self.stated, self.scene, self.statement, self.machine_code)
+        limits = allowed(self.arm, self.targets, self.limits)
+        question = (self.arm, self.scene, self.stated, limits, self.statement)
+        return Problem(*question, self.machine_code)
 
     def _rows(self, name: str) -> Array:
         """Return the multipliers of the constraints of a name."""
@@ -220,17 +218,14 @@ class Answer(SearchResult):
         lam_x, lam_g = np.array(self.lam_x)[:n], np.array(self.lam_g)[:m]
         if lam_x.size != n or lam_g.size != m:
             return None
-        limits = allowed(self.arm, self.targets, self.limits)
-        p = problem.parameters(self.stated, limits)
         try:
-            x = problem.settled(np.ravel(self.tensions), limits, p, self.shape.known)
-            error = defect(problem, x, self.stated, self.shape)
-            point = Point(problem, x, problem.parameters(self.stated, limits, defect=error))
+            x = problem.settled(np.ravel(self.tensions), self.shape.known)
+            error = defect(problem, x, self.shape)
+            point = Point(problem, x, problem.parameters(defect=error))
         except (OctoplanError, np.linalg.LinAlgError):
             return None
-        residual = point.residual(lam_x, lam_g, problem.bounds(limits))
-        lam_x = np.append(lam_x, np.zeros(x.size - n))
-        return Optimum(x, lam_x, point.all_multipliers(lam_g), error, residual)
+        residual = point.residual(lam_x, lam_g)
+        return Optimum(x, *point.extended(lam_x, lam_g), error, residual)
 
     def _kkt(self) -> float:
         return np.inf if self.optimum is None else self.optimum.residual

@@ -28,7 +28,6 @@ from planner.answer import Answer
 from planner.avoidance.around import Around
 from planner.avoidance.asked import Surroundings, surroundings
 from planner.avoidance.clear import keeping, line_of
-from planner.avoidance.rows import Avoidance
 from planner.contact.grasp import Grip, grips_of
 from planner.contact.load_path import from_rest, is_same, rubs, settled_along
 from planner.contact.search import ContactSearch, check_contact, check_holds, optimality_of
@@ -302,8 +301,7 @@ def _with_turns(
 def _planned(task: Task, around: Surroundings, near: Plan | None, seconds: float | None) -> Plan:
     if contacts(task.scene):
         return _held(task, near, seconds)
-    result, avoidance = searched(task, around, near, seconds)
-    return Plan.of(task, result, surroundings=around, avoidance=avoidance)
+    return Plan.of(task, searched(task, around, near, seconds), surroundings=around)
 
 
 def _held(task: Task, near: Plan | None, seconds: float | None) -> HeldPlan:
@@ -325,27 +323,27 @@ def _check_near(near: Plan, task: Task) -> None:
 
 def searched(
     task: Task, around: Surroundings, near: Answer | None, seconds: float | None
-) -> tuple[SearchResult, Avoidance | None]:
+) -> SearchResult:
     """Return what a plan that is near leads to, or the best from all starts."""
     if near is None:
         if around:
             return Around(task, around).run(seconds)
-        return Search(task).run(seconds), None
+        return Search(task).run(seconds)
     with time_limit(seconds):
         kept = _kept_clear(near, task, around)
         if kept is not None:
-            return kept, near.avoidance
+            return kept
         followed = warm_start(near, task)
-        avoidance, left = None, not followed
+        left = not followed
         if around and not (followed and followed.stopped):
             led = Around(task, around)
-            result, avoidance = led.run(seconds, followed)
+            result = led.run(seconds, followed)
             left = led.searched
         else:
             result = followed or Search(task).run()
     if not left or result.stopped or result.statement.mode != "exact":
-        return result, avoidance
-    return replace(result, jump=jump(near.tensions, result.tensions)), avoidance
+        return result
+    return replace(result, jump=jump(near.tensions, result.tensions))
 
 
 def _kept_clear(near: Answer, task: Task, around: Surroundings) -> SearchResult | None:

@@ -11,7 +11,7 @@ where the target cannot be met.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 from time import monotonic
 
@@ -25,9 +25,9 @@ from planner.avoidance.asked import Surroundings, told
 from planner.avoidance.clear import clear_arms, keeping, line_of
 from planner.avoidance.places import near_places, updated, watched_places
 from planner.avoidance.rows import Avoidance
-from planner.program.statement import Mode, Statement
-from planner.solve.ipopt import Solution
-from planner.solve.refine import Refined, refine
+from planner.program.statement import Mode
+from planner.solve.ipopt import Candidate
+from planner.solve.refine import refine
 from planner.solve.search import Search
 from planner.solve.task import SearchResult, Task, Trial
 
@@ -39,16 +39,6 @@ _ADDED, _CORRECTED = 10, 6
 _CLEAR = 0.6
 
 
-@dataclass(frozen=True, eq=False)
-class _Clear:
-    """An optimum that keeps clear, with the task and statement that it is one of."""
-
-    task: Task
-    statement: Statement
-    solution: Solution
-    avoidance: Avoidance | None
-
-
 class Around:
     """A planning question with surroundings; `searched` tells whether all guesses were tried."""
 
@@ -57,10 +47,8 @@ class Around:
         self.trials: list[Trial] = []
         self.searched = False
 
-    def run(
-        self, seconds: float | None, near: SearchResult | None = None
-    ) -> tuple[SearchResult, Avoidance | None]:
-        """Return the best that keeps clear, and the inequalities of its program.
+    def run(self, seconds: float | None, near: SearchResult | None = None) -> SearchResult:
+        """Return the best that keeps clear.
 
         Where a plan that is near is given, it is led around, and only if it cannot be is searched.
         """
@@ -72,18 +60,18 @@ class Around:
         search, self.searched = Search(self.task), True
         result = search.run(seconds)
         if result.stopped:
-            return result, None
+            return result
         self.task = search.task
         try:
             with time_limit(seconds and max(seconds - (monotonic() - began), 1e-3)):
                 in_the_way = self._in_the_way(result)
                 if in_the_way is None:
-                    return result, None
+                    return result
                 led = self._led(search, result)
         except OutOfTime:
-            return replace(result, stopped=True), None
-        reached = result.statement.mode == "exact" and led[0].statement.mode != "exact"
-        return (replace(led[0], in_the_way=in_the_way), led[1]) if reached else led
+            return replace(result, stopped=True)
+        reached = result.statement.mode == "exact" and led.statement.mode != "exact"
+        return replace(led, in_the_way=in_the_way) if reached else led
 
     def _in_the_way(self, result: SearchResult) -> str | None:
         """Return what a plan comes nearest to in words, None where it keeps clear."""
@@ -94,18 +82,18 @@ class Around:
             return None
         return told(clearances(line, self.surroundings.obstacles, self.surroundings.least))
 
-    def _near(self, near: SearchResult) -> tuple[SearchResult, Avoidance | None] | None:
+    def _near(self, near: SearchResult) -> SearchResult | None:
         """Return a plan that keeps clear near one without surroundings."""
         if self._in_the_way(near) is None:
-            return near, None
+            return near
         clear = self.coarse(np.ravel(near.tensions), "exact")
-        return None if clear is None else self.fine(clear, "exact")
+        return None if clear is None else self.fine(clear)
 
-    def _led(self, search: Search, result: SearchResult) -> tuple[SearchResult, Avoidance | None]:
+    def _led(self, search: Search, result: SearchResult) -> SearchResult:
         """Return the best of what is led around."""
         mode, task = result.statement.mode, self.task
         optima = [np.ravel(result.tensions)]
-        optima += [task.tensions(solution) for solution in search.met]
+        optima += [optimum.tensions for optimum in search.met]
         optima = _distinct(optima)[:_OPTIMA]
         possible = mode == "nearest" or self.surroundings.allows(task.arm, task.targets)
         best, clear = None, list[Array]()
@@ -118,37 +106,35 @@ class Around:
             best = self._best(clear, mode)
         if best is None and mode != "nearest":
             best = self._best([*clear, *optima[:1]], "nearest")
-        return (result, None) if best is None else best
+        return result if best is None else best
 
     def _best(
         self, starts: Iterable[Array], mode: Mode, least: float | None = None
-    ) -> tuple[SearchResult, Avoidance | None] | None:
+    ) -> SearchResult | None:
         """Return the best that is led around from starts; from optima, if a least is given."""
-        done: list[tuple[float, tuple[SearchResult, Avoidance | None]]] = []
+        done: list[tuple[float, SearchResult]] = []
         for T in starts:
             tell(f"around obstacles, {mode}", len(self.trials))
             best = min((f for f, _ in done), default=np.inf)
             if least is not None and mode == "exact" and self._effort(T) > best:
                 break
             clear = self.coarse(T, mode)
-            result = None if clear is None else self.fine(clear, mode)
+            result = None if clear is None else self.fine(clear)
             if clear is not None and result is not None:
-                done.append((clear.solution.f, result))
+                done.append((clear.f, result))
             if least is None and len(done) >= _ENOUGH:
                 break
         return min(done, key=lambda pair: pair[0])[1] if done else None
 
     def _effort(self, T: Array) -> float:
         """Return the objective of tensions (n_tendons,), as the program counts it."""
-        statement = self.task.coarse("exact")
-        problem, p = self.task.problem(statement), self.task.parameters(statement)
-        x = problem.guess(T, self.task.allowed, p)
-        return float(problem.program.evaluate(x, p).f)
+        problem = self.task.problem(self.task.coarse("exact"))
+        return float(problem.program.evaluate(problem.guess(T), problem.parameters()).f)
 
-    def coarse(self, T: Array, mode: Mode) -> _Clear | None:
+    def coarse(self, T: Array, mode: Mode) -> Candidate | None:
         """Return the optimum that keeps clear, on the coarse mesh, where tensions lead to one."""
         avoidance: Avoidance | None = None
-        clear: _Clear | None = None
+        clear: Candidate | None = None
         for _ in range(_ADDED):
             line = line_of(self.task, self.task.coarse(mode), T)
             if line is None:
@@ -161,27 +147,35 @@ class Around:
             clear = self._solved(avoidance, T, mode, clear is not None)
             if clear is None:
                 return None
-            T = self.task.tensions(clear.solution)
+            T = clear.tensions
         return None
 
-    def fine(self, clear: _Clear, mode: Mode) -> tuple[SearchResult, Avoidance | None] | None:
+    def fine(self, clear: Candidate) -> SearchResult | None:
         """Return the refined plan, verified to keep clear; None where it is not."""
         for _ in range(_CORRECTED):
-            fine = refine(clear.task, clear.statement, clear.solution)
+            fine = refine(clear, self.task.accuracy)
             if fine is None:
                 return None
             line = line_of(self.task, fine.statement, fine.tensions, finished=True)
             if line is None:
                 return None
             if self.surroundings.keeps(line):
-                result = fine.result(clear.task, tuple(self.trials))
-                return result, clear.avoidance if clear.avoidance and clear.avoidance.rows else None
-            near = near_places(line, self.surroundings)
-            avoidance = updated(clear.avoidance, near, line, self.surroundings)
-            clear = _with_more(clear, fine, avoidance)
+                return SearchResult.at(fine, self.trials)
+            kept = [target for target in fine.problem.targets if isinstance(target, Avoidance)]
+            near, before = near_places(line, self.surroundings), kept[0] if kept else None
+            clear = self._with_more(fine, updated(before, near, line, self.surroundings))
         return None
 
-    def _solved(self, avoidance: Avoidance, T: Array, mode: Mode, near: bool) -> _Clear | None:
+    def _with_more(self, fine: Candidate, avoidance: Avoidance) -> Candidate:
+        """Return a refined optimum, with its multipliers, as a guess with other inequalities."""
+        problem = fine.problem.but(targets=keeping(self.task, avoidance).targets)
+        lam, parts = fine.lam_g, list[Array]()
+        for row, other in zip(fine.problem.rows, problem.rows, strict=True):
+            one, lam = lam[: row.size], lam[row.size :]
+            parts.append(one if row.size == other.size else np.zeros(other.size))
+        return replace(fine, problem=problem, lam_g=np.concatenate(parts))
+
+    def _solved(self, avoidance: Avoidance, T: Array, mode: Mode, near: bool) -> Candidate | None:
         """Return what tensions lead to with inequalities, held to its stability where need be.
 
         An optimum `near` them, of the same with fewer inequalities, if they are one.
@@ -189,27 +183,11 @@ class Around:
         search = Search(keeping(self.task, avoidance))
         end = search.from_tensions(mode, T, near)
         self.trials += search.trials
-        if end is None:
-            return None
-        task, statement, solution = end
-        return _Clear(task, statement, solution, avoidance)
+        return end
 
     @property
     def _enough(self) -> float:
         return self.surroundings.clearance + _CLEAR * self.surroundings.spare(self.task.arm)
-
-
-def _with_more(clear: _Clear, fine: Refined, avoidance: Avoidance) -> _Clear:
-    """Return a refined optimum, with its multipliers, as a guess with other inequalities."""
-    targets = tuple(one for one in clear.task.targets if not isinstance(one, Avoidance))
-    task = keeping(replace(clear.task, targets=targets), avoidance)
-    before, after = (one.problem(fine.statement).rows for one in (clear.task, task))
-    lam, parts = fine.solution.lam_g, list[Array]()
-    for row, other in zip(before, after, strict=True):
-        one, lam = lam[: row.size], lam[row.size :]
-        parts.append(one if row.size == other.size else np.zeros(other.size))
-    solution = replace(fine.solution, lam_g=np.concatenate(parts))
-    return _Clear(task, fine.statement, solution, avoidance)
 
 
 def _distinct(tensions: list[Array]) -> list[Array]:

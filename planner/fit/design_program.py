@@ -33,7 +33,7 @@ from model.winches import least_compliance
 from planner.fit.making import Making, Objective, Reach
 from planner.fit.unknowns import Parameters
 from planner.program.limits import Limits
-from planner.program.problem import Bounds, Problem, build, units
+from planner.program.problem import Bounds, Problem, units
 from planner.program.statement import Statement
 from planner.program.states import States
 from planner.program.terms import stations_of
@@ -101,7 +101,7 @@ class Program:
             self.tasks = tuple((*task, objective) for task in tasks)
             self.weights = [1 / len(tasks)] * len(tasks)
         stated = Statement(refinement=_REFINEMENT)
-        self.problems = [build(self.arm, task, scene, stated) for task in self.tasks]
+        self.problems = [Problem(self.arm, scene, task, limits, stated) for task in self.tasks]
         self.K = len(parameters.unknowns)
         self._curvature = lru_cache(maxsize=4)(self._second_differences)
 
@@ -118,8 +118,8 @@ class Program:
         """
         arm, scene = self.parameters.built(values)
         numbers, by_structure = list[Array](), dict[Any, Array]()
-        for i, (problem, targets) in enumerate(zip(self.problems, self.tasks, strict=True)):
-            directions = problem.directions(targets)
+        for i, problem in enumerate(self.problems):
+            directions = problem.directions
             key = problem.stations, problem.requests, tuple(map(np.ndarray.tobytes, directions))
             if key not in by_structure:
                 states = States(self.system(i, arm, scene), problem.requests, least_compliance(arm))
@@ -132,10 +132,8 @@ class Program:
         arm, scene = self.parameters.built(values)
         parts, numbers = list[Array](), self.numbers(values)
         for i, (problem, T) in enumerate(zip(self.problems, tensions, strict=True)):
-            p = problem.parameters(self.tasks[i], self.limits)
-            p[problem.program.parts.numbers] = numbers[i]
             states = Collocation.on(self.system(i, arm, scene)).found(T).states
-            parts.append(problem.closed(problem.free(T, self.limits), states, p))
+            parts.append(problem.closed(problem.free(T), states, numbers[i]))
         return np.concatenate([*parts, self.parameters.fractions(values)])
 
     def solve(self, values: Array, tensions: Array, fixed: bool = False) -> Optimum:
@@ -167,7 +165,7 @@ class Program:
         x = self.begun(values, np.array([*tensions, tensions[0]][: len(self.tasks)]))
         z, room = x[-self.K :], self.making.room(self.arm).size
         ends = (z, z) if fixed else (np.zeros(self.K), np.ones(self.K))
-        each = [problem.bounds(self.limits) for problem in self.problems]
+        each = [problem.bounds for problem in self.problems]
         bounds = joined(each, ends, (np.zeros(room), np.full(room, np.inf)))
         solution = self.stated.solve(TOGETHER, x, np.zeros(0), bounds)
         if solution.finite:
@@ -180,7 +178,7 @@ class Program:
         off = np.concatenate([bounds[2] - g, g - bounds[3], [0.0]]).max()
         *each, z = self.stated.split(x)
         pairs = zip(self.problems, each, strict=True)
-        T = np.array([problem.tensions(item, self.limits) for problem, item in pairs])
+        T = np.array([problem.tensions(item) for problem, item in pairs])
         missed = float(off) if np.isfinite(off) else np.inf
         values = self.parameters.from_fractions(np.clip(z, 0.0, 1.0))
         return Optimum(values, T, steps, missed, self.worth * float(f[0]))
@@ -236,10 +234,10 @@ class Stated(SideBySide):
             *numbers, of_room = zip(
                 *(ca.vertsplit(each(z), cuts) for each in self._closed), strict=True
             )
-            tasks = zip(of.problems, of.tasks, of.weights, xs, numbers, lams, strict=True)
+            tasks = zip(of.problems, of.weights, xs, numbers, lams, strict=True)
             parts = [
-                _part(problem, problem.parameters(task, of.limits), w, x, n, lam, at.sigma)
-                for problem, task, w, x, n, lam in tasks
+                _part(problem, problem.parameters(), w, x, n, lam, at.sigma)
+                for problem, w, x, n, lam in tasks
             ]
             g, by_z, curved = of_room
             J = ca.horzcat(ca.MX(room, at.ends[-1]), by_z)

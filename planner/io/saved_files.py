@@ -21,7 +21,7 @@ from planner.io.mistakes import checked, shown, told_in
 from planner.io.saved_records import AnswerRecord, CalibrationQuestion, FitRecord, QuestionRecord
 from planner.plan import HeldPlan, Plan
 from planner.program.limits import Limits
-from planner.program.problem import build
+from planner.program.problem import Problem
 from planner.question import check_planned, check_targets, checked_margin
 from planner.solve.task import Task
 from planner.tendon_lengths import zeroed_at
@@ -83,7 +83,7 @@ def load_plan(path: str | Path) -> Plan:
     question, answer = saved.question, saved.answer
     task = _task(name, question, answer)
     with told_in(name, "answer"):
-        result, avoidance = value_of(answer), read(Any, answer.avoidance)
+        result = value_of(answer)
     with told_in(name, "answer.tensions"):
         result = replace(result, tensions=task.arm.by_section(task.arm.flat(result.tensions)))
     for key in ("jump", "lost"):
@@ -95,11 +95,8 @@ def load_plan(path: str | Path) -> Plan:
     with told_in(name, "question.obstacles"):
         arguments = (read(Any, question.obstacles), question.clearance, question.self_clearance)
         around = surroundings(task.arm, task.targets, *arguments)
-    more: dict[str, Any] = {"surroundings": around, "avoidance": avoidance}
-    if contacts(task.scene):
-        plan: Plan = HeldPlan.of(task, result, **more)
-    else:
-        plan = Plan.of(task, result, **more)
+    kind = HeldPlan if contacts(task.scene) else Plan
+    plan: Plan = kind.of(task, result, surroundings=around)
     _check_multipliers(plan, name)
     return plan
 
@@ -140,7 +137,8 @@ def _check_multipliers(plan: Plan, name: str) -> None:
     if any(sizes) and isinstance(plan, HeldPlan):
         wanted = plan.arm.n_tendons, sizes[1]
     elif any(sizes):
-        problem = build(plan.arm, plan.stated, plan.scene, plan.statement.but(refinement=1))
+        statement = plan.statement.but(refinement=1)
+        problem = Problem(plan.arm, plan.scene, plan.stated, plan.limits, statement)
         wanted = problem.n_free, problem.n_outer
     if any(sizes) and sizes != wanted:
         text = "got {} and {} numbers, allowed are {} and {}, or none".format(*sizes, *wanted)

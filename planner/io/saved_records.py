@@ -19,7 +19,7 @@ from planner.fit.fitted import Fitted, Start
 from planner.fit.measured import Measured
 from planner.fit.unknowns import Unknown
 from planner.io.annotations import arguments, choice, hints_of
-from planner.io.codec import READ, WRITE, attributes_of, plain
+from planner.io.codec import WRITE, attributes_of, plain
 from planner.io.object_tables import TARGETS
 from planner.io.records import By, Floats, Matrix, Record, Rows, Schema, of_shape, record, records
 from planner.io.tables import Number, exact, exact_choices, struct
@@ -49,12 +49,7 @@ class QuestionRecord(msgspec.Struct, kw_only=True):
     self_clearance: bool = False
 
 
-_FOUND: Any = exact(SearchResult, placed=True)
-# What was found; `avoidance` is what a plan adds to it.
-AnswerRecord: Any = struct(
-    "AnswerRecord", [("avoidance", exact(Avoidance) | None, None)], _FOUND.__doc__, base=_FOUND
-)
-READ[AnswerRecord] = READ[_FOUND]
+AnswerRecord: Any = exact(SearchResult, placed=True)
 
 # Keys of certificates that are named otherwise than what they hold, as files had them before.
 _RENAMED = {"match": "equality", "approach": "soft_residual", "margin": "inequality"}
@@ -95,7 +90,7 @@ def _question(plan: Any) -> QuestionRecord:
 
 
 def _answer(plan: Any) -> dict[str, Any]:
-    result = attributes_of(plan, (*arguments(SearchResult), "avoidance"))
+    result = attributes_of(plan, arguments(SearchResult))
     return result | {"tensions": plain(np.ravel(plan.tensions))}
 
 

@@ -32,11 +32,13 @@ class Point:
     """Unknowns x in equilibrium, and the first-order conditions there.
 
     Multipliers lam_x (n_free,) of the unknowns before the states and lam_g (n_outer,) of the
-    constraints besides equilibrium are of CasADi's signs: below 0 at a lower bound.
+    constraints besides equilibrium are of CasADi's signs: below 0 at a lower bound. Bounds are the
+    problem's, unless others are given.
     """
 
-    def __init__(self, problem: Problem, x: Array, p: Array) -> None:
-        self.x, self.p, self._n, self._m = x, p, problem.n_free, problem.n_outer
+    def __init__(self, problem: Problem, x: Array, p: Array, bounds: Bounds | None = None) -> None:
+        self.x, self._bounds = x, bounds or problem.bounds
+        self._n, self._m = problem.n_free, problem.n_outer
         self._here = problem.program.evaluate(x, p)
         self._inner = self._here.jacobian[self._m :].tocsc()
         self._factors = factorised(self._inner[:, self._n + 1 :])
@@ -49,21 +51,22 @@ class Point:
         mu = self._factors.solve(np.ascontiguousarray(-rows[:, n + 1 :].T), "T")
         return np.asarray(rows[:, :n] + (self._inner[:, :n].T @ mu).T)
 
-    def all_multipliers(self, lam_g: Array) -> Array:
-        """Return the multipliers of all constraints, from those besides equilibrium."""
+    def extended(self, lam_x: Array, lam_g: Array) -> tuple[Array, Array]:
+        """Return the multipliers of all unknowns and constraints from those besides equilibrium."""
         slope = self._here.gradient + self._here.jacobian[: self._m].T @ lam_g
-        return np.concatenate([lam_g, self._factors.solve(-slope[self._n + 1 :], "T")])
+        of_states = self._factors.solve(-slope[self._n + 1 :], "T")
+        return np.append(lam_x, np.zeros(self.x.size - self._n)), np.append(lam_g, of_states)
 
     def slope(self, lam_g: Array) -> Array:
         """Return the Lagrangian's gradient in a (n_free,), without the multipliers of bounds."""
         return np.asarray(self._reduced[0] + lam_g @ self._reduced[1:])
 
-    def multipliers(self, bounds: Bounds) -> tuple[Array, Array, Array]:
+    def multipliers(self) -> tuple[Array, Array, Array]:
         """Return lam_x and lam_g that leave least of the Lagrangian's gradient, and the rest.
 
         Where constraints depend on each other there are many such; 0 of what is not active.
         """
-        above, below = self._room(bounds)
+        above, below = self._room()
         low, high = above <= _ACTIVE, below <= _ACTIVE
         active, lam = np.flatnonzero(low | high), np.zeros(low.size)
         rows = np.vstack([np.eye(self._n), self._reduced[1:]])[active]
@@ -72,13 +75,13 @@ class Point:
             lam[active] = lsq_linear(rows.T, -self._reduced[0], ends, "bvls").x
         return lam[: self._n], lam[self._n :], self._reduced[0] + rows.T @ lam[active]
 
-    def residual(self, lam_x: Array, lam_g: Array, bounds: Bounds) -> float:
+    def residual(self, lam_x: Array, lam_g: Array) -> float:
         """Return how far the point is from the first-order conditions, scaled.
 
         The largest of: a component of the Lagrangian's gradient; a violation of a constraint or a
         bound; the product of a multiplier and the distance to its bound. NaN counts as infinite.
         """
-        above, below = self._room(bounds)
+        above, below = self._room()
         lam, rest = np.append(lam_x, lam_g), self.slope(lam_g) + lam_x
         scale = _LEAST_SCALE + _most(self._here.gradient[: self._n]) + _most(lam_g)
         room = np.minimum(np.abs(np.where(lam < 0, above, below)), _ROOM)
@@ -86,9 +89,9 @@ class Point:
         worst = _most(np.concatenate([rest / scale, violation, lam * room / scale]))
         return worst if np.isfinite(worst) else np.inf
 
-    def _room(self, bounds: Bounds) -> tuple[Array, Array]:
+    def _room(self) -> tuple[Array, Array]:
         """Return how far unknowns before the states and constraints are above and below bounds."""
-        lbx, ubx, lbg, ubg = bounds
+        lbx, ubx, lbg, ubg = self._bounds
         values = np.append(self.x[: self._n], self._here.g[: self._m])
         n, m = self._n, self._m
         return values - np.append(lbx[:n], lbg[:m]), np.append(ubx[:n], ubg[:m]) - values

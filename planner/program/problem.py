@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from contextlib import suppress
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -19,7 +20,7 @@ from model.scene import Scene
 from model.winches import least_compliance, rest_lengths
 from planner.program.limits import Limits, natural_tensions
 from planner.program.objective import Rows
-from planner.program.program import STABILITY, STROKES, factorised, program
+from planner.program.program import STABILITY, STROKES, Program, factorised, program
 from planner.program.statement import Statement
 from planner.program.states import States, Stations
 from planner.program.terms import Same, compliance_requests, stations_of
@@ -32,19 +33,21 @@ Bounds = tuple[Array, Array, Array, Array]
 SEARCHED, REGULARISATION = 1e-7, 3e-11
 # Over what bends the arm by some rad: maxima below this fraction do nothing, those above are none.
 _NOTHING, _NO_LIMIT = 1e-7, 1e12
-# Strains of an arm from which on the least eigenvalue is sooner found by iteration.
-_DENSE = 120
 
 
 class Problem:
-    """A program in scaled unknowns, and the numbers that go with it.
+    """A planning question in scaled unknowns: the program of its structure, with its numbers.
 
     Attributes
     ----------
-    arm, scene, statement
+    arm, scene, targets, statement
         What is planned, and how it is stated.
+    limits : Limits
+        What the tendons may do.
     machine_code : bool
         Whether its kernels are compiled.
+    stations, requests
+        Arc lengths that the targets look at, and the compliances.
     program : Program
         The structure.
     forward : Collocation
@@ -58,19 +61,26 @@ class Problem:
         arm: Arm,
         scene: Scene,
         targets: tuple[Target, ...],
-        statement: Statement,
-        machine_code: bool,
+        limits: Limits,
+        statement: Statement | None = None,
+        machine_code: bool = False,
     ) -> None:
-        self.arm, self.scene, self.statement = arm, scene, statement
-        self.machine_code = machine_code
+        self.arm, self.scene, self.targets, self.limits = arm, scene, targets, limits
+        self.statement = (statement or Statement()).but(iterations=0, solver="ipopt")
+        self.machine_code, self.unit = machine_code, units(arm, limits)
         self.stations, self.requests = stations_of(arm, targets), compliance_requests(targets)
-        loaded = is_loaded(scene) or bool(self.requests)
-        mesh = (STAGES, statement.refinement, self.stations)
-        self.forward = Collocation(arm, scene, *mesh, loaded, machine_code)
-        at, more = self.forward.system, (statement.modes, statement.wound)
-        self.states = States(at, self.requests, least_compliance(arm), *more)
-        self.program = program(arm, targets, statement, at.of, Stations.of(at, self.stations))
-        self._bounds: tuple[Limits, Bounds] | None = None
+        structure = tuple(target.structure(arm) for target in targets)
+        stated = self.statement.but(margin=0.0, floor=0.0)
+        question = (arm, scene, structure, Same(targets), stated, machine_code)
+        self.program, self.forward, self.states = _built(*question)
+
+    def but(
+        self, statement: Statement | None = None, targets: tuple[Target, ...] | None = None
+    ) -> Problem:
+        """Return the same by another statement, or for other targets."""
+        targets = self.targets if targets is None else targets
+        question = (self.arm, self.scene, targets, self.limits, statement or self.statement)
+        return Problem(*question, self.machine_code)
 
     @property
     def rows(self) -> tuple[Rows, ...]:
@@ -97,38 +107,32 @@ class Problem:
         """How many inequalities have a slack."""
         return self.program.objective.n_slack
 
-    def parameters(
-        self,
-        targets: tuple[Target, ...],
-        limits: Limits,
-        weight: float = REGULARISATION,
-        defect: Array | None = None,
-    ) -> Array:
-        """Return the parameters for targets of this structure, limits and weight of effort.
+    def parameters(self, weight: float = REGULARISATION, defect: Array | None = None) -> Array:
+        """Return the parameters of the program, by a weight of effort.
 
         And for a defect of the mesh, none unless given; see planner.solve.refine.
         """
-        unit, states = units(self.arm, limits), self.states
-        numbers = np.concatenate([target.parameters(self.arm) for target in targets])
-        values = np.concatenate([numbers, [unit.max(), limits.total or 0.0, weight], unit])
-        states_numbers = [np.array([states.force]), states.numbers(self.directions(targets))]
+        states = self.states
+        values = [self.unit.max(), self.limits.total or 0.0, weight]
+        states_numbers = [np.array([states.force]), states.numbers(self.directions)]
         error = np.zeros(sum(self.program.measured)) if defect is None else defect
-        return np.concatenate([values, *states_numbers, states.scale, states.row_scale, error])
+        behind = [*states_numbers, states.scale, states.row_scale, error]
+        return np.concatenate([self._numbers, values, self.unit, *behind])
 
-    def bounds(self, limits: Limits) -> Bounds:
-        """Return lower and upper bounds of unknowns and constraints, not to be written to.
+    @cached_property
+    def _numbers(self) -> Array:
+        """The numbers of the targets."""
+        return np.concatenate([target.parameters(self.arm) for target in self.targets])
 
-        Those of the last limits are kept: many problems of a motion, and of a search, share them.
-        """
-        kept = self._bounds
-        if kept is None or kept[0] != limits:
-            kept = self._bounds = limits, self._bounded(limits)
-            for bound in kept[1]:
-                bound.setflags(write=False)
-        return kept[1]
+    @cached_property
+    def _p(self) -> Array:
+        """The parameters of a mesh without a defect."""
+        return self.parameters()
 
-    def _bounded(self, limits: Limits) -> Bounds:
-        unit = units(self.arm, limits)
+    @cached_property
+    def bounds(self) -> Bounds:
+        """Lower and upper bounds of unknowns and constraints, not to be written to."""
+        unit, limits = self.unit, self.limits
         lower, upper = np.array(limits.lower), np.array(limits.upper)
         upper = np.where(_does_nothing(self.arm, upper), lower, upper)
         upper = np.where(upper < _NO_LIMIT * unit, upper, np.inf)
@@ -143,60 +147,60 @@ class Problem:
             least, most = (np.array(bound) for bound in limits.strokes)
             rest = np.array(limits.stroke_zero or rest_lengths(self.arm))
             lbg[at], ubg[at] = (rest - most) / self.arm.length, (rest - least) / self.arm.length
+        for bound in (lbx, ubx, lbg, ubg):
+            bound.setflags(write=False)
         return lbx, ubx, lbg, ubg
 
-    def free(self, tensions: Array, limits: Limits) -> Array:
+    def free(self, tensions: Array) -> Array:
         """Return the unknowns before the states for tensions; slacks are 0."""
-        unit = units(self.arm, limits)
-        peak = np.full(self.program.objective.n_peak, tensions.max() / unit.max())
-        return np.concatenate([tensions / unit, peak, np.zeros(self.n_slack)])
+        peak = np.full(self.program.objective.n_peak, tensions.max() / self.unit.max())
+        return np.concatenate([tensions / self.unit, peak, np.zeros(self.n_slack)])
 
-    def tensions(self, x: Array, limits: Limits) -> Array:
+    def tensions(self, x: Array) -> Array:
         """Return the tensions in unknowns x, within the limits to the last digit [N]."""
-        T = x[: self.arm.n_tendons] * units(self.arm, limits)
-        return np.clip(T, limits.lower, limits.upper)
+        T = x[: self.arm.n_tendons] * self.unit
+        return np.clip(T, self.limits.lower, self.limits.upper)
 
-    def guess(self, tensions: Array, limits: Limits, p: Array, soon: bool = False) -> Array:
+    def guess(self, tensions: Array, soon: bool = False) -> Array:
         """Return the unknowns for tensions: the arm without its loads, no equilibrium under them.
 
         Under its loads where that `soon` settles, by Newton's method from there. The straight arm
         where tensions leave a cross-section no equilibrium, or the arm no stiffness.
         """
-        system, free = self.forward.system, self.free(tensions, limits)
+        free = self.free(tensions)
         try:
             states = self.forward.without_loads(tensions)
             if soon and is_loaded(self.scene):
-                try:
-                    equilibrium = newton(system, tensions, 1.0, states)
+                with suppress(OctoplanError, np.linalg.LinAlgError):
+                    equilibrium = newton(self.forward.system, tensions, 1.0, states)
                     states = states if equilibrium is None else equilibrium.states
-                except (OctoplanError, np.linalg.LinAlgError):
-                    pass
-            return self.closed(free, states, p)
+            return self.closed(free, states)
         except (OctoplanError, np.linalg.LinAlgError):
-            straight = self.forward.without_loads(np.zeros(self.arm.n_tendons))
-            return self.closed(free, straight, p)
+            return self.closed(free, self.forward.without_loads(np.zeros(self.arm.n_tendons)))
 
-    def settled(
-        self, tensions: Array, limits: Limits, p: Array, near: Linearised | None = None
-    ) -> Array:
+    def settled(self, tensions: Array, near: Linearised | None = None) -> Array:
         """Return the unknowns for tensions in equilibrium, near one of another mesh if any is.
 
         Raises what settling does.
         """
         states = self.forward.found(tensions, near).states
-        return self.closed(self.free(tensions, limits), states, p)
+        return self.closed(self.free(tensions), states)
 
-    def carried(self, x: Array, of: Problem, limits: Limits, p: Array) -> Array:
+    def carried(self, x: Array, of: Problem) -> Array:
         """Return the unknowns of this mesh for unknowns x of the same problem on another."""
-        states = self.forward.carried(of.tensions(x, limits), of.known(x, limits))
-        return self.closed(x[: of.n_free], states, p)
+        states = self.forward.carried(of.tensions(x), of.known(x))
+        return self.closed(x[: of.n_free], states)
 
-    def closed(self, a: Array, states: Array, p: Array) -> Array:
+    def closed(self, a: Array, states: Array, numbers: Array | None = None) -> Array:
         """Return all unknowns for those before the states, and states of the arm (n_states,).
 
         Responses, modes and lengths are what their equations make of these; slacks are the
-        violations of their inequalities.
+        violations of their inequalities. By other `numbers` of the equations, if any are given.
         """
+        p = self._p
+        if numbers is not None:
+            p = p.copy()
+            p[self.program.parts.numbers] = numbers
         program, blocks, scale = self.program, self.program.blocks, self.states.scale
         x = np.zeros(program.size)
         x[: self.n_free], x[self.n_free] = a, 1.0
@@ -208,7 +212,7 @@ class Problem:
             responds = point.jacobian.tocsr()[rows].tocsc()[:, start:stop]
             x[start:stop] = -factorised(responds).solve(point.g[rows])
         if blocks.modes:
-            self._add_modes(x, states, p)
+            self._add_modes(x, states)
         if blocks.wound:
             system = self.forward.system
             lengths = system.lengths(system.x(np.zeros(system.of.n_tendons), 1.0, states))
@@ -218,11 +222,10 @@ class Problem:
             x[self.n_free - self.n_slack : self.n_free] += slack
         return x
 
-    def _add_modes(self, x: Array, states: Array, p: Array) -> None:
+    def _add_modes(self, x: Array, states: Array) -> None:
         """Put the least stable modes at states into unknowns x."""
         blocks, system = self.program.blocks, self.forward.system
-        unit = p[self.program.parts.unit]
-        equilibrium = Linearised(system, system.x(x[: unit.size] * unit, 1.0, states))
+        equilibrium = Linearised(system, system.x(self.tensions(x), 1.0, states))
         values, y = least_modes(equilibrium, blocks.modes)
         y = self.states.mode_size(y)
         for k, value in enumerate(values):
@@ -234,28 +237,28 @@ class Problem:
         n = self.forward.system.of.n_states
         return np.asarray(x[self.program.blocks.states] * self.states.scale[1 : 1 + n])
 
-    def known(self, x: Array, limits: Limits) -> Linearised:
+    def known(self, x: Array) -> Linearised:
         """Return the equations at the tensions and states in unknowns x."""
         system = self.forward.system
-        return Linearised(system, system.x(self.tensions(x, limits), 1.0, self.states_of(x)))
+        return Linearised(system, system.x(self.tensions(x), 1.0, self.states_of(x)))
 
     def poses(self, x: Array) -> Array:
         """Return the poses (K, 7) at the stations, in unknowns x."""
         nodes = [self.forward.mesh.node(s) for s in self.stations]
         return self.forward.system.poses(self.states_of(x))[nodes]
 
-    def directions(self, targets: tuple[Target, ...]) -> list[Array]:
-        """Return the directions (3, width) of the requests of targets."""
-        numbers = np.concatenate([target.parameters(self.arm) for target in targets])
+    @cached_property
+    def directions(self) -> list[Array]:
+        """The directions (3, width) of the requests of targets."""
         of = self.program.objective
-        return [np.array(D) for D in of.directions.call([numbers[: of.n_own]])]
+        return [np.array(D) for D in of.directions.call([self._numbers[: of.n_own]])]
 
-    def compliances(self, x: Array, directions: list[Array]) -> Array:
+    def compliances(self, x: Array) -> Array:
         """Return the tip's compliances in unknowns x along the requests' directions, stacked."""
         blocks, scale, k = self.program.blocks, self.states.scale, 0
         tip = blocks.of.first + blocks.of.nodes[-1, 4:7]
         blocks_of = [np.zeros(0)]
-        for D in directions:
+        for D in self.directions:
             places = [blocks.response(k + i).start + tip for i in range(D.shape[1])]
             displaced = np.stack([x[at] * scale[at - self.n_free] for at in places], axis=1)
             blocks_of.append((D.T @ displaced / self.states.force).ravel("F"))
@@ -266,13 +269,12 @@ class Problem:
         """Return the constraints at unknowns x."""
         return self.program.evaluate(x, p).g
 
-    def stability(self, x: Array, tensions: Array) -> float:
+    def stability(self, x: Array) -> float:
         """Return the stability of the equilibrium in unknowns x, infinite without loads."""
         if not is_loaded(self.scene):
             return np.inf
-        system = self.forward.system
         try:
-            return stability(Linearised(system, system.x(tensions, 1.0, self.states_of(x))))
+            return stability(self.known(x))
         except (OctoplanError, np.linalg.LinAlgError):
             return -np.inf
 
@@ -291,19 +293,6 @@ def _does_nothing(arm: Arm, upper: Array) -> Array:
     return np.asarray(upper <= _NOTHING * 5 * natural_tensions(arm))
 
 
-def build(
-    arm: Arm,
-    targets: tuple[Target, ...],
-    scene: Scene,
-    statement: Statement | None = None,
-    machine_code: bool = False,
-) -> Problem:
-    """Return the problem, built once for all targets of one structure."""
-    structure = tuple(target.structure(arm) for target in targets)
-    stated = (statement or Statement()).but(iterations=0, solver="ipopt")
-    return _built(arm, scene, structure, Same(targets), stated, machine_code)
-
-
 @lru_cache(maxsize=24)
 def _built(
     arm: Arm,
@@ -312,5 +301,12 @@ def _built(
     targets: Same,
     statement: Statement,
     machine_code: bool,
-) -> Problem:
-    return Problem(arm, scene, targets.value, statement, machine_code)
+) -> tuple[Program, Collocation, States]:
+    """Return what is the same for all targets of one structure, and all limits."""
+    stations, requests = stations_of(arm, targets.value), compliance_requests(targets.value)
+    loaded = is_loaded(scene) or bool(requests)
+    forward = Collocation(arm, scene, STAGES, statement.refinement, stations, loaded, machine_code)
+    at = forward.system
+    states = States(at, requests, least_compliance(arm), statement.modes, statement.wound)
+    seen = Stations.of(at, stations)
+    return program(arm, targets.value, statement, at.of, seen), forward, states

@@ -21,9 +21,9 @@ from model.machine.buffered import Buffered
 from model.paths import Array
 from model.transcription.kernel import Places
 from model.transcription.layout import POSE
-from planner.program.problem import Bounds, Problem
+from planner.program.problem import Problem
 from planner.program.program import Program
-from planner.solve.ipopt import MAGNIFIED, Solution
+from planner.solve.ipopt import MAGNIFIED, Candidate
 
 # It goes no further than this tolerance, and what takes longer wanders: that is left to ipopt.
 _OPTIONS = {"print_level": 0, "tol": 1e-6, "mu_init": 0.1, "max_iter": 30}
@@ -181,12 +181,12 @@ def _fatrop(
     return Buffered(ca.nlpsol("fatrop", "fatrop", nlp, options))
 
 
-def solve(problem: Problem, x: Array, p: Array, bounds: Bounds) -> Solution | None:
+def solve(problem: Problem, x: Array, p: Array) -> Candidate | None:
     """Return what fatrop makes of x; None where the program has rows of several stages.
 
     Also where a tension has no room to change.
     """
-    (lbx, ubx, lbg, ubg), of, n = bounds, stages(problem.program), problem.n_free
+    (lbx, ubx, lbg, ubg), of, n = problem.bounds, stages(problem.program), problem.n_free
     if not of.possible or np.any(lbx[:n] == ubx[:n]):
         return None
     low, high = (np.full(of.unknown.size, side * np.inf) for side in (-1, 1))
@@ -200,4 +200,5 @@ def solve(problem: Problem, x: Array, p: Array, bounds: Bounds) -> Solution | No
     met, why = bool(stats["success"]), "the iteration limit was reached"
     lam_x = np.concatenate([lam_x[:n], np.zeros(x.size - n)]) / MAGNIFIED
     values = z[of.origin], lam_x, lam_g[back] / MAGNIFIED, float(f[0]) / MAGNIFIED, g[back]
-    return Solution(*values, met, "" if met else why, int(stats["iter_count"]), "fatrop")
+    count, reason = int(stats["iter_count"]), "" if met else why
+    return Candidate(*values, met, reason, count, "fatrop", problem=problem)

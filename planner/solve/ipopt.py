@@ -11,7 +11,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 from weakref import WeakKeyDictionary
@@ -25,7 +25,7 @@ from model.progress import logged
 from model.time_limit import is_out_of_time
 from planner.program.problem import Bounds, Problem
 from planner.program.program import Program
-from planner.program.statement import Solver
+from planner.program.statement import Solver, Statement
 
 
 class Watch(ca.Callback):
@@ -169,17 +169,33 @@ class Solution:
     iterations: int
     solver: Solver = "ipopt"
 
-    def free(self, problem: Problem) -> Solution:
-        """Return the solution without states and what goes with them."""
-        n, m = problem.n_free, problem.n_outer
-        x, lam_x, lam_g, g = self.x[:n], self.lam_x[:n], self.lam_g[:m], self.g[:m]
-        return replace(self, x=x, lam_x=lam_x, lam_g=lam_g, g=g)
-
     @cached_property
     def finite(self) -> bool:
         """Whether every number is finite."""
         numbers = (self.x, self.g, self.lam_x, self.lam_g)
         return all(bool(np.all(np.isfinite(values))) for values in numbers)
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate(Solution):
+    """A point of a planning problem that a solver stopped at."""
+
+    problem: Problem = field(kw_only=True)
+
+    @property
+    def statement(self) -> Statement:
+        """How the problem is stated, with what solved it and in how many iterations."""
+        return self.problem.statement.but(solver=self.solver, iterations=self.iterations)
+
+    @property
+    def tensions(self) -> Array:
+        """The tensions (n_tendons,) [N]."""
+        return self.problem.tensions(self.x)
+
+    @property
+    def multipliers(self) -> tuple[Array, Array]:
+        """Those of the unknowns before the states, and of the constraints besides equilibrium."""
+        return self.lam_x[: self.problem.n_free], self.lam_g[: self.problem.n_outer]
 
 
 _WATCH = Watch()
@@ -273,23 +289,28 @@ def solve(
     problem: Problem,
     x: Array,
     p: Array,
-    bounds: Bounds,
+    bounds: Bounds | None = None,
     multipliers: tuple[Array, Array] | None = None,
     purpose: Purpose = "search",
-) -> Solution:
-    """Solve from x; warm from multipliers (lam_x, lam_g) where the purpose is not a search."""
-    (lbx, ubx, lbg, ubg), n, m = bounds, x.size, problem.program.outer_rows[0].size
+) -> Candidate:
+    """Solve from x; warm from multipliers (lam_x, lam_g) where the purpose is not a search.
+
+    Within the problem's bounds, unless others are given.
+    """
+    lbx, ubx, lbg, ubg = bounds or problem.bounds
+    n, m = x.size, problem.program.outer_rows[0].size
     lam_x, lam_g = multipliers or (np.zeros(n), np.zeros(lbg.size))
     none, t = np.zeros(m), -RELAXED * lam_g[:m]
     relaxed = np.append(lbx, none - np.inf), np.append(ubx, none + np.inf), lbg, ubg
     run = solver(problem, purpose, LOG.isEnabledFor(logging.DEBUG))
-    solution = solved(run, np.append(x, t), p, relaxed, (np.append(lam_x, none), lam_g))
-    t = solution.x[n:]
-    f, g = solution.f - float(t @ t) / 2, solution.g + RELAXED * np.pad(t, (0, solution.g.size - m))
-    solution = replace(solution, x=solution.x[:n], lam_x=solution.lam_x[:n], f=f, g=g)
-    if np.abs(g[:m]).max(initial=0.0) <= MISSED:
-        return solution
-    return replace(solution, met=False, reason=STOPPED["Infeasible_Problem_Detected"])
+    end = solved(run, np.append(x, t), p, relaxed, (np.append(lam_x, none), lam_g))
+    t = end.x[n:]
+    f, g = end.f - float(t @ t) / 2, end.g + RELAXED * np.pad(t, (0, end.g.size - m))
+    met, reason = end.met, end.reason
+    if np.abs(g[:m]).max(initial=0.0) > MISSED:
+        met, reason = False, STOPPED["Infeasible_Problem_Detected"]
+    values = end.x[:n], end.lam_x[:n], end.lam_g, f, g
+    return Candidate(*values, met, reason, end.iterations, problem=problem)
 
 
 def solved(

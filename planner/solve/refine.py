@@ -13,7 +13,7 @@ Source: Stetter, "The defect correction principle and discretization methods", N
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -33,10 +33,7 @@ from planner.certificate import KKT_TOLERANCE
 from planner.measure import compliances_along
 from planner.program.optimality import Point
 from planner.program.problem import Bounds, Problem
-from planner.program.statement import Statement
-from planner.solve.ipopt import MAGNIFIED, Solution, solve
-from planner.solve.task import SearchResult, Task, Trial
-from planner.targets.base import Target
+from planner.solve.ipopt import MAGNIFIED, Candidate, solve
 
 # Corrections and meshes that are tried; the part of the accuracy that a defect may be off by, and
 # of what optimality is held to.
@@ -47,107 +44,74 @@ _ROUGH, _ELSEWHERE = 1e-3, 0.1
 _RELEASED, _OPTIMAL = 4, 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class Refined:
-    """An optimum that is corrected for its mesh's defect, and the shape that the arm comes to.
-
-    That is from rest.
-    """
-
-    statement: Statement
-    solution: Solution
-    tensions: Array
-    shape: Shape
-
-    def result(self, task: Task, trials: tuple[Trial, ...], jump: float = 0.0) -> SearchResult:
-        """Return what a search ends with."""
-        free = self.solution.free(task.problem(self.statement))
-        lam_x, lam_g = tuple(free.lam_x.tolist()), tuple(free.lam_g.tolist())
-        tensions = task.arm.by_section(self.tensions)
-        return SearchResult(self.statement, tensions, lam_x, lam_g, trials, jump=jump)
-
-
 def refine(
-    task: Task, statement: Statement, solution: Solution, corrected: Array | None = None
-) -> Refined | None:
+    candidate: Candidate, accuracy: float, corrected: Array | None = None
+) -> Candidate | None:
     """Return the optimum whose settled shape is what its program measures, to the last digits.
 
     To a part of the accuracy. None where the optimum is lost on the way, and where the arm comes to
-    another shape from rest. A solution that is polished already comes with the defect that its
+    another shape from rest. A candidate that is polished already comes with the defect that its
     program was `corrected` for.
     """
     try:
-        return _refined(task, statement, solution, corrected)
+        return _refined(candidate, accuracy, corrected)
     except (OctoplanError, np.linalg.LinAlgError):
         return None
 
 
-def _refined(
-    task: Task, statement: Statement, solution: Solution, corrected: Array | None
-) -> Refined | None:
+def _refined(candidate: Candidate, accuracy: float, corrected: Array | None) -> Candidate | None:
     """Return what refine does; raises where the arm does not settle, and where it buckles."""
     last = None
-    enough = max(min(task.accuracy, KKT_TOLERANCE) / _PART, FINEST_ACCURACY)
+    enough = max(min(accuracy, KKT_TOLERANCE) / _PART, FINEST_ACCURACY)
     for _ in range(_CORRECTIONS):
         check_time()
-        problem = task.problem(statement)
-        T = problem.tensions(solution.x, task.allowed)
-        shape = settled(task.arm, T, task.scene, task.accuracy, task.machine_code)
-        error = defect(problem, solution.x, task.targets, shape)
+        problem = candidate.problem
+        question = problem.arm, candidate.tensions, problem.scene, accuracy, problem.machine_code
+        shape = settled(*question)
+        error = defect(problem, candidate.x, shape)
         if corrected is not None and _defect_size(problem, error - corrected) <= enough:
-            stated = statement.but(solver=solution.solver, iterations=solution.iterations)
-            last = Refined(stated, solution, T, shape)
-            if statement.mode == "exact" or _is_optimal(task, statement, solution, error):
+            last = candidate
+            if problem.statement.mode == "exact" or _is_optimal(candidate, error):
                 return last
         rough = _defect_size(problem, error)
         if not rough <= _ELSEWHERE:
             return None
         corrected = error
         if rough > _ROUGH:
-            order = collocation_order(STAGES, task.scene.has(Friction))
-            finer = next_refinement(statement.refinement, rough, _ROUGH, order)
+            order = collocation_order(STAGES, problem.scene.has(Friction))
+            finer = next_refinement(problem.statement.refinement, rough, _ROUGH, order)
             if not finer:
                 return None
-            statement = statement.but(refinement=finer)
-            solution = settled_on(task, problem, statement, solution)
-            problem = task.problem(statement)
-            corrected = defect(problem, solution.x, task.targets, shape)
-        p, bounds = task.parameters(statement, defect=corrected), task.bounds(statement)
-        solution = polish(problem, solution, p, bounds)
-        if not (solution.met and solution.finite):
+            statement = problem.statement.but(refinement=finer)
+            candidate = settled_on(problem.but(statement), candidate)
+            corrected = defect(candidate.problem, candidate.x, shape)
+        candidate = polish(candidate, candidate.problem.parameters(defect=corrected))
+        if not (candidate.met and candidate.finite):
             return last
     return last
 
 
-def _is_optimal(task: Task, statement: Statement, solution: Solution, error: Array) -> bool:
+def _is_optimal(candidate: Candidate, error: Array) -> bool:
     """Return whether least squares are optimal with a defect, which enters their gradient."""
-    problem, p = task.problem(statement), task.parameters(statement, defect=error)
-    lam = solution.lam_x[: problem.n_free], solution.lam_g[: problem.n_outer]
-    residual = Point(problem, solution.x, p).residual(*lam, task.bounds(statement))
-    return residual <= KKT_TOLERANCE / _PART
+    p = candidate.problem.parameters(defect=error)
+    point = Point(candidate.problem, candidate.x, p)
+    return point.residual(*candidate.multipliers) <= KKT_TOLERANCE / _PART
 
 
-def settled_on(task: Task, problem: Problem, statement: Statement, solution: Solution) -> Solution:
-    """Return a solution on another mesh, in equilibrium there, with its multipliers.
+def settled_on(problem: Problem, candidate: Candidate) -> Candidate:
+    """Return a candidate on another mesh, in equilibrium there, with its multipliers.
 
     Strains that are interpolated alone are in none, and the defect would be theirs.
     """
-    other, p = task.problem(statement), task.parameters(statement)
-    T = problem.tensions(solution.x, task.allowed)
-    x = other.settled(T, task.allowed, p, problem.known(solution.x, task.allowed))
-    return with_multipliers(other, replace(solution, x=x).free(problem), x, p)
-
-
-def with_multipliers(problem: Problem, free: Solution, x: Array, p: Array) -> Solution:
-    """Return unknowns x with the multipliers that a solution without states has."""
-    lam_x = np.concatenate([free.lam_x, np.zeros(x.size - problem.n_free)])
-    lam_g = Point(problem, x, p).all_multipliers(free.lam_g)
-    return replace(free, x=x, lam_x=lam_x, lam_g=lam_g)
+    x = problem.settled(candidate.tensions, candidate.problem.known(candidate.x))
+    point = Point(problem, x, problem.parameters())
+    lam_x, lam_g = point.extended(*candidate.multipliers)
+    return replace(candidate, problem=problem, x=x, lam_x=lam_x, lam_g=lam_g)
 
 
 def polish(
-    problem: Problem, solution: Solution, p: Array, bounds: Bounds, warm: bool = False
-) -> Solution:
+    candidate: Candidate, p: Array, bounds: Bounds | None = None, warm: bool = False
+) -> Candidate:
     """Return the optimum to the last digits: tensions at their bounds are there exactly.
 
     An interior-point method stops a little inside of them. Those whose multipliers exceed their
@@ -156,53 +120,53 @@ def polish(
     left to meet the targets; where even that leads nowhere it is solved afresh, unless the start is
     to stay `warm`, and if that fails the last optimum is kept.
     """
-    n = problem.arm.n_tendons
-    lbx, ubx, lbg, ubg = bounds
-    x, pull = solution.x[:n], solution.lam_x[:n] * MAGNIFIED
+    problem, begun = candidate.problem, candidate
+    n, (lbx, ubx, lbg, ubg) = problem.arm.n_tendons, bounds or problem.bounds
+    x, pull = candidate.x[:n], candidate.lam_x[:n] * MAGNIFIED
     at_low, at_high = x - lbx[:n] < -pull, ubx[:n] - x < pull
-    even, begun = lbx[:n] == ubx[:n], solution
+    even = lbx[:n] == ubx[:n]
     for _ in range(_RELEASED):
         low, high = lbx.copy(), ubx.copy()
         high[:n] = np.where(at_low, lbx[:n], ubx[:n])
         low[:n] = np.where(at_high & ~at_low, ubx[:n], lbx[:n])
-        guess = np.clip(solution.x, low, high)
-        lam = solution.lam_x, solution.lam_g
+        guess = np.clip(candidate.x, low, high)
+        lam = candidate.lam_x, candidate.lam_g
         trial = solve(problem, guess, p, (low, high, lbg, ubg), lam, "polish")
         if not (trial.met and trial.finite):
             if not (at_low | at_high).any():
-                last = trial if warm else solve(problem, solution.x, p, bounds)
-                return last if last.met or solution is begun else solution
+                last = trial if warm else solve(problem, candidate.x, p, (lbx, ubx, lbg, ubg))
+                return last if last.met or candidate is begun else candidate
             at_low[:] = at_high[:] = False
             continue
-        point = Point(problem, trial.x, p)
-        lam_x, lam_g, rest = point.multipliers(bounds)
+        point = Point(problem, trial.x, p, (lbx, ubx, lbg, ubg))
+        lam_x, lam_g, rest = point.multipliers()
         optimal = bool(np.abs(rest).max() <= _OPTIMAL)
         if not optimal:
-            lam_g = trial.lam_g[: problem.n_outer]
-            lam_x = trial.lam_x[: problem.n_free].copy()
+            lam_x, lam_g = (lam.copy() for lam in trial.multipliers)
             held = at_low | at_high | even
             lam_x[:n] = np.where(held, -point.slope(lam_g)[:n], lam_x[:n])
-        solution = replace(
-            trial,
-            lam_x=np.append(lam_x, np.zeros(trial.x.size - lam_x.size)),
-            lam_g=point.all_multipliers(lam_g),
-            iterations=solution.iterations + trial.iterations,
-            solver=solution.solver,
-        )
         wrong = ~even & ((at_low & (lam_x[:n] > 0)) | (at_high & (lam_x[:n] < 0)))
+        lam_x, lam_g = point.extended(lam_x, lam_g)
+        candidate = replace(
+            trial,
+            lam_x=lam_x,
+            lam_g=lam_g,
+            iterations=candidate.iterations + trial.iterations,
+            solver=candidate.solver,
+        )
         if optimal or not wrong.any():
             break
         at_low, at_high = at_low & ~wrong, at_high & ~wrong
-    return solution
+    return candidate
 
 
-def defect(problem: Problem, x: Array, targets: tuple[Target, ...], shape: Shape) -> Array:
+def defect(problem: Problem, x: Array, shape: Shape) -> Array:
     """Return what is measured of the shape less what is of unknowns x: see Program.measured."""
     blocks, own_poses = problem.program.blocks, problem.poses(x)
     poses = shape.poses(np.array(problem.stations))
     poses[:, :4] *= np.where((poses * own_poses)[:, :4].sum(axis=1) < 0, -1.0, 1.0)[:, None]
-    compliances = compliances_along(problem.arm, targets, shape)
-    compliances = compliances - problem.compliances(x, problem.directions(targets))
+    compliances = compliances_along(problem.arm, problem.targets, shape)
+    compliances = compliances - problem.compliances(x)
     parts = [(poses - own_poses).ravel(), compliances]
     if blocks.modes:
         parts.append(shape.stability - x[blocks.eigenvalues])

@@ -28,8 +28,8 @@ from planner.program.limits import Limits
 from planner.program.problem import SEARCHED
 from planner.program.statement import Mode, Statement
 from planner.solve.fatrop import solve as by_stages
-from planner.solve.ipopt import Solution, solve
-from planner.solve.refine import Refined, refine
+from planner.solve.ipopt import Candidate, solve
+from planner.solve.refine import refine
 from planner.solve.task import SearchResult, Task, Trial, agreed
 from planner.targets.base import Target
 
@@ -64,20 +64,20 @@ class _Reading:
         Those that are left.
     trials : list of Trial
         One for each initial guess.
-    met : list of (Statement, Solution)
+    met : list of Candidate
         Optima that are as stable as they have to be.
-    unstable : list of (Statement, Solution)
+    unstable : list of Candidate
         Others.
     """
 
     mode: Mode
     guesses: Iterator[Array]
     trials: list[Trial] = field(default_factory=list)
-    met: list[tuple[Statement, Solution]] = field(default_factory=list)
-    unstable: list[tuple[Statement, Solution]] = field(default_factory=list)
+    met: list[Candidate] = field(default_factory=list)
+    unstable: list[Candidate] = field(default_factory=list)
 
     @property
-    def optima(self) -> list[tuple[Statement, Solution]]:
+    def optima(self) -> list[Candidate]:
         """All of them, by their objectives."""
         return sorted([*self.met, *self.unstable], key=_objective)
 
@@ -88,7 +88,7 @@ class Search:
     def __init__(self, task: Task) -> None:
         self.task = task
         self._now = _Reading("exact", iter(()))
-        self._last: tuple[Statement, Solution] | None = None
+        self._last: Candidate | None = None
         self._margin = task.statement.margin
         self._by_effort = conditions(task.arm, task.targets) > POINT
 
@@ -98,9 +98,9 @@ class Search:
         return self._now.trials
 
     @property
-    def met(self) -> list[Solution]:
+    def met(self) -> list[Candidate]:
         """Optima that are as stable as they have to be, of the same, by their objectives."""
-        return [solution for _, solution in sorted(self._now.met, key=_objective)]
+        return sorted(self._now.met, key=_objective)
 
     def run(self, seconds: float | None = None) -> SearchResult:
         """Return the best optimum from the guesses it takes, or the best so far after so long."""
@@ -124,9 +124,8 @@ class Search:
             if hasty and not reading.optima:
                 missed = reading
                 continue
-            if missed is not None and reading.optima and reading.optima[0][1].f <= _MET:
-                nearly = self.task.tensions(reading.optima[0][1])
-                missed.guesses = chain([nearly], missed.guesses)
+            if missed is not None and reading.optima and reading.optima[0].f <= _MET:
+                missed.guesses = chain([reading.optima[0].tensions], missed.guesses)
                 self._now, missed = missed, None
                 result = self._finished()
                 if result is not None:
@@ -154,7 +153,7 @@ class Search:
         That a default margin of stability cannot be had counts less than that targets are missed.
         """
         self._try()
-        met = self._now.mode != "exact" and any(s.f <= _MET for _, s in self._now.unstable)
+        met = self._now.mode != "exact" and any(s.f <= _MET for s in self._now.unstable)
         result = self._best(_MET if met and self.task.best_margin else np.inf)
         if result is None and self._now.unstable and self.task.best_margin:
             result = self._without_margin()
@@ -166,8 +165,9 @@ class Search:
         self.task, self._margin = replace(self.task, statement=stated, best_margin=False), 0.0
         optima, reading = [*self._now.met, *self._now.unstable], self._now
         self._now = replace(reading, met=[], unstable=[])
-        for statement, solution in optima:
-            self._sort(statement.but(margin=0.0), solution)
+        for optimum in optima:
+            stated = optimum.problem.statement.but(margin=0.0)
+            self._sort(replace(optimum, problem=optimum.problem.but(stated)))
         return self._best()
 
     def guesses(self) -> Iterator[Array]:
@@ -188,51 +188,47 @@ class Search:
             if self._enough():
                 return
             tell(_PHASES[reading.mode], len(reading.trials), self.task.most)
-            self._keep(statement, self.solve(statement, T))
+            self._keep(self.solve(statement, T))
 
-    def solve(self, statement: Statement, T: Array, near: bool = False) -> Solution:
+    def solve(self, statement: Statement, T: Array, near: bool = False) -> Candidate:
         """Return what tensions (n_tendons,) [N] lead to; an optimum near them if that is wanted."""
-        problem, p = self.task.problem(statement), self.task.parameters(statement, SEARCHED)
-        x, bounds = problem.guess(T, self.task.allowed, p, near), self.task.bounds(statement)
-        none = np.zeros(bounds[0].size), np.zeros(bounds[2].size)
-        solution = solve(problem, x, p, bounds, none, "near") if near else None
-        if solution is None and self.task.statement.solver == "fatrop":
-            solution = by_stages(problem, x, p, bounds)
-        if solution is None or not solution.met:
-            solution = solve(problem, x, p, bounds)
+        problem = self.task.problem(statement)
+        x, p = problem.guess(T, near), problem.parameters(SEARCHED)
+        candidate = solve(problem, x, p, purpose="near") if near else None
+        if candidate is None and self.task.statement.solver == "fatrop":
+            candidate = by_stages(problem, x, p)
+        if candidate is None or not candidate.met:
+            candidate = solve(problem, x, p)
         check_time()
-        return solution
+        return candidate
 
-    def _keep(self, statement: Statement, solution: Solution) -> None:
-        self._now.trials.append(Trial(solution.f, solution.met, solution.iterations))
-        if not solution.finite:
+    def _keep(self, candidate: Candidate) -> None:
+        self._now.trials.append(Trial(candidate.f, candidate.met, candidate.iterations))
+        if not candidate.finite:
             return
-        self._last = statement, solution
-        if solution.met:
-            self._sort(statement, solution)
+        self._last = candidate
+        if candidate.met:
+            self._sort(candidate)
 
-    def _sort(self, statement: Statement, solution: Solution) -> None:
+    def _sort(self, optimum: Candidate) -> None:
         """Keep an optimum with those that are as stable as they have to be, or with the others."""
-        if any(_is_same(solution, other) for _, other in self._now.optima):
+        if any(_is_same(optimum, other) for other in self._now.optima):
             return
-        T = self.task.tensions(solution)
-        least = self.task.problem(statement).stability(solution.x, T)
+        least = optimum.problem.stability(optimum.x)
         stable = least >= self._margin - _COARSE * (self._margin > 0)
-        (self._now.met if stable else self._now.unstable).append((statement, solution))
+        (self._now.met if stable else self._now.unstable).append(optimum)
 
-    def from_tensions(
-        self, mode: Mode, T: Array, near: bool
-    ) -> tuple[Task, Statement, Solution] | None:
-        """Return the optimum that tensions lead to, as stable as it has to be, and its task."""
-        statement, self._now = self.task.coarse(mode), _Reading(mode, iter(()))
-        self._keep(statement, self.solve(statement, T, near))
+    def from_tensions(self, mode: Mode, T: Array, near: bool) -> Candidate | None:
+        """Return the optimum that tensions lead to, as stable as it has to be."""
+        self._now = _Reading(mode, iter(()))
+        self._keep(self.solve(self.task.coarse(mode), T, near))
         if self._now.met:
-            return self.task, *self._now.met[0]
-        for before, solution in self._now.unstable:
+            return self._now.met[0]
+        for optimum in self._now.unstable:
             for floor in self._floors():
-                held = self._with_mode(before, solution.x, floor)
+                held = self._with_mode(optimum, floor)
                 if held is not None:
-                    return self.task.held(floor), *held
+                    return held
         return None
 
     def _floors(self) -> list[float]:
@@ -243,12 +239,15 @@ class Search:
         """Return whether enough guesses led to the best optimum, or later ones to dearer ones.
 
         The latter of guesses that come by effort, where the targets are met: how near a shape comes
-        has nothing to do with their order.
+        has nothing to do with their order. Of shapes that all but meet the targets one is enough:
+        exact ones are looked for from there.
         """
         if self.task.starts is not None:
             return False
         trials, exact = self.trials, self._now.mode == "exact"
         efforts = [trial.objective for trial in trials if trial.met]
+        if not exact and self.task.can_be_exact and min(efforts, default=np.inf) <= _MET:
+            return True
         if not self._by_effort:
             hard = len(trials) >= 2 * len(efforts) or not exact
             return agreed(trials) >= _AGREED + hard
@@ -257,58 +256,55 @@ class Search:
 
     def _best(self, limit: float = np.inf) -> SearchResult | None:
         """Return the best optimum up to a limit that is stable, and not lost on a finer mesh."""
-        lost, optima = None, [optimum for optimum in self._now.met if optimum[1].f <= limit]
-        for statement, solution in sorted(optima, key=_objective):
-            fine = self._held(solution.f) if self._now.unstable else None
-            fine = fine or refine(self.task, statement, solution)
+        lost, optima = None, [optimum for optimum in self.met if optimum.f <= limit]
+        for optimum in optima:
+            fine = self._held(optimum.f) if self._now.unstable else None
+            fine = fine or refine(optimum, self.task.accuracy)
             if fine is not None:
-                cheaper = 0.0 if lost is None else 1 - float(np.sqrt(lost / fine.solution.f))
-                return replace(self._result(fine), lost=cheaper if cheaper > 10 * _COARSE else 0.0)
-            lost = solution.f if lost is None else lost
+                cheaper = 0.0 if lost is None else 1 - float(np.sqrt(lost / fine.f))
+                cheaper = cheaper if cheaper > 10 * _COARSE else 0.0
+                return SearchResult.at(fine, self.trials, lost=cheaper)
+            lost = optimum.f if lost is None else lost
         held = self._held(limit)
-        return None if held is None else self._result(held)
+        return None if held is None else SearchResult.at(held, self.trials)
 
-    def _held(self, limit: float) -> Refined | None:
+    def _held(self, limit: float) -> Candidate | None:
         """Return an optimum held to stability, near unstable ones that cost less than a limit."""
-        different = {float(f"{s.f:.3g}"): (st, s) for st, s in self._now.unstable if s.f < limit}
+        different = {float(f"{each.f:.3g}"): each for each in self._now.unstable if each.f < limit}
         beside = [different[f] for f in sorted(different)[:_HELD]]
-        for before, solution in beside:
-            fine = self._refined_with_mode(before, solution.x, limit)
+        for optimum in beside:
+            fine = self._refined_with_mode(optimum, limit)
             if fine is not None:
                 return fine
         return None
 
-    def _refined_with_mode(self, before: Statement, x: Array, limit: float) -> Refined | None:
+    def _refined_with_mode(self, optimum: Candidate, limit: float) -> Candidate | None:
         """Return the optimum held to the lowest floor from which the arm comes there from rest."""
         for floor in self._floors():
-            held = self._with_mode(before, x, floor)
-            if held is None or held[1].f >= limit:
+            held = self._with_mode(optimum, floor)
+            if held is None or held.f >= limit:
                 return None
-            fine = refine(self.task.held(floor), *held)
+            fine = refine(held, self.task.accuracy)
             if fine is not None:
                 return fine
         return None
 
-    def _with_mode(
-        self, before: Statement, x: Array, floor: float
-    ) -> tuple[Statement, Solution] | None:
-        """Return the optimum with its least stable mode held to a floor, near unknowns without it.
+    def _with_mode(self, optimum: Candidate, floor: float) -> Candidate | None:
+        """Return the optimum with its least stable mode held to a floor, near one without it.
 
         None where there is none, and where another mode than the one held is less stable.
         """
-        task = self.task.held(floor)
-        statement = before.but(modes=1, floor=floor)
-        problem, p = task.problem(statement), task.parameters(statement, SEARCHED)
+        before = optimum.problem
+        problem = before.but(before.statement.but(modes=1, floor=floor))
         try:
-            x = problem.carried(x, self.task.problem(before), task.allowed, p)
+            x = problem.carried(optimum.x, before)
         except (OctoplanError, np.linalg.LinAlgError):
             return None
-        solution = solve(problem, x, p, task.bounds(statement))
+        held = solve(problem, x, problem.parameters(SEARCHED))
         check_time()
-        if not (solution.met and solution.finite):
+        if not (held.met and held.finite):
             return None
-        stable = problem.stability(solution.x, task.tensions(solution)) >= floor - _COARSE * floor
-        return (statement, solution) if stable else None
+        return held if problem.stability(held.x) >= floor - _COARSE * floor else None
 
     def _so_far(self, stopped: bool = True) -> SearchResult:
         """Return the best that was seen: of optima that of least effort, else what came last."""
@@ -317,23 +313,14 @@ class Search:
             *_, T = islice(drawn_arms(*self._asked), 2)
             statement = self.task.coarse("nearest")
             return SearchResult(statement, self.task.arm.by_section(T), (), (), (), stopped)
-        statement, solution = best
-        statement = statement.but(solver=solution.solver, iterations=solution.iterations)
-        T = self.task.tensions(solution)
-        free = solution.free(self.task.problem(statement))
-        lam_x, lam_g = tuple(free.lam_x.tolist()), tuple(free.lam_g.tolist())
-        tensions = self.task.arm.by_section(T)
-        return SearchResult(statement, tensions, lam_x, lam_g, tuple(self.trials), stopped)
-
-    def _result(self, fine: Refined) -> SearchResult:
-        return fine.result(self.task, tuple(self.trials))
+        return SearchResult.at(best, self.trials, stopped=stopped)
 
 
-def _is_same(one: Solution, other: Solution) -> bool:
-    """Return whether two solutions of a program are one."""
+def _is_same(one: Candidate, other: Candidate) -> bool:
+    """Return whether two candidates are one."""
     n = min(one.x.size, other.x.size)
     return bool(np.abs(one.x[:n] - other.x[:n]).max() <= _SAME)
 
 
-def _objective(optimum: tuple[Statement, Solution]) -> float:
-    return optimum[1].f
+def _objective(optimum: Candidate) -> float:
+    return optimum.f

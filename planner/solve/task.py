@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +14,11 @@ from model.effects import Extension
 from model.paths import Array
 from model.quantities import Count
 from model.scene import Scene
+from planner.avoidance.rows import Avoidance
 from planner.program.limits import Limits
-from planner.program.problem import REGULARISATION, Bounds, Problem, build, units
+from planner.program.problem import Problem
 from planner.program.statement import Mode, Statement
-from planner.solve.ipopt import Solution
+from planner.solve.ipopt import Candidate
 from planner.targets.base import Target
 
 # Initial guesses at most, unless a number is asked for.
@@ -65,10 +67,6 @@ class Task:
         effects = (effect for effect in self.scene.effects if isinstance(effect, Extension))
         return replace(self, scene=Scene(*effects))
 
-    def held(self, floor: float) -> Task:
-        """Return the same with the least stable mode held to the margin, and to a floor."""
-        return replace(self, statement=self.statement.but(modes=1, floor=floor))
-
     @cached_property
     def allowed(self) -> Limits:
         """The limits, with tendons that a target does not let pull held at their minima."""
@@ -76,10 +74,9 @@ class Task:
 
     def problem(self, statement: Statement) -> Problem:
         """Return the program by a statement."""
-        statement = statement.but(iterations=0)
         if statement not in self._problems:
-            stated = (self.arm, self.targets, self.scene, statement, self.machine_code)
-            self._problems[statement] = build(*stated)
+            question = (self.arm, self.scene, self.targets, self.allowed, statement)
+            self._problems[statement] = Problem(*question, self.machine_code)
         return self._problems[statement]
 
     @cached_property
@@ -94,19 +91,6 @@ class Task:
         """
         return self.statement.but(mode=mode, refinement=1 if self.scene.has(Extension) else 2)
 
-    def parameters(
-        self,
-        statement: Statement,
-        weight: float = REGULARISATION,
-        defect: Array | None = None,
-    ) -> Array:
-        """Return the parameters of the program by a statement, see Problem.parameters."""
-        return self.problem(statement).parameters(self.targets, self.allowed, weight, defect)
-
-    def bounds(self, statement: Statement) -> Bounds:
-        """Return the bounds of the program by a statement."""
-        return self.problem(statement).bounds(self.allowed)
-
     @cached_property
     def can_be_exact(self) -> bool:
         """Whether there are tendons enough to meet every equality and soft residual."""
@@ -117,11 +101,6 @@ class Task:
     def _rows(self) -> int:
         terms = self.problem(self.coarse("exact")).terms
         return int(terms.numel_out(0) + terms.numel_out(1))
-
-    def tensions(self, solution: Solution) -> Array:
-        """Return the tensions of a solution, of whatever statement (n_tendons,) [N]."""
-        T = solution.x[: self.arm.n_tendons] * units(self.arm, self.allowed)
-        return np.clip(T, self.allowed.lower, self.allowed.upper)
 
 
 def allowed(arm: Arm, targets: tuple[Target, ...], limits: Limits) -> Limits:
@@ -170,6 +149,8 @@ class SearchResult:
         Of an arm in contact, tensions by which it comes to the shape: from rest tensions and loads
         grow in proportion to the first, then they change in straight lines to the next and to the
         plan's. Empty where it comes there from rest.
+    avoidance : Avoidance or None
+        The inequalities of the program that keep the arm clear.
     """
 
     statement: Statement
@@ -183,6 +164,22 @@ class SearchResult:
     in_the_way: str = ""
     unstable: bool = False
     load_path: tuple[tuple[float, ...], ...] = ()
+    avoidance: Avoidance | None = None
+
+    @classmethod
+    def at(cls, end: Candidate, trials: Sequence[Trial], **more: Any) -> SearchResult:
+        """Return the result of a search that ends at a candidate, after trials."""
+        problem, (lam_x, lam_g) = end.problem, end.multipliers
+        kept = [target for target in problem.targets if isinstance(target, Avoidance)]
+        return SearchResult(
+            end.statement,
+            problem.arm.by_section(end.tensions),
+            tuple(lam_x.tolist()),
+            tuple(lam_g.tolist()),
+            tuple(trials),
+            avoidance=kept[0] if kept else None,
+            **more,
+        )
 
     @property
     def agreed(self) -> int:

@@ -16,8 +16,8 @@ import numpy as np
 from model.paths import Array
 from model.time_limit import OutOfTime, check_time
 from planner.answer import Answer, Optimum
-from planner.program.problem import Bounds, Problem, units
-from planner.solve.ipopt import Solution
+from planner.program.problem import Bounds
+from planner.solve.ipopt import Candidate
 from planner.solve.refine import polish, refine
 from planner.solve.task import SearchResult, Task, Trial
 from planner.targets.base import Target
@@ -43,22 +43,18 @@ def warm_start(near: Answer, task: Task) -> SearchResult | None:
         return None
     if _structure(near.stated, task) != _structure(task.targets, task):
         return None
-    statement = near.statement.but(iterations=0)
-    problem = task.problem(statement)
     try:
         start = near.optimum
-        continued = None if start is None else _continued(problem, start, near, task)
+        continued = None if start is None else _continued(start, near, task)
         if start is None or continued is None:
             return None
         optimum, apart = continued
-        fine = refine(task, statement, optimum, start.defect)
-        if fine is None:
-            return None
-        last = task.problem(fine.statement)
+        fine = refine(optimum, task.accuracy, start.defect)
         least = margin - _SLACK if margin else 0.0
-        if last.stability(fine.solution.x, fine.tensions) < least:
+        if fine is None or fine.problem.stability(fine.x) < least:
             return None
-        return fine.result(task, (Trial(optimum.f, True, optimum.iterations),), apart)
+        trials = (Trial(optimum.f, True, optimum.iterations),)
+        return SearchResult.at(fine, trials, jump=apart)
     except OutOfTime:
         T = np.clip(np.ravel(near.tensions), limits.lower, limits.upper)
         return SearchResult(near.statement, task.arm.by_section(T), (), (), (), stopped=True)
@@ -75,37 +71,33 @@ def _structure(targets: tuple[Target, ...], task: Task) -> tuple[object, ...]:
     return tuple((target.structure(task.arm), target.tendons(task.arm)) for target in targets)
 
 
-def _continued(
-    problem: Problem, origin: Optimum, near: Answer, task: Task
-) -> tuple[Solution, float] | None:
+def _continued(origin: Optimum, near: Answer, task: Task) -> tuple[Candidate, float] | None:
     """Return the optimum for a task, by steps in target numbers and minima from one nearby.
 
     And by how much the tensions jump, 0 where they change little by little.
     """
-    limits, n = task.allowed, problem.arm.n_tendons
-    x, lam_x, lam_g, error, _ = origin
-    start = Solution(x, lam_x, lam_g, 0, np.zeros(0), True, "", 0)
-    first, last = (
-        problem.parameters(which, limits, defect=error) for which in (near.stated, task.targets)
-    )
-    lbx, ubx, lbg, ubg = problem.bounds(limits)
-    unit = units(problem.arm, limits)
-    rise = np.zeros(lbx.size)
-    rise[:n] = (np.array(limits.lower) - near.limits.lower) / unit
+    problem, n = task.problem(near.statement), task.arm.n_tendons
+    values = origin.x, origin.lam_x, origin.lam_g, 0.0, np.zeros(0), True, "", 0
+    start = Candidate(*values, problem=problem)
+    before = problem.but(targets=near.stated)
+    first, last = (each.parameters(defect=origin.defect) for each in (before, problem))
+    lbx, ubx, lbg, ubg = problem.bounds
+    rise, unit = np.zeros(lbx.size), problem.unit
+    rise[:n] = (np.array(problem.limits.lower) - near.limits.lower) / unit
 
     def at(fraction: float) -> tuple[Array, Bounds]:
         left = (1 - fraction) * rise
         upper = np.where(lbx == ubx, ubx - left, ubx)
         return first + fraction * (last - first), (lbx - left, upper, lbg, ubg)
 
-    def stepped(step: float, most: float) -> Solution | None:
+    def stepped(step: float, most: float) -> Candidate | None:
         """Follow by steps whose tensions change by no more than `most`; None where that ends."""
         current, fraction = start, 0.0
         while fraction < 1:
             check_time()
             trial = min(1.0, fraction + step)
             p, bounds = at(trial)
-            following = polish(problem, current, p, bounds, warm=True)
+            following = polish(current, p, bounds, warm=True)
             apart = float(np.linalg.norm((following.x - current.x)[:n] * unit))
             if following.met and following.finite and apart <= most:
                 current, fraction, step = following, trial, 2 * step

@@ -29,7 +29,6 @@ from planner.program.problem import Bounds, Problem
 from planner.program.program import Program
 from planner.solve.ipopt import TOGETHER, WARM, Solution, derivatives
 from planner.solve.side_by_side import Part, SideBySide, joined
-from planner.targets.base import Target
 
 Counts = NDArray[np.int64]
 # Of effort over time, where time is made least; where effort is, of that over time beyond what is
@@ -44,10 +43,9 @@ _functions: WeakKeyDictionary[Program, dict[str, ca.Function]] = WeakKeyDictiona
 
 @dataclass(frozen=True, eq=False)
 class Stop:
-    """A waypoint as a program of its own for targets, with its parameters and bounds."""
+    """A waypoint as a program of its own, with its parameters and bounds."""
 
     problem: Problem
-    targets: tuple[Target, ...]
     p: Array
     bounds: Bounds
 

@@ -24,8 +24,8 @@ from model.time_limit import OutOfTime
 from planner.avoidance.rows import Avoidance
 from planner.plan import Plan
 from planner.program.objective import STRETCH
-from planner.program.problem import build, units
-from planner.solve.ipopt import Solution, solve
+from planner.program.problem import Problem, units
+from planner.solve.ipopt import Candidate, Solution, solve
 from planner.solve.refine import defect, settled
 from planner.solve.task import allowed
 from planner.solve.warm_start import jump
@@ -138,11 +138,8 @@ class Waypoints:
     def _optimum(self) -> Solution | None:
         """Move the waypoints to the optimum; None without one, or where the arm does not stand."""
         stops = [self._stop(waypoint) for waypoint in self.waypoints]
-        limits = self.question.limits
         pairs = zip(stops, self.waypoints, strict=True)
-        guess = [
-            stop.problem.guess(waypoint.tensions, limits, stop.p, True) for stop, waypoint in pairs
-        ]
+        guess = [stop.problem.guess(waypoint.tensions, True) for stop, waypoint in pairs]
         program, solution = MotionProgram(stops, self._coupling(), guess), None
         for k in range(_CORRECTED):
             tell("program over the waypoints", k, _CORRECTED)
@@ -150,9 +147,9 @@ class Waypoints:
             if not (solution.met and solution.finite):
                 return None
             x = program.waypoints(solution.x)
-            tensions = [s.problem.tensions(x_k, limits) for s, x_k in zip(stops, x, strict=True)]
+            tensions = [s.problem.tensions(x_k) for s, x_k in zip(stops, x, strict=True)]
             triples = list(zip(stops, x, tensions, strict=True))
-            if not k and not all(stop.problem.stability(x_k, T) > 0 for stop, x_k, T in triples):
+            if not k and not all(stop.problem.stability(x_k) > 0 for stop, x_k, _ in triples):
                 return None
             changed = zip(self.waypoints, tensions, strict=True)
             self.waypoints = [replace(waypoint, tensions=T) for waypoint, T in changed]
@@ -168,10 +165,9 @@ class Waypoints:
     def _stop(self, waypoint: Waypoint) -> Stop:
         """Return a waypoint as a program; tendons that may not pull there keep to their minima."""
         question = self.question
-        problem = build(
-            question.arm, waypoint.stated, question.scene, self.statement, question.machine_code
-        )
-        lbx, ubx, lbg, ubg = problem.bounds(question.limits)
+        stated = (question.arm, question.scene, waypoint.stated, question.limits, self.statement)
+        problem = Problem(*stated, question.machine_code)
+        lbx, ubx, lbg, ubg = problem.bounds
         at_targets = allowed(question.arm, waypoint.stated, question.limits)
         held = np.flatnonzero(np.array(at_targets.upper) <= question.limits.lower)
         ubx, lbg = ubx.copy(), lbg.copy()
@@ -179,8 +175,7 @@ class Waypoints:
         rows = problem.program.outer_rows
         short = np.repeat([row.name == STRETCH for row in rows], [row.size for row in rows])
         lbg[: short.size][short] += _CRUSHED
-        p = problem.parameters(waypoint.stated, question.limits)
-        return Stop(problem, waypoint.stated, p, (lbx, ubx, lbg, ubg))
+        return Stop(problem, problem.parameters(), (lbx, ubx, lbg, ubg))
 
     def _alone(self, first: Plan) -> list[Waypoint]:
         """Return an optimum of each target by itself, beginning with the plan for the first.
@@ -213,21 +208,20 @@ class Waypoints:
         self, first: Waypoint, targets: Sequence[tuple[Target, ...]]
     ) -> Iterator[Waypoint]:
         """Yield a waypoint, and those of further targets as far as its optimum leads."""
-        limits, waypoint, stop = self.question.limits, first, self._stop(first)
-        optimum: Solution | None = None
+        waypoint, stop = first, self._stop(first)
+        optimum: Candidate | None = None
         yield waypoint
         for following in targets:
             before, stop = stop, self._stop(replace(waypoint, targets=following))
-            if optimum is None or stop.problem is not before.problem:
-                x = stop.problem.guess(waypoint.tensions, limits, stop.p, True)
+            if optimum is None or stop.problem.program is not before.problem.program:
+                x = stop.problem.guess(waypoint.tensions, True)
                 optimum = solve(stop.problem, x, stop.p, stop.bounds, purpose="follow")
             else:
                 multipliers = optimum.lam_x, optimum.lam_g
                 optimum = solve(stop.problem, optimum.x, stop.p, stop.bounds, multipliers, "follow")
             if not (optimum.met and optimum.finite):
                 return
-            T = stop.problem.tensions(optimum.x, limits)
-            waypoint = replace(waypoint, targets=following, tensions=T)
+            waypoint = replace(waypoint, targets=following, tensions=optimum.tensions)
             yield waypoint
 
     def _coupling(self) -> Coupling:
@@ -253,8 +247,7 @@ class Waypoints:
         """Return a waypoint with the defect of its mesh, by the shape that settles."""
         question = self.question
         shape = settled(question.arm, T, question.scene, question.accuracy, question.machine_code)
-        off = defect(stop.problem, x, stop.targets, shape)
-        return replace(stop, p=stop.problem.parameters(stop.targets, question.limits, defect=off))
+        return replace(stop, p=stop.problem.parameters(defect=defect(stop.problem, x, shape)))
 
 
 def _violation(stop: Stop, x: Array) -> float:

@@ -22,7 +22,7 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from planner import Limits, Statement, build
+from planner import Limits, Problem, Statement
 from planner.targets import Backbone, TipPosition
 from tests.differences import Array, all_of, dense
 
@@ -76,15 +76,15 @@ def check_derivatives(arm: Arm, scene: Scene, mode: Any, modes: int = 0) -> None
     targets = (TipPosition((0.2, 0.05, 0.01)), through)
     limits = Limits.of(arm, 20.0)
     statement = Statement(mode=mode, refinement=1, modes=modes)
-    problem = build(arm, targets, scene, statement)
+    problem = Problem(arm, scene, targets, limits, statement)
     of, sigma, rng = problem.program, 0.7, np.random.default_rng(5)
     f, g, x, p = of.f, of.g, of.x, of.p
     theirs = ca.Function("first", [x, p], [f, ca.gradient(f, x), g, ca.jacobian(g, x)])
     lagrangian = of.sigma * f + ca.dot(of.lam, g)
     given = [x, p, of.sigma, of.lam]
     second = ca.Function("second", given, [of.hessian, ca.hessian(lagrangian, x)[0]])
-    at = problem.parameters(targets, limits)
-    here = problem.guess(rng.uniform(0, 0.3, arm.n_tendons), limits, at)
+    at = problem.parameters()
+    here = problem.guess(rng.uniform(0, 0.3, arm.n_tendons))
     here = here + 1e-2 * rng.normal(size=here.size)
     for one, other in zip(all_of(of, here, at), theirs(here, at), strict=True):
         other = dense(other)

@@ -16,8 +16,8 @@ from model.obstacles import HalfSpace
 from planner import Limits, Plan, Statement, load_plan, plan
 from planner.mirror import mirrors
 from planner.solve import search
-from planner.solve.ipopt import Solution
-from planner.solve.refine import Refined, refine
+from planner.solve.ipopt import Candidate
+from planner.solve.refine import refine
 from planner.solve.task import Task
 from planner.targets import TipPose, TipPosition
 from tests.planner.cases import PAPER, Array, drawn, moderate, off, read
@@ -282,9 +282,9 @@ def test_a_cheaper_optimum_that_is_lost_on_finer_meshes_is_told(
     target = TipPosition(tuple(settle(ARM, T, PAPER).tip))
     best = plan(ARM, target, PAPER, 20.0)
 
-    def losing(task: Task, statement: Statement, coarse: Solution) -> Refined | None:
+    def losing(coarse: Candidate, accuracy: float) -> Candidate | None:
         same = abs(coarse.f / min(s.objective for s in best.starts) - 1) < 1e-3
-        return None if same else refine(task, statement, coarse)
+        return None if same else refine(coarse, accuracy)
 
     monkeypatch.setattr(search, "refine", losing)
     found = plan(ARM, target, PAPER, 20.0, starts=8)

@@ -12,7 +12,7 @@ from model import Arm, Scene, settle
 from model.effects import Extension, TipLoad, Weight
 from model.equilibrium.forward import Collocation
 from model.equilibrium.stability import least_modes, rest_stiffness, stability
-from planner import Limits, Plan, Statement, build, load_plan, plan
+from planner import Limits, Plan, Problem, Statement, load_plan, plan
 from planner.targets import TipPosition
 from tests.differences import check_derivatives, whole
 
@@ -31,9 +31,8 @@ TARGET = TipPosition(tuple(settle(ARM, T, AIR).tip.tolist()))
 
 def test_derivatives_of_a_stability_are_differences_of_it() -> None:
     statement = Statement(refinement=1, modes=1)
-    problem, limits = build(ARM, (TARGET,), AIR, statement), Limits.of(ARM, 20.0)
-    p = problem.parameters((TARGET,), limits)
-    check_derivatives(whole(problem, p), problem.guess(T + 0.05, limits, p), 1e-4)
+    problem = Problem(ARM, AIR, (TARGET,), Limits.of(ARM, 20.0), statement)
+    check_derivatives(whole(problem, problem.parameters()), problem.guess(T + 0.05), 1e-4)
 
 
 def test_a_margin_is_held_and_costs_effort() -> None:
@@ -51,15 +50,15 @@ def test_a_margin_is_held_and_costs_effort() -> None:
 def test_unknowns_are_carried_to_another_mesh_as_they_are() -> None:
     """Their states are an equilibrium under their tensions, whatever these are."""
     limits, accuracies = Limits.of(ARM, 20.0), []
-    coarse, fine = (build(ARM, (TARGET,), AIR, Statement(refinement=k)) for k in (2, 4))
-    p, q = (problem.parameters((TARGET,), limits) for problem in (coarse, fine))
-    x = coarse.settled(T, limits, p)
-    held = build(ARM, (TARGET,), AIR, Statement(refinement=2, modes=1))
-    moded = held.carried(x, coarse, limits, held.parameters((TARGET,), limits))
+    coarse = Problem(ARM, AIR, (TARGET,), limits, Statement(refinement=2))
+    fine = coarse.but(Statement(refinement=4))
+    held = coarse.but(Statement(refinement=2, modes=1))
+    x = coarse.settled(T)
+    moded = held.carried(x, coarse)
     np.testing.assert_array_equal(held.states_of(moded), coarse.states_of(x))
-    y = fine.carried(x, coarse, limits, q)
-    for problem, unknowns, numbers in ((coarse, x, p), (fine, y, q)):
-        balance = problem.constraints(unknowns, numbers)[problem.n_outer :]
+    y = fine.carried(x, coarse)
+    for problem, unknowns in ((coarse, x), (fine, y)):
+        balance = problem.constraints(unknowns, problem.parameters())[problem.n_outer :]
         accuracies.append(float(np.abs(balance).max()))
     assert accuracies[0] < 1e-8
     assert accuracies[1] < 1e-2

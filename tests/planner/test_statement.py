@@ -15,7 +15,7 @@ from planner import plan
 from planner.certificate import Certificate
 from planner.outcome import Facts, sentence
 from planner.program.limits import Limits
-from planner.program.problem import build
+from planner.program.problem import Problem
 from planner.program.statement import Statement
 from planner.solve.fatrop import stages
 from planner.targets import BendingPlane, TipPosition
@@ -53,10 +53,9 @@ def flat(values: Any) -> Array:
 
 
 def test_derivatives_of_the_program_in_stages_are_those_of_differences() -> None:
-    problem = build(ARM, (TARGET,), PAPER, Statement(refinement=1))
-    limits = Limits.of(ARM, 20.0)
-    p = problem.parameters((TARGET,), limits)
-    x = problem.guess(np.linspace(0.1, 0.5, 12), limits, p)
+    limits, statement = Limits.of(ARM, 20.0), Statement(refinement=1)
+    problem = Problem(ARM, PAPER, (TARGET,), limits, statement)
+    p, x = problem.parameters(), problem.guess(np.linspace(0.1, 0.5, 12))
     of, rng = stages(problem.program), np.random.default_rng(0)
     solver = of.solver.function
     first, second = (solver.get_function(f"nlp_{own}") for own in ("jac_g", "hess_l"))

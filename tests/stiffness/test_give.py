@@ -9,7 +9,7 @@ import pytest
 
 from model import Arm, Scene
 from model.effects import Current, Effect, Extension, Friction, Shear, TipLoad
-from planner import Limits, Statement, build, stiffness
+from planner import Limits, Statement, stiffness
 from planner.program.problem import Problem
 from planner.targets import MinimumStiffness, Softest, Stiffest, Target, TipPosition
 from tests.differences import check_derivatives, whole
@@ -52,9 +52,9 @@ def stated(arm: Arm, effects: tuple[Effect, ...], target: Target) -> tuple[Probl
     """A small problem with a stiffness, its parameters, and its unknowns at settled tensions."""
     targets, limits = (TipPosition((0.2, 0.05, 0.01)), target), Limits.of(arm, 20.0)
     statement = Statement(refinement=1)
-    problem = build(arm, targets, Scene(*effects), statement)
-    p, rng = problem.parameters(targets, limits), np.random.default_rng(5)
-    return problem, p, problem.guess(rng.uniform(0.05, 0.3, arm.n_tendons), limits, p)
+    problem = Problem(arm, Scene(*effects), targets, limits, statement)
+    p, rng = problem.parameters(), np.random.default_rng(5)
+    return problem, p, problem.guess(rng.uniform(0.05, 0.3, arm.n_tendons))
 
 
 @pytest.mark.quick("no load", "payload", "in water, a matrix", "in water, locked")
@@ -88,9 +88,8 @@ def test_what_a_program_sees_is_what_stiffness_says(name: str, hold: Any) -> Non
     limits, statement = Limits.of(ARM, 20.0), Statement(refinement=8)
     for share in (1.0, 0.8):
         targets = (MinimumStiffness(ALONG, share * wanted, hold, EA_held),)
-        problem = build(ARM, targets, scene, statement)
-        p = problem.parameters(targets, limits)
-        g = problem.constraints(problem.settled(T, limits, p), p)
+        problem = Problem(ARM, scene, targets, limits, statement)
+        g = problem.constraints(problem.settled(T), problem.parameters())
         assert problem.rows[1].name == "inequality" and problem.rows[0].size == 0
         assert g[0] == pytest.approx(1 - share, abs=1e-7)
 
@@ -102,11 +101,10 @@ def test_a_program_sees_all_directions_of_a_matrix(hold: Any) -> None:
     k = stiffness(ARM, T, scene, hold, accuracy=1e-9, tendon_EA=EA_held)
     target = MinimumStiffness(MATRIX, 0.5, hold, EA_held)
     statement, limits = Statement(refinement=8), Limits.of(ARM, 20.0)
-    problem = build(ARM, (target,), scene, statement)
-    p = problem.parameters((target,), limits)
+    problem = Problem(ARM, scene, (target,), limits, statement)
     values, vectors = np.linalg.eigh(np.array(MATRIX))
     root = vectors @ np.diag(np.sqrt(0.5 * values)) @ vectors.T
     spare = np.eye(3) - root @ k.compliance[:3, :3] @ root
     wanted = [*np.diag(spare), np.linalg.det(spare)]
-    found = problem.constraints(problem.settled(T, limits, p), p)[:7][[0, 1, 2, 6]]
+    found = problem.constraints(problem.settled(T), problem.parameters())[:7][[0, 1, 2, 6]]
     assert found == pytest.approx(wanted, rel=1e-6)
