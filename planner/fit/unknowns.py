@@ -17,13 +17,12 @@ from model import Arm, InputError, Scene, UnitWarning
 from model.loads import check_loads
 from model.paths import Array
 from model.value import Rule, value
-from planner.io.annotations import UNITS
 from planner.io.key_paths import changed, checked_key, steps, unit_of, value_at
 from planner.io.scene_file import arm_in, checked_table, scene_in, scene_table
 from planner.io.scene_tables import whole
 
 _SENSOR = re.compile(r"points\[\d+\]\.(s_mm|offset_mm\[[012]\])|tension_scale\[\d+\]")
-_MODEL, MM = ("arm.", "effects."), UNITS["mm"]
+_MODEL, MM = ("arm.", "effects."), 1e-3
 # Steps of difference quotients, over the bounds' range; how near a bound an unknown is at it.
 _STEP, AT_BOUND = 2e-8, 1e-6
 

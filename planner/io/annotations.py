@@ -12,14 +12,15 @@ from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from msgspec import Meta
 
-# Units of keys by their names, as multiples of SI's, and these.
+# Units of keys by their names, and what numbers in them are multiplied by and divided by for SI's:
+# so 6.5 mm are the number nearest to 0.0065, as a script has it. Then the names of SI's.
 UNITS = {
-    "mm": 1e-3,
-    "mm/s": 1e-3,
-    "mm/s2": 1e-3,
-    "g": 1e-3,
-    "kPa": 1e3,
-    "deg": math.pi / 180,
+    "mm": (1.0, 1e3),
+    "mm/s": (1.0, 1e3),
+    "mm/s2": (1.0, 1e3),
+    "g": (1.0, 1e3),
+    "kPa": (1e3, 1.0),
+    "deg": (math.pi / 180, 1.0),
 }
 SI = {"mm": "m", "g": "kg", "kPa": "Pa", "deg": "rad"}
 

@@ -141,7 +141,8 @@ def in_si(value: Any, unit: str | None) -> Any:
     if isinstance(value, list | tuple):
         return tuple(in_si(item, unit) for item in value)
     if unit in UNITS and isinstance(value, int | float) and not isinstance(value, bool):
-        return value * UNITS[unit]
+        times, over = UNITS[unit]
+        return value * times / over
     return value
 
 
@@ -223,14 +224,11 @@ def number_in(value: float, unit: str) -> float:
     """Return a number of SI in a unit: the one of fewest digits that is read as it, or nearest."""
     if unit not in UNITS:
         return value
-    size = UNITS[unit]
-    for digits in (15, 16, 17):
-        result = float(f"{value / size:.{digits}g}")
-        if result * size == value:
-            return result
-    near = value / size
-    others = (near, math.nextafter(near, math.inf), math.nextafter(near, -math.inf))
-    return next((item for item in others if item * size == value), near)
+    times, over = UNITS[unit]
+    near = value / times * over
+    short = [float(f"{near:.{digits}g}") for digits in (15, 16)]
+    beside = [near, math.nextafter(near, math.inf), math.nextafter(near, -math.inf)]
+    return next((item for item in short + beside if item * times / over == value), near)
 
 
 def plain(value: Any) -> Any:

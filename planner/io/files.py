@@ -160,16 +160,6 @@ def write_named(path: str | Path, suffix: str, content: bytes) -> Path:
     return path
 
 
-def read_file(path: Path) -> bytes:
-    """Return what a file holds; OSError for what is none, such as a pipe, which might never end.
-
-    ValueError for names that no file can have.
-    """
-    if path.exists() and not path.is_file() and not path.is_dir():
-        raise OSError(errno.EINVAL, "this is no ordinary file")
-    return path.read_bytes()
-
-
 def why(reason: OSError | ValueError) -> str:
     """Return why a file cannot be read or written, in the system's words."""
     text = reason.strerror if isinstance(reason, OSError) else None

@@ -15,12 +15,13 @@ import csv
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 from msgspec import Meta
 
-from model import Arm, Scene
+from model import Arm, InputError, Scene
 from model.errors import FileError
 from model.quantities import NotNegative, Positive
 from planner.fit.calibrate import calibrate
@@ -29,13 +30,14 @@ from planner.fit.design import design
 from planner.fit.designed import Design
 from planner.fit.making import Making, Objective, Reach
 from planner.fit.measured import Measured
-from planner.fit.unknowns import MM, Unknown
+from planner.fit.unknowns import Unknown
 from planner.io.annotations import quantity
 from planner.io.arm_tables import VECTOR
 from planner.io.codec import Table, in_si, value_of
-from planner.io.mistakes import told_in
+from planner.io.decoding import bytes_of, read_toml
+from planner.io.mistakes import checked, told_in
 from planner.io.object_tables import ObjectiveTable, TargetTable
-from planner.io.scene_file import converted, decoded, scene_beside, text_of
+from planner.io.scene_file import asked, scene_beside
 from planner.io.scene_tables import SceneKey
 from planner.io.tables import Accuracy, table
 
@@ -117,9 +119,10 @@ class Asked:
 def load_asked(path: str | Path) -> Asked:
     """Return what a calibration file asks; FileError with the file, the key and what is allowed."""
     path = Path(path)
-    name, needed = str(path), f"a calibration file is such as {_SUCH}"
-    file = converted(decoded(text_of(path), name), CalibrationFile, "unknowns", name, needed)
-    question = scene_beside(file.scene, path)
+    name, needed = str(path), {"unknowns": f"a calibration file is such as {_SUCH}"}
+    file = checked(read_toml(path)[0], CalibrationFile, name, needed)
+    with scene_beside(file.scene, path) as (scene, scene_name, _):
+        question = asked(scene, scene_name)
     names = [point.name for point in file.points]
     if len(set(names)) < len(names):
         raise FileError(name, "points", f"got {', '.join(names)}; allowed is each name once")
@@ -134,9 +137,10 @@ def load_asked(path: str | Path) -> Asked:
 def run_design(path: str | Path) -> Design:
     """Return the design that a file asks for; FileError with the file and the key."""
     path = Path(path)
-    name, needed = str(path), f"a design file is such as {_DESIGN}"
-    file = converted(decoded(text_of(path), name), DesignFile, "tasks", name, needed)
-    question = scene_beside(file.scene, path)
+    name, needed = str(path), {"tasks": f"a design file is such as {_DESIGN}"}
+    file = checked(read_toml(path)[0], DesignFile, name, needed)
+    with scene_beside(file.scene, path) as (scene, scene_name, _):
+        question = asked(scene, scene_name)
     if question.options.get("tension_min") or question.options.get("total_pull"):
         text = "got tension_min or total_pull, allowed is tension_max alone in a design"
         raise FileError(name, "limits", text)
@@ -162,80 +166,82 @@ def load_shapes(
 ) -> tuple[Measured, ...]:
     """Return the shapes of a CSV file; FileError with the row and the column for what is wrong."""
     name = str(path)
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as reason:
-        message = getattr(reason, "strerror", None) or str(reason)
-        raise FileError(name, "", f"{message.lower()}; a CSV file of shapes is wanted") from None
-    reader = csv.reader(text.splitlines())
-    header = [cell.strip() for cell in next(reader, [])]
-    columns = _Columns(name, arm, points, std, header)
-    rows = [(line, row) for line, row in enumerate(reader, 2) if any(row)]
-    if not rows:
-        raise FileError(name, "", "no shapes; a line of names, then a shape a line")
+    text = bytes_of(Path(path), lambda: "a CSV file of shapes is wanted")
+    lines = csv.reader(text.decode("utf-8-sig", errors="replace").splitlines())
+    header = [cell.strip() for cell in next(lines, [])]
+    columns = _Columns.of(arm, points)
+    columns.check(name, header)
     result = []
-    for line, row in rows:
-        with told_in(name, f"line {line}"):
-            result.append(columns.shape(line, row))
+    for number, row in enumerate(lines, 2):
+        where = f"line {number}"
+        if len(row) not in (0, len(header)):
+            raise FileError(name, where, f"{len(row)} cells; the header has {len(header)}")
+        cells = {column: cell.strip() for column, cell in zip(header, row, strict=False)}
+        if any(row):
+            with told_in(name, where):
+                more = {"name": cells.get("name") or where, "session": cells.get("session", "")}
+                result.append(columns.measured(points, cells, std, **more))
+    if not result:
+        raise FileError(name, "", "no shapes; a line of names, then a shape a line")
     return tuple(result)
 
 
-class _Columns:
-    """The columns of a file of shapes, which read its rows."""
+class _Columns(NamedTuple):
+    """The names of the columns of a file of shapes, those of what is measured together."""
 
-    def __init__(
-        self, name: str, arm: Arm, points: Sequence[PointTable], std: float, header: list[str]
-    ) -> None:
-        self.name, self.points, self.std, self.header = name, points, std, header
+    tensions: list[str]
+    lengths: list[str]
+    strokes: list[str]
+    tip: list[str]
+    places: list[list[str]]
+
+    @classmethod
+    def of(cls, arm: Arm, points: Sequence[PointTable]) -> _Columns:
+        """Return the columns of an arm with markers on it."""
         tendons = arm.tendon_names
-        self.tensions = [f"{tendon}_N" for tendon in tendons]
-        self.places = {what: [f"{what}_{x}_mm" for x in "xyz"] for what in self._seen}
-        self.runs = {k: [f"{k}_{tendon}_mm" for tendon in tendons] for k in ("length", "stroke")}
-        groups = [*self.places.values(), *self.runs.values()]
-        names = ["name", "session", *self.tensions, *(item for group in groups for item in group)]
+        lengths, strokes = ([f"{k}_{j}_mm" for j in tendons] for k in ("length", "stroke"))
+        *places, tip = ([f"{k}_{x}_mm" for x in "xyz"] for k in (*(p.name for p in points), "tip"))
+        return cls([f"{tendon}_N" for tendon in tendons], lengths, strokes, tip, places)
+
+    def check(self, name: str, header: list[str]) -> None:
+        """Raise FileError for columns of a header that are not known or missing."""
+        known = ["name", "session", *self.tensions, *chain(*self.places), *self.tip]
+        known += [*self.lengths, *self.strokes]
         for column in header:
-            if column not in names or header.count(column) > 1:
-                allowed = f"columns, each once, of {', '.join(names)}"
+            if column not in known or header.count(column) > 1:
+                allowed = f"columns, each once, of {', '.join(known)}"
                 raise FileError(name, "line 1", f"got {column!r}, allowed are {allowed}")
         for column in self.tensions:
             if column not in header:
                 raise FileError(name, "line 1", f"missing column {column}")
 
-    @property
-    def _seen(self) -> list[str]:
-        return [*(point.name for point in self.points), "tip"]
-
-    def shape(self, line: int, row: list[str]) -> Measured:
-        """Return the shape of a row."""
-        where = f"line {line}"
-        if len(row) != len(self.header):
-            text = f"{len(row)} cells; the header has {len(self.header)}"
-            raise FileError(self.name, where, text)
-        cells = dict(zip(self.header, (cell.strip() for cell in row), strict=True))
-
-        def values(columns: list[str], scale: float = MM) -> list[float] | None:
-            arguments = [cells.get(column, "") for column in columns]
-            pairs = zip(columns, arguments, strict=True)
-            return (
-                [scale * self._number(where, *item) for item in pairs] if any(arguments) else None
-            )
-
-        tensions = values(self.tensions, 1.0)
+    def measured(
+        self, points: Sequence[PointTable], cells: dict[str, str], std: float, **more: Any
+    ) -> Measured:
+        """Return the shape of a row; InputError that names the column of what is no number."""
+        tensions, lengths, strokes, tip = (_values(of, cells) for of in self[:4])
         if tensions is None:
-            raise FileError(self.name, where, "no tensions")
-        places = {what: values(columns) for what, columns in self.places.items()}
-        points = [(MM * p.s_mm, [MM * x for x in p.offset_mm], places[p.name]) for p in self.points]
-        lengths, strokes = map(values, self.runs.values())
-        session, name = cells.get("session", ""), cells.get("name") or where
-        more = {"lengths": lengths, "strokes": strokes, "session": session, "name": name}
-        return Measured(tensions, points, tip=places["tip"], std=self.std, **more)  # type: ignore[arg-type]
+            raise InputError("tensions", "empty cells", "a number for each tendon")
+        rows = [
+            (in_si(point.s_mm, "mm"), in_si(point.offset_mm, "mm"), _values(place, cells))
+            for point, place in zip(points, self.places, strict=True)
+        ]
+        more |= {"tip": tip, "lengths": lengths, "strokes": strokes, "std": std}
+        return Measured(tensions, rows, **more)  # type: ignore[arg-type]
 
-    def _number(self, where: str, column: str, cell: str) -> float:
+
+def _values(columns: list[str], cells: dict[str, str]) -> list[float] | None:
+    """Return what cells hold, in SI units; None where they are empty."""
+    if not any(cells.get(column) for column in columns):
+        return None
+    result = []
+    for column in columns:
         try:
-            value = float(cell)
+            value = float(cells.get(column, ""))
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
             allowed = "a number; leave all cells of a marker that was not seen empty"
-            raise FileError(self.name, f"{where}, {column}", f"got {cell!r}, allowed is {allowed}")
-        return value
+            raise InputError(column, cells.get(column, ""), allowed)
+        result.append(in_si(value, "mm" if column.endswith("_mm") else "N"))
+    return result

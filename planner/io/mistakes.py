@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from typing import Any, Literal, get_args, get_origin
 
@@ -23,6 +23,7 @@ from planner.io.key_paths import Kind, Step, hint, kinds_at, places, steps, type
 from planner.io.object_tables import KEYS
 
 _LONG = 60
+_NOTHING: Mapping[str, str] = {}
 _WORDS: dict[Any, str] = {
     int: "a whole number",
     float: "a number",
@@ -37,8 +38,14 @@ _SIGNS: dict[str, Any] = {
 }
 
 
-def checked(table: Any, kind: Any, name: str) -> Any:
-    """Return what a file holds as a table of a kind; FileError where a key is missing or wrong."""
+def checked(table: Any, kind: Any, name: str, needed: Mapping[str, str] = _NOTHING) -> Any:
+    """Return what a file holds as a table of a kind; FileError where a key is missing or wrong.
+
+    `needed` are keys without which it is another file, and what is said where one is missing.
+    """
+    for key, text in needed.items():
+        if key not in table:
+            raise FileError(name, key, f"missing; {text}")
     try:
         return msgspec.convert(table, kind)
     except msgspec.ValidationError as reason:
@@ -139,42 +146,6 @@ def _wrong_keys(
     missing = next((item.name for item in required if item.name not in entries), "")
     text = f"missing; {f'[{path}]' if path else 'the file'} needs it"
     return FileError(name, f"{where}{missing}", text)
-
-
-_REMEDIES = (
-    (r"=\s*-?\d+,\d", "decimal numbers have a point: 0.5"),
-    (
-        r"=\s*[A-Za-z_][\w-]*\s*(#.*)?$",
-        'text goes in quotes, as in preset = "table-4"; true, false',
-    ),
-    (r"=\s*-?[\d.]+\s*[A-Za-z]", "a number stands alone; its unit is in the key"),
-    (r"=\s*-?\.\d|=\s*-?\d+\.(\D|$)", "digits on both sides of a point: 0.5, 3.0"),
-    (r"^\s*[\w.]+\s*:", "keys and values are joined by =, as in nu = 0.5"),
-    (r"^\s*\[[^\]]*$", "a table begins with its name in brackets, as in [arm]"),
-)
-
-
-def no_toml(reason: str, text: bytes, name: str) -> FileError:
-    """Return what a parser said of a text as an error that names the file and shows the line.
-
-    Parameters
-    ----------
-    reason : str
-        The parser's words, with "(at line 3, column 5)" at their end where it knows the place.
-    text : bytes
-        What the file holds.
-    name : str
-        Of the file.
-    """
-    words, _, place = reason.rpartition(" (at line ")
-    number = place.partition(",")[0]
-    if not number.isdigit():
-        return FileError(name, "", f"this is not valid TOML: {reason}")
-    lines = text.decode(errors="replace").splitlines()[int(number) - 1 : int(number)]
-    line = lines[0].strip() if lines else ""
-    remedy = next((f"; {message}" for wrong, message in _REMEDIES if re.search(wrong, line)), "")
-    message = f"not valid TOML: {words[:1].lower()}{words[1:]}: {shortened(line)}{remedy}"
-    return FileError(name, f"line {number}", message)
 
 
 def _as_written(reason: InputError, name: str, key: str, part: Any) -> FileError:

@@ -16,7 +16,7 @@ from model.mesh import checked_accuracy
 from planner.avoidance.asked import surroundings
 from planner.fit.calibration import Calibration
 from planner.io.codec import read, value_of
-from planner.io.files import read_file, why
+from planner.io.decoding import read_json
 from planner.io.mistakes import checked, shown, told_in
 from planner.io.saved_records import AnswerRecord, CalibrationQuestion, FitRecord, QuestionRecord
 from planner.plan import HeldPlan, Plan
@@ -26,7 +26,7 @@ from planner.question import check_planned, check_targets, checked_margin
 from planner.solve.task import Task
 from planner.tendon_lengths import zeroed_at
 
-# The number at the end of `schema` of what is written, and the earliest that is read.
+# The number at the end of `schema` of what is written and read.
 _VERSION = 1
 
 
@@ -44,29 +44,6 @@ class SavedCalibration(msgspec.Struct):
     fit: FitRecord
 
 
-def _record(name: str, kind: Any, what: str) -> Any:
-    """Return what a saved file of a kind holds; FileError for others, with what to do."""
-    try:
-        text = read_file(Path(name))
-    except (OSError, ValueError) as reason:
-        raise FileError(name, "", f"{why(reason)}; a {what} that was saved is wanted") from None
-    try:
-        table = msgspec.json.decode(text)
-    except (msgspec.DecodeError, ValueError, RecursionError) as reason:
-        raise FileError(name, "", f"this is not valid JSON: {reason}") from None
-    if not isinstance(table, dict):
-        raise FileError(name, "the file", f"got {shown(table)}, allowed is a {what} that was saved")
-    wanted, result = f"octoplan {what} {_VERSION}", table.get("schema")
-    if result == wanted:
-        return checked(table, kind, name)
-    message = f"got {shown(result)}, allowed is one of {wanted}"
-    if result is None:
-        message = f'missing; a saved {what} has schema = "{wanted}"'
-    elif isinstance(result, str) and result.startswith(f"octoplan {what} "):
-        message += "; another version of octoplan wrote it: load it there, or find it again here"
-    raise FileError(name, "schema", message)
-
-
 def load_plan(path: str | Path) -> Plan:
     """Return the plan that `Plan.save` or `octoplan plan --json` wrote.
 
@@ -79,7 +56,7 @@ def load_plan(path: str | Path) -> Plan:
         With the file and the place, for what cannot be read or is not a plan.
     """
     name = str(path)
-    saved = _record(name, SavedPlan, "plan")
+    saved = checked(read_json(Path(path), "plan", _VERSION), SavedPlan, name)
     question, answer = saved.question, saved.answer
     task = _task(name, question, answer)
     with told_in(name, "answer"):
@@ -155,7 +132,7 @@ def load_calibration(path: str | Path) -> Calibration:
     anew. Raises FileError for what cannot be read or is none.
     """
     name = str(path)
-    saved = _record(name, SavedCalibration, "calibration")
+    saved = checked(read_json(Path(path), "calibration", _VERSION), SavedCalibration, name)
     question, fit = saved.question, saved.fit
     with told_in(name, "question"):
         arm, scene = value_of(question.arm), value_of(question.scene)

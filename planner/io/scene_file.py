@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-import msgspec
 import numpy as np
 
 from model import Arm, InputError, Scene
@@ -23,9 +21,9 @@ from model.winches import Winches, rest_lengths
 from planner.avoidance.asked import surroundings
 from planner.io.arm_tables import ArmTable, arm_of
 from planner.io.codec import arguments_of, in_si, table_of, value_of, written
-from planner.io.files import read_file, why
+from planner.io.decoding import read_toml, toml_of
 from planner.io.key_paths import steps, value_at
-from planner.io.mistakes import checked, no_toml, told_in
+from planner.io.mistakes import checked, told_in
 from planner.io.object_tables import EffectsTable, inlined, scene_of
 from planner.io.scene_tables import (
     LimitsTable,
@@ -96,28 +94,15 @@ def load(path: str | Path) -> Question:
     FileError
         With the file, the key's path, what is there and what is allowed.
     """
-    return read(text_of(Path(path)), str(path))
-
-
-def text_of(path: Path) -> bytes:
-    """Return the text of a TOML file; FileError where it cannot be read or is of another kind."""
-    try:
-        text = read_file(path)
-    except (OSError, ValueError) as reason:
-        raise FileError(str(path), "", f"{why(reason)}; {_instead(path)}") from None
-    if path.suffix.lower() != ".toml":
-        raise FileError(
-            str(path), "", "no scene file: those are TOML, with names that end in .toml"
-        )
-    return text
+    return asked(read_toml(Path(path))[0], str(path))
 
 
 def read(text: bytes, name: str = "scene") -> Question:
     """Return the question of a scene file's text; see load."""
-    return _given(decoded(text, name), name)
+    return asked(toml_of(text, name), name)
 
 
-def _given(raw: dict[str, Any], name: str) -> Question:
+def asked(raw: dict[str, Any], name: str) -> Question:
     """Return the question of what somebody wrote: likely slips in it are told as UnitWarning."""
     question = question_of(raw, name)
     warn_of_slips(raw)
@@ -199,42 +184,23 @@ def _surroundings(
     return keywords if around else {}
 
 
-def _instead(path: Path) -> str:
-    """Return what to name in place of a file that cannot be read."""
-    others: dict[str, str] = {}
-    with suppress(OSError, ValueError):
-        result = (other for other in path.parent.glob("*.toml") if other.is_file())
-        others = {other.stem: other.name for other in result}
-    near = difflib.get_close_matches(path.stem, others, 1)
-    if near:
-        return f'did you mean "{path.with_name(others[near[0]])}"?'
-    return "a scene file is wanted, `octoplan new FILE` writes one"
+@contextmanager
+def scene_beside(
+    scene: str | dict[str, Any], path: Path
+) -> Iterator[tuple[dict[str, Any], str, str]]:
+    """Yield what a scene holds that a file at a path holds or names, its name, and its text.
 
-
-def decoded(text: bytes, name: str) -> dict[str, Any]:
-    """Return what a TOML text holds; FileError with the line where it is none."""
-    try:
-        return dict(msgspec.toml.decode(text))
-    except (msgspec.DecodeError, ValueError, RecursionError) as reason:
-        raise no_toml(str(reason), text, name) from None
-
-
-def converted(raw: dict[str, Any], kind: Any, key: str, name: str, needed: str) -> Any:
-    """Return what a file holds as a table of a kind; FileError where a key is missing or wrong.
-
-    `key` tells what file it is; `needed` is what is said where it is missing.
+    Mistakes inside the block are told where they are: under the key `scene` if it is in the file.
     """
-    if key not in raw:
-        raise FileError(name, key, f"missing; {needed}")
-    return checked(raw, kind, name)
-
-
-def scene_beside(scene: str | dict[str, Any], path: Path) -> Question:
-    """Return the question of a scene that a file at a path holds or names, from its folder."""
-    if not isinstance(scene, str):
-        return _given(scene, str(path))
-    beside = path.parent / scene
-    return _given(decoded(text_of(beside), str(beside)), str(beside))
+    if isinstance(scene, str):
+        beside = path.parent / scene
+        raw, text = read_toml(beside)
+        yield raw, str(beside), text
+        return
+    try:
+        yield scene, str(path), ""
+    except FileError as reason:
+        raise FileError(reason.path, f"scene.{reason.where}", reason.problem) from None
 
 
 def checked_table(raw: dict[str, Any], name: str) -> SceneTable:
@@ -242,7 +208,7 @@ def checked_table(raw: dict[str, Any], name: str) -> SceneTable:
     if "sweep" in raw:
         raise FileError(name, "sweep", f"this is a sweep file, for `octoplan sweep {name}`")
     needed = 'a scene needs an arm, such as [arm] preset = "table-4"'
-    table: SceneTable = converted(raw, SceneTable, "arm", name, needed)
+    table: SceneTable = checked(raw, SceneTable, name, {"arm": needed})
     return table
 
 
@@ -281,26 +247,27 @@ def _winches(arm: Arm, table: SceneTable) -> dict[str, Any]:
     if table.stiffness.tendon_EA is not None:
         item = table.stiffness.tendon_EA
         raise InputError("stiffness.tendon_EA", item, "tendon_EA at the top, beside lengths")
-    left = table.lengths_mm if table.strokes_mm is None else _left(arm, table.strokes_mm)
-    lengths, outside = in_si(left, "mm"), in_si(table.tendon_outside_mm, "mm")
+    outside = in_si(table.tendon_outside_mm, "mm")
+    lengths: Any = in_si(table.lengths_mm, "mm")
+    if table.strokes_mm is not None:
+        lengths = _left(arm, in_si(table.strokes_mm, "mm"))
     Winches.of(arm, table.tensions, lengths, table.tendon_EA, outside)
     return {"lengths": lengths, "tendon_EA": table.tendon_EA, "tendon_outside": outside}
 
 
-def _left(arm: Arm, strokes: list[Any]) -> list[float]:
-    """Return what is left of tendons by strokes (n_tendons,) [mm], nan where these are nan.
+def _left(arm: Arm, strokes: Any) -> list[float]:
+    """Return what is left of tendons by strokes (n_tendons,) [m], nan where these are nan.
 
     Raises InputError for strokes of another form, and for more than there is of a tendon.
     """
     arm.flat([np.zeros(np.shape(row)).tolist() for row in strokes], "strokes")
-    flat = [item for row in strokes for item in np.ravel(row)]
-    taken, rest = np.array(in_si(flat, "mm"), dtype=float), rest_lengths(arm)
+    taken, rest = np.hstack([np.ravel(row) for row in strokes]), rest_lengths(arm)
     for j in np.flatnonzero(np.isinf(taken) | (taken >= rest)):
         field, stroke = f"strokes[{j}] ({arm.tendon_name(int(j))})", f"{1e3 * taken[j]:g} mm"
         allowed = f"below {1e3 * rest[j]:.6g} mm, its length at rest, and negative where paid out"
         raise InputError(field, stroke, allowed)
     warn_of_strokes("strokes_mm", (taken / arm.length).tolist())
-    return [*(1e3 * (rest - taken)).tolist()]
+    return [*(rest - taken).tolist()]
 
 
 # Objects as files
@@ -335,8 +302,11 @@ def scene_table(
 
 
 def filled(raw: dict[str, Any], name: str) -> dict[str, Any]:
-    """Return what a scene file holds with all defaults, its meshes as numbers; FileError."""
-    _given(raw, name)
+    """Return what a scene file holds with all defaults, its meshes as numbers; FileError.
+
+    Likely slips in it are told as UnitWarning.
+    """
+    warn_of_slips(raw)
     return whole(checked_table(raw, name), Path(name).parent)
 
 

@@ -25,17 +25,10 @@ from model.loads import check_loads, is_loaded
 from model.scene import Scene
 from planner.io.calls import check_complete, check_held
 from planner.io.codec import Table, identity, written
+from planner.io.decoding import read_toml
 from planner.io.key_paths import changed, checked_key, unit_of
-from planner.io.mistakes import told_in
-from planner.io.scene_file import (
-    Question,
-    converted,
-    decoded,
-    filled,
-    question_of,
-    scene_table,
-    text_of,
-)
+from planner.io.mistakes import checked, told_in
+from planner.io.scene_file import Question, filled, question_of, scene_beside, scene_table
 from planner.io.scene_tables import SceneKey
 from planner.io.slips import warn_of_slip
 from planner.sweeps.axes import MOST_POINTS, Axis, AxisTable, Count, values_of
@@ -155,8 +148,8 @@ def load_sweep(path: str | Path, time_limit: float | None = None) -> Sweep:
         With the file, the key's path, what is there and what is allowed: nothing has run then.
     """
     path = Path(path)
-    text = text_of(path)
-    return _sweep(decoded(text, str(path)), path, time_limit, {"sweep": text.decode()})
+    raw, text = read_toml(path)
+    return _sweep(raw, path, time_limit, {"sweep": text})
 
 
 def sweep_of(table: dict[str, Any], time_limit: float | None = None) -> Sweep:
@@ -168,23 +161,16 @@ def _sweep(
     raw: dict[str, Any], path: Path, time_limit: float | None, texts: dict[str, str]
 ) -> Sweep:
     name = str(path)
-    needed = f"a sweep file is such as {_SUCH}"
-    file: SweepFile = converted(raw, SweepFile, "sweep", name, needed)
-    scene, scene_name, prefix = file.scene, name, "scene."
-    if isinstance(scene, str):
-        beside = path.parent / scene
-        text = text_of(beside)
-        scene_name, prefix = str(beside), ""
-        scene, texts["scene"] = decoded(text, scene_name), text.decode(errors="replace")
-    try:
-        scene = filled(scene, scene_name)
+    needed = {"sweep": f"a sweep file is such as {_SUCH}"}
+    file: SweepFile = checked(raw, SweepFile, name, needed)
+    with scene_beside(file.scene, path) as (held, scene_name, text):
+        scene = filled(held, scene_name)
         question = question_of(scene, scene_name)
         if file.sweep.compute == "plan":
             check_complete(question, "target", "limits")
         else:
             check_held(question)
-    except FileError as reason:
-        raise FileError(reason.path, f"{prefix}{reason.where}", reason.problem) from None
+    texts |= {"scene": text} if text else {}
     scene |= {} if time_limit is None else {"time_limit_s": time_limit}
     with told_in(name, "sweep.compute"):
         _check_compute(question, file.sweep.compute)
