@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from importlib import import_module
-from typing import Any
+from typing import Any, Self
 
 # Of what was given, in characters, in a message.
 _LONG = 300
@@ -24,7 +25,19 @@ def as_given(value: object) -> str:
 
 
 class OctoplanError(Exception):
-    """Root of all errors raised by octoplan."""
+    """Root of all errors raised by octoplan; they pickle by what they were made of."""
+
+    _made_of: tuple[tuple[Any, ...], dict[str, Any]]
+
+    def __new__(cls, *args: Any, **more: Any) -> Self:
+        """Remember the arguments; messages are made of them."""
+        made = super().__new__(cls, *args)
+        made._made_of = args, more
+        return made
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        args, more = self._made_of
+        return partial(type(self), **more), args
 
 
 class InputError(OctoplanError, ValueError):
@@ -44,9 +57,6 @@ class InputError(OctoplanError, ValueError):
         self.field, self.given, self.allowed = field, value, allowed
         super().__init__(f"{shortened(field)}: got {as_given(value)}, allowed is {allowed}")
 
-    def __reduce__(self) -> tuple[type, tuple[str, object, str]]:
-        return type(self), (self.field, self.given, self.allowed)
-
 
 class TimeLimitError(OctoplanError):
     """What was asked for is not found within the time limit.
@@ -60,9 +70,6 @@ class TimeLimitError(OctoplanError):
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
         super().__init__(f"nothing was found within the time limit of {seconds:g} s")
-
-    def __reduce__(self) -> tuple[type, tuple[float]]:
-        return type(self), (self.seconds,)
 
 
 class FileError(InputError):
@@ -83,9 +90,6 @@ class FileError(InputError):
         place = f"{shortened(path)}: {shortened(where)}" if where else shortened(path)
         self.field, self.given, self.allowed = place, where, problem
         OctoplanError.__init__(self, f"{place}: {problem}")
-
-    def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
-        return type(self), (self.path, self.where, self.problem)
 
     @classmethod
     def of(cls, reason: InputError, path: str, where: str) -> FileError:
@@ -117,9 +121,6 @@ class CollapsedError(OctoplanError):
             "lower the tensions that cross this section or raise E A there"
         )
 
-    def __reduce__(self) -> tuple[type, tuple[float, float, str]]:
-        return type(self), (self.s, self.stretch, self.which)
-
 
 class ConvergenceError(OctoplanError):
     """No equilibrium was found to the accuracy asked for.
@@ -136,9 +137,6 @@ class ConvergenceError(OctoplanError):
         super().__init__(
             f"the arm was {how if math.isfinite(reached) else 'not settled'}; {remedy}"
         )
-
-    def __reduce__(self) -> tuple[type, tuple[float, float, str]]:
-        return type(self), (self.asked, self.reached, self.remedy)
 
 
 class UnsettledSectionError(ConvergenceError):
@@ -161,9 +159,6 @@ class UnsettledSectionError(ConvergenceError):
             f"{self.remedy}",
         )
 
-    def __reduce__(self) -> tuple[type, tuple[float, str]]:  # type: ignore[override]
-        return type(self), (self.s, self.which)
-
 
 class UnsettledContactError(ConvergenceError):
     """No equilibrium of an arm in contact was found; there may be one.
@@ -185,9 +180,6 @@ class UnsettledContactError(ConvergenceError):
             f"{why}; {self.remedy}",
         )
 
-    def __reduce__(self) -> tuple[type, tuple[float, str]]:  # type: ignore[override]
-        return type(self), (self.share, self.why)
-
 
 class SnapError(OctoplanError):
     """No equilibrium under the full loads is connected with the unloaded arm.
@@ -206,9 +198,6 @@ class SnapError(OctoplanError):
             f"the arm does not bear its loads: at {100 * load_factor:.1f} % of them {why}, and no "
             "equilibrium beyond is connected with the unloaded arm; lower the loads or stiffen it"
         )
-
-    def __reduce__(self) -> tuple[type, tuple[float, str]]:
-        return type(self), (self.load_factor, self.why)
 
 
 class SingularError(OctoplanError):
@@ -240,9 +229,6 @@ class MissingExtraError(OctoplanError):
             f"{package} is needed for this and is not installed; "
             f"it comes with: python -m pip install 'octoplan[{extra}]'"
         )
-
-    def __reduce__(self) -> tuple[type, tuple[str, str]]:
-        return type(self), (self.package, self.extra)
 
 
 def needed(package: str, extra: str) -> Any:

@@ -58,9 +58,6 @@ class OutputError(OctoplanError):
         self.reason = reason
         super().__init__(f"standard output cannot be written to: {reason}")
 
-    def __reduce__(self) -> tuple[type, tuple[str]]:
-        return type(self), (self.reason,)
-
 
 def deliver(answer: Answer, options: Options) -> None:
     """Write the files that --out asks for, then what --json or people are shown."""

@@ -30,9 +30,6 @@ class UnsettledShapeError(OctoplanError):
         self.name, self.why = name, why
         super().__init__(f"{name} does not settle: {why}")
 
-    def __reduce__(self) -> tuple[type, tuple[str, OctoplanError]]:
-        return type(self), (self.name, self.why)
-
 
 class Residual(NamedTuple):
     """What is predicted less what was measured of one thing of a shape.

@@ -52,9 +52,6 @@ class FullDiskError(OctoplanError):
             "once it can, and it goes on"
         )
 
-    def __reduce__(self) -> tuple[type, tuple[str, str]]:
-        return type(self), (self.path, self.reason)
-
 
 def folder_of(out: Path) -> Path:
     """Return the folder of the chunks of a sweep that is to be written to a path."""

@@ -42,9 +42,6 @@ class WorkersLostError(OctoplanError):
             "start it again, and it goes on"
         )
 
-    def __reduce__(self) -> tuple[type, tuple[int]]:
-        return type(self), (self.left,)
-
 
 class VersionsError(OctoplanError):
     """A worker computes with other versions, whose digits may be others.
@@ -60,9 +57,6 @@ class VersionsError(OctoplanError):
         super().__init__(
             f"a worker of the cluster has {entries}, this process {wanted}; install alike"
         )
-
-    def __reduce__(self) -> tuple[type, tuple[dict[str, str], dict[str, str]]]:
-        return type(self), (self.own, self.wanted)
 
 
 def on_machine(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Computed:
