@@ -11,13 +11,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
 
+from model.paths import Array
 from model.rotations import exponential
 
 Bracket = Callable[[ca.SX, ca.SX], ca.SX]
+X = TypeVar("X", ca.SX, Array)
 
 
 @dataclass(frozen=True)
@@ -154,9 +157,9 @@ class RungeKutta:
     weights: tuple[float, ...]
     rows: tuple[tuple[float, ...], ...]
 
-    def step(self, rate: Callable[[int, ca.SX], ca.SX], x: ca.SX, h: ca.SX) -> ca.SX:
-        """Return x after a step h of x' = rate(stage number, x)."""
-        slopes: list[ca.SX] = []
+    def step(self, rate: Callable[[int, X], X], x: X, h: Any) -> X:
+        """Return x after a step h of x' = rate(stage number, x), in symbols or numbers."""
+        slopes: list[X] = []
         for i, row in enumerate(self.rows):
             inner = x
             for a, slope in zip(row, slopes, strict=True):

@@ -149,12 +149,22 @@ def cross(a: Array, b: Array) -> Array:
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
+def _squares() -> Array:
+    """Return the factors (16, 9) of a quaternion's products w w, w x, .. in its matrix."""
+    e = np.eye(4)
+    w, x, y, z = ([np.outer(row, column) for column in e] for row in e)
+    rows = [
+        [w[0] + x[1] - y[2] - z[3], 2 * (x[2] - w[3]), 2 * (x[3] + w[2])],
+        [2 * (x[2] + w[3]), w[0] - x[1] + y[2] - z[3], 2 * (y[3] - w[1])],
+        [2 * (x[3] - w[2]), 2 * (y[3] + w[1]), w[0] - x[1] - y[2] + z[3]],
+    ]
+    return np.array(rows).reshape(9, 16).T
+
+
+_SQUARES = _squares()
+
+
 def matrices(q: Array) -> Array:
     """Return the rotation matrices (..., 3, 3) of quaternions (..., 4) of any length."""
-    w, x, y, z = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+    products = q[..., :, None] * q[..., None, :] / (q * q).sum(axis=-1)[..., None, None]
+    return np.asarray(products.reshape(*q.shape[:-1], 16) @ _SQUARES).reshape(*q.shape[:-1], 3, 3)

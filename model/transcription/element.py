@@ -180,7 +180,7 @@ def _forces(
     if form.current:
         velocity = through.name(first.T @ x.velocity)
         drags = zip(t, twists, ca.vertsplit(x.drag), strict=True)
-        f = [through.name(x.load * _drag(n, nu, drag, velocity)) for n, (_, nu), drag in drags]
+        f = [through.name(x.load * drag_force(n, nu, drag, velocity)) for n, (_, nu), drag in drags]
     total = f
     if form.friction:
         spread = [first.T @ (x.load * load) for load in ca.horzsplit(x.spread)]
@@ -203,7 +203,7 @@ def _rate(
     return join(law, ca.cross(kappa, moment) + ca.cross(nu, force), pull[0], pull[1:])
 
 
-def _drag(t: ca.SX, nu: ca.SX, drag: ca.SX, velocity: ca.SX) -> ca.SX:
+def drag_force(t: ca.SX, nu: ca.SX, drag: ca.SX, velocity: ca.SX) -> ca.SX:
     """Return the drag per unit reference length (3,) [N/m] in the frame of t; see Current."""
     across = velocity - t * ca.dot(t, velocity)
     return drag * nu[0] * ca.sqrt(ca.sumsqr(across) + _TINY) * across
