@@ -155,6 +155,29 @@ def least_modes(here: Linearised, count: int) -> tuple[Array, Array]:
     return values, near(bends)
 
 
+def stability_slope(here: Linearised) -> tuple[float, Array]:
+    """Return the stability, and its derivatives by the tensions (n_tendons,) [1/N].
+
+    With modes y and w of J and of its transpose, J y = lambda B y, the eigenvalue changes by
+    w . dJ y / (w . B y), dJ that of the equations' Jacobian as tensions and states change. Raises
+    SingularError.
+    """
+    of, (weight, stiff) = here.system.of, rest_stiffness(here.system)
+    places, none = np.ravel(of.stages), np.zeros(of.n_states)
+    (value,), y = least_modes(here, 1)
+    y, B, near = y[:, 0], none.copy(), np.spacing(1e4)
+    B[places] = stiff
+    # Where there is an energy w is y times the weights at the stages.
+    w, right = none, none.copy()
+    right[places] = stiff * weight * y[places]
+    w = _less_stiff(here, value - near, stiff).solve(right, transposed=True)
+    H, (rows, columns) = here.system.hessian(here.x, w), of.equations.triplet("hessian")
+    mode = np.append(np.zeros(of.first), y)
+    moved = np.vstack([np.eye(of.first, of.n_tendons), here.by_tensions])
+    slope = (mode[rows] * H) @ moved[columns]
+    return float(value), slope / (w @ (B * y))
+
+
 def _least(
     here: Linearised, count: int, tolerance: float
 ) -> tuple[Array, Array, Callable[[Array], Array]]:
@@ -185,16 +208,21 @@ def _least(
 
 def _shifted(here: Linearised, stiff: Array) -> tuple[float, Linearised]:
     """Return a number below all eigenvalues, and the equations with so much less stiffness."""
-    at, of, below, shifted = here.band, here.system.of, 0.0, here
-    diagonal = np.flatnonzero(at.rows == at.columns - of.first)
-    at_rest = np.zeros(of.n_states)
-    at_rest[np.ravel(of.stages)] = stiff
+    below, shifted = 0.0, here
     while not stands(shifted) and below > _LOWEST:
         below = min(4 * below, -1.0)
-        nonzeros = here.nonzeros.copy()
-        nonzeros[diagonal] -= below * at_rest[at.rows[diagonal]]
-        shifted = Linearised(here.system, here.x, jacobian=nonzeros)
+        shifted = _less_stiff(here, below, stiff)
     return below, shifted
+
+
+def _less_stiff(here: Linearised, by: float, stiff: Array) -> Linearised:
+    """Return the equations with so much less of the stiffness at rest."""
+    at, of = here.band, here.system.of
+    diagonal = np.flatnonzero(at.rows == at.columns - of.first)
+    at_rest, nonzeros = np.zeros(of.n_states), here.nonzeros.copy()
+    at_rest[np.ravel(of.stages)] = stiff
+    nonzeros[diagonal] -= by * at_rest[at.rows[diagonal]]
+    return Linearised(here.system, here.x, jacobian=nonzeros)
 
 
 @lru_cache(maxsize=32)

@@ -80,6 +80,11 @@ class Session:
         return self.missed <= THERE * self.arm.length
 
     @property
+    def is_held(self) -> bool:
+        """Whether the arm would not stand under its loads if it came nearer."""
+        return self._follower is not None and self._follower.brink
+
+    @property
     def is_planned(self) -> bool:
         """Whether the arm as it is now is the last plan's, for the target as it is now."""
         last = self.last
@@ -100,8 +105,8 @@ class Session:
     def settled(self) -> Plan | None:
         """Return the plan for a target that rests, as accurate as asked; None before a step.
 
-        It begins with the arm as it is. Where that leads to no plan that meets the target, while
-        the arm does, the arm stays: it is no plan.
+        It begins with the arm as it is. Where that leads to no plan that meets the target, nor to a
+        shape that is nearer than the arm is, the arm stays: it is no plan.
         """
         if self._follower is None or self.is_planned:
             return self.last
@@ -112,7 +117,8 @@ class Session:
         result = plan(self.arm, target, scene, near=self._near(scene), progress=False, **request)
         check_time()  # what was cut short is no plan to go on with
         self.last = result
-        if result.mode == "exact" or not self.is_there:
+        missed = self.handle.goal(self.pose).missed(result.shape)
+        if result.mode == "exact" or (missed < self.missed and not self.is_there):
             self.shape = self._follower.shape = result.shape
         return result
 

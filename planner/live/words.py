@@ -20,13 +20,13 @@ def following(session: Session, more: bool) -> str:
         return f"**There** ({_missed(session)}); not verified yet."
     if more:
         return f"**Catching up**, {_missed(session)} to go."
-    return f"**No nearer from here**, {_missed(session)} to go; a plan will be searched for."
+    why = ": nearer it would not stand under its loads" * session.is_held
+    return f"**No nearer from here**, {_missed(session)} to go{why}; a plan will be searched for."
 
 
 def looking(session: Session) -> str:
     """Return what is said while a plan is searched for."""
-    where = "There" if session.is_there else "Not there"
-    return f"**{where}** ({_missed(session)} off). Looking for the tensions of least effort ..."
+    return f"{_place(session)}. Looking for the tensions of least effort ..."
 
 
 def planned(session: Session) -> str:
@@ -38,7 +38,7 @@ def planned(session: Session) -> str:
     if session.is_planned:
         return message
     here = "by tensions that are not verified: shown is the arm as it was dragged"
-    return f"**There** ({_missed(session)} off), {here}. The planner says: {message}"
+    return f"{_place(session)}, {here}. The planner says: {message}"
 
 
 def places(session: Session) -> str:
@@ -71,6 +71,11 @@ def tendons(session: Session) -> str:
         )
     head = "<tr><th></th><th></th><th align=right>tension</th><th align=right>stroke</th></tr>"
     return f"<table style='width:100%;{_SMALL}'>{head}{''.join(rows)}</table>"
+
+
+def _place(session: Session) -> str:
+    where = "There" if session.is_there else "Not there"
+    return f"**{where}** ({_missed(session)} off)"
 
 
 def _missed(session: Session) -> str:

@@ -100,6 +100,19 @@ def test_out_of_reach_the_arm_goes_as_near_as_it_can_and_the_page_says_so() -> N
     assert "at its maximum of 0.5 N" in planned(hand)
 
 
+def test_a_heavy_arm_goes_no_nearer_than_it_stands_and_the_page_says_so() -> None:
+    """In air it was led along shapes that do not stand, and crept there for half a minute."""
+    heavy = session(Scene.silicone(Weight()), TipPosition((0.3, 0.15, -0.1)), tension_max=10.0)
+    more, steps = True, 0
+    while more and steps < 100:
+        more, steps = heavy.step(), steps + 1
+        assert heavy.shape is not None
+        assert heavy.shape.stability > 0
+    assert not more
+    assert heavy.missed < 0.1 * ARM.length
+    assert "nearer it would not stand" in following(heavy, more=False)
+
+
 def test_where_no_plan_is_found_the_arm_stays_where_it_was_brought(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -10,7 +10,7 @@ import pytest
 from model import Anchorage, Arm, Linear, Scene, SnapError, settle
 from model.effects import Effect, Extension, TipLoad, Weight
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.stability import stability, stands
+from model.equilibrium.stability import stability, stability_slope, stands
 from model.transcription.system import system
 from planner import stiffness
 from tests.stiffness.cases import STATICS, with_effects
@@ -41,6 +41,22 @@ def test_swelling_that_takes_tendons_inwards_makes_the_straight_arm_unstable(
     assert k.section(0.1)[1] == pytest.approx(bending, rel=1e-9)
     assert k.stable == (bending > 0)
     assert bending > 0 or (scene == "anticlastic" and stretch < 0.7)
+
+
+@pytest.mark.parametrize("effects", [(Extension(), Weight()), Scene.silicone(Weight()).effects])
+def test_the_slope_of_stability_is_that_of_differences(effects: tuple[Effect, ...]) -> None:
+    arm, scene, step = Arm.from_paper("table-4"), Scene(*effects), 1e-4
+    T = np.array([0.1, 0.2, 0.01, 0.05, 0.1, 0.02, 0.3, 1.0, 0.02, 0.01, 0.5, 0.9])
+    shape = settle(arm, T, scene, 1e-3)
+    assert shape.known is not None
+    value, slope = stability_slope(shape.known)
+    assert value == pytest.approx(shape.stability, rel=1e-9)
+    differences = [
+        settle(arm, T + step * e, scene, 1e-3, near=shape).stability
+        - settle(arm, T - step * e, scene, 1e-3, near=shape).stability
+        for e in np.eye(T.size)
+    ]
+    np.testing.assert_allclose(slope, np.array(differences) / (2 * step), atol=1e-5)
 
 
 # A column, its second moment of area, Euler's load, and the weight per length that buckles it:
