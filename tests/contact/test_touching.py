@@ -67,7 +67,7 @@ def test_a_part_that_lies_off_the_point_where_it_began_is_found() -> None:
     assert np.linalg.norm(middle[:3]) == pytest.approx(1 / 0.056, rel=2e-2)
 
 
-@pytest.mark.parametrize("accuracy", [1e-6, 1e-8])
+@pytest.mark.parametrize("accuracy", [1e-8])
 def test_an_arm_that_no_edge_holds_in_its_plane_falls_aside_onto_a_second_one(
     accuracy: float,
 ) -> None:

@@ -61,22 +61,6 @@ def test_a_stream_along_a_straight_arm_does_not_push(name: str, v: float) -> Non
     assert np.allclose(tip, [bar.length, 0, 0], rtol=0, atol=1e-15)
 
 
-def test_the_drag_is_quadratic_in_speed() -> None:
-    bar = STIFF["conical"]
-    bends = [settle(bar.arm, NO_PULL, Scene(Current((0, v, 0))), 1e-12).tip[1] for v in (0.2, 0.6)]
-    assert bends[1] / bends[0] == pytest.approx(9, rel=1e-6)
-
-
-@pytest.mark.parametrize("name", SOFT)
-def test_a_stream_the_other_way_pushes_the_other_way(name: str) -> None:
-    arm, v = SOFT[name].arm, np.array([0.1, 0.3, 0.2])
-    there, back = (
-        settle(arm, NO_PULL, Scene(Current((v[0], *(way * v[1:])))), 1e-9).tip for way in (1, -1)
-    )
-    assert there[1] > 0.05
-    assert np.allclose(there, back * [1, -1, -1], rtol=0, atol=1e-12)
-
-
 def pushed(bar: Bar, v: Array, extension: bool) -> Array:
     """(x, y) at nine places of a bar in the plane of the stream."""
 
@@ -166,9 +150,3 @@ def test_places_beyond_the_tip_by_rounding_are_no_less_loaded() -> None:
     arm = Arm(length, Linear(0.005, 0.004), own, Material(1e5, 0.5))
     last = np.array([np.nextafter(length, 1.0)])
     assert growth(arm, Scene(Current((0.01, 0.02, 0.0), 1000.0)), last)[0] == 0.0
-
-
-def test_still_water_does_not_push() -> None:
-    arm, T = Arm.from_paper("table-4"), [[0, 0, 0.2, 0], [1.0, 0, 0, 0], [0, 3.0, 0, 0]]
-    still = settle(arm, T, Scene(Extension(), Current((0, 0, 0))), 1e-11).tip
-    assert np.allclose(still, settle(arm, T, Scene(Extension()), 1e-11).tip, rtol=0, atol=1e-11)

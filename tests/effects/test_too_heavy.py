@@ -12,7 +12,6 @@ from model import (
     InputError,
     OctoplanError,
     Scene,
-    SnapError,
     settle,
 )
 from model.effects import (
@@ -118,20 +117,3 @@ def check_outcome(arm: Arm, force: tuple[float, float, float], seconds: float | 
     outcome = found.outcome.removeprefix("Stopped at the time limit, the best so far. ")
     assert outcome.startswith("Reached" if certain else ("Not reached", "Not certified"))
     assert found.certificate.bounds == 0
-
-
-@pytest.mark.quick("2.0", "9.5", "24.0")
-@pytest.mark.parametrize("times", MULTIPLES[1:])
-def test_a_straight_column_buckles_at_eulers_load_however_much_more_it_is_given(
-    times: float,
-) -> None:
-    scene = Scene(TipLoad((-times * EULER, 0.0, 0.0)))
-    with pytest.raises(SnapError) as caught:
-        settle(BAR.arm, NO_PULL, scene)
-    assert caught.value.load_factor == pytest.approx(1 / times, abs=2 / 1024)
-    assert caught.value.why == "it buckles"
-
-
-def test_below_eulers_load_a_straight_column_stands() -> None:
-    tip = settle(BAR.arm, NO_PULL, Scene(TipLoad((-0.999 * EULER, 0.0, 0.0)))).tip
-    assert np.allclose(tip, [BAR.length, 0.0, 0.0], rtol=0, atol=1e-12)

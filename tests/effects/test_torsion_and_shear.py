@@ -11,7 +11,7 @@ from numpy.polynomial import Chebyshev
 from scipy.integrate import quad
 
 from model import Anchorage, Arm, Linear, Scene, Shape, settle
-from model.effects import ExactTendons, Extension, PointLoad, Shear, TipLoad, Weight
+from model.effects import ExactTendons, Extension, PointLoad, Shear, TipLoad
 from tests.effects.bars import NO_PULL, Bar
 from tests.effects.cases import DATA, RODS, Array, fem_arm
 
@@ -161,10 +161,3 @@ def test_with_the_papers_tangent_sections_slide_by_the_force_across() -> None:
         EA = 110e3 * np.pi * R**2
         wanted = [1 + force[0] / EA, *(3 * force[1:] / (0.9 * EA))]
         assert np.allclose(nu, wanted, rtol=0, atol=1e-9)
-
-
-@TANGENTS
-def test_without_loads_there_is_no_torsion(more: tuple[Any, ...]) -> None:
-    scene = Scene(Extension(), Weight((0, 0, 0)), *more)
-    tau = settle(ARM, PULLS, scene, 1e-10).strain(np.linspace(0, 0.31, 9))[:, 0]
-    assert np.abs(tau).max() < 1e-9

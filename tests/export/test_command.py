@@ -147,32 +147,6 @@ def test_a_folder_that_cannot_be_is_named(tmp_path: Path) -> None:
     assert (tmp_path / "file").read_text() == "mine"
 
 
-def test_a_folder_in_the_place_of_a_file_leaves_the_rest_as_it_was(tmp_path: Path) -> None:
-    (tmp_path / "main.c").mkdir()
-    (tmp_path / "arm.h").write_text("mine")
-    with pytest.raises(InputError, match=r"in this folder: main\.c in it is a folder"):
-        export(TABLE_4, Scene(), tmp_path, BENT, 1e-3)
-    assert {path.name for path in tmp_path.iterdir()} == {"main.c", "arm.h"}
-    assert (tmp_path / "arm.h").read_text() == "mine"
-
-
-def test_a_disk_that_fills_up_leaves_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole = Path.write_bytes
-
-    def fills_up(path: Path, data: bytes) -> int:
-        if path.name == "main.c":
-            raise OSError(28, "No space left on device")
-        return whole(path, data)
-
-    monkeypatch.setattr(Path, "write_bytes", fills_up)
-    for to in (tmp_path / "new", tmp_path):
-        with pytest.raises(InputError, match="no space left"):
-            export(TABLE_4, Scene(), to, BENT, 1e-3)
-        assert list(tmp_path.iterdir()) == []
-
-
 def test_an_export_replaces_the_one_before_and_leaves_other_files(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
     export(TABLE_4, Scene(), tmp_path, BENT, 1e-3)

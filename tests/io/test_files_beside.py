@@ -1,10 +1,11 @@
-"""Files that a scene names, and objects in its keys, are found wherever it is computed."""
+"""Files that a scene names, objects in its keys, and the files that octoplan new writes."""
 
 from __future__ import annotations
 
 import csv
 import io
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from model import Arm, InputError, Scene
 from model.effects import Extension, SelfContact
 from model.obstacles import Box, Mesh, Moving, Sphere
 from planner import plan, sweep
+from planner.cli import main
+from planner.commands.files import Kind
 from planner.io.csv_files import plan_csv
 from planner.io.scene_file import filled, load, question_of, scene_table
 from planner.sweeps.definition import load_sweep
@@ -90,3 +93,22 @@ def test_a_plan_as_csv_is_a_tendon_a_line_with_units() -> None:
     slack = [row["state"] == "slack" for row in rows]
     assert slack == np.ravel(found.shape.slack).tolist()
     assert {row["section"] for row in rows} == {"1", "2", "3"}
+
+
+@pytest.mark.parametrize("kind", get_args(Kind))
+@pytest.mark.quick("sweep", "calibrate")
+def test_a_first_file_runs_as_written(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = str(tmp_path / "first.toml")
+    assert main(["new", file, "--kind", kind]) == 0
+    assert f"next: octoplan {kind} {file}" in capsys.readouterr().out
+    assert "silicone = true" in (tmp_path / "first.toml").read_text()
+    assert main([kind, file]) == 0
+    assert main(["new", file, "--kind", kind]) == 2
+
+
+def test_nothing_is_written_over_nor_half_written(tmp_path: Path) -> None:
+    (tmp_path / "arm_shapes.csv").write_text("mine")
+    assert main(["new", str(tmp_path / "arm.toml"), "--kind", "calibrate"]) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["arm_shapes.csv"]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-
 import numpy as np
 import pytest
 
@@ -77,16 +75,3 @@ def test_jacobian_of_an_arm_at_rest_is_finite(scene: str) -> None:
     found = tip_jacobian(TABLE4, np.zeros(12), SCENES[scene])
     assert np.all(np.isfinite(found))
     assert np.abs(found).max() > 0
-
-
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-@pytest.mark.parametrize(
-    "scene", ["bare", "extension", pytest.param("as printed", marks=pytest.mark.slow)]
-)
-def test_compiled_jacobian_has_the_digits_of_the_interpreted_one(scene: str) -> None:
-    T = np.random.default_rng(3).uniform(0.02, 0.3, 12)
-    plain, fast = (
-        tip_jacobian(TABLE4, T, SCENES[scene], compile=machine_code)
-        for machine_code in (False, True)
-    )
-    assert np.abs(plain - fast).max() <= 1e-14 * np.abs(plain).max()

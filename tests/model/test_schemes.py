@@ -9,31 +9,16 @@ import pytest
 
 from model import Arm, InputError, Scene, settle
 from model.effects import ExactTendons, Extension, Weight
-from model.forward import check_scheme, equilibrium_on, forward_map, order_of, schemes_of
+from model.forward import check_scheme, equilibrium_on, forward_map, schemes_of
 from model.unloaded.marched import Marched
 from tests.effects.cases import RODS, fem_arm, fem_cases, name_of
-from tests.model.cases import arm_of, mild_tensions, random_rod
-from tests.oracles import Array, poses
+from tests.oracles import Array
 
 PAPER = Scene(Extension())
 ALL = schemes_of(PAPER)
 FINE = [scheme for scheme in ALL if not scheme.endswith("2")]
 Case = dict[str, Any]
 BENT = [case for case in fem_cases() if name_of(case) in ("a 0.05", "b 2")]
-
-
-@pytest.mark.quick("0-magnus6", "1-gauss6", "2-magnus4", "3-gauss4")
-@pytest.mark.parametrize("scheme", FINE)
-@pytest.mark.parametrize("seed", range(4))
-def test_any_arm_settles_as_it_is_integrated_independently(scheme: str, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    rod = random_rod(rng)
-    T = mild_tensions(rng, rod)
-    s = np.linspace(0, rod.length, 6)
-    shape = settle(arm_of(rod), T, PAPER, 1e-8, scheme)
-    wanted, frames = poses(rod, T, list(s), True)
-    assert np.abs(shape.position(s) - wanted).max() <= 1e-8 * rod.length
-    assert np.abs(shape.frame(s) - frames).max() <= 1e-6
 
 
 @pytest.mark.parametrize("scheme", FINE)
@@ -132,12 +117,6 @@ def test_strain_error_falls_at_the_order_of_the_scheme(
 
 def test_every_scheme_of_a_scene_is_measured() -> None:
     assert {*schemes_of(Scene()), *schemes_of(Scene.as_printed())} == set(ORDERS)
-
-
-@pytest.mark.parametrize("scheme", ORDERS)
-def test_a_forward_map_states_its_order(scheme: str) -> None:
-    scene = Scene.as_printed() if scheme.startswith("rk") else Scene()
-    assert order_of(scheme, scene) == ORDERS[scheme]
 
 
 STATICS = {

@@ -12,7 +12,7 @@ import pytest
 from msgspec import Meta
 
 from model import Anchorage, Arm, Linear, Material, Sampled, Scene, settle, settle_many
-from model.effects import Extension, PrintedStatics
+from model.effects import Extension
 from model.value import converter, value
 from tests.model.cases import paper_tensions
 from tests.refusals import check_refusal
@@ -145,15 +145,6 @@ def test_arms_pickle(arm: Arm) -> None:
     assert there == arm
     assert hash(there) == hash(arm)
     assert there.tendons == arm.tendons
-
-
-def test_scenes_are_equal_by_value_and_pickle() -> None:
-    again = [Scene(), Scene(Extension()), Scene(Extension(), PrintedStatics())]
-    for scene, other in zip(SCENES.values(), again, strict=True):
-        assert scene == other
-        assert hash(scene) == hash(other)
-        assert pickle.loads(pickle.dumps(scene)) == scene
-    assert len(set(SCENES.values())) == 3
 
 
 @value

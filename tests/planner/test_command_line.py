@@ -5,10 +5,6 @@ from __future__ import annotations
 import errno
 import json
 import os
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -17,13 +13,6 @@ from planner.cli import main
 from planner.io.scene_file import load
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
-
-
-def test_a_plan_is_shown_as_a_table_with_its_certificate(capsys: pytest.CaptureFixture) -> None:
-    assert main(["plan", str(SCENES / "bending_135.toml")]) == 0
-    shown = capsys.readouterr().out
-    assert "T_13" in shown
-    assert "certificate: PASSED" in shown
 
 
 def test_given_tensions_are_settled(capsys: pytest.CaptureFixture) -> None:
@@ -61,18 +50,6 @@ def test_tensions_that_crush_the_arm_are_told(
     assert "crushed" in capsys.readouterr().err
 
 
-def test_a_target_out_of_reach_returns_1(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    text = """
-    arm = { preset = "table-4" }
-    effects = { extension = true }
-    target = { type = "tip-position", position_mm = [600, 0, 0] }
-    limits = { tension_max = 20 }
-    """
-    assert main(["plan", _scene(tmp_path, text)]) == 1
-    assert "Not reached" in capsys.readouterr().out
-
-
-ROOT = Path(__file__).parents[2]
 SCENE = """
 tensions = [[0.3, 0.2, 0.0, 0.1]]
 accuracy = 1e-4
@@ -151,33 +128,6 @@ def test_a_scene_file_has_a_time_limit(tmp_path: Path, capsys: pytest.CaptureFix
     scene = written(tmp_path, text.replace("0.001", "-3"))
     capsys.readouterr()
     assert "time_limit_s: got -3, allowed is a number above 0" in said(capsys, ["plan", scene])
-
-
-def test_an_interrupted_sweep_says_what_is_kept(tmp_path: Path) -> None:
-    written(tmp_path, SCENE)
-    sweep = written(
-        tmp_path,
-        "scene = 'scene.toml'\n[sweep]\ncompute = 'stiffness'\n[[sweep.axes]]\n"
-        "key = 'arm.E_kPa'\nstart = 80.0\nstop = 120.0\ncount = 4000\n",
-        "sweep.toml",
-    )
-    chunks = tmp_path / "sweep.nc.chunks"
-    process = subprocess.Popen(
-        [sys.executable, "-m", "octoplan", "sweep", sweep],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    while not list(chunks.glob("*.npz")):
-        time.sleep(0.02)
-        assert process.poll() is None
-    time.sleep(0.1)
-    process.send_signal(signal.SIGINT)
-    told = process.communicate()[1]
-    assert process.returncode == 130
-    kept = f"what is finished is kept in {chunks}: the same command goes on from there"
-    assert told == f"octoplan: interrupted; {kept}\n"
 
 
 def test_a_target_out_of_reach_is_told_in_plain_words(

@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
+from model import Arm, Scene
 from model.effects import Buoyancy, Extension, Weight
 from planner.cli import main
 from planner.effect_ablation import ProblemSize, Switch, switch_effects
-from planner.io.scene_file import read
 from planner.plots.results import plot_effects
 
 ARM = "[arm]\npreset = 'section-5.2'\n"
@@ -92,9 +91,6 @@ def test_an_effect_that_does_not_settle_has_no_dot_and_the_figure_is_drawn() -> 
     only.draw_without_rendering()
 
 
-SCENES = Path(__file__).parents[2] / "studies" / "scenes"
-
-
 def _found(arm: Arm, scene: Scene) -> dict[str, Switch]:
     pulls = [[0.3, 0.2, 0.0, 0.1]]
     return {s.effect: s for s in switch_effects(arm, pulls, scene, 1e-5, repeats=1)}
@@ -149,26 +145,6 @@ def test_no_scene_file_and_no_folder_to_write_to_return_2(
     scene = _scene(tmp_path, "tensions = [0, 0, 0, 0]\naccuracy = 1e-2\n" + ARM)
     assert main(["effects", scene, "--out", str(tmp_path / "file")]) == 2
     assert "--out" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_the_payload_of_the_scene_files_is_told_effect_by_effect(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert main(["effects", str(SCENES / "payload_in_water.toml")]) == 0
-    shown = capsys.readouterr().out
-    assert "TipLoad" in shown
-    assert "Weight and Buoyancy" in shown
-
-
-def test_the_payload_of_the_scene_files_is_settled(capsys: pytest.CaptureFixture[str]) -> None:
-    path = SCENES / "payload_in_water.toml"
-    assert main(["settle", str(path), "--json"]) == 0
-    question = read(path.read_bytes())
-    assert {Weight(), Buoyancy(), Extension()} < set(question.scene.effects)
-    tip = settle(question.arm, question.tensions, question.scene, 1e-9).tip
-    shown = json.loads(capsys.readouterr().out)
-    assert np.linalg.norm(np.array(shown["tip_m"]) - tip) < 1e-6 * question.arm.length
 
 
 def test_fewer_unknowns_are_explained(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

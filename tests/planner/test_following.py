@@ -7,9 +7,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, settle
+from model import Arm, InputError, OctoplanError, Scene, settle
 from model.effects import Buoyancy, ExactTendons, Extension, Weight
-from planner import Plan, plan, plan_many
+from planner import FailedPlan, Plan, plan, plan_many
 from planner.targets import Bend, BendingPlane, Fetch, Target, TipPosition
 from tests.oracles import Array
 
@@ -166,3 +166,21 @@ def test_a_plan_for_another_arm_or_scene_is_refused() -> None:
         plan(other, path(12)[0], PAPER, near=followed(12)[0])
     with pytest.raises(InputError, match="near"):
         plan(ARM, path(12)[0], Scene(), near=followed(12)[0])
+
+
+PLANES = [BendingPlane(2.0, 0.9), BendingPlane(2.0, 1.0, section=7), BendingPlane(2.0, 1.1)]
+
+
+def test_a_bad_target_does_not_lose_the_others() -> None:
+    found = plan_many(ARM, PLANES, PAPER, 20.0, accuracy=1e-5, errors="nan")
+    assert [p.reached for p in found] == [True, False, True]
+    lost = found[1]
+    assert isinstance(lost, FailedPlan)
+    assert lost.reason.startswith("targets[1]: section: got 7")
+    assert lost.outcome == f"Not certified: {lost.reason}."
+    assert np.isnan(np.array([p.tip for p in found])).any(axis=1).tolist() == [False, True, False]
+    assert np.shape([p.tensions for p in found]) == (3, 3, 4)
+    assert np.isnan(lost.lengths).all() and np.isnan(lost.strokes).all() and np.isnan(lost.effort)
+    assert lost.reason in repr(lost)
+    with pytest.raises(OctoplanError, match="section: got 7"):
+        _ = lost.shape

@@ -276,24 +276,6 @@ def test_both_scales_of_strains_have_their_zero_at_one_height(shape: Shape) -> N
     assert heights[0] == pytest.approx(heights[1])
 
 
-def test_an_error_while_saving_leaves_the_old_file_and_no_part(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    wanted = tmp_path / "arm.png"
-    wanted.write_bytes(b"old")
-
-    def fail(file: Any, **_: Any) -> None:
-        file.write(b"half")
-        raise OSError("disk full")
-
-    figure = Figure()
-    monkeypatch.setattr(figure, "savefig", fail)
-    with pytest.raises(OSError, match="disk full"):
-        save(figure, wanted)
-    assert list(tmp_path.iterdir()) == [wanted]
-    assert wanted.read_bytes() == b"old"
-
-
 @pytest.fixture(scope="module")
 def plans() -> list[Plan]:
     targets = [BendingPlane(np.radians(angle), np.radians(60.0)) for angle in (0.0, 60.0)]

@@ -124,6 +124,7 @@ def test_a_tip_in_air_that_unstable_arms_meet_for_less_is_met_by_a_stable_one() 
     assert "brink" not in found.outcome
 
 
+@pytest.mark.slow
 def test_where_the_margin_cannot_be_had_a_plan_says_that_it_stands_on_the_brink() -> None:
     found = plan(ARM, TIP_IN_AIR, Scene.silicone(Weight()), 20.0, total_pull=8.4)
     assert found.certificate.passed

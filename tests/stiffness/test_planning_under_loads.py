@@ -163,35 +163,3 @@ def test_nothing_is_stiffer_than_the_stiffest_at_the_place_or_softer_than_the_so
                 assert soft * (1 - 1e-4) < here < most * (1 + 1e-4)
                 tried += 1
     assert tried >= 4
-
-
-@pytest.mark.slow
-def test_the_most_that_can_be_had_is_told_where_it_is_not_what_was_asked() -> None:
-    arm, scene = "six tendons", "payload"
-    stiffest = plan(ARMS[arm], [place(arm, scene), Stiffest(ALONG)], SCENES[scene], MOST)
-    most = stiff(stiffest, "tension")
-    target = MinimumStiffness(ALONG, 10 * most)
-    found = plan(ARMS[arm], [place(arm, scene), target], SCENES[scene], MOST)
-    assert not found.reached
-    assert "stiffness (at most 0.1 times what is wanted can be had, short by 0.9)" in found.outcome
-    assert stiff(found, "tension") == pytest.approx(most, rel=1e-5)
-    assert found.certificate.equality["tip position"] < 1e-6
-
-
-@pytest.mark.slow
-def test_a_matrix_bounds_the_stiffness_under_a_payload_in_all_directions() -> None:
-    arm, scene = "table-4", "payload"
-
-    def bound(found: Plan) -> Array:
-        C = stiffness(found.arm, found.tensions, found.scene, accuracy=1e-8).compliance[:3, :3]
-        return np.asarray(np.linalg.inv((C + C.T) / 2))
-
-    # A tenth more along one direction, and hardly less than before across it.
-    along = np.outer(ALONG, ALONG) * stiff(least(arm, scene), "tension")
-    M = 0.8 * bound(least(arm, scene)) + 0.3 * along
-    targets = [place(arm, scene), MinimumStiffness(M, 1.0)]
-    found = plan(ARMS[arm], targets, SCENES[scene], MOST, tension_min=LEAST)
-    assert found.certificate.passed, found.outcome
-    root = np.linalg.inv(np.linalg.cholesky(M))
-    shares = np.linalg.eigvalsh(root @ bound(found) @ root.T)
-    assert shares[0] == pytest.approx(1, abs=1e-6)

@@ -10,15 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, settle
+from model import Arm, InputError, Scene
 from model.effects import (
-    Buoyancy,
-    Contact,
     Extension,
-    TipLoad,
     Weight,
 )
-from model.obstacles import Sphere
 from planner import sweep
 from planner.cli import main
 from planner.io.codec import table_of
@@ -29,36 +25,11 @@ from tests.sweeps.cases import GRID, tensions, written
 
 ARM = Arm.from_paper("table-4")
 PAPER = Scene(Extension())
-TURNED = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
 
 
 def test_a_target_without_keys_is_refused() -> None:
     with pytest.raises(InputError, match="others have no keys"):
         table_of(object())
-
-
-def test_an_arm_and_a_scene_are_swept_as_their_files_are() -> None:
-    scene = Scene(Extension(), Weight(), Buoyancy(), TipLoad((0.0, 0.0, -1e-3)))
-    axes = {"arm.E_kPa": np.array([100.0, 120.0]), "effects.tip_load.force[2]": [-1e-3, 0.0]}
-    found = sweep(ARM, scene=scene, tensions=tensions(), axes=axes, accuracy=1e-5)
-    assert dict(found.sizes)["arm.E_kPa"] == 2
-    alone = settle(ARM, tensions(), scene, 1e-5)
-    stiffer = found.sel({"arm.E_kPa": 120.0, "effects.tip_load.force[2]": -1e-3})
-    assert np.linalg.norm(stiffer.tip.values - alone.tip) > 1e-3
-    from dataclasses import replace
-
-    arm = replace(ARM, material=replace(ARM.material, E=120e3))
-    assert stiffer.tip.values == pytest.approx(settle(arm, tensions(), scene, 1e-5).tip, abs=1e-9)
-
-
-def test_contacts_are_swept_along() -> None:
-    T = np.zeros((3, 4))
-    T[2, 2], T[1, 2] = 2.0, 0.5
-    scene = Scene.silicone() + Contact(Sphere((0.2349, 0.1847, 0.0), 0.03))
-    found = sweep(ARM, scene=scene, tensions=T, axes={"arm.E_kPa": [110.0]})
-    with_contact = settle(ARM, T, scene).tip
-    assert np.linalg.norm(with_contact - settle(ARM, T, Scene.silicone()).tip) > 1e-3
-    assert found.tip.values[0] == pytest.approx(with_contact, abs=1e-6)
 
 
 def test_plans_and_draws_too(tmp_path: Path) -> None:

@@ -9,12 +9,11 @@ import pytest
 import xarray
 
 import planner
-from model import Arm, InputError, Material, OctoplanError, Scene, settle
-from model.effects import Extension, TipLoad
+from model import Arm, InputError, OctoplanError, Scene, settle
+from model.effects import Extension
 from model.errors import MissingExtraError
 from planner.cli import main
 from planner.sweeps.definition import load_sweep
-from planner.targets import TipPosition
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, tensions, written
 
 ARM = Arm.from_paper("table-4")
@@ -31,64 +30,6 @@ def test_settled_points_are_those_of_settle(tmp_path: Path) -> None:
         assert point.tip_frame.values == pytest.approx(shape.tip_frame, abs=1e-12)
         assert point.tensions.values.tolist() == T.ravel().tolist()
         assert point.settled
-
-
-def test_other_values_than_tensions_are_settled_too(tmp_path: Path) -> None:
-    data = planner.sweep(written(tmp_path, STIFFNESS))
-    for E in (100.0, 120.0):
-        arm = Arm(
-            ARM.length,
-            ARM.radius,
-            ARM.sections,
-            material=Material(1e3 * E, 0.5, 1080.0),
-            base_frame=ARM.base_frame,
-        )
-        tip = settle(arm, tensions(), SCENE).tip
-        assert data.sel({"arm.E_kPa": E}).tip.values.tolist() == tip.tolist()
-
-
-def test_loads_and_flat_tensions_are_settled_too(tmp_path: Path) -> None:
-    path = tmp_path / "sweep.toml"
-    path.write_text("""
-    [scene]
-    tensions = [0, 0, 0.5, 0, 4, 0, 0, 0, 0, 6, 0, 0]
-    arm = { preset = "table-4" }
-    effects = { extension = true, tip_load = { } }
-    [sweep]
-    compute = "settle"
-    [[sweep.axes]]
-    key = "effects.tip_load.force[2]"
-    name = "load"
-    values = [-0.005, 0.0]
-    [[sweep.axes]]
-    key = "tensions[4]"
-    name = "T21"
-    values = [2.0, 4.0]
-    """)
-    data = planner.sweep(path)
-    T = tensions()
-    T[1, 0] = 2.0
-    tip = settle(ARM, T, Scene(Extension(), TipLoad((0.0, 0.0, -0.005)))).tip
-    assert data.sel(load=-0.005, T21=2.0).tip.values.tolist() == tip.tolist()
-    assert data["load"].attrs["units"] == data.T21.attrs["units"] == "N"
-
-
-def test_plans_are_those_of_plan(tmp_path: Path) -> None:
-    axis = '[[sweep.axes]]\nkey = "target.position_mm[1]"\nvalues = [150.0]\nname = "y"'
-    point = planner.sweep(written(tmp_path, axis, "plan")).sel(y=150.0)
-    alone = planner.plan(ARM, TipPosition((0.2, 0.15, -0.2)), SCENE, 20.0)
-    assert point.tensions.values.tolist() == alone.tensions.ravel().tolist()
-    assert point.effort == alone.effort
-    assert bool(point.reached)
-    assert point.outcome.item() == alone.outcome
-
-
-def test_compliances_are_those_of_stiffness(tmp_path: Path) -> None:
-    axis = '[[sweep.axes]]\nkey = "tensions[0][2]"\nvalues = [0.5]'
-    point = planner.sweep(written(tmp_path, axis, "stiffness")).isel({"tensions[0][2]": 0})
-    k = planner.stiffness(ARM, tensions(), SCENE)
-    assert point.compliance.values.tolist() == k.compliance.tolist()
-    assert bool(point.stable) == k.stable
 
 
 def test_two_jobs_find_what_one_finds(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from planner.cli import main
 from planner.io.schemas import schema_of
 from planner.plots.motion import animate_trajectory, save_motion
 from planner.targets import TipPosition
-from planner.trajectory.certificate import SAMPLED, MotionCertificate
+from planner.trajectory.certificate import MotionCertificate
 from planner.trajectory.question import waypoints_of
 
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())
@@ -222,14 +222,14 @@ SPOILT: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "target 0 is": ({"inequalities": (-0.9e-6,)}, {"inequalities": (-1.1e-6,)}),
     "tension limit": ({"bounds": 0.0}, {"bounds": 1e-12}),
     "rate of tension": ({"rate": 1.0}, {"rate": 1.001}),
-    "rate of stroke": ({"stroke_rate": 1 + 0.9 * SAMPLED}, {"stroke_rate": 1 + 1.1 * SAMPLED}),
+    "rate of stroke": ({"stroke_rate": 1 + 0.9e-3}, {"stroke_rate": 1 + 1.1e-3}),
     "acceleration of a stroke": (
-        {"stroke_acceleration": 1 + 0.9 * SAMPLED},
-        {"stroke_acceleration": 1 + 1.1 * SAMPLED},
+        {"stroke_acceleration": 1 + 0.9e-3},
+        {"stroke_acceleration": 1 + 1.1e-3},
     ),
     "tip's acceleration": (
-        {"tip_acceleration": 1 + 0.9 * SAMPLED},
-        {"tip_acceleration": 1 + 1.1 * SAMPLED},
+        {"tip_acceleration": 1 + 0.9e-3},
+        {"tip_acceleration": 1 + 1.1e-3},
     ),
     "jumps on its way to waypoint 2": ({"jumps": ()}, {"jumps": (2,)}),
     "less than asked": ({"clearance": 0.0}, {"clearance": -1e-9}),
