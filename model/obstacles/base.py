@@ -17,9 +17,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -79,7 +79,15 @@ class Obstacle(ABC):
 
 
 class Convex(Obstacle):
-    """An obstacle that is a box in a layer; see the formula above."""
+    """An obstacle that is a box in a layer; see the formula above.
+
+    Attributes
+    ----------
+    places : tuple of str
+        The fields that are points of it: a translation moves these.
+    """
+
+    places: ClassVar[tuple[str, ...]] = ("center",)
 
     @property
     @abstractmethod
@@ -102,32 +110,12 @@ class Convex(Obstacle):
 
     def moved(self, by: tuple[float, ...]) -> Obstacle:
         """See Obstacle.moved."""
-        return Translated(self, by)
+        points = {name: np.add(getattr(self, name), by) for name in self.places}
+        return replace(self, **points)  # type: ignore[type-var]
 
 
 SUCH[Obstacle] = "an obstacle such as a Sphere"
 SUCH[Convex] = "a convex obstacle such as Capsule(start, end, radius); a Mesh is none"
-
-
-@dataclass(frozen=True)
-class Translated(Convex):
-    """A convex obstacle after a translation (3,) [m]."""
-
-    obstacle: Convex
-    by: tuple[float, ...]
-
-    @property
-    def numbers(self) -> Array:
-        """See Convex.numbers."""
-        result = self.obstacle.numbers.copy()
-        result[:3] += self.by
-        return result
-
-    @property
-    def outline(self) -> tuple[Array, Array]:
-        """See Obstacle.outline."""
-        points, triangles = self.obstacle.outline
-        return points + np.array(self.by), triangles
 
 
 def numbers_of(obstacles: Sequence[Convex]) -> Array:

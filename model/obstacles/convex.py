@@ -8,7 +8,6 @@ import numpy as np
 
 from model.errors import InputError
 from model.obstacles.base import ENDLESS, Convex, axes_with, rounded
-from model.obstacles.outlines import swept
 from model.paths import Array
 from model.quantities import Axes, Direction, Length, Place, Sizes
 from model.value import value
@@ -56,6 +55,7 @@ class Capsule(Convex):
     start: Place
     end: Place
     radius: Length
+    places = ("start", "end")
 
     def __post_init__(self) -> None:
         if self.start == self.end:
@@ -129,6 +129,7 @@ class HalfSpace(Convex):
 
     point: Place
     normal: Direction
+    places = ("point",)
 
     @property
     def numbers(self) -> Array:
@@ -143,3 +144,24 @@ class HalfSpace(Convex):
         axes = axes_with(np.array(self.normal))
         corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * _SHOWN
         return np.array(self.point) + corners @ axes[:, 1:].T, np.array([(0, 1, 2), (0, 2, 3)])
+
+
+# Points of an outline around a round body, and along a quarter of its section.
+_AROUND, _ALONG = 24, 7
+
+
+def swept(start: Array, end: Array, radius: float) -> tuple[Array, Array]:
+    """Return points (N, 3) and triangles (M, 3) of a ball swept from start to end (3,) [m]."""
+    length = np.linalg.norm(end - start)
+    axes = axes_with(end - start) if length > 0 else np.eye(3)
+    half = np.linspace(0.0, np.pi / 2, _ALONG)
+    along = np.concatenate([-radius * np.cos(half), length + radius * np.sin(half)])
+    across = radius * np.concatenate([np.sin(half), np.cos(half)])
+    phi = np.arange(_AROUND) * 2 * np.pi / _AROUND
+    ring = axes[:, 1:] @ np.array([np.cos(phi), np.sin(phi)])
+    axis = start + along[:, None] * axes[:, 0]
+    points = (axis[:, None] + across[:, None, None] * ring.T).reshape(-1, 3)
+    i, j = np.divmod(np.arange(_AROUND * (along.size - 1)), _AROUND)
+    here, beside = i * _AROUND + j, i * _AROUND + (j + 1) % _AROUND
+    triangles = [(here, beside, beside + _AROUND), (here, beside + _AROUND, here + _AROUND)]
+    return points, np.concatenate([np.column_stack(three) for three in triangles])

@@ -108,7 +108,7 @@ class Mesh(Obstacle):
     @property
     def is_convex(self) -> bool:
         """See Obstacle.is_convex."""
-        return _convex(self)
+        return _triangles(self).is_convex
 
     def at(self, points: Array) -> tuple[Array, Array]:
         """See Obstacle.at."""
@@ -170,8 +170,3 @@ class TranslatedMesh(Obstacle):
 @lru_cache(maxsize=16)
 def _triangles(mesh: Mesh) -> Triangles:
     return Triangles(np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int64))
-
-
-@lru_cache(maxsize=16)
-def _convex(mesh: Mesh) -> bool:
-    return _triangles(mesh).is_convex

@@ -1,9 +1,8 @@
 """A closed surface of triangles: whether it is one, and its signed distance from points.
 
-The nearest point is found by libigl's tree of boxes, exactly. Its distance has the sign of the
-normal there: that of the triangle, the sum of both at an edge, at a corner their sum by angles.
-Source: Baerentzen, Aanaes, "Signed distance computation using the angle weighted pseudonormal",
-IEEE Transactions on Visualization and Computer Graphics 11 (2005).
+By libigl: the nearest point by its tree of boxes, exactly; the sign by the winding number of the
+surface around a point, 1 inside and 0 outside. Source: Barill, Dickson, Schmidt, Levin, Jacobson,
+"Fast winding numbers for soups and clouds", ACM Transactions on Graphics 37 (2018).
 """
 
 from __future__ import annotations
@@ -19,8 +18,8 @@ from model.errors import InputError, needed
 from model.paths import Array
 
 Faces = NDArray[np.int64]
-# Barycentric coordinates of the nearest point that count as 0; the same of sizes.
-_EDGE, _TINY = 1e-9, 1e-12
+# Of sizes, what counts as 0.
+_TINY = 1e-12
 # How far triangles of a convex body may be inside of its hull, over its size; the most that are
 # looked at.
 _FLAT, _MANY = 1e-7, 5000
@@ -64,14 +63,8 @@ class Triangles:
         self._tree.init(vertices, faces)
         crossed = _normals(vertices, faces)
         self.normals = crossed / np.linalg.norm(crossed, axis=1, keepdims=True)
-        edges, _, which = igl.per_edge_normals(
-            vertices, faces, igl.PER_EDGE_NORMALS_WEIGHTING_TYPE_UNIFORM
-        )
-        # By triangle, and the corner that is opposite.
-        self._edges = edges[which.reshape(3, -1).T]
-        self._corners = igl.per_vertex_normals(
-            vertices, faces, igl.PER_VERTEX_NORMALS_WEIGHTING_TYPE_ANGLE
-        )
+        self._winding: Any = igl.FastWindingNumberBVH()
+        self._winding.init(vertices, faces)
 
     def nearest(self, points: Array) -> tuple[Array, Array, Faces, Array]:
         """Return signed distances (N,) [m], gradients (N, 3), triangles (N,), places (N, 3)."""
@@ -79,29 +72,14 @@ class Triangles:
             return np.zeros(0), np.zeros((0, 3)), np.zeros(0, dtype=np.int64), np.zeros((0, 3))
         value = np.ascontiguousarray(points)
         _, face, place = self._tree.squared_distance(self.vertices, self.faces, value)
-        way, normal = points - place, self._normal(face, place)
+        way, sign = points - place, np.where(self._winding.winding_number(value) > 0.5, -1.0, 1.0)
         size = np.linalg.norm(way, axis=1)
-        sign = np.where(np.einsum("ki,ki->k", way, normal) < 0, -1.0, 1.0)
         on = size <= _TINY * np.abs(self.vertices).max()
-        gradient = np.where(on[:, None], normal, (sign / np.where(on, 1.0, size))[:, None] * way)
+        away = (sign / np.where(on, 1.0, size))[:, None] * way
+        gradient = np.where(on[:, None], self.normals[face], away)
         return sign * size, gradient, face, place
 
-    def _normal(self, face: Faces, place: Array) -> Array:
-        """Return the unit normals (N, 3) at places (N, 3) on triangles (N,)."""
-        a, b, c = (self.vertices[self.faces[face, i]] for i in range(3))
-        crossed = np.cross(b - a, c - a)
-        square = np.einsum("ki,ki->k", crossed, crossed)
-        parts = (np.cross(c - b, place - b), np.cross(a - c, place - c), np.cross(b - a, place - a))
-        weights = np.column_stack([np.einsum("ki,ki->k", crossed, part) for part in parts])
-        inside = weights > _EDGE * square[:, None]
-        count = inside.sum(axis=1)
-        on_edge = self._edges[face, inside.argmin(axis=1)]
-        at_corner = self._corners[self.faces[face, inside.argmax(axis=1)]]
-        result = np.where((count == 3)[:, None], self.normals[face], on_edge)
-        result = np.where((count <= 1)[:, None], at_corner, result)
-        return np.asarray(result / np.linalg.norm(result, axis=1, keepdims=True))
-
-    @property
+    @cached_property
     def is_convex(self) -> bool:
         """Whether the body is convex, to rounding; not looked at where there are very many."""
         if len(self.faces) > _MANY:

@@ -17,8 +17,7 @@ from model.clearance.lines import Lines
 from model.clearance.nearest import OBSTACLES, around
 from model.clearance.way import Moving, Tensions
 from model.obstacles import numbers_of
-from model.obstacles.base import Convex, Translated
-from model.obstacles.mesh import TranslatedMesh
+from model.obstacles.base import Convex
 from model.paths import Array
 from planner.avoidance.asked import Surroundings
 from planner.avoidance.places import near_places, updated, watched_places
@@ -69,7 +68,9 @@ def _corrected(question: Question, before: Waypoints, lines: Lines) -> list[Wayp
             line = lines(waypoint.tensions)
             surroundings = question.wider.at(float(timed.starts[k + 1]))
             if line is not None and not surroundings.keeps(line):
-                kept = _still(waypoint.avoidance, surroundings)
+                kept = waypoint.avoidance
+                if question.wider.moving:
+                    kept = _still(kept, surroundings)
                 near = near_places(line, surroundings)
                 rows = updated(kept, near, line, surroundings)
                 waypoint, changed = replace(waypoint, avoidance=rows), True
@@ -79,10 +80,8 @@ def _corrected(question: Question, before: Waypoints, lines: Lines) -> list[Wayp
 
 def _still(avoidance: Avoidance | None, surroundings: Surroundings) -> Avoidance | None:
     """Return inequalities without those of obstacles that have moved on."""
-    if avoidance is None or not isinstance(
-        (*surroundings.obstacles, None)[-1], Translated | TranslatedMesh
-    ):
-        return avoidance
+    if avoidance is None:
+        return None
     convex = [obstacle for obstacle in surroundings.obstacles if isinstance(obstacle, Convex)]
     numbers = {tuple(obstacle.tolist()) for obstacle in numbers_of(convex)}
     rows = (row for row in avoidance.rows if isinstance(row.other, Place) or row.other in numbers)
