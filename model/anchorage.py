@@ -19,7 +19,7 @@ from model.quantities import (
     Positive,
     unit,
 )
-from model.units import warn_of_angles, warn_of_density, warn_of_modulus
+from model.units import ANGLE_AROUND, DENSITY, MODULUS, warn_unusual
 from model.value import value
 
 QUARTERS = (0.0, np.pi / 2, np.pi, 3 * np.pi / 2)
@@ -49,7 +49,7 @@ class Anchorage:
     turn: AnglePaths | None = None
 
     def __post_init__(self) -> None:
-        warn_of_angles("Anchorage.angles", self.angles, usual=2)
+        warn_unusual("Anchorage.angles", self.angles, ANGLE_AROUND)
         for name, each in (("offset", self.offset), ("turn", self.turn)):
             if isinstance(each, tuple) and len(each) != len(self.angles):
                 allowed = f"one for each of {len(self.angles)} tendons"
@@ -116,8 +116,8 @@ class Material:
     density: Annotated[Positive, unit("kg/m3")] = 1080.0
 
     def __post_init__(self) -> None:
-        warn_of_modulus("Material.E", self.E)
-        warn_of_density("Material.density", self.density)
+        warn_unusual("Material.E", [self.E], MODULUS)
+        warn_unusual("Material.density", [self.density], DENSITY)
 
     @property
     def G(self) -> float:

@@ -17,7 +17,7 @@ from model.errors import InputError
 from model.paths import Array, Linear, Path
 from model.quantities import Frame, Length, LengthPath, Place
 from model.text import arm_text, in_notebook
-from model.units import length_text, warn_of_length
+from model.units import LENGTH, length_text, warn_unusual
 from model.value import value
 
 Row = tuple[float, float, float]
@@ -169,7 +169,7 @@ class Arm:
     rest_curvature: RestCurvature | None = None
 
     def __post_init__(self) -> None:
-        warn_of_length("Arm.length", self.length)
+        warn_unusual("Arm.length", [self.length], LENGTH)
         if self.rest_curvature is not None:
             for axis in ("n", "b"):
                 path, ends = getattr(self.rest_curvature, axis), np.array([0.0, self.length])

@@ -39,7 +39,7 @@ from model.scene import Scene
 from model.shape import Shape, sharp
 from model.shortest import UnknownLeastError, too_short
 from model.time_limit import PATIENCE, OutOfTime, check_time, limited, unless
-from model.units import called_by_a_script, warn, warn_of_lengths
+from model.units import TENDONS, called_by_a_script, warn, warn_unusual
 from model.winches import Winches
 
 LOG = logging.getLogger(__name__)
@@ -223,7 +223,8 @@ def _given(
             allowed = "tensions in a scene whose contacts have friction"
             raise InputError("lengths", "given with friction of contacts", allowed)
         winches = Winches.of(arm, tensions, lengths, EA, outside)
-        warn_of_lengths("lengths", (winches.lengths[winches.held] / arm.length).tolist())
+        shares = np.sort(winches.lengths[winches.held] / arm.length)
+        warn_unusual("lengths", shares[shares.size // 2 :][:1].tolist(), TENDONS)
         return GivenLengths(arm, scene, winches)
     for name, value in (("tendon_EA", EA), ("tendon_outside", outside)):
         if value:

@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass
 from types import FrameType
 
 _OURS = frozenset({"model", "planner", "octoplan", "octoplan_packages"})
@@ -56,66 +57,98 @@ def length_text(metres: float) -> str:
     return f"{1e3 * metres:.6g} mm" if _SENTENCES_IN_MM.get() else f"{metres:.6g} m"
 
 
-# Lengths of arms [m], moduli [Pa]: nothing that is driven by tendons is outside of these.
-_SHORT, _LONG = 2e-3, 30.0
-_SOFT, _HARD = 1e3, 2e12
-# Density of bodies [kg/m3]: foams are heavier.
-_LIGHTEST = 25.0
-# Distance of a target from the base, over the arm's length.
-_NEAR, _FAR = 3e-3, 50.0
-# Strokes of winches, over the arm's length: less moves no tip that anybody sees.
-_STROKE = 3e-4
-
-
 class UnitWarning(UserWarning):
     """A number that was likely given in another unit."""
 
 
-def warn_of_length(field: str, metres: float) -> None:
-    """Warn of an arm's length that is likely in millimetres, or metres taken for them."""
-    if metres > _LONG:
-        _warn(f"{field} is {metres:g} m; if millimetres were meant, give {metres / 1e3:g} (m)")
-    elif metres < _SHORT:
-        mm = 1e3 * metres
-        message = f"if {mm:g} m were meant, give {mm:g} (m), or {1e3 * mm:g} in a key in mm"
-        _warn(f"{field} is {metres:g} m, {mm:g} mm; {message}")
+@dataclass(frozen=True)
+class Usual:
+    """What numbers of a kind usually are, and what to tell of others.
+
+    Sentences may hold `{field}`; the number `{x}`, a thousandth, a thousand and a million times it,
+    `{m}`, `{k}` and `{M}`; of an angle its `{turns}`, and `{rad}`, what it is in degrees.
+
+    Attributes
+    ----------
+    least, most : float
+        Of the size of the number.
+    small, large : str
+        The sentences about what is below and above.
+    """
+
+    least: float
+    most: float
+    small: str
+    large: str
 
 
-def warn_of_width(field: str, metres: float) -> None:
-    """Warn of a body's width that is likely in millimetres, or metres taken for them."""
-    if metres > _LONG:
-        _warn(f"{field} is {metres:.4g} m wide; if that is in millimetres, unit='mm' was meant")
-    elif metres < _SHORT:
-        _warn(f"{field} is {1e3 * metres:.4g} mm wide; if that is in metres, unit='m' was meant")
+LENGTH = Usual(
+    2e-3,
+    30.0,
+    "{field} is {x:g} m, {k:g} mm; if {k:g} m were meant, give {k:g} (m), or {M:g} in a key in mm",
+    "{field} is {x:g} m; if millimetres were meant, give {m:g} (m)",
+)
+WIDTH = Usual(
+    LENGTH.least,
+    LENGTH.most,
+    "{field} is {k:.4g} mm wide; if that is in metres, unit='m' was meant",
+    "{field} is {x:.4g} m wide; if that is in millimetres, unit='mm' was meant",
+)
+MODULUS = Usual(
+    1e3,
+    2e12,
+    "{field} is {x:g} Pa, softer than any elastomer; if kilopascals were meant, give {k:g} (Pa)",
+    "{field} is {x:g} Pa, harder than diamond; if that was in pascals already, give {m:g} Pa",
+)
+DENSITY = Usual(
+    25.0,  # foams are heavier
+    math.inf,
+    "{field} is {x:g} kg/m3, lighter than any elastomer; if g/cm3 were meant, give {k:g} (kg/m3)",
+    "",
+)
+# Directions, and angles of tendons around the arm.
+ANGLE, ANGLE_AROUND = (
+    Usual(
+        0.0,
+        2 * math.pi * turns * (1 + 1e-9),
+        "",
+        "{field} is {x:g} rad, {turns:.3g} turns; if degrees were meant, give {rad:.6g} (rad)",
+    )
+    for turns in (1, 2)
+)
+# Over the arm's length: distances of targets from the base, lengths of tendons, and strokes of
+# winches, of which shorter ones move no tip that anybody sees.
+_IN_MM, _IN_M = "if metres were meant in a key in mm", "if millimetres were meant for metres"
+DISTANCE = Usual(
+    3e-3,
+    50.0,
+    f"{{field}} is {{x:.2g}} arm lengths from the base; {_IN_MM}, it is 1000 times too near",
+    f"{{field}} is {{x:.3g}} arm lengths from the base; {_IN_M}, it is 1000 times too far",
+)
+TENDONS = Usual(
+    3e-3,
+    50.0,
+    f"{{field}} are all about {{x:.2g}} arm lengths; {_IN_MM}, they are 1000 times too short",
+    f"{{field}} are all about {{x:.3g}} arm lengths; {_IN_M}, they are 1000 times too long",
+)
+STROKE = Usual(
+    3e-4,
+    50.0,
+    f"{{field}} is {{x:.2g}} arm lengths or less; {_IN_MM}, it is 1000 times too little",
+    f"{{field}} is {{x:.3g}} arm lengths; {_IN_M}, it is 1000 times too much",
+)
 
 
-def warn_of_modulus(field: str, pascals: float) -> None:
-    """Warn of a modulus that is likely in kPa, or pascals taken for kilopascals."""
-    if pascals < _SOFT:
-        message = f"if kilopascals were meant, give {1e3 * pascals:g} (Pa)"
-        _warn(f"{field} is {pascals:g} Pa, softer than any elastomer; {message}")
-    elif pascals > _HARD:
-        message = (
-            f"if that was in pascals already, give {pascals / 1e3:g} Pa, {pascals / 1e6:g} kPa"
-        )
-        _warn(f"{field} is {pascals:g} Pa, harder than diamond; {message}")
-
-
-def warn_of_density(field: str, density: float) -> None:
-    """Warn of a body's density that is likely in g/cm3."""
-    if density < _LIGHTEST:
-        message = f"if g/cm3 were meant, give {1e3 * density:g} (kg/m3)"
-        _warn(f"{field} is {density:g} kg/m3, lighter than any elastomer; {message}")
-
-
-def warn_of_angles(field: str, radians: Iterable[float], usual: int = 1) -> None:
-    """Warn of an angle beyond so many turns as are usual, likely in degrees."""
-    for angle in radians:
-        if abs(angle) > 2 * math.pi * usual * (1 + 1e-9):
-            turns = abs(angle) / (2 * math.pi)
-            message = f"if degrees were meant, give {math.radians(angle):.6g} (rad)"
-            _warn(f"{field} is {angle:g} rad, {turns:.3g} turns; {message}")
-            return
+def warn_unusual(field: str, numbers: Iterable[float], usual: Usual) -> None:
+    """Warn of the first of numbers that is too large, or of the largest if all are too small."""
+    finite = [x for x in numbers if math.isfinite(x)]
+    large = next((x for x in finite if abs(x) > usual.most), None)
+    x = large if large is not None else max(finite, key=abs, default=0.0)
+    if large is not None or 0 < abs(x) < usual.least:
+        sentence = usual.small if large is None else usual.large
+        scaled = {"x": x, "m": x / 1e3, "k": 1e3 * x, "M": 1e6 * x}
+        angle = {"turns": abs(x) / (2 * math.pi), "rad": math.radians(x)}
+        warn(sentence.format(field=field, **scaled, **angle), UnitWarning)
 
 
 def likely_degrees(radians: float) -> str:
@@ -123,40 +156,3 @@ def likely_degrees(radians: float) -> str:
     if abs(radians) <= 2 * math.pi or abs(radians) > 360:
         return ""
     return f"; {radians:g} degrees are {math.radians(radians):.6g}"
-
-
-def warn_of_distance(field: str, share: float) -> None:
-    """Warn of a place whose distance from the base over the arm's length is out of proportion."""
-    if share > _FAR:
-        message = "if millimetres were meant for metres, it is 1000 times too far"
-        _warn(f"{field} is {share:.3g} arm lengths from the base; {message}")
-    elif 0 < share < _NEAR:
-        message = "if metres were meant in a key in mm, it is 1000 times too near"
-        _warn(f"{field} is {share:.2g} arm lengths from the base; {message}")
-
-
-def warn_of_lengths(field: str, shares: Iterable[float]) -> None:
-    """Warn of lengths of tendons, over the arm's length, that are all out of proportion."""
-    shares = list(shares)
-    least, most = min(shares, default=0.0), max(shares, default=0.0)
-    if least > _FAR:
-        message = "if millimetres were meant for metres, they are 1000 times too long"
-        _warn(f"{field} are all {least:.3g} arm lengths or more; {message}")
-    elif 0 < most < _NEAR:
-        message = "if metres were meant in a key in mm, they are 1000 times too short"
-        _warn(f"{field} are all {most:.2g} arm lengths or less; {message}")
-
-
-def warn_of_strokes(field: str, shares: Iterable[float]) -> None:
-    """Warn of strokes, or limits of these, over the arm's length, that are out of proportion."""
-    most = max((abs(share) for share in shares if math.isfinite(share)), default=0.0)
-    if 0 < most < _STROKE:
-        message = "if metres were meant in a key in mm, it is 1000 times too little"
-        _warn(f"{field} is {most:.2g} arm lengths or less; {message}")
-    elif most > _FAR:
-        message = "if millimetres were meant for metres, it is 1000 times too much"
-        _warn(f"{field} is up to {most:.3g} arm lengths; {message}")
-
-
-def _warn(message: str) -> None:
-    warn(message, UnitWarning)

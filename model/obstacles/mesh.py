@@ -15,7 +15,7 @@ from model.obstacles.base import ENDLESS, Obstacle, axes_with, rounded
 from model.obstacles.triangles import Triangles, check_closed, volume
 from model.paths import Array
 from model.quantities import Corners, Vector
-from model.units import warn_of_width
+from model.units import WIDTH, warn_unusual
 from model.value import value
 
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
@@ -47,7 +47,7 @@ class Mesh(Obstacle):
             worst = faces.min() if faces.min() < 0 else faces.max()
             raise InputError("Mesh.faces", int(worst), message)
         check_closed(vertices, faces)
-        warn_of_width("the mesh", float(np.ptp(vertices, axis=0).max()))
+        warn_unusual("the mesh", [float(np.ptp(vertices, axis=0).max())], WIDTH)
 
     @classmethod
     def read(

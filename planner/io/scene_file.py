@@ -16,7 +16,7 @@ from model.effects import SelfContact
 from model.errors import FileError
 from model.loads import check_loads
 from model.machine.compiled import Compile
-from model.units import length_text, warn_of_strokes
+from model.units import STROKE, length_text, warn_unusual
 from model.winches import Winches, rest_lengths
 from planner.avoidance.asked import surroundings
 from planner.io.arm_tables import ArmTable, arm_of
@@ -266,7 +266,7 @@ def _left(arm: Arm, strokes: Any) -> list[float]:
         field, stroke = f"strokes[{j}] ({arm.tendon_name(int(j))})", f"{1e3 * taken[j]:g} mm"
         allowed = f"below {1e3 * rest[j]:.6g} mm, its length at rest, and negative where paid out"
         raise InputError(field, stroke, allowed)
-    warn_of_strokes("strokes_mm", (taken / arm.length).tolist())
+    warn_unusual("strokes_mm", (taken / arm.length).tolist(), STROKE)
     return [*(rest - taken).tolist()]
 
 

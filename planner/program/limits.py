@@ -12,7 +12,7 @@ from model.arm import Arm
 from model.checks import LARGEST, finite_array, numbers
 from model.errors import InputError
 from model.paths import Array
-from model.units import warn_of_strokes
+from model.units import STROKE, warn_unusual
 
 # Minima above this many times what bends the arm by 1 rad crush any arm, and digits are lost.
 _MOST = 1e6
@@ -78,7 +78,7 @@ class Limits:
         paid_out = high if least is None else _each(arm, "stroke_min", _negated(least))
         for name, bound in (("stroke_max", high), ("stroke_min", paid_out)):
             if name == "stroke_max" or least is not None:
-                warn_of_strokes(name, (bound / arm.length).tolist())
+                warn_unusual(name, (bound / arm.length).tolist(), STROKE)
         return replace(self, strokes=(tuple((-paid_out).tolist()), tuple(high.tolist())))
 
     @property

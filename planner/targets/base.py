@@ -15,7 +15,7 @@ from model.errors import InputError
 from model.paths import Array
 from model.rotations import conjugate, matrix, multiply
 from model.stiffness import Hold
-from model.units import warn_of_distance
+from model.units import DISTANCE, warn_unusual
 
 # How the name of an inequality ends that is a share of what is wanted.
 OVER_WANTED = " over that wanted, less 1"
@@ -215,7 +215,7 @@ def check_near(arm: Arm, field: str, points: Any) -> None:
     distance = np.abs(np.asarray(points) / arm.length - np.array(arm.base_position) / arm.length)
     if not distance.max() <= _FAR:
         raise InputError(field, points, f"within {_FAR:g} arm lengths of the base, in m")
-    warn_of_distance(field, float(np.linalg.norm(distance, axis=-1).max()))
+    warn_unusual(field, [float(np.linalg.norm(distance, axis=-1).max())], DISTANCE)
 
 
 def toward(arm: Arm, angle: float) -> Array:

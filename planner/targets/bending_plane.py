@@ -12,7 +12,7 @@ from msgspec import Meta
 from model.arm import Arm
 from model.paths import Array
 from model.quantities import Angle, unit
-from model.units import warn_of_angles
+from model.units import ANGLE, warn_unusual
 from model.value import value
 from planner.targets.base import Free, Terms, View, toward
 
@@ -40,7 +40,7 @@ class BendingPlane(Free):
     section: Annotated[int, Meta(ge=1)] = 1
 
     def __post_init__(self) -> None:
-        warn_of_angles("BendingPlane.angle", [self.angle])
+        warn_unusual("BendingPlane.angle", [self.angle], ANGLE)
 
     def check(self, arm: Arm) -> None:
         """See Target.check."""

@@ -13,7 +13,7 @@ from model.arm import Arm
 from model.errors import InputError
 from model.paths import Array
 from model.quantities import Angle, Place, unit
-from model.units import warn_of_angles
+from model.units import ANGLE, warn_unusual
 from model.value import value
 from planner.targets.base import Free, Terms, View, check_near, toward
 
@@ -59,7 +59,7 @@ class Fetch(Free):
 
     def __post_init__(self) -> None:
         for name in ("proximal", "medial", "distal"):
-            warn_of_angles(f"Fetch.{name} plane", [getattr(self, name).plane])
+            warn_unusual(f"Fetch.{name} plane", [getattr(self, name).plane], ANGLE)
 
     @staticmethod
     def reach(
@@ -127,7 +127,7 @@ class FetchReach(Free):
 
     def __post_init__(self) -> None:
         if self.plane is not None:
-            warn_of_angles("FetchReach.plane", [self.plane])
+            warn_unusual("FetchReach.plane", [self.plane], ANGLE)
 
     def check(self, arm: Arm) -> None:
         """See Target.check."""

@@ -16,7 +16,7 @@ from model.clearance.lines import Lines
 from model.errors import FileError, InputError
 from model.paths import Array
 from model.scene import Scene
-from model.units import warn_of_strokes
+from model.units import STROKE, warn_unusual
 from planner.avoidance.asked import Surroundings
 from planner.avoidance.rows import Avoidance
 from planner.plan import Plan, plan
@@ -73,7 +73,7 @@ class Rates:
             "tip_acceleration_max": tip,
         }
         most = [np.inf if limit is None else positive(key, limit) for key, limit in options.items()]
-        warn_of_strokes("stroke_rate_max", [most[0] / arm.length])
+        warn_unusual("stroke_rate_max", [most[0] / arm.length], STROKE)
         return cls(tuple(np.asarray(tension).tolist()), *most)
 
     @property
