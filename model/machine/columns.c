@@ -21,9 +21,8 @@ static inline lanes either(mask c, lanes a, lanes b) { return (lanes)((mask)a & 
 static inline lanes each_fmin(lanes a, lanes b) { return either((a < b) | (b != b), a, b); }
 static inline lanes each_fmax(lanes a, lanes b) { return either((a > b) | (b != b), a, b); }
 
-FUNCTIONS_
 static inline void function(const lanes *y, lanes *r) {
-CALLS_
+BODY_
 }
 
 /* in[i] is (steps, size, n), or (steps, size, 1) of what is the same for all sets, out[i] (steps,

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from model.machine.libraries import cut, library
+from model.machine.libraries import library
 from model.paths import Array
 
 # Sets side by side in C, and by NumPy: intermediate numbers stay in the processor's cache.
@@ -163,7 +163,7 @@ def written(function: ca.Function) -> str:
             lines.append(f"  a{to[0]}=all({_literal(value)});")
         else:
             lines.append(f"  a{to[0]}={OPERATIONS[op].c.format(*(f'a{i}' for i in read))};")
-    functions, calls = cut(lines, "piece", {"y": "const lanes *", "r": "lanes *"}, "lanes")
+    registers = ", ".join(f"a{i}" for i in range(function.sz_w()))
     parts: dict[str, Any] = {
         "LANES_": LANES,
         "SIZES_IN_": ", ".join(map(str, sizes_in)),
@@ -172,8 +172,7 @@ def written(function: ca.Function) -> str:
         "N_OUT_": len(sizes_out),
         "N_Y_": begins_in[-1],
         "N_R_": begins_out[-1],
-        "FUNCTIONS_": functions,
-        "CALLS_": calls,
+        "BODY_": "\n".join([f"  lanes {registers};", *lines]),
     }
     source = files("model.machine").joinpath("columns.c").read_text(encoding="utf-8")
     for name, part in parts.items():

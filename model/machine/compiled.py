@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import casadi as ca
 
 from model.errors import CompilerError, InputError
-from model.machine.libraries import in_pieces, library
+from model.machine.libraries import library
 from model.units import warn
 
 Compile = bool | Literal["auto"]
@@ -62,7 +62,7 @@ def kernels(functions: Iterable[ca.Function], machine_code: bool = True) -> list
     left = [f for f in dict.fromkeys(functions) if f not in _built and is_short(f)]
     sources = [_source(f) for f in left]
     with ThreadPoolExecutor(max(len(left), 1)) as pool:
-        paths = list(pool.map(lambda source: library(source, _LEVEL, in_pieces), sources))
+        paths = list(pool.map(lambda source: library(source, _LEVEL), sources))
     for f, path in zip(left, paths, strict=True):
         _built[f] = ca.external(f.name(), str(path))
     return [_built.get(f, f) for f in functions]

@@ -9,15 +9,12 @@ from __future__ import annotations
 
 import atexit
 import hashlib
-import inspect
 import os
-import re
 import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
@@ -95,23 +92,20 @@ def _run(command: tuple[str, ...], source: str) -> str:
     return done.stdout
 
 
-def library(source: str, flag: str, prepare: Callable[[str], str] | None = None) -> Path:
+def library(source: str, flag: str) -> Path:
     """Return the library of C source, verified; built where it is not there.
 
     Parameters
     ----------
     flag : str
         Of the compiler, besides those that are always given.
-    prepare : function
-        What is done to the source before it is compiled.
 
     Raises
     ------
     CompilerError
     """
     by = compiler()
-    how = inspect.getsource(sys.modules[prepare.__module__]) if prepare else ""
-    values = (source, how, by.command, by.identity, FLAGS, flag)
+    values = (source, by.command, by.identity, FLAGS, flag)
     key, folder = hashlib.sha256(repr(values).encode()).hexdigest(), cache_folder()
     for path in folder.glob(f"{key}-*.so"):
         if path.name == _name(key, path):
@@ -120,7 +114,7 @@ def library(source: str, flag: str, prepare: Callable[[str], str] | None = None)
             path.unlink()
     with tempfile.TemporaryDirectory(prefix="building-", dir=_writable(folder)) as work:
         built = Path(work) / "library.so"
-        by.compile(prepare(source) if prepare else source, built, flag)
+        by.compile(source, built, flag)
         path = Path(work).parent / _name(key, built)
         built.replace(path)
     return path
@@ -152,77 +146,3 @@ def _scratch() -> Path:
     folder = tempfile.mkdtemp(prefix="octoplan-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return Path(folder)
-
-
-# Longer pieces take the compiler longer, shorter ones hand on more: the code of 64 to 250 lines
-# takes as long to run, within a tenth.
-_LINES, _WHOLE = 128, 512
-_BEGIN = re.compile(r"^static int \w+\(const casadi_real\*\* arg, .*\{$", re.MULTILINE)
-_END = "\n  return 0;\n}"
-_DECLARED = "  casadi_real a"
-_VARIABLE = re.compile(r"\ba\d+\b")
-_ASSIGNED = re.compile(r"  (a\d+)=")
-
-
-def in_pieces(source: str) -> str:
-    """Return CasADi's C of one SX function, with its list of assignments in pieces."""
-    begin = _BEGIN.search(source)
-    assert begin is not None
-    head, name = source[: begin.start()], begin.group()
-    body, tail = source[begin.end() :].split(_END, 1)
-    lines = [line for line in body.strip("\n").split("\n") if not line.startswith(_DECLARED)]
-    arguments = {"arg": "const casadi_real**", "res": "casadi_real**"}
-    functions, calls = cut(lines, "piece", arguments, "casadi_real")
-    return "".join([head, functions, name, "\n", calls, _END, tail])
-
-
-def cut(
-    lines: Sequence[str], name: str, arguments: Mapping[str, str], number: str
-) -> tuple[str, str]:
-    """Return functions that do the assignments of lines in pieces, and what calls all of them.
-
-    They are named after `name`; `arguments` are those of the whole, with their types, and `number`
-    is the type of the variables.
-    """
-    size = len(lines) if len(lines) <= _WHOLE else _LINES
-    pieces = [lines[i : i + size] for i in range(0, len(lines), size)]
-    written, later = [], set[str]()
-    value = ", ".join(f"{kind} {value}" for value, kind in arguments.items())
-    for k, piece in reversed(list(enumerate(pieces))):
-        head = f"static void {name}{k}({value}, {number}* kept)"
-        written.append(_piece(head, piece, later, number))
-        later = (later - _assigned(piece)) | _read(piece)
-    size = 1 + max(int(v[1:]) for line in lines for v in _VARIABLE.findall(line))
-    handed = ", ".join([*arguments, "kept"])
-    calls = [f"\n  {name}{k}({handed});" for k in range(len(pieces))]
-    return "".join(reversed(written)), "".join([f"  {number} kept[{size}];", *calls])
-
-
-def _piece(head: str, lines: Sequence[str], later: set[str], number: str) -> str:
-    """Return a piece as a function that reads and leaves in `kept` what others share with it."""
-    read, assigned = _read(lines), _assigned(lines)
-    return "\n".join(
-        [
-            f"__attribute__((noinline)) {head} {{",
-            f"  {number} {', '.join(sorted(read | assigned))};",
-            *(f"  {v}=kept[{int(v[1:])}];" for v in sorted(read)),
-            *lines,
-            *(f"  kept[{int(v[1:])}]={v};" for v in sorted(assigned & later)),
-            "}\n\n",
-        ]
-    )
-
-
-def _assigned(lines: Sequence[str]) -> set[str]:
-    return {match.group(1) for match in map(_ASSIGNED.match, lines) if match}
-
-
-def _read(lines: Sequence[str]) -> set[str]:
-    """Return the variables that are read before they are assigned."""
-    read, assigned = set[str](), set[str]()
-    for line in lines:
-        match = _ASSIGNED.match(line)
-        read.update(set(_VARIABLE.findall(line[match.end() :] if match else line)) - assigned)
-        if match:
-            assigned.add(match.group(1))
-    return read

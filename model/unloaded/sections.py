@@ -49,8 +49,8 @@ class SectionSolver:
     def __init__(self, statics: ClosedStatics, machine_code: bool) -> None:
         self._tolerance, self._step = 0.0, None
         if isinstance(statics, EnergyStatics):
-            self._tolerance, begin = statics.settled, statics.begun
-            self._step = Mapped(statics.step, machine_code)
+            self._tolerance, begin = statics.settled, statics.begun()
+            self._step = Mapped(statics.step(), machine_code)
         else:
             begin = balance_function(statics)
         self._begin = Mapped(begin, machine_code)

@@ -7,7 +7,6 @@ by itself and none is twisted: its strains follow from the tensions alone.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import casadi as ca
 import numpy as np
@@ -15,7 +14,7 @@ import numpy as np
 from model.arm import Arm
 from model.cross_section import cross_section_of
 from model.cross_section.energy import EnergySection, RubberSection
-from model.cross_section.law import TINY, CrossSection, join, less_rest
+from model.cross_section.law import TINY, join, less_rest
 from model.cross_section.paper import PaperSection, resultants
 from model.paths import Array
 from model.scene import Scene
@@ -37,7 +36,11 @@ _SMALL = 1e-30
 
 @dataclass(frozen=True)
 class EnergyStatics:
-    """See ClosedStatics: `pull` are the tensions, `data` is of the body, then y_i, then y_i'.
+    """The balance of a cross-section with an energy, as SX expressions of numbers of it.
+
+    These are `pull` (n_pull,), linear in the tensions: here the tensions themselves; and `data`
+    (n_data,) of body and tendon paths: E A, E J and G I first, then curvature at rest about n and
+    b, if there is any, then the offsets y_i and y_i'.
 
     Attributes
     ----------
@@ -60,11 +63,6 @@ class EnergyStatics:
         return len(self.row)
 
     @property
-    def each_alone(self) -> bool:
-        """Whether pull are the tensions of the tendons that cross: they are."""
-        return True
-
-    @property
     def n_data(self) -> int:
         """The size of data."""
         return self._first + 2 * (max(self.row) + 1)
@@ -80,11 +78,11 @@ class EnergyStatics:
         return isinstance(self.law, RubberSection)
 
     def pulls(self, arm: Arm, at: Stations) -> Array:
-        """See ClosedStatics.pulls: 1 for a tendon that crosses."""
+        """Return maps (N, n_pull, n_tendons) from tensions to pull: 1 for a tendon that crosses."""
         return np.asarray(crossing(arm, at)[:, :, None] * np.eye(arm.n_tendons))
 
     def data(self, at: Stations) -> Array:
-        """See ClosedStatics.data."""
+        """Return data (n_data, N)."""
         return np.vstack([at.body, at.rest, at.y, at.y_rate])
 
     def offset(self, j: int, data: ca.SX) -> ca.SX:
@@ -93,7 +91,10 @@ class EnergyStatics:
         return ca.vertcat(data[i], data[i + (self.n_data - self._first) // 2])
 
     def wrench(self, v: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
-        """See ClosedStatics.wrench: the gradient of the energy."""
+        """Return the wrench of body and tendons at strains v, which vanishes without loads.
+
+        It is the gradient of the energy.
+        """
         result = self.law.body(v, self._body(data))
         for j, side in enumerate(zip(self.cos, self.sin, strict=True)):
             path = ca.vec(ca.vertcat(*side) @ self.offset(j, data).T)
@@ -101,24 +102,48 @@ class EnergyStatics:
         return result
 
     def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
-        """See ClosedStatics.solve: a fixed number of steps."""
-        (u, w), step = self.begun(pull, data), self.step
+        """Return the strains v where the wrench vanishes, NaN if a few steps do not lead there."""
+        (u, w), step = self.begun()(pull, data), self.step()
         for _ in range(_STEPS):
             u, w, size, v = step(u, w, pull, data)
         return ca.if_else(size < self.settled, v, np.nan)
 
-    @property
     def begun(self) -> ca.Function:
-        """(pull, data) -> u and w to begin with; see step."""
-        return _begun(self)
+        """Return (pull, data) -> u and w to begin with; see step."""
+        pull, data = ca.SX.sym("pull", self.n_pull), ca.SX.sym("data", self.n_data)
+        w = ca.SX.zeros(1 + self.is_rubber, self.n_pull)
+        begun = [ca.densify(self.straight(pull, data)), ca.vec(w)]
+        return ca.Function("begun", [pull, data], begun, {"cse": True})
 
-    @property
     def step(self) -> ca.Function:
-        """(u, w, pull, data) -> u and w after a step, its size, the strains v there.
+        """Return (u, w, pull, data) -> u and w after a Newton step, its size, the strains v there.
 
-        w (1 or 2, n_pull) are the tendons' unit vectors; the size counts curvatures by the radius.
+        w (1 or 2, n_pull), one column here, are the tendons' unit vectors; the size counts
+        curvatures by the radius.
         """
-        return _newton(self)
+        extension, rubber = self.law.extension, self.is_rubber
+        u, W = ca.SX.sym("u", 2 + extension), ca.SX.sym("w", (1 + rubber) * self.n_pull)
+        w = ca.reshape(W, 1 + rubber, self.n_pull)
+        pull, data = ca.SX.sym("pull", self.n_pull), ca.SX.sym("data", self.n_data)
+        hessian, slope = ca.hessian(self.body_energy(u, data), u)
+        tendons = [_Tendon(*self.tangent(j, u, data), u, w[:, j]) for j in range(w.shape[1])]
+        for j, tendon in enumerate(tendons):
+            slope += pull[j] * tendon.slope
+            hessian += pull[j] * tendon.curvature
+        stiff = ca.vertcat(data[1], data[1], data[0])[: u.numel()] * (_LEAST if rubber else 1.0)
+        step = _solve_symmetric(hessian, -slope, stiff)
+        radius = 2 * ca.sqrt(data[1] / data[0])
+        size = radius * ca.norm_inf(step[:2]) / (1 + radius * ca.norm_inf(u[:2]))
+        if extension:
+            size = ca.fmax(size, ca.fabs(step[2]))
+        if rubber:
+            change = ca.fmax(-step[2] / _SHRINKS, step[2] / _GROWS)
+            change = ca.fmax(change, radius * ca.norm_inf(step[:2]) / _BENDS)
+            step = step / ca.fmax(1, change / u[2])
+        turned = ca.horzcat(*(tendon.turned(step) for tendon in tendons))
+        after = u + step
+        results = [after, ca.vec(turned), size, ca.densify(self.strains(after))]
+        return ca.Function("newton", [u, W, pull, data], results, {"cse": True})
 
     def straight(self, pull: ca.SX, data: ca.SX) -> ca.SX:
         """Return the strains to begin with: the curvature at rest."""
@@ -154,40 +179,6 @@ class EnergyStatics:
         moving = [i for i in range(3) if ca.depends_on(c[i], u)]
         still = [i for i in range(3) if i not in moving]
         return c[moving], ca.sumsqr(c[still]) + TINY
-
-
-def _begun(statics: EnergyStatics) -> ca.Function:
-    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
-    w = ca.SX.zeros(1 + statics.is_rubber, statics.n_pull)
-    begun = [ca.densify(statics.straight(pull, data)), ca.vec(w)]
-    return ca.Function("begun", [pull, data], begun, {"cse": True})
-
-
-def _newton(statics: EnergyStatics) -> ca.Function:
-    """See EnergyStatics.step; w is one column."""
-    extension, rubber = statics.law.extension, statics.is_rubber
-    u, W = ca.SX.sym("u", 2 + extension), ca.SX.sym("w", (1 + rubber) * statics.n_pull)
-    w = ca.reshape(W, 1 + rubber, statics.n_pull)
-    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
-    hessian, slope = ca.hessian(statics.body_energy(u, data), u)
-    tendons = [_Tendon(*statics.tangent(j, u, data), u, w[:, j]) for j in range(w.shape[1])]
-    for j, tendon in enumerate(tendons):
-        slope += pull[j] * tendon.slope
-        hessian += pull[j] * tendon.curvature
-    stiff = ca.vertcat(data[1], data[1], data[0])[: u.numel()] * (_LEAST if rubber else 1.0)
-    step = _solve_symmetric(hessian, -slope, stiff)
-    radius = 2 * ca.sqrt(data[1] / data[0])
-    size = radius * ca.norm_inf(step[:2]) / (1 + radius * ca.norm_inf(u[:2]))
-    if extension:
-        size = ca.fmax(size, ca.fabs(step[2]))
-    if rubber:
-        change = ca.fmax(-step[2] / _SHRINKS, step[2] / _GROWS)
-        change = ca.fmax(change, radius * ca.norm_inf(step[:2]) / _BENDS)
-        step = step / ca.fmax(1, change / u[2])
-    turned = ca.horzcat(*(tendon.turned(step) for tendon in tendons))
-    after = u + step
-    results = [after, ca.vec(turned), size, ca.densify(statics.strains(after))]
-    return ca.Function("newton", [u, W, pull, data], results, {"cse": True})
 
 
 class _Tendon:
@@ -232,44 +223,46 @@ def _solve_symmetric(A: ca.SX, right: ca.SX, least: ca.SX) -> ca.SX:
     return ca.vertcat(*x)
 
 
-class ClosedStatics(Protocol):
-    """The strains of a cross-section as SX expressions of its tendons; a frozen value.
+@dataclass(frozen=True)
+class PaperStatics:
+    """The paper's balance, linear in the strains; `pull` are the six resultants of the tendons.
 
-    What it needs of a cross-section are `pull` (n_pull,), numbers that are linear in the tensions,
-    and `data` (n_data,), numbers of body and tendon paths: E A, E J and G I first, then curvature
-    at rest about n and b, if there is any.
+    (K + sum T y2 (1 - d d^T)) omega = sum T y t x d, E A q = - sum T t . c; see PaperSection.
     """
 
-    def __hash__(self) -> int:
-        """Return the hash of the value."""
-
-    @property
-    def law(self) -> CrossSection:
-        """The law of the cross-section, without torsion and shear."""
-
-    @property
-    def n_pull(self) -> int:
-        """The size of pull."""
-
-    @property
-    def each_alone(self) -> bool:
-        """Whether pull are the tensions of the tendons that cross."""
+    law: PaperSection
+    n_pull: int = field(default=6, init=False)
 
     @property
     def n_data(self) -> int:
         """The size of data."""
+        return 3 + 2 * self.law.curved
 
     def pulls(self, arm: Arm, at: Stations) -> Array:
-        """Return the maps (N, n_pull, n_tendons) from tensions to pull."""
+        """See EnergyStatics.pulls."""
+        return resultant_maps(arm, at)
 
     def data(self, at: Stations) -> Array:
-        """Return data (n_data, N)."""
+        """See EnergyStatics.data."""
+        return np.vstack([at.body, at.rest])
 
     def wrench(self, v: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
-        """Return the wrench of body and tendons at strains v, which vanishes without loads."""
+        """See EnergyStatics.wrench."""
+        moment, along = self.law.tendons(v, pull)
+        body = self.law.body(v, ca.vertcat(data[:3], 0, data[3:]))
+        return body + join(self.law, moment, along, ca.SX(0, 1))
 
     def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
-        """Return the strains v where the wrench vanishes, NaN where there are none."""
+        """See EnergyStatics.solve: curvatures, of which the stretch follows."""
+        n = 2 + self.law.extension
+        v = ca.SX.sym("v", n)
+        wrench = self.wrench(v, pull, data)
+        D, rest = ca.jacobian(wrench, v), ca.substitute([wrench], [v], [ca.SX.zeros(n)])[0]
+        bend = -ca.inv_minor(D[:2, :2]) @ rest[:2]
+        return ca.vertcat(bend, (-rest[2:] - D[2:, :2] @ bend) / ca.diag(D)[2:])
+
+
+ClosedStatics = EnergyStatics | PaperStatics
 
 
 def closed_statics(scene: Scene, arm: Arm) -> ClosedStatics:
@@ -289,46 +282,6 @@ def balance_function(statics: ClosedStatics) -> ca.Function:
     return ca.Function("balance", [pull, data], [v], {"cse": True})
 
 
-@dataclass(frozen=True)
-class PaperStatics:
-    """The paper's balance, linear in the strains; `pull` are the six resultants of the tendons.
-
-    (K + sum T y2 (1 - d d^T)) omega = sum T y t x d, E A q = - sum T t . c; see PaperSection.
-    """
-
-    law: PaperSection
-    n_pull: int = field(default=6, init=False)
-    each_alone: bool = field(default=False, init=False)
-
-    @property
-    def n_data(self) -> int:
-        """The size of data."""
-        return 3 + 2 * self.law.curved
-
-    def pulls(self, arm: Arm, at: Stations) -> Array:
-        """See ClosedStatics.pulls."""
-        return resultant_maps(arm, at)
-
-    def data(self, at: Stations) -> Array:
-        """See ClosedStatics.data."""
-        return np.vstack([at.body, at.rest])
-
-    def wrench(self, v: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
-        """See ClosedStatics.wrench."""
-        moment, along = self.law.tendons(v, pull)
-        body = self.law.body(v, ca.vertcat(data[:3], 0, data[3:]))
-        return body + join(self.law, moment, along, ca.SX(0, 1))
-
-    def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
-        """See ClosedStatics.solve: curvatures, of which the stretch follows."""
-        n = 2 + self.law.extension
-        v = ca.SX.sym("v", n)
-        wrench = self.wrench(v, pull, data)
-        D, rest = ca.jacobian(wrench, v), ca.substitute([wrench], [v], [ca.SX.zeros(n)])[0]
-        bend = _solve_2x2(D[:2, :2], -rest[:2])
-        return ca.vertcat(bend, (-rest[2:] - D[2:, :2] @ bend) / ca.diag(D)[2:])
-
-
 def resultant_maps(arm: Arm, at: Stations) -> Array:
     """Return the maps (N, 6, n_tendons) from tensions to the tendons' resultants at stations."""
     place, tendon = np.nonzero(crossing(arm, at))
@@ -337,11 +290,3 @@ def resultant_maps(arm: Arm, at: Stations) -> Array:
     for i, share in enumerate(resultants(n, b)):
         maps[place, i, tendon] = share
     return maps
-
-
-def _solve_2x2(D: ca.SX, right: ca.SX) -> ca.SX:
-    """Return D^-1 right for a positive definite 2x2 matrix."""
-    det = D[0, 0] * D[1, 1] - D[0, 1] * D[1, 0]
-    first = (D[1, 1] * right[0] - D[0, 1] * right[1]) / det
-    second = (D[0, 0] * right[1] - D[1, 0] * right[0]) / det
-    return ca.vertcat(first, second)
