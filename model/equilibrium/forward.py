@@ -89,10 +89,11 @@ class Collocation:
         """Return the equilibrium near that of another mesh; None if there is none."""
         return newton(self.system, tensions, 1.0, self.carried(tensions, known), NEAR)
 
-    def from_rest(self, tensions: Array) -> Linearised:
+    def from_rest(self, tensions: Array, looser: float = 1.0) -> Linearised:
         """Return the equilibrium that the unloaded arm comes to under tensions (n_tendons,).
 
-        Without loads the states that loads would begin from are the equilibrium. Raises SnapError,
+        Without loads the states that loads would begin from are the equilibrium. The last steps of
+        Newton's method may be so many times `looser` than elsewhere. Raises SnapError,
         which says where its branch ends or loses its stability, and UnsettledSectionError where a
         section has none, or tensions that leave a tendon no length keep loads from being applied in
         steps.
@@ -103,7 +104,7 @@ class Collocation:
             return here
         crushed = unloaded_sections(at).crushed(at.strains(here.states))
         steps = _SOON_IF_CRUSHED if crushed.any() else np.inf
-        end = follow_on(Followed(here, 0.0, ""), 1.0, LEAST_STEP, steps)
+        end = follow_on(Followed(here, 0.0, ""), 1.0, LEAST_STEP, steps, looser)
         if end.load >= 1:
             return end.here
         if crushed.any():

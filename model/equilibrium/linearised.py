@@ -37,20 +37,29 @@ class Band:
         Rows of the storage, those that pivoting fills among them.
     inside, outside : (n,)
         Which nonzeros are against the states; which against tensions and the load factor.
+    states, equations : (n_states,)
+        Their order in the storage. Of a node's states the quaternion comes last, on which all of
+        its element depends, and equations come in the order of their first states: the band is as
+        narrow as that, and a factorisation costs its width times what is below the diagonal.
     stored : (n,)
         Where those inside stand in the storage, column by column.
     """
 
     def __init__(self, of: Layout) -> None:
         self.rows, self.columns = of.equations.triplet("jacobian")
-        self.first, off = of.first, self.rows - (self.columns - of.first)
+        self.first, n = of.first, of.n_states
         self.inside = np.flatnonzero(self.columns >= of.first)
         self.outside = np.flatnonzero(self.columns < of.first)
-        self.below, self.above = int(off[self.inside].max()), int(-off[self.inside].min())
+        self.states = np.arange(n)
+        self.states[of.nodes] = np.roll(of.nodes, -4, axis=1)
+        column = np.argsort(self.states)[self.columns[self.inside] - of.first]
+        earliest = np.full(n, n)
+        np.minimum.at(earliest, self.rows[self.inside], column)
+        self.equations = np.argsort(earliest, kind="stable")
+        row = np.argsort(self.equations)[self.rows[self.inside]]
+        self.below, self.above = int((row - column).max()), int((column - row).max())
         self.height = 2 * self.below + self.above + 1
-        column = self.columns[self.inside] - of.first
-        row = self.below + self.above + self.rows[self.inside] - column
-        self.stored = column * self.height + row
+        self.stored = column * self.height + self.below + self.above + row - column
 
 
 @lru_cache(maxsize=32)
@@ -134,10 +143,15 @@ class Linearised:
 
         With `transposed` the multipliers of right-hand sides in the states.
         """
-        factors, pivots = self.factor
-        at = self.band
-        solution, _ = dgbtrs(factors, at.below, at.above, right, pivots, trans=int(transposed))
-        return np.asarray(solution)
+        (factors, pivots), at = self.factor, self.band
+        before, after = at.equations, at.states
+        if transposed:
+            before, after = after, before
+        ordered, trans = np.asfortranarray(right[before]), int(transposed)
+        solution, _ = dgbtrs(factors, at.below, at.above, ordered, pivots, trans, overwrite_b=1)
+        result: Array = np.empty_like(solution)
+        result[after] = solution
+        return result
 
     def newton_step(self) -> Array | None:
         """Return the change of the states (n_states,) by Newton's method; None if there is none.

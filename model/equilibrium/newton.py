@@ -120,11 +120,13 @@ class Followed(NamedTuple):
     why: str
 
 
-def follow_on(start: Followed, most: float, least: float, steps: float = np.inf) -> Followed:
+def follow_on(
+    start: Followed, most: float, least: float, steps: float = np.inf, looser: float = 1.0
+) -> Followed:
     """Follow a branch on from an equilibrium, up to a load factor.
 
     A step that leads to no equilibrium is halved; the end is where it is down to `least`
-    of the load factor that is reached, or where so many `steps` were tried.
+    of the load factor that is reached, or where so many `steps` were tried. `looser` is newton's.
     """
     at, step, tried, system = start, min(1.0, most), 0, start.here.system
     begins_stable: bool | None = None
@@ -134,7 +136,7 @@ def follow_on(start: Followed, most: float, least: float, steps: float = np.inf)
         tell("percent of the loads", round(100 * at.load / most), 100)
         load = min(most, at.load + step)
         guess = at.here.states + (load - at.load) * at.here.by_load
-        here = newton(system, at.here.tensions, load, guess)
+        here = newton(system, at.here.tensions, load, guess, looser=looser)
         if here is not None and not is_near(system, at.here.states, here.states):
             here = None
         stable = here is not None and stands(here)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import get_args
 
 import numpy as np
@@ -34,7 +34,10 @@ ACCURACY = 1e-5
 # How far apart tips are that are on different branches, over the arm's length.
 _ASTRAY = 1e-3
 # How near to optima fits come, by the logarithm of the likelihood: on the coarse mesh, and last.
-_COARSE_FIT, _FINE_FIT = 1e-1, 1e-5
+_COARSE_FIT, _FINE_FIT = 1e-1, 1e-4
+# How many times larger than elsewhere the last steps of Newton's method are where shapes as they
+# are reached from rest are compared with those of a fit.
+_LOOSER = 1e6
 # How often a fit begins again from shapes as they are reached from rest.
 _ROUNDS = 3
 _JUMPS = "it jumps to another shape near the values of the optimum"
@@ -119,14 +122,13 @@ def calibrate(
     best = search.best
     if best is None:
         raise TimeLimitError(time_limit or 0.0)
-    evaluation = best.evaluation
-    refinement, stages, _ = evaluation.experiment.mesh
+    refinement, stages, _ = best.evaluation.experiment.mesh
     return Calibration(
         arm,
         scene,
         shapes,
         parameters.unknowns,
-        tuple(evaluation.values.tolist()),
+        tuple(best.evaluation.values.tolist()),
         best.noise,
         *counted,
         refinement,
@@ -137,7 +139,7 @@ def calibrate(
         stopped,
         machine_code,
         stages,
-        evaluation,
+        best.evaluation,
     )
 
 
@@ -209,25 +211,19 @@ class _Search:
         problems = []
         for i, values in enumerate(spread):
             tell("fits", i, len(spread))
+            start = Start(tuple(values.tolist()), None, float("inf"))
             try:
-                optimum = self._fit(self._on(*_COARSE).from_rest(values))
+                optimum = self._fit(self._on(*_COARSE).from_rest(values, _LOOSER), _COARSE_FIT)
             except (UnsettledShapeError, InputError) as reason:
                 problems.append(reason)
-                self.starts.append(Start(tuple(values.tolist()), None, float("inf"), str(reason)))
+                self.starts.append(start._replace(why=str(reason)))
                 continue
             end = tuple(optimum.evaluation.values.tolist())
-            self.starts.append(Start(tuple(values.tolist()), end, optimum.cost))
-            self.best = min(self.best or optimum, optimum, key=lambda fitted: fitted.cost)
+            self.starts.append(start._replace(found=end, misfit=optimum.cost))
+            self.best = min(self.best or optimum, optimum, key=lambda each: each.cost)
         if self.best is None:
             raise problems[-1]
-        self.best = self._from_rest(self.best)
-        for i, mesh in enumerate(_FINER):
-            tell("meshes", i, len(_FINER))
-            fine = self._finer(self.best.evaluation, self._on(*mesh))
-            self.best = replace(self.best, evaluation=fine)
-            if self.error <= self.accuracy:
-                break
-        self.best = self._fit(self.best.evaluation, _FINE_FIT)
+        self.best = self._from_rest(self._refined(self.best.evaluation))
 
     def left_out(self, best: Fit) -> tuple[tuple[str, str], ...]:
         """Return names of shapes that a fit does without, and why.
@@ -240,44 +236,42 @@ class _Search:
                 raise UnsettledShapeError(self.shapes[i].name, self.why[i])
         return tuple((self.shapes[i].name, str(self.why[i])) for i in out)
 
-    def _from_rest(self, best: Fit) -> Fit:
-        """Return a fit that has all shapes as they are reached from rest.
+    def _refined(self, coarse: Evaluation) -> Evaluation:
+        """Return an evaluation on the first mesh that is as accurate as asked, or the finest."""
+        friction = self.parameters.scene.has(Friction)
+        for i, mesh in enumerate(_FINER):
+            tell("meshes", i, len(_FINER))
+            fine = coarse.near(coarse.values, self._on(*mesh))
+            gap = max((_gap(coarse, fine, i) for i in fine.equilibria), default=0.0)
+            (before, m, _), (after, stages, _) = coarse.experiment.mesh, fine.experiment.mesh
+            # With more stages it is the error of the coarser one: its own is less.
+            order = collocation_order(stages, friction)
+            self.error = gap if stages > m else float(estimate(gap, before, after, order))
+            coarse = fine
+            if self.error <= self.accuracy:
+                break
+        return coarse
+
+    def _from_rest(self, start: Evaluation) -> Fit:
+        """Return the fit that has all shapes as they are reached from rest.
 
         It is begun again from there where it has some on other branches, or could not follow them;
         those that jump again are left out.
         """
-        for again in range(_ROUNDS + 1):
+        for _ in range(_ROUNDS):
+            self.best = best = self._fit(start, _FINE_FIT)
             followed = best.evaluation
-            rest = followed.experiment.from_rest(followed.values)
-            either = {*followed.equilibria, *rest.equilibria}
-            apart = [i for i in sorted(either) if not _gap(followed, rest, i) <= _ASTRAY]
+            start = self._on(*_COARSE).from_rest(followed.values, _LOOSER)
+            if apart := _apart(followed, start):
+                # It may be the coarse mesh that has them elsewhere.
+                start = followed.experiment.from_rest(followed.values, _LOOSER)
+                apart = _apart(followed, start)
             if not apart:
-                break
-            if again == _ROUNDS:
-                return self._without(best, apart)
+                return best
             self.astray |= {self.shapes[i].name: None for i in apart if i in followed.equilibria}
-            best = self._fit(rest)
-        return best
+        return self._without(self._fit(start, _FINE_FIT), apart, _FINE_FIT)
 
-    def _finer(self, coarse: Evaluation, finer: Experiment) -> Evaluation:
-        """Return an evaluation on a finer mesh, whose error is then known.
-
-        Shapes that the meshes have far apart are those that are reached from rest on the finer one.
-        """
-        fine, astray = coarse.near(coarse.values, finer), set[int]()
-        if not all(_gap(coarse, fine, i) <= _ASTRAY for i in coarse.equilibria):
-            rest = finer.from_rest(coarse.values)
-            astray = {i for i in coarse.equilibria if not _gap(fine, rest, i) <= _ASTRAY}
-            self.astray |= {self.shapes[i].name: None for i in sorted(astray)}
-            fine = rest
-        gap = max((_gap(coarse, fine, i) for i in coarse.equilibria if i not in astray), default=0)
-        (before, m, _), (after, stages, _) = coarse.experiment.mesh, finer.mesh
-        # With more stages it is the error of the coarser one: its own is less.
-        order = collocation_order(stages, self.parameters.scene.has(Friction))
-        self.error = gap if stages > m else float(estimate(gap, before, after, order))
-        return fine
-
-    def _fit(self, start: Evaluation, tolerance: float = _COARSE_FIT) -> Fit:
+    def _fit(self, start: Evaluation, tolerance: float) -> Fit:
         """Return the fit of the shapes that settle, without those that cannot be followed."""
         self._settled |= set(start.equilibria)
         self.why |= start.lost
@@ -288,24 +282,27 @@ class _Search:
         all_refused = len(best.refused) == len(best.evaluation.equilibria)
         return best if all_refused else self._without(best, best.refused, tolerance)
 
-    def _without(self, best: Fit, jumping: Sequence[int], tolerance: float = _COARSE_FIT) -> Fit:
+    def _without(self, best: Fit, jumping: Sequence[int], tolerance: float) -> Fit:
         """Return the fit without shapes that jump."""
-        if not jumping:
+        kept = set(best.evaluation.equilibria).difference(jumping)
+        if not jumping or not kept:
             return best
-        kept = [i for i in best.evaluation.equilibria if i not in jumping]
         self.why |= {i: SnapError(1.0, _JUMPS) for i in jumping}
-        return self._fit(best.evaluation.only(kept), tolerance) if kept else best
+        return self._fit(best.evaluation.only(kept), tolerance)
 
     def _on(self, refinement: int, stages: int) -> Experiment:
-        mesh = refinement, stages, self.machine_code
-        return Experiment(self.parameters, self.shapes, *mesh)
+        return Experiment(self.parameters, self.shapes, refinement, stages, self.machine_code)
 
 
 def _gap(one: Evaluation, other: Evaluation, i: int) -> float:
     """Return how far apart the tips of a shape are in two evaluations, over the arm's length."""
     pair = [evaluation.equilibria.get(i) for evaluation in (one, other)]
-    tips = [
-        equilibrium.system.poses(equilibrium.states)[-1, 4:] for equilibrium in pair if equilibrium
-    ]
+    tips = [here.system.poses(here.states)[-1, 4:] for here in pair if here]
     length = one.experiment.parameters.arm.length
     return float(np.linalg.norm(tips[0] - tips[1])) / length if len(tips) == 2 else float("inf")
+
+
+def _apart(one: Evaluation, other: Evaluation) -> list[int]:
+    """Return which shapes are not on the same branch in two evaluations."""
+    either = sorted({*one.equilibria, *other.equilibria})
+    return [i for i in either if not _gap(one, other, i) <= _ASTRAY]

@@ -19,6 +19,9 @@ from model.winches import rest_lengths
 # Markers farther from the base than this, in arm lengths and offsets, cannot be on the arm; of an
 # arm that moves markers are not all this near to the base.
 _FAR, _TINY = 1.5, 1 / 300
+# In place of a point's number.
+TIP, FRAME = -1, -2
+_MIDLINE = (0.0, 0.0, 0.0)
 
 
 class Point(NamedTuple):
@@ -34,6 +37,20 @@ class MeasuredFrame(NamedTuple):
 
     s: float
     matrix: Annotated[Matrix, Rule(partial(orthonormal, rounding=1e-3))]
+
+
+class Sensor(NamedTuple):
+    """What is looked at on the arm.
+
+    Its name; the number of the point, TIP or FRAME; arc length [m], inf of the tip; offset in the
+    local frame [m]; and what was measured there: a place (3,) [m], or a frame (3, 3).
+    """
+
+    what: str
+    point: int
+    s: float
+    offset: Vector
+    value: Any
 
 
 SUCH[Point] = "(s, (o_t, o_n, o_b), (x, y, z)), all in m"
@@ -105,25 +122,32 @@ class Measured:
         return self.tensions is None
 
     @property
-    def seen(self) -> list[tuple[int, Point]]:
-        """The points that were seen, by their number."""
-        return [(i, point) for i, point in enumerate(self.points) if point.place is not None]
+    def sensors(self) -> list[Sensor]:
+        """What is looked at: the points that were seen, the tip, frames."""
+        points = [
+            Sensor(f"points[{i}]", i, point.s, point.offset, point.place)
+            for i, point in enumerate(self.points)
+            if point.place is not None
+        ]
+        tip = [] if self.tip is None else [Sensor("tip", TIP, np.inf, _MIDLINE, self.tip)]
+        frames = [
+            Sensor(f"frames[{i}]", FRAME, s, _MIDLINE, R) for i, (s, R) in enumerate(self.frames)
+        ]
+        return [*points, *tip, *frames]
+
+    @property
+    def markers(self) -> list[Sensor]:
+        """Those of them whose place is measured."""
+        return [sensor for sensor in self.sensors if sensor.point != FRAME]
 
     @property
     def places(self) -> Array:
-        """The places of the points that were seen, then of the tip (n, 3) [m]."""
-        places = [point.place for _, point in self.seen] + [self.tip] * (self.tip is not None)
-        return np.array(places, dtype=float).reshape(-1, 3)
-
-    @property
-    def place_names(self) -> list[str]:
-        """What `places` are of: "points[i]", "tip"."""
-        return [f"points[{i}]" for i, _ in self.seen] + ["tip"] * (self.tip is not None)
+        """The measured places of markers and tip (n, 3) [m]."""
+        return np.array([sensor.value for sensor in self.markers], dtype=float).reshape(-1, 3)
 
     def arc_lengths(self, arm: Arm) -> Array:
         """Return where `places` are along the arm (n,) [m]."""
-        tip = [arm.length] * (self.tip is not None)
-        return np.array([*(point.s for _, point in self.seen), *tip])
+        return np.array([min(sensor.s, arm.length) for sensor in self.markers])
 
     @property
     def numbers(self) -> Array:
@@ -159,12 +183,14 @@ class Measured:
                 if not 0 <= row.s <= arm.length * (1 + 1e-12):
                     allowed = f"on the arm, 0 to {arm.length:g} m{_in_mm(row.s / arm.length)}"
                     raise InputError(f"{name}: {what}[{i}].s", row.s, allowed)
-        offsets = [point.offset for _, point in self.seen] + [(0.0, 0.0, 0.0)]
-        for what, place, offset in zip(self.place_names, self.places, offsets, strict=False):
-            _check_place(arm, f"{name}: {what}", place, np.array(offset))
+        for sensor in self.markers:
+            where = f"{name}: {sensor.what}"
+            _check_place(arm, where, np.array(sensor.value), np.array(sensor.offset))
         for what in ("lengths", "strokes"):
-            _check_runs(arm, f"{name}: {what}", getattr(self, what))
-        _check_strokes(arm, f"{name}: strokes", self.strokes)
+            if getattr(self, what) is not None:
+                _check_runs(arm, f"{name}: {what}", getattr(self, what))
+        if self.strokes is not None:
+            _check_strokes(arm, f"{name}: strokes", np.array(self.strokes))
         return replace(self, tensions=flat, name=name)
 
 
@@ -181,10 +207,8 @@ def _check_place(arm: Arm, where: str, place: Array, offset: Array) -> None:
         raise InputError(f"{where}: offset", tuple(offset.tolist()), allowed)
 
 
-def _check_runs(arm: Arm, where: str, lengths: Sequence[float] | None) -> None:
+def _check_runs(arm: Arm, where: str, lengths: Sequence[float]) -> None:
     """Refuse lengths or strokes of another number of tendons, or in other units."""
-    if lengths is None:
-        return
     if len(lengths) != arm.n_tendons:
         allowed = f"one of each of {arm.n_tendons} tendons"
         raise InputError(where, f"{len(lengths)} numbers", allowed)
@@ -194,24 +218,21 @@ def _check_runs(arm: Arm, where: str, lengths: Sequence[float] | None) -> None:
         raise InputError(f"{where}, {arm.tendon_name(most)}", lengths[most], allowed)
 
 
-def _check_strokes(arm: Arm, where: str, strokes: Sequence[float] | None) -> None:
+def _check_strokes(arm: Arm, where: str, strokes: Array) -> None:
     """Refuse what takes in more of a tendon than there is of it."""
-    if strokes is None:
-        return
     rest = rest_lengths(arm)
-    most = int(np.argmax(np.array(strokes) - rest))
+    most = int(np.argmax(strokes - rest))
     if strokes[most] > rest[most]:
         allowed = f"less than the tendon's length at rest, {rest[most]:.3g} m; is it in mm?"
-        raise InputError(f"{where}, {arm.tendon_name(most)}", strokes[most], allowed)
+        raise InputError(f"{where}, {arm.tendon_name(most)}", float(strokes[most]), allowed)
 
 
 def check_scale(arm: Arm, shapes: Sequence[Measured]) -> None:
     """Refuse shapes of which all markers are next to the base: they may be in kilometres."""
-    ends = [point.s for shape in shapes for _, point in shape.seen]
-    ends += [arm.length for shape in shapes if shape.tip is not None]
+    ends = np.concatenate([shape.arc_lengths(arm) for shape in shapes])
     away = np.vstack([shape.places for shape in shapes]) - arm.base_position
     far = float(np.linalg.norm(away, axis=1).max(initial=0.0))
-    if ends and far < _TINY * min(max(ends), arm.length):
+    if far < _TINY * ends.max(initial=0.0):
         allowed = f"places in m; the arm is {arm.length:g} m long: are they 1000 times too small?"
         raise InputError("points", f"all within {far:.3g} m of the base", allowed)
 

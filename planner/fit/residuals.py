@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from operator import itemgetter
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from model import OctoplanError
+from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised
+from model.equilibrium.newton import CLOSE, newton
 from model.equilibrium.sensitivities import ByNumbers, along, displaced
 from model.paths import Array
 from model.rotations import matrices
-from planner.fit.equilibria import FRAME, Family, Setting
-from planner.fit.measured import Measured
+from planner.fit.measured import FRAME, Measured
+from planner.fit.sessions import Equations, Index, Reached, Session, tensions_by_lengths
 from planner.fit.unknowns import Parameters
 
-# In how many steps shapes are followed to other values that one step does not lead to.
-_STEPS = (2, 6)
+# How often the way to other values is halved for shapes that one step does not lead to.
+_HALVINGS = 2
+# How many times larger than elsewhere the last steps of Newton's method are.
+_LOOSER = 1e3
 
 
 class UnsettledShapeError(OctoplanError):
@@ -34,7 +40,9 @@ class UnsettledShapeError(OctoplanError):
 class Residual(NamedTuple):
     """What is predicted less what was measured of one thing of a shape.
 
-    `what` is a marker ("points[1]"), "tip", a frame or a tendon; `miss` in m, of frames in rad.
+    `what` is a marker ("points[1]"), "tip", a frame or a tendon; `miss` in m, of frames the axis of
+    the rotation between times twice the sine of half its angle: the rotation vector [rad] where
+    that is small.
     """
 
     shape: str
@@ -71,28 +79,24 @@ class Experiment:
     ) -> None:
         self.parameters, self.shapes = parameters, tuple(shapes)
         self.mesh = refinement, stages, machine_code
-        sessions = {unknown.session for unknown in parameters.unknowns}
-        #: Which shapes are of each session that has an arm of its own; "" is all others'.
-        self.members: dict[str, list[int]] = {}
+        with_unknowns = {unknown.session for unknown in parameters.unknowns}
+        members: dict[str, dict[int, Measured]] = {}
         for i, shape in enumerate(self.shapes):
-            self.members.setdefault(shape.session if shape.session in sessions else "", []).append(
-                i
-            )
-        self.families = {
-            name: Family(parameters, name, [self.shapes[i] for i in which], *self.mesh)
-            for name, which in self.members.items()
-        }
+            name = shape.session if shape.session in with_unknowns else ""
+            members.setdefault(name, {})[i] = shape
+        #: Of each session that has an arm of its own, and of all others.
+        self.sessions = [Session(parameters, *item, self.mesh) for item in members.items()]
 
-    def from_rest(self, values: Array) -> Evaluation:
+    def from_rest(self, values: Array, looser: float = 1.0) -> Evaluation:
         """Return all shapes at values (K,) as they are reached from rest.
 
         InputError where no such arm can be; shapes that have no equilibrium are `lost`.
         """
-        settings = {name: family.at(values) for name, family in self.families.items()}
-        reached: dict[int, Linearised | OctoplanError] = {}
-        for name, which in self.members.items():
-            reached |= zip(which, settings[name].from_rest(), strict=True)
-        return Evaluation.of(self, values, settings, reached)
+        parts = []
+        for session in self.sessions:
+            equations = session.at(values)
+            parts.append(Settled.of(equations, equations.from_rest(looser)))
+        return Evaluation(self, values, parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,33 +107,13 @@ class Evaluation:
     ----------
     experiment : Experiment
     values : (K,)
-    settings : dict of Setting
-        The equations of each session.
-    equilibria : dict of Linearised
-        By the number of their shape, in order; without those left out or lost.
-    lost : dict of OctoplanError
-        Why shapes have none, by their number.
+    parts : list of Settled
+        The shapes of each session.
     """
 
     experiment: Experiment
     values: Array
-    settings: dict[str, Setting]
-    equilibria: dict[int, Linearised]
-    lost: dict[int, OctoplanError]
-
-    @classmethod
-    def of(
-        cls,
-        experiment: Experiment,
-        values: Array,
-        settings: dict[str, Setting],
-        reached: dict[int, Linearised | OctoplanError],
-    ) -> Evaluation:
-        """Return the evaluation of equilibria, or of why there is none, by shape."""
-        rows = dict(sorted(reached.items()))
-        equilibria = {i: end for i, end in rows.items() if isinstance(end, Linearised)}
-        lost = {i: end for i, end in rows.items() if isinstance(end, OctoplanError)}
-        return cls(experiment, values, settings, equilibria, lost)
+    parts: Sequence[Settled]
 
     def near(self, values: Array, experiment: Experiment | None = None) -> Evaluation:
         """Return the shapes that this has at other values, on the same branches.
@@ -138,212 +122,240 @@ class Evaluation:
         lead to an equilibrium nearby, in a few steps, are `lost`.
         """
         experiment = experiment or self.experiment
-        there = self._in_one_step(values, experiment)
-        if experiment is not self.experiment:
-            return there
-        for steps in _STEPS if there.lost else ():
-            left = self.only(list(there.lost))
-            for share in np.arange(1, steps) / steps:
-                left = left._in_one_step(self.values + share * (values - self.values), experiment)
-            last = left._in_one_step(values, experiment)
-            there = Evaluation.of(
-                experiment,
-                values,
-                there.settings,
-                {**there.lost, **there.equilibria, **last.equilibria},
-            )
-            if not there.lost:
-                break
-        return there
+        pairs = zip(experiment.sessions, self.parts, strict=True)
+        parts = [part.near(session.at(values), _HALVINGS) for session, part in pairs]
+        return Evaluation(experiment, values, parts)
 
-    def _in_one_step(self, values: Array, experiment: Experiment) -> Evaluation:
-        settings = {name: family.at(values) for name, family in experiment.families.items()}
-        reached: dict[int, Linearised | OctoplanError] = {}
-        for name, sensed in self._sensed.items():
-            ends = settings[name].near(
-                sensed.which, sensed.equilibria, *sensed.ahead(values - self.values)
-            )
-            reached |= zip(self._numbers(name), ends, strict=True)
-        return Evaluation.of(experiment, values, settings, reached)
-
-    def only(self, kept: Sequence[int]) -> Evaluation:
+    def only(self, kept: Iterable[int]) -> Evaluation:
         """Return the evaluation with all but some shapes left out."""
-        equilibria = {i: equilibrium for i, equilibrium in self.equilibria.items() if i in kept}
-        return Evaluation(self.experiment, self.values, self.settings, equilibria, {})
-
-    def _numbers(self, session: str) -> list[int]:
-        """Return the numbers of a session's shapes that this has."""
-        return [i for i in self.experiment.members[session] if i in self.equilibria]
+        which = set(kept)
+        return Evaluation(self.experiment, self.values, [part.only(which) for part in self.parts])
 
     @cached_property
-    def _sensed(self) -> dict[str, Sensed]:
-        by_session = {}
-        for name, members in self.experiment.members.items():
-            which = [k for k, i in enumerate(members) if i in self.equilibria]
-            if which:
-                equilibria = [self.equilibria[members[k]] for k in which]
-                by_session[name] = Sensed(self.settings[name], which, equilibria)
-        return by_session
+    def equilibria(self) -> dict[int, Linearised]:
+        """By the number of their shape, in order; without those left out or lost."""
+        return self._joined("equilibria")
 
-    def _by_shape(self, what: str) -> dict[int, Array]:
-        rows = {
-            i: row
-            for name, sensed in self._sensed.items()
-            for i, row in zip(self._numbers(name), getattr(sensed, what), strict=True)
-        }
-        return dict(sorted(rows.items()))
+    @cached_property
+    def lost(self) -> dict[int, OctoplanError]:
+        """Why shapes have none, by their number."""
+        return self._joined("lost")
 
-    @property
+    @cached_property
     def residuals(self) -> dict[int, Array]:
         """Predictions less measurements (size,), [m] and [rad], of each shape by number."""
-        return self._by_shape("residuals")
+        return self._joined("residuals")
 
-    @property
+    @cached_property
     def jacobians(self) -> dict[int, Array]:
         """Their derivatives by the unknowns (size, K)."""
-        return self._by_shape("jacobians")
+        return self._joined("jacobians")
 
-    @property
+    @cached_property
     def whitening(self) -> dict[int, Array]:
         """Matrices (size, size) by which they are of unit variance, as is known."""
-        return self._by_shape("whitening")
+        return self._joined("whitening")
+
+    def _joined(self, what: str) -> dict[int, Any]:
+        """Return something of all shapes, in their order."""
+        rows = [item for part in self.parts for item in getattr(part, what).items()]
+        return dict(sorted(rows, key=itemgetter(0)))
 
     def named(self) -> tuple[Residual, ...]:
         """Return all residuals, shape by shape."""
-        shapes = self.experiment.shapes
-        return tuple(
-            Residual(shapes[i].name, what, tuple(row))
-            for i, miss in self.residuals.items()
-            for what, row in _parts(shapes[i], miss)
-        )
+        rows = list[tuple[str, str, Array]]()
+        for i, miss in self.residuals.items():
+            shape = self.experiment.shapes[i]
+            names = [sensor.what for sensor in shape.sensors]
+            tendons = [f"{run}[{j}]" for run in shape.runs for j in range(len(getattr(shape, run)))]
+            vectors, lengths = np.split(miss, [3 * len(names)])
+            rows += zip([shape.name] * len(names), names, vectors.reshape(-1, 3), strict=True)
+            rows += zip([shape.name] * len(tendons), tendons, lengths[:, None], strict=True)
+        return tuple(Residual(shape, what, tuple(row.tolist())) for shape, what, row in rows)
 
 
-def _parts(shape: Measured, miss: Array) -> list[tuple[str, list[float]]]:
-    """Return the residuals (size,) of a shape by what was measured."""
-    names = shape.place_names + [f"frames[{i}]" for i in range(len(shape.frames))]
-    runs = [f"{kind}[{j}]" for kind in shape.runs for j in range(len(getattr(shape, kind)))]
-    vectors = miss[: 3 * len(names)].reshape(-1, 3).tolist()
-    rest = miss[3 * len(names) :].reshape(-1, 1).tolist()
-    return [*zip(names, vectors, strict=True), *zip(runs, rest, strict=True)]
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """Shapes of a session in equilibrium, and what sensors show of them: of all at once.
 
+    Attributes
+    ----------
+    equations : Equations
+    equilibria : dict of Linearised
+        By the number of their shape, in order.
+    lost : dict of OctoplanError
+        Why others have none.
+    """
 
-class Sensed:
-    """What sensors show of some shapes of a session, worked out for all at once."""
+    equations: Equations
+    equilibria: Mapping[int, Linearised]
+    lost: Mapping[int, OctoplanError]
 
-    def __init__(
-        self, setting: Setting, which: Sequence[int], equilibria: Sequence[Linearised]
-    ) -> None:
-        self.setting, self.which, self.equilibria = setting, list(which), list(equilibria)
-        self.shapes = [setting.family.shapes[k] for k in which]
-        order = {k: i for i, k in enumerate(which)}
-        rows = [m for m, k in enumerate(setting.family.shape.tolist()) if k in order]
-        self._shape = np.array([order[setting.family.shape[m]] for m in rows], dtype=np.int64)
-        self._rows, self._turns = rows, setting.family.point[rows] == FRAME
-        self._poses = self._at(np.array([each.states for each in equilibria]))
-        self._arms = np.einsum(
-            "mij,mj->mi", matrices(self._poses[:, :4]), setting.numbers.offsets[rows]
-        )
+    @classmethod
+    def of(cls, equations: Equations, reached: Mapping[int, Reached]) -> Settled:
+        """Return the shapes that were reached, in order, and those that were not."""
+        rows = dict(sorted(reached.items()))
+        equilibria = {i: end for i, end in rows.items() if isinstance(end, Linearised)}
+        lost = {i: end for i, end in rows.items() if isinstance(end, OctoplanError)}
+        return cls(equations, equilibria, lost)
 
-    def _at(self, states: Array) -> Array:
-        """Return the rows of poses among states (N, n_states, ...), one for each that is seen."""
-        return np.asarray(states[self._shape[:, None], self.setting.places[self._rows]])
+    def only(self, kept: set[int]) -> Settled:
+        """Return the shapes that are kept."""
+        left = {i: equilibrium for i, equilibrium in self.equilibria.items() if i in kept}
+        return Settled(self.equations, left, {})
 
-    @cached_property
-    def _shown(self) -> Array:
-        """Places [m], and rotation vectors from measured frames [rad] (M, 3)."""
-        shown = self._poses[:, 4:] + self._arms
-        seen = np.array([R for shape in self.shapes for _, R in shape.frames]).reshape(-1, 3, 3)
-        turned = matrices(self._poses[self._turns, :4]) @ seen.transpose(0, 2, 1)
-        shown[self._turns] = Rotation.from_matrix(turned).as_rotvec() if len(turned) else 0.0
-        return np.asarray(shown)
+    def near(self, at: Equations, halvings: int) -> Settled:
+        """Return the shapes by equations with other values, or on another mesh.
 
-    @cached_property
-    def residuals(self) -> list[Array]:
-        """Predictions less measurements of each shape (size,), [m] and [rad]."""
-        equilibria, rest = self.equilibria, self.setting.numbers.rest
-        shown = self._stacked(self._shown, lambda k: equilibria[k].lengths, rest)
-        return [
-            np.asarray(values - m.numbers) for values, m in zip(shown, self.shapes, strict=True)
-        ]
-
-    @cached_property
-    def derivatives(self) -> list[ByNumbers]:
-        """Derivatives of the equilibria by the unknowns."""
-        return self.setting.differentiated(self.which, self.equilibria)
-
-    def ahead(self, change: Array) -> tuple[Array, Array]:
-        """Return by how much states (N, n_states) and tensions (N, n_tendons) are to change.
-
-        To first order in a change (K,) of the unknowns.
+        The way to other values is halved, so often at most, for those that no step leads to.
         """
-        if not change.any():
-            of, n = self.setting.system.of, len(self.equilibria)
-            return np.zeros((n, of.n_states)), np.zeros((n, of.n_tendons))
-        states = np.array([by.states @ change for by in self.derivatives])
-        return states, np.array([by.tensions @ change for by in self.derivatives])
+        there, here = self._in_one_step(at), self.equations
+        if there.lost and halvings and at.session is here.session:
+            middle = here.session.at((here.values + at.values) / 2)
+            half = self.only(set(there.lost)).near(middle, halvings - 1)
+            rest = half.near(at, halvings - 1)
+            reached = {**there.lost, **half.lost, **rest.lost}
+            there = Settled.of(at, {**reached, **there.equilibria, **rest.equilibria})
+        return there
+
+    def _in_one_step(self, at: Equations) -> Settled:
+        """Return the shapes where Newton's method leads from where derivatives say that they are.
+
+        Where the mesh is another, from the strains on that.
+        """
+        change, of = at.values - self.equations.values, at.system.of
+        on = None if of is self.equations.system.of else Collocation.on(at.system)
+        reached = dict[int, Reached]()
+        for i, before in self.equilibria.items():
+            shape, states, tensions = at.session.shapes[i], before.states, before.tensions
+            if change.any():
+                by = self.by_numbers[i]
+                states = states + by.states @ change
+                tensions = np.maximum(tensions + by.tensions @ change, 0.0)
+            T = tensions if shape.by_length else at.tensions(shape)
+            guess = on.carried(T, before) if on else states
+            turned = np.abs(states - before.states)[before.system.of.nodes[:, :4]].max()
+            near = before if on is None and turned < CLOSE else None
+            here = newton(at.system, T, 1.0, guess, near=near, looser=_LOOSER)
+            reached[i] = at.held(i, here or OctoplanError("it jumps"))
+        return Settled.of(at, reached)
 
     @cached_property
-    def jacobians(self) -> list[Array]:
+    def by_numbers(self) -> dict[int, ByNumbers]:
+        """Derivatives of the equilibria by the unknowns."""
+        return self.equations.differentiated(self.equilibria)
+
+    @cached_property
+    def residuals(self) -> dict[int, Array]:
+        """Predictions less measurements of each shape (size,), [m] and [rad]."""
+        shown = self._stacked(self._shown.values, lambda i: self.equilibria[i].lengths)
+        return {i: row - self._measured(i).numbers for i, row in shown.items()}
+
+    @cached_property
+    def jacobians(self) -> dict[int, Array]:
         """Derivatives of `residuals` by the unknowns, each (size, K)."""
-        numbers, by = self.setting.derivatives, self.derivatives
-        nodes = self.setting.nodes[self._rows]
-        moved = displaced(self._poses, self._at(np.array([each.states for each in by])))
+        derivatives, by, rows = self.equations.derivatives, self.by_numbers, self._rows
+        nodes = self.equations.nodes[rows]
+        moved = displaced(self._poses, self._at([each.states for each in by.values()]))
         # Of what is looked at, which need not move along with its node.
-        slip = numbers.s[self._rows] - numbers.nodes[nodes]
+        slip, heres = derivatives.s[rows] - derivatives.nodes[nodes], list(self.equilibria.values())
         for m in np.flatnonzero(slip.any(axis=1)):
-            moved[m] += along(by[self._shape[m]].here, nodes[m : m + 1])[0][:, None] * slip[m]
-        rows = self._by_motion(moved)
-        rows += matrices(self._poses[:, :4]) @ numbers.offsets[self._rows]
-        return self._stacked(rows, lambda k: by[k].lengths, numbers.rest)
+            moved[m] += along(heres[self._of[m]], nodes[m : m + 1])[0][:, None] * slip[m]
+        changes = self._shown.changes(moved)
+        changes += matrices(self._poses[:, :4]) @ derivatives.offsets[rows]
+        return self._stacked(changes, lambda i: by[i].lengths, derivatives.rest)
 
     @cached_property
-    def whitening(self) -> list[Array]:
+    def whitening(self) -> dict[int, Array]:
         """Matrices (size, size) by which residuals of each shape are of unit variance.
 
         Noise of what drives a shape, its tensions or its lengths, is carried to the residuals to
         first order: the effective variance. Source: Orear, American Journal of Physics 50 (1982).
         """
-        if not any(shape.by_length or shape.tension_std for shape in self.shapes):
-            return [np.diag(1 / shape.stds) for shape in self.shapes]
-        moved = self._at(np.array([equilibrium.by_tensions for equilibrium in self.equilibria]))
-        rows = self._by_motion(displaced(self._poses, moved))
-        by_tensions = self._stacked(rows, lambda k: self.equilibria[k].length_tension, 0.0)
-        whitening = []
-        for shape, equilibrium, J in zip(self.shapes, self.equilibria, by_tensions, strict=True):
-            inputs = shape.tension_std * np.diag(self.setting.numbers.scale)
+        shapes = {i: self._measured(i) for i in self.equilibria}
+        if not any(shape.by_length or shape.tension_std for shape in shapes.values()):
+            return {i: np.diag(1 / shape.stds) for i, shape in shapes.items()}
+        by_tensions = self._at([here.by_tensions for here in self.equilibria.values()])
+        changes = self._shown.changes(displaced(self._poses, by_tensions))
+        whitening = {}
+        lengths = self._stacked(changes, lambda i: self.equilibria[i].length_tension, 0.0)
+        for i, J in lengths.items():
+            shape, inputs = shapes[i], shapes[i].tension_std * np.diag(self.equations.numbers.scale)
             if shape.by_length:
                 std = shape.length_std or shape.std
-                inputs = std * self.setting.tensions_by_lengths(equilibrium)
+                inputs = std * tensions_by_lengths(self.equilibria[i])
             variance = np.diag(np.square(shape.stds)) + (J @ inputs) @ (J @ inputs).T
-            whitening.append(np.linalg.inv(np.linalg.cholesky(variance)))
+            whitening[i] = np.linalg.inv(np.linalg.cholesky(variance))
         return whitening
 
-    def _by_motion(self, moved: Array) -> Array:
-        """Return how what is shown changes (M, 3, K) with displacements and rotations (M, 6, K)."""
-        rows: Array = moved[:, :3] + np.cross(moved[:, 3:], self._arms[:, :, None], axis=1)
-        turns = self._turns
-        rows[turns] = _log_slopes(self._shown[turns]) @ moved[turns, 3:]
-        return np.asarray(rows)
+    def _measured(self, i: int) -> Measured:
+        return self.equations.session.shapes[i]
+
+    @cached_property
+    def _rows(self) -> Index:
+        """Which of the session's sensors look at these shapes (M,)."""
+        return np.flatnonzero(np.isin(self.equations.session.shape, list(self.equilibria)))
+
+    @cached_property
+    def _of(self) -> Index:
+        """Which of these shapes each looks at (M,)."""
+        return np.searchsorted(list(self.equilibria), self.equations.session.shape[self._rows])
+
+    @cached_property
+    def _poses(self) -> Array:
+        """Poses where they look (M, 7)."""
+        return self._at([here.states for here in self.equilibria.values()])
+
+    def _at(self, states: Sequence[Array]) -> Array:
+        """Return the rows of poses (M, 7, ...) among states (n_states, ...) of each shape."""
+        return np.asarray(np.array(states)[self._of[:, None], self.equations.places[self._rows]])
+
+    @cached_property
+    def _shown(self) -> _Shown:
+        session, rows = self.equations.session, self._rows
+        frames = matrices(self._poses[:, :4])
+        levers = np.einsum("mij,mj->mi", frames, self.equations.numbers.offsets[rows])
+        shown, of_frame = self._poses[:, 4:] + levers, session.point[rows] == FRAME
+        cosines = np.zeros(len(rows))
+        if of_frame.any():
+            seen = np.array([session.sensors[m].value for m in rows[of_frame]])
+            between = Rotation.from_matrix(frames[of_frame] @ seen.transpose(0, 2, 1))
+            quaternions = between.as_quat(canonical=True)
+            levers[of_frame], cosines[of_frame] = quaternions[:, :3], quaternions[:, 3]
+            shown[of_frame] = 2 * levers[of_frame]
+        return _Shown(shown, of_frame, cosines, levers)
 
     def _stacked(
-        self, rows: Array, lengths: Callable[[int], Array], rest: Array | float
-    ) -> list[Array]:
+        self, rows: Array, lengths: Callable[[int], Array], rest: Array | float | None = None
+    ) -> dict[int, Array]:
         """Return for each shape its rows of (M, 3, ...), then lengths or strokes as it has them."""
-        stacks = []
-        for k, shape in enumerate(self.shapes):
-            parts = [rows[self._shape == k].reshape(-1, *rows.shape[2:])]
-            parts += [lengths(k) if kind == "lengths" else rest - lengths(k) for kind in shape.runs]
-            stacks.append(np.concatenate(parts))
+        rest, stacks = self.equations.numbers.rest if rest is None else rest, {}
+        for k, i in enumerate(self.equilibria):
+            parts = [rows[self._of == k].reshape(-1, *rows.shape[2:])]
+            for run in self._measured(i).runs:
+                parts.append(lengths(i) if run == "lengths" else rest - lengths(i))
+            stacks[i] = np.concatenate(parts)
         return stacks
 
 
-def _log_slopes(w: Array) -> Array:
-    """Return how rotation vectors w (M, 3) change with further rotations (M, 3, 3), base frame.
+class _Shown(NamedTuple):
+    """Places of markers [m], and of frames twice the vector part of the quaternion that is between.
 
-    1 - W / 2 + (1 / a^2 - 1 / (2 a tan(a / 2))) W^2 with W = w x and a = |w|.
-    Source: Bullo, Murray, "Proportional derivative (PD) control on the Euclidean group" (1995).
+    Of what turns the measured frame into the predicted one. `levers` (M, 3) are from the midline to
+    the marker, or that vector part; `cosines` (M,) the quaternion's scalar part, 0 of markers.
     """
-    a = np.maximum(np.linalg.norm(w, axis=1), 1e-4)
-    W = np.cross(np.eye(3), w[:, None, :])
-    factor = 1 / a**2 - 1 / (2 * a * np.tan(a / 2))
-    return np.asarray(np.eye(3) - W / 2 + factor[:, None, None] * (W @ W))
+
+    values: Array
+    of_frame: NDArray[np.bool_]
+    cosines: Array
+    levers: Array
+
+    def changes(self, moved: Array) -> Array:
+        """Return how these change (M, 3, K) with displacements and rotations (M, 6, K).
+
+        A quaternion (w, v) that is turned by theta changes by (0, theta) (w, v) / 2.
+        """
+        moves, turns = moved[:, :3], moved[:, 3:]
+        shifts = np.where(self.of_frame[:, None, None], 0.0, moves)
+        shifts += self.cosines[:, None, None] * turns
+        return np.asarray(shifts + np.cross(turns, self.levers[:, :, None], axis=1))

@@ -225,13 +225,16 @@ class Parameters:
 
     def built(self, values: Array, session: str = "") -> tuple[Arm, Scene]:
         """Return arm and scene of values (K,); InputError where no such arm can be."""
-        table, original = self.table_at(values, session), self.table
+        return self.built_of(self.table_at(values, session))
+
+    def built_of(self, table: dict[str, Any]) -> tuple[Arm, Scene]:
+        """Return arm and scene of a table like the unknowns' own; InputError where none can be."""
         with warnings.catch_warnings():
             # Nobody gave these numbers: on its way a search passes any of them.
             warnings.simplefilter("ignore", UnitWarning)
             # Tables that no unknown is in are those given.
-            arm = self.arm if table["arm"] is original["arm"] else arm_in(table["arm"])
-            same = table["effects"] is original["effects"]
+            arm = self.arm if table["arm"] is self.table["arm"] else arm_in(table["arm"])
+            same = table["effects"] is self.table["effects"]
             scene = self.scene if same else scene_in(table["effects"])
         check_loads(arm, scene)
         return arm, scene

@@ -193,7 +193,7 @@ def test_the_best_values_so_far_are_returned_at_the_time_limit(
     def late(*_: object) -> None:
         raise OutOfTime
 
-    monkeypatch.setattr(module._Search, "_from_rest", late)
+    monkeypatch.setattr(module._Search, "_refined", late)
     shapes = synthetic(small_arm(), HANGING, 1e-5, 0)
     found = calibrate(_off(), HANGING, shapes, [E], time_limit=100.0)
     assert found.stopped
