@@ -33,10 +33,7 @@ COMMANDS = {
 }
 """Each command with what it does: the function of its name in planner/commands."""
 # The module of each, but for those in `scenes`.
-_MODULES = {
-    "export": "export",
-    **dict.fromkeys(("new", "sweep", "calibrate", "design", "schema"), "files"),
-}
+_MODULES = dict.fromkeys(("new", "sweep", "calibrate", "design", "schema"), "files")
 EXIT_CODES = """\
 Exit codes:
   0    certified, settled or written

@@ -3,29 +3,33 @@
 from __future__ import annotations
 
 import logging
+import os
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
 from model import InputError, OctoplanError, UnitWarning
 from model.errors import CompilerError, MissingExtraError, TimeLimitError, shortened
 from model.progress import progress_line, tell
 from model.time_limit import OutOfTime, time_limit
-from planner.commands.answer import (
+from planner.commands.options import (
     BAD_INPUT,
-    BROKEN_PIPE,
-    NO_OUTPUT,
+    FIGURES,
+    GRACE,
     NOT_REACHED,
     OK,
     Answer,
-    OutputError,
-    deliver,
-    discard,
-    say,
+    FileOptions,
+    Options,
+    UsageError,
+    figure,
+    parse,
 )
-from planner.commands.options import GRACE, Options, UsageError, parse
+from planner.io.files import to_json, why, write_together
 
+NO_OUTPUT, BROKEN_PIPE = 74, 141
 # Of messages, in characters.
 _LONG = 2000
 
@@ -99,3 +103,50 @@ def _reported(options: Options) -> Iterator[None]:
         for logger in loggers:
             logger.removeHandler(handler)
             logger.setLevel(logging.NOTSET)
+
+
+# Output
+
+
+class OutputError(OctoplanError):
+    """Standard output takes nothing."""
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__(f"standard output cannot be written to: {reason}")
+
+
+def deliver(answer: Answer, options: Options) -> None:
+    """Write the files that --out asks for, then what --json or people are shown."""
+    if isinstance(options, FileOptions) and options.out is not None:
+        _write(options.out, answer, options.figure or FIGURES[0])
+    shown = to_json(answer.record).decode() if options.json else answer.text()
+    say(shown + "\n")
+
+
+def _write(folder: Path, answer: Answer, kind: str) -> None:
+    """Write data and figure into a folder: all of them, or on an error none."""
+    files = {name: content() for name, content in answer.tables.items()}
+    files[f"{answer.name}.json"] = to_json(answer.record)
+    if answer.draw is not None:
+        files[f"{answer.name}.{kind}"] = figure("plan", "drawn", answer.draw(), kind)()
+    write_together(folder, files)
+
+
+def say(text: str) -> None:
+    """Write to standard output; BrokenPipeError where its reader is gone, else OutputError."""
+    if sys.stdout is None:
+        raise OutputError("it is closed")
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except (OSError, ValueError) as reason:
+        raise OutputError(why(reason)) from None
+
+
+def discard() -> None:
+    """Let what is left in the buffer go nowhere, so that Python does not complain at its end."""
+    if sys.stdout is not None:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

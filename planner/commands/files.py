@@ -11,8 +11,7 @@ from cyclopts import Parameter
 
 from model import InputError, OctoplanError
 from model.time_limit import OutOfTime, time_limit
-from planner.commands.answer import NOT_REACHED, OK, Answer, figure
-from planner.commands.options import FileOptions, Options
+from planner.commands.options import NOT_REACHED, OK, Answer, FileOptions, Options, figure
 from planner.fit.calibration import Calibration
 from planner.fit.designed import Design
 from planner.io.files import to_json, write_together

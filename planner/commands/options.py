@@ -1,24 +1,60 @@
-"""The command line, parsed: what answers it, options that several commands have, scenes by them."""
+"""What commands have in common: the line parsed, options, scenes by them, and the answer."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 from cyclopts import CycloptsError, Parameter
+from cyclopts.validators import Number
 
 from model import InputError, OctoplanError
-from model.checks import positive
 from model.machine.compiled import Compile
-from model.mesh import checked_accuracy
 from model.time_limit import shorten
 from octoplan.command_line import COMMANDS, app, printed
 from planner.io.files import why
 from planner.io.scene_file import Question, load
+
+OK, NOT_REACHED, BAD_INPUT = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a command computed, in the forms in which it can be handed out.
+
+    Attributes
+    ----------
+    code : int
+        The exit code.
+    text : function
+        Returns what people read.
+    record : msgspec.Struct or dict
+        What machines read.
+    name : str
+        Of the files, without suffix.
+    draw : function or None
+        Returns the figure.
+    tables : mapping
+        Functions that return the contents of further files, by name, such as "plan.csv".
+    """
+
+    code: int
+    text: Callable[[], str]
+    record: Any = None
+    name: str = ""
+    draw: Callable[[], Any] | None = None
+    tables: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
+
+
+def figure(module: str, function: str, *value: Any) -> Callable[[], Any]:
+    """Return what draws a figure by a function of planner.plots, which is loaded only then."""
+    return lambda: getattr(import_module(f"planner.plots.{module}"), function)(*value)
+
 
 # What a search that was stopped at the time limit has left to verify what it found [s].
 GRACE = 0.7
@@ -26,34 +62,19 @@ FigureKind = Literal["png", "pdf"]
 FIGURES: tuple[FigureKind, ...] = get_args(FigureKind)
 
 
-def _held_to(check: Callable[[Any], Any], **more: Any) -> Parameter:
-    """Return the parameter of an option that a check of ours refuses by InputError."""
-
-    def validate(_: Any, value: Any) -> None:
-        try:
-            if value is not None:
-                check(value)
-        except InputError as reason:
-            raise ValueError(f"Allowed is {reason.allowed}.") from None
-
-    return Parameter(validator=validate, **more)
-
-
-def _check_folder(folder: Path) -> None:
+def _check_folder(_: Any, folder: Path | None) -> None:
     try:
-        if not folder.exists() or folder.is_dir():
-            return
-        allowed = "a folder to write to, or one to make"
+        if folder is not None and folder.exists() and not folder.is_dir():
+            raise ValueError("Allowed is a folder to write to, or one to make.")
     except OSError as reason:
-        allowed = f"a folder to write to: {why(reason)}"
-    raise InputError("folder", str(folder), allowed)
+        raise ValueError(f"Allowed is a folder to write to: {why(reason)}.") from None
 
 
 SceneFile = Annotated[Path, Parameter(help="Scene file, SCENE.toml.")]
-Folder = Annotated[Path, _held_to(_check_folder)]
-Seconds = Annotated[float, _held_to(partial(positive, "--time-limit"))]
+Folder = Annotated[Path, Parameter(validator=_check_folder)]
+Seconds = Annotated[float, Parameter(validator=Number(gt=0))]
 _ACCURACY = "Tip error over arm length; else the scene's."
-Accuracy = Annotated[float, _held_to(checked_accuracy, help=_ACCURACY)]
+Accuracy = Annotated[float, Parameter(validator=Number(gte=1e-12, lte=0.1), help=_ACCURACY)]
 
 
 @Parameter(name="*")

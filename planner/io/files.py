@@ -6,7 +6,6 @@ import errno
 import hashlib
 import os
 import platform
-import secrets
 import shutil
 import time
 from collections import deque
@@ -14,6 +13,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import msgspec
@@ -36,14 +36,14 @@ _kept: deque[str] = deque(maxlen=9)
 def staged(folder: Path) -> Iterator[Path]:
     """Yield a new folder inside a folder, which is gone afterwards, and so are orphans of it."""
     _remove_orphans(folder)
-    here = folder / f"{_MARK}.{_machine()}.{os.getpid()}.{secrets.token_hex(4)}"
-    _staging.add(here)
-    try:
-        here.mkdir()
-        yield here
-    finally:
-        shutil.rmtree(here, ignore_errors=True)
-        _staging.discard(here)
+    prefix = f"{_MARK}.{_machine()}.{os.getpid()}."
+    with TemporaryDirectory(prefix=prefix, dir=folder, ignore_cleanup_errors=True) as name:
+        here = Path(name)
+        _staging.add(here)
+        try:
+            yield here
+        finally:
+            _staging.discard(here)
 
 
 @contextmanager

@@ -113,21 +113,40 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
     """Return the question of what a scene file holds, as TOML is decoded; see load."""
     table = checked_table(raw, name)
     check_modulus(table.arm.E_kPa, name)
-    build = partial(_built, raw, name)
+
+    def build(key: str, make: Callable[[Any], R], of: Any = None) -> R:
+        """Return what is made of a part of the table; an error is told at its key."""
+        with told_in(name, key, value_at(raw, steps(key)) or {}):
+            return make(of)
+
+    def each(key: str, make: Callable[[Any], R]) -> tuple[R, ...]:
+        """Return what is made of one table, or of several, under a key; none of none."""
+        item = getattr(table, key)
+        if not isinstance(item, tuple):
+            return () if item is None else (build(key, make, item),)
+        return tuple(build(f"{key}[{i}]", make, inside) for i, inside in enumerate(item))
+
     arm = build("arm", arm_of, table.arm)
-    scene = build("effects", scene_of, table.effects)
-    # Contact of the arm with itself is refused by what does not state it: settle does.
-    apart = Scene(*(effect for effect in scene.effects if not isinstance(effect, SelfContact)))
-    build("effects", lambda _: check_loads(arm, apart, contact=True), None)
+    scene = build("effects", partial(_scene, arm), table.effects)
     winches = build(_winches_key(table), partial(_winches, arm), table)
     if table.tensions is not None and not winches:
         build("tensions", arm.flat, table.tensions)
-    targets, ways = (_targets(build, arm, table, *keys) for keys in (_TARGETS, ("waypoints",)))
+    targets, ways = (
+        sum((each(key, partial(_target, arm)) for key in keys), start=())
+        for keys in (("target", "targets"), ("waypoints",))
+    )
     if targets:
         build("targets", partial(check_targets, arm), targets)
-    solved = {"norm": str(table.norm), "solver": table.solver}
-    options: dict[str, Any] = {**solved, "stability_margin": table.stability_margin}
-    options |= _surroundings(build, arm, (*targets, *ways), table, Path(name).parent)
+    obstacles = list(each("obstacles", partial(_obstacle, Path(name).parent)))
+    clear = in_si(table.clearance_mm, "mm"), table.self_clearance
+    where, moves = "obstacles" if obstacles else "clearance_mm", bool(ways)
+    around = build(
+        where, lambda of: surroundings(arm, targets + ways, of, *clear, moves), obstacles
+    )
+    options = {key: getattr(table, key) for key in ("solver", "stability_margin")}
+    options["norm"] = str(table.norm)
+    if around:
+        options |= {"obstacles": obstacles, "clearance": clear[0], "self_clearance": clear[1]}
     if table.limits is not None:
         options |= build("limits", partial(_limits, arm), table.limits)
     stiff = build("stiffness", partial(_stiffness, arm), table.stiffness)
@@ -138,50 +157,30 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
     return Question(arm, scene, targets, *held, ways, motion, table.time_limit_s, name)
 
 
-_TARGETS = ("target", "targets")
+def _scene(arm: Arm, table: Any) -> Scene:
+    """Return the scene of a table, checked on an arm.
+
+    Contact of the arm with itself is refused by what does not state it: settle does.
+    """
+    scene = scene_of(table)
+    apart = Scene(*(effect for effect in scene.effects if not isinstance(effect, SelfContact)))
+    check_loads(arm, apart, contact=True)
+    return scene
 
 
-def _built(raw: dict[str, Any], name: str, key: str, build: Callable[[Any], R], of: Any) -> R:
-    """Return what is built from a table; an error is told with the file and the table's key."""
-    with told_in(name, key, value_at(raw, steps(key)) or {}):
-        return build(of)
+def _target(arm: Arm, table: Any) -> Target:
+    target: Target = value_of(table)
+    target.check(arm)
+    return target
 
 
-def _targets(
-    build: Callable[..., Any], arm: Arm, table: SceneTable, *keys: str
-) -> tuple[Target, ...]:
-    """Return the targets under keys that hold one or several, each checked."""
-    result = []
-    for key in keys:
-        held = getattr(table, key)
-        several = isinstance(held, tuple)
-        for i, item in enumerate(held if several else [] if held is None else [held]):
-            where = f"{key}[{i}]" if several else key
-            result.append(build(where, value_of, item))
-            build(where, lambda _, target=result[-1]: target.check(arm), None)
-    return tuple(result)
+def _obstacle(folder: Path, table: Any) -> Any:
+    """Return the obstacle of a table; its file is looked for from a folder."""
+    return value_of(inlined(table, folder))
 
 
 def _winches_key(table: SceneTable) -> str:
     return "lengths_mm" if table.strokes_mm is None else "strokes_mm"
-
-
-def _surroundings(
-    build: Callable[..., Any], arm: Arm, targets: tuple[Target, ...], table: SceneTable, at: Path
-) -> dict[str, Any]:
-    """Return what plan is told of obstacles, if there is something to keep clear of.
-
-    Their files are looked for from a folder `at`.
-    """
-    result = [
-        build(f"obstacles[{i}]", lambda of: value_of(inlined(of, at)), item)
-        for i, item in enumerate(table.obstacles)
-    ]
-    clear, alone = in_si(table.clearance_mm, "mm"), table.self_clearance
-    key, moves = "obstacles" if result else "clearance_mm", bool(table.waypoints)
-    around = build(key, lambda item: surroundings(arm, targets, item, clear, alone, moves), result)
-    keywords = {"obstacles": result, "clearance": clear, "self_clearance": alone}
-    return keywords if around else {}
 
 
 @contextmanager

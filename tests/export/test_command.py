@@ -14,7 +14,7 @@ from model import InputError, Scene
 from model.effects import ExactTendons, Extension, Friction, Shear, TipLoad, Weight
 from planner import export
 from planner.cli import main
-from planner.commands.export import c_name
+from planner.commands.scenes import c_name
 from tests.export.cases import BENT, CURVED, SECTION_52, TABLE_4, gcc
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
@@ -58,7 +58,7 @@ def test_json_tells_files_and_sizes(tmp_path: Path, capsys: pytest.CaptureFixtur
         ("payload_in_water", [], "no explicit map"),
         ("fetch_3d", [], "tensions: missing; needed is tensions = [["),
         ("figure_15", ["--precision", "half"], '"half" for --precision. Choose from: "double"'),
-        ("figure_15", ["--accuracy", "2"], '"2.0" for --accuracy. Allowed is a number from'),
+        ("figure_15", ["--accuracy", "2"], '"2.0" for --accuracy. Must be <= 0.1'),
         ("no_such_scene", [], "no such file"),
     ],
 )

@@ -178,7 +178,7 @@ LINES: dict[str, tuple[list[str], str]] = {
     ),
     "an accuracy out of range": (
         ["plan", "mine.toml", "--accuracy", "2"],
-        '"2.0" for --accuracy. Allowed',
+        '"2.0" for --accuracy. Must be <= 0.1',
     ),
     "a file that is not there": (["plan", "mien.toml"], 'did you mean "mine.toml"?'),
     "a file quite unlike": (["plan", "nowhere.toml"], "`octoplan new FILE` writes one"),
@@ -205,13 +205,9 @@ LINES: dict[str, tuple[list[str], str]] = {
     **{
         f"a time limit of {limit}": (
             ["plan", "mine.toml", "--time-limit", limit],
-            f"for --time-limit. Allowed is {allowed}",
+            "for --time-limit. Must be > 0",
         )
-        for limit, allowed in {
-            "0": "a number above 0",
-            "-1": "a number above 0",
-            "nan": "finite numbers",
-        }.items()
+        for limit in ("0", "-1", "nan")
     },
     "a time limit in words": (["plan", "mine.toml", "--time-limit", "soon"], "unable to convert"),
     **{
