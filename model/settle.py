@@ -5,8 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -38,7 +37,7 @@ from model.progress import with_progress
 from model.scene import Scene
 from model.shape import Shape, sharp
 from model.shortest import UnknownLeastError, too_short
-from model.time_limit import PATIENCE, OutOfTime, check_time, limited, unless
+from model.time_limit import PATIENCE, before_long, check_time, limited
 from model.units import TENDONS, called_by_a_script, warn, warn_unusual
 from model.winches import Winches
 
@@ -258,7 +257,7 @@ def _settled(
         check_time()
         forward = maps.on(refinement)
         try:
-            with _before_long() if maps.contacts else nullcontext():
+            with before_long() if maps.contacts else nullcontext():
                 if isinstance(value, GivenLengths):
                     here = value.on(forward, near)
                 else:
@@ -295,18 +294,6 @@ def _settled(
         refinement = finer or next_refinement(last, error, accuracy, maps.least_order)
     check_stretch(here)
     raise ConvergenceError(accuracy, error, "ask for less accuracy or a smoother arm")
-
-
-@contextmanager
-def _before_long() -> Iterator[None]:
-    """Let an equilibrium with contact be found before long, or not at all."""
-    end = time.process_time() + PATIENCE
-    try:
-        with unless(lambda: time.process_time() > end):
-            yield
-    except OutOfTime:
-        check_time()
-        raise UnsettledContactError(1.0, f"none is found within {PATIENCE:g} s") from None
 
 
 def checked_scene(arm: Arm, scene: Scene | None, contact: bool = False) -> Scene:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-from model.errors import TimeLimitError
+from model.errors import TimeLimitError, UnsettledContactError
 
 # How long what leads to no progress may take, in processor time [s].
 PATIENCE = 20.0
@@ -84,3 +84,15 @@ def check_time() -> None:
     end, ended = _end.get(), _ended.get()
     if (end < math.inf and time.monotonic() > end) or (ended is not None and ended()):
         raise OutOfTime
+
+
+@contextmanager
+def before_long(factor: float = 1.0) -> Iterator[None]:
+    """Let an equilibrium with contact, at a load factor, be found before long, or not at all."""
+    end = time.process_time() + PATIENCE
+    try:
+        with unless(lambda: time.process_time() > end):
+            yield
+    except OutOfTime:
+        check_time()
+        raise UnsettledContactError(factor, f"none is found within {PATIENCE:g} s") from None

@@ -30,8 +30,6 @@ from model.winches import Winches
 # Elements of a mesh over those of one without contact, and how long the longest may be: a part of
 # the arm's length, or of obstacle and arm together, but no shorter than a part of the length.
 _FINER, _LONGEST, _SHORTEST = 2, 1 / 16, 1 / 100
-# From rest meshes that are finer begin with the equilibrium on the coarsest.
-_COARSE = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +70,10 @@ class TouchingMap(Collocation):
         self.refinement = refinement
         self._state(System(arm, scene, base, stages, True, machine_code))
         self._fixed = np.unique(landmarks(arm, scene, at))
-        self._rest = self.without_loads(np.zeros(arm.n_tendons))
-        check_outside(self.system, self._rest)
+        none = np.zeros(arm.n_tendons)
+        rest = Linearised(self.system, self.system.x(none, 0.0, self.without_loads(none)))
+        check_outside(self.system, rest.states)
+        self._at_rest = Settled(rest, ())
 
     def equilibrium(self, tensions: Array, near: Equilibrium | None = None) -> Touching:
         """Return the equilibrium under tensions from rest, or from another; see led."""
@@ -94,7 +94,9 @@ class TouchingMap(Collocation):
         """
         request, rubs = self._request(tensions), self.system.of.form.contact_friction
         if near is None:
-            return self._untouched(tensions) if rubs else self._from_rest(request)
+            if rubs:
+                return self._untouched(tensions)
+            return follow(request, 0 * tensions, 0.0, self._at_rest)
         before, places = near.here, places_of(near.system)
         stays = np.array_equal(tensions, before.tensions)
         if rubs:
@@ -107,21 +109,12 @@ class TouchingMap(Collocation):
                 return Continuation(there, (), path)
         return follow(request, before.tensions, 1.0, Settled(before, places), jumps)
 
-    def _from_rest(self, request: Request) -> Continuation:
-        """Return the equilibrium from rest without friction, on fine meshes from the coarsest."""
-        T = request.tensions
-        if self.refinement > _COARSE:
-            coarse = self._of(self.system.scene, 1).led(T, None)
-            there = sharpened(request, coarse.settled.here, coarse.settled.places)
-            if there is not None and close(coarse.settled.here, there.here):
-                return replace(coarse, settled=there)
-        rest = Linearised(self.system, self.system.x(0 * T, 0.0, self._rest))
-        return follow(request, 0 * T, 0.0, Settled(rest, ()))
-
     def by_lengths(self, winches: Winches) -> Linearised | None:
         """Return the equilibrium about where winches hold the tendons; None if none is found."""
-        settled = by_lengths(self._request(winches.tensions), winches)
-        return None if settled is None else settled.here
+        try:
+            return by_lengths(self._request(winches.tensions), winches, self._at_rest).settled.here
+        except UnsettledContactError:
+            return None
 
     def beside(self, at: Linearised, tensions: Array) -> Linearised | None:
         """Return the equilibrium under tensions near those of another; None where it jumps."""
@@ -147,11 +140,9 @@ class TouchingMap(Collocation):
     @cached_property
     def _smooth(self) -> TouchingMap:
         """The map of the scene without friction of contacts."""
-        return self._of(without_friction(self.system.scene), self.refinement)
-
-    def _of(self, scene: Scene, refinement: int) -> TouchingMap:
+        arm, smooth = self.system.arm, without_friction(self.system.scene)
         stages, at, machine_code = self._form
-        return TouchingMap(self.system.arm, scene, stages, refinement, at, machine_code)
+        return TouchingMap(arm, smooth, stages, self.refinement, at, machine_code)
 
     def _request(self, tensions: Array) -> Request:
         return Request(self.system, self._fixed, tensions)

@@ -15,8 +15,6 @@ from model.contact.touches import Touches, forces
 from model.effects import NeoHookean
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import CLOSE, KEPT, TURN, step_sizes
-from model.equilibrium.stability import rest_stiffness
-from model.errors import SingularError
 from model.loads import contacts
 from model.obstacles import distances, numbers_of
 from model.obstacles.base import SIZE
@@ -40,13 +38,11 @@ def newton(
     load: float,
     states: Array,
     complementary: bool = False,
-    damped: tuple[float, Array] | None = None,
 ) -> Linearised | None:
     """Return the equilibrium near given states; None if steps do not lead to one.
 
     With the touches that are set on the system, or with complementary forces and gaps at the nodes.
-    Steps that rotate frames far are shortened. `damped` by a factor times its stiffness at rest the
-    body resists the change of its strains from those given (N stages, strains), too.
+    Steps that rotate frames far are shortened.
     """
     last, kept = 0.0, None
     for _ in range(_STEPS):
@@ -55,7 +51,7 @@ def newton(
         widened = _widened(system, states)
         same = kept is not None and np.array_equal(kept.system.p, widened.p)
         here = Linearised(widened, widened.x(tensions, load, states), kept if same else None)
-        change = _damped_step(here, *damped) if damped else here.newton_step()
+        change = here.newton_step()
         if change is None:
             return None
         turn = float(np.abs(change[system.of.nodes[:, :4]]).max())
@@ -65,25 +61,10 @@ def newton(
             widened = _widened(system, states)
             return Linearised(widened, widened.x(tensions, load, states))
         contracts = size < (KEPT * last if last else CLOSE)
-        keeps = contracts and not system.of.form.contact_friction and damped is None
+        keeps = contracts and not system.of.form.contact_friction
         kept = (here.near or here) if keeps else None
         last = size
     return None
-
-
-def _damped_step(here: Linearised, damping: float, before: Array) -> Array | None:
-    """Return Newton's step of the states (n_states,) where their change from `before` is damped."""
-    of, (_, stiff), at = here.system.of, rest_stiffness(here.system), here.band
-    stages, resists, right = np.ravel(of.stages), np.zeros(of.n_states), here.residual.copy()
-    resists[stages] = damping * stiff
-    right[stages] += damping * stiff * (here.states[stages] - before.ravel())
-    nonzeros, diagonal = here.nonzeros.copy(), np.flatnonzero(at.rows == at.columns - of.first)
-    nonzeros[diagonal] += resists[at.rows[diagonal]]
-    try:
-        step = -Linearised(here.system, here.x, jacobian=nonzeros).solve(right)
-    except SingularError:
-        return None
-    return step if np.isfinite(step).all() else None
 
 
 def _active(system: System, states: Array) -> System:

@@ -9,7 +9,6 @@ each other within one.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -19,17 +18,18 @@ from scipy.linalg import null_space
 
 from model.arm import Arm
 from model.contact.contacts import Touch
+from model.contact.path import stepped
 from model.effects import NeoHookean, PointLoad
 from model.errors import OctoplanError, UnsettledContactError
 from model.obstacles import Sphere
 from model.paths import Array
-from model.progress import tell
 from model.scene import Scene
 from model.shape import Shape
-from model.time_limit import PATIENCE, OutOfTime, check_time, unless
+from model.time_limit import before_long, check_time
 
-# First and least step in the load factor of the tensions; arc lengths at which gaps are sampled.
-_FIRST, _LEAST, _SAMPLES = 0.25, 1 / 1024, 200
+# First, least and longest step in the load factor of the tensions; arc lengths at which gaps are
+# sampled.
+_STEPS, _SAMPLES = (1 / 4, 1 / 1024, 1 / 4), 200
 # Penetration that is allowed when a pair begins, over the lesser radius, and when it is closed,
 # over the length; how far apart arc lengths are another pair's, over the length.
 _DEEP, _THROUGH, _OTHER = 0.5, 1e-9, 0.03
@@ -46,25 +46,50 @@ Settle = Callable[[Array, Scene, Shape | None], Shape]
 
 
 @dataclass(frozen=True, eq=False)
-class Ball:
-    """The ball of a cross-section: centre (3,) and radius [m], their derivatives by s [-].
+class Gap:
+    """The gap between the balls of two cross-sections of a shape, the nearer to the base first.
 
-    On the base side, as a point force lets the strains jump.
+    Attributes
+    ----------
+    points : (2, 3)
+        Centres of the balls [m].
+    radii : (2,)
+        [m].
+    along : (2, 3)
+        Derivatives of the centres by arc length, on the base side, as a point force lets the
+        strains jump; by differences of the second order.
+    slopes : (2,)
+        Derivatives of the gap by either arc length.
     """
 
-    centre: Array
-    radius: float
+    points: Array
+    radii: Array
     along: Array
-    widening: float
+    slopes: Array
 
     @classmethod
-    def at(cls, shape: Shape, s: float) -> Ball:
-        """Return that of an arc length [m], by differences of the second order."""
-        h = min(_ALONG * shape.arm.length, s / 2)
-        stations = s - h * np.arange(3.0)
-        points, radii = shape.position(stations), radii_of(shape, stations)
-        weights = np.array([1.5, -2.0, 0.5]) / h
-        return cls(points[0], float(radii[0]), weights @ points, float(weights @ radii))
+    def at(cls, shape: Shape, s: Array) -> Gap:
+        """Return that at arc lengths (2,) [m]."""
+        h = np.minimum(_ALONG * shape.arm.length, s / 2)
+        stations = (s[:, None] - h[:, None] * np.arange(3.0)).ravel()
+        points = shape.position(stations).reshape(2, 3, 3)
+        radii = radii_of(shape, stations).reshape(2, 3)
+        weights = np.outer(1 / h, [1.5, -2.0, 0.5])
+        along = np.einsum("ij,ijk->ik", weights, points)
+        away = points[1, 0] - points[0, 0]
+        signed = np.array([-1, 1]) * (along @ away) / np.linalg.norm(away)
+        return cls(points[:, 0], radii[:, 0], along, signed - (weights * radii).sum(axis=1))
+
+    @property
+    def normal(self) -> Array:
+        """The unit vector (3,) from the nearer to the farther centre."""
+        away = self.points[1] - self.points[0]
+        return np.asarray(away / np.linalg.norm(away))
+
+    @property
+    def size(self) -> float:
+        """The gap [m]."""
+        return float(np.linalg.norm(self.points[1] - self.points[0]) - self.radii.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,13 +107,6 @@ class Pair:
     s: Array
     force: Array
 
-    def balls(self, shape: Shape) -> tuple[Ball, Ball, Array, float]:
-        """Return the balls of both, the unit vector (3,) between their centres, the gap [m]."""
-        near, far = (Ball.at(shape, s) for s in self.s)
-        away = far.centre - near.centre
-        distance = float(np.linalg.norm(away))
-        return near, far, away / distance, distance - near.radius - far.radius
-
     def residual(self, shape: Shape, across: Array) -> Array:
         """Return gap [m], force along two directions `across` (3, 2) [N], two slopes [-]: (5,).
 
@@ -96,16 +114,15 @@ class Pair:
         the gap by the arc lengths; of the farther one, which may be the tip, it is complementary
         to the distance from there.
         """
-        near, far, n, gap = self.balls(shape)
-        normal = across - np.outer(n, n @ across)
-        slopes = -n @ near.along - near.widening, n @ far.along - far.widening
+        gap = Gap.at(shape, self.s)
+        normal = across - np.outer(gap.normal, gap.normal @ across)
         left = 1 - self.s[1] / shape.arm.length
-        return np.array([gap, *(self.force @ normal), slopes[0], min(left, -slopes[1])])
+        slopes = gap.slopes[0], min(left, -gap.slopes[1])
+        return np.array([gap.size, *(self.force @ normal), *slopes])
 
     def pressed(self, shape: Shape) -> float:
         """Return the force that presses the two apart [N]; below 0 they would pull."""
-        near, far = shape.position(self.s)
-        return float(self.force @ (far - near) / np.linalg.norm(far - near))
+        return float(self.force @ Gap.at(shape, self.s).normal)
 
     def sideways(self, shape: Shape) -> Array | None:
         """Return the direction (3,) in which the pair may slip; None where parts cross.
@@ -113,22 +130,22 @@ class Pair:
         Normal to the line that joins the midlines, and to the arm. Parts that cross at an angle
         slide along themselves instead, so that the line keeps its direction.
         """
-        near, far, n, _ = self.balls(shape)
-        t, other = near.along, far.along
-        crossing = np.linalg.norm(np.cross(t, other)) / np.linalg.norm(t) / np.linalg.norm(other)
-        if crossing > _CROSSING and self.s[1] < shape.arm.length:
+        gap = Gap.at(shape, self.s)
+        t, other = gap.along / np.linalg.norm(gap.along, axis=1)[:, None]
+        if np.linalg.norm(np.cross(t, other)) > _CROSSING and self.s[1] < shape.arm.length:
             return None
-        lateral = np.cross(n, t)
+        lateral = np.cross(gap.normal, t)
         return np.asarray(lateral / np.linalg.norm(lateral))
 
     def touches(self, shape: Shape) -> tuple[Touch, Touch]:
         """Return what either cross-section leans on: the other one's ball."""
-        near, far, n, gap = self.balls(shape)
-        below, beyond = (Sphere(tuple(ball.centre.tolist()), ball.radius) for ball in (near, far))
-        surfaces = near.centre + near.radius * n, far.centre - far.radius * n
+        gap = Gap.at(shape, self.s)
+        n, (near, far) = gap.normal, gap.points
+        below, beyond = map(Sphere, map(tuple, gap.points.tolist()), gap.radii.tolist())
+        surfaces = near + gap.radii[0] * n, far - gap.radii[1] * n
         return (
-            Touch(beyond, float(self.s[0]), -self.force, gap, surfaces[1], -n),
-            Touch(below, float(self.s[1]), self.force.copy(), gap, surfaces[0], n),
+            Touch(beyond, float(self.s[0]), -self.force, gap.size, surfaces[1], -n),
+            Touch(below, float(self.s[1]), self.force.copy(), gap.size, surfaces[0], n),
         )
 
 
@@ -172,13 +189,8 @@ def nearest_pairs(shape: Shape) -> tuple[list[Pair], float]:
     return [Pair(s[at], np.zeros(3)) for at in lowest], float(gap.min())
 
 
-@dataclass(frozen=True, eq=False)
-class _State:
-    """An equilibrium, the pairs that are closed, and the least gap [m]."""
-
-    shape: Shape
-    pairs: tuple[Pair, ...]
-    least: float
+# An equilibrium, and the pairs that are closed.
+_State = tuple[Shape, tuple[Pair, ...]]
 
 
 def pressed_on_itself(tensions: Array, scene: Scene, settle: Settle) -> Shape:
@@ -187,74 +199,51 @@ def pressed_on_itself(tensions: Array, scene: Scene, settle: Settle) -> Shape:
     Raises UnsettledContactError where none is found, and what `settle` does.
     """
     path = _LoadPath(tensions, scene, settle)
-    try:
-        with unless(path.is_late):
-            state = _followed(path)
-    except OutOfTime:
-        check_time()
-        late = f"none is found within {PATIENCE:g} s"
-        raise UnsettledContactError(path.factor, late) from None
-    touches = [touch for pair in state.pairs for touch in pair.touches(state.shape)]
-    return replace(state.shape, on_itself=tuple(sorted(touches, key=lambda touch: touch.s)))
 
+    def solve(factor: float, near: _State) -> _State | None:
+        with before_long(factor):
+            there = path.step(near, factor)
+            if there is not None and path.slips(there, factor):
+                sentence = "parts that press on each other slip past each other sideways; a little "
+                raise UnsettledContactError(
+                    factor, sentence + "tension across decides to which side"
+                )
+        return there
 
-def _followed(path: _LoadPath) -> _State:
-    """Return the equilibrium at the end of a load path; raises what pressed_on_itself does."""
-    state, factor, step = path.begin(), 0.0, _FIRST
-    while factor < 1:
-        check_time()
-        tell("percent of tensions", round(100 * factor), 100)
-        after = min(1.0, factor + step)
-        there = path.step(state, after)
-        if there is not None and path.slips(there, after):
-            sentence = (
-                "parts that press on each other slip past each other sideways; a little tension "
-            )
-            raise UnsettledContactError(after, sentence + "across decides to which side")
-        if there is not None:
-            state, factor, step = there, after, min(2 * step, _FIRST)
-            path.reach(factor)
-        elif step > _LEAST:
-            step /= 2
-        else:
-            raise UnsettledContactError(factor, "where it presses on itself is not found")
-    return state
+    def over(before: float, factor: float, near: _State) -> _State:
+        raise UnsettledContactError(before, "where it presses on itself is not found")
+
+    steps = stepped(solve, path.begin(), _STEPS, over)
+    assert steps is not None
+    shape, pairs = steps[-1][0]
+    touches = [touch for pair in pairs for touch in pair.touches(shape)]
+    return replace(shape, on_itself=tuple(sorted(touches, key=lambda touch: touch.s)))
 
 
 class _LoadPath:
-    """The equilibrium followed while tensions grow."""
+    """Equilibria while tensions grow."""
 
     def __init__(self, tensions: Array, scene: Scene, settle: Settle) -> None:
         self.tensions, self.scene, self._settle = tensions, scene, settle
-        self.reach(0.0)
-
-    def reach(self, factor: float) -> None:
-        """Note the load factor that is reached, and when."""
-        self.factor, self._reached = factor, time.process_time()
-
-    def is_late(self) -> bool:
-        """Whether the last progress is too long ago."""
-        return time.process_time() > self._reached + PATIENCE
 
     def begin(self) -> _State:
         """Return the arm without tensions; raises UnsettledContactError if it meets itself."""
         shape = self._settle(0 * self.tensions, self.scene, None)
-        pairs, least = nearest_pairs(shape)
-        if pairs:
+        if nearest_pairs(shape)[0]:
             raise UnsettledContactError(0.0, "the arm without tensions is inside of itself")
         radius = float(shape.arm.outer_radius(np.zeros(1))[0][0])
         self._force = shape.arm.material.E * radius**4 / shape.arm.length**2
-        return _State(shape, (), least)
+        return shape, ()
 
     def step(self, state: _State, factor: float) -> _State | None:
         """Return the equilibrium at a load factor; None if the step was too long."""
-        pairs, near = state.pairs, state.shape
+        near, pairs = state
         for _ in range(_CHANGES):
             try:
                 solution = self._closed(factor, pairs, near)
             except OctoplanError:
                 return None
-            if solution is None or self._passes(state, solution[0]):
+            if solution is None or _passes(state[0], solution[0]):
                 return None
             near, pairs = solution
             forces = [pair.pressed(near) for pair in pairs]
@@ -262,16 +251,13 @@ class _LoadPath:
                 k = int(np.argmin(forces))
                 pairs = (*pairs[:k], *pairs[k + 1 :])
                 continue
-            lowest, least = nearest_pairs(near)
-            new = [pair for pair in lowest if self._is_new(pair, pairs, near)]
+            new = [pair for pair in nearest_pairs(near)[0] if _is_new(pair, pairs, near)]
             if not new:
-                return _State(near, pairs, least)
+                return near, pairs
             pairs = (*pairs, new[0])
         return None
 
-    def _closed(
-        self, factor: float, pairs: tuple[Pair, ...], near: Shape
-    ) -> tuple[Shape, tuple[Pair, ...]] | None:
+    def _closed(self, factor: float, pairs: tuple[Pair, ...], near: Shape) -> _State | None:
         """Return the equilibrium with pairs closed near a shape; None where there is no root.
 
         Unknowns are forces, arc lengths of the nearer cross-sections, and the distances of the
@@ -280,7 +266,7 @@ class _LoadPath:
         if not pairs:
             return self._settle(factor * self.tensions, self.scene, near), ()
         arm, last = near.arm, (near, pairs)
-        across = [null_space(np.subtract(*near.position(pair.s)[::-1])[None]) for pair in pairs]
+        across = [null_space(Gap.at(near, pair.s).normal[None]) for pair in pairs]
         scale = np.array([arm.length, self._force, self._force, 1.0, 1.0])
 
         def residual(z: Array) -> Array:
@@ -296,23 +282,18 @@ class _LoadPath:
             beyond = np.minimum(z.reshape(-1, 5)[:, 4], 0.0)
             return np.concatenate(rows) + np.outer(beyond, np.eye(5)[4]).ravel()
 
-        z = np.array(
-            [
-                [*(p.force / self._force), p.s[0] / arm.length, 1 - p.s[1] / arm.length]
-                for p in pairs
-            ]
-        )
-
         def jacobian(z: Array) -> Array:
             return np.asarray(scipy.optimize.approx_fprime(z, residual, _DIFFERENCE))
 
+        z = [
+            [*(p.force / self._force), p.s[0] / arm.length, 1 - p.s[1] / arm.length] for p in pairs
+        ]
         options = {"xtol": 1e-11, "factor": 0.1, "col_deriv": False}
-        solution = scipy.optimize.root(
-            residual, z.ravel(), jac=jacobian, method="hybr", options=options
-        )
-        z = solution.x.reshape(-1, 5)
-        z[:, 4] *= z[:, 4] > _ROOT
-        off = np.abs(residual(z.ravel())).max()
+        end = scipy.optimize.root(
+            residual, np.ravel(z), jac=jacobian, method="hybr", options=options
+        ).x.reshape(-1, 5)
+        end[:, 4] *= end[:, 4] > _ROOT
+        off = np.abs(residual(end.ravel())).max()
         return last if off < _ROOT else None
 
     def slips(self, state: _State, factor: float) -> bool:
@@ -321,38 +302,33 @@ class _LoadPath:
         It does where the force, which rotates with the line that joins the midlines, grows faster
         than the arm's resistance: P > K d, with d the distance of the midlines.
         """
-        for k, pair in enumerate(state.pairs):
-            across = pair.sideways(state.shape)
+        shape, pairs = state
+        for k, pair in enumerate(pairs):
+            across = pair.sideways(shape)
             if across is None:
                 continue
-            push = _PUSH * max(pair.pressed(state.shape), _PUSH * self._force)
+            push = _PUSH * max(pair.pressed(shape), _PUSH * self._force)
             pushed = replace(pair, force=pair.force + push * across)
-            pairs = (*state.pairs[:k], pushed, *state.pairs[k + 1 :])
-            scene = loaded_by(state.shape.arm, self.scene, pairs)
-            there = self._settle(factor * self.tensions, scene, state.shape)
-            before, after = (
-                np.subtract(*shape.position(pair.s)[::-1]) for shape in (state.shape, there)
-            )
+            scene = loaded_by(shape.arm, self.scene, (*pairs[:k], pushed, *pairs[k + 1 :]))
+            there = self._settle(factor * self.tensions, scene, shape)
+            before, after = (np.subtract(*at.position(pair.s)[::-1]) for at in (shape, there))
             compliance = float(across @ (after - before)) / push
-            most = np.linalg.norm(before)
-            if compliance < 0 or pair.pressed(state.shape) * compliance > most:
+            if compliance < 0 or pair.pressed(shape) * compliance > np.linalg.norm(before):
                 return True
         return False
 
-    def _passes(self, state: _State, shape: Shape) -> bool:
-        """Return whether parts that were apart may be deep in each other, or beyond."""
-        s = np.linspace(0.0, shape.arm.length, _SAMPLES + 1)[1:]
-        far = float(np.linalg.norm(shape.position(s) - state.shape.position(s), axis=1).max())
-        deep = _DEEP * float(shape.arm.outer_radius(s)[0].min())
-        if not np.isfinite(state.least):
-            # Nothing had turned by half a turn: it may have since, but not be deep.
-            return nearest_pairs(shape)[1] < -deep
-        return 2 * far > max(state.least, 0.0) + 2 * deep and (
-            nearest_pairs(shape)[1] < -deep or far > shape.arm.length / 10
-        )
 
-    def _is_new(self, pair: Pair, pairs: Sequence[Pair], shape: Shape) -> bool:
-        """Return whether a pair of cross-sections inside of each other is a new one."""
-        L = shape.arm.length
-        is_old = any(np.abs(other.s - pair.s).max() < _OTHER * L for other in pairs)
-        return not is_old and pair.balls(shape)[3] < -_THROUGH * L
+def _passes(before: Shape, after: Shape) -> bool:
+    """Return whether parts that were apart may be deep in each other, or beyond."""
+    L, s = after.arm.length, np.linspace(0.0, after.arm.length, _SAMPLES + 1)[1:]
+    far = float(np.linalg.norm(after.position(s) - before.position(s), axis=1).max())
+    deep = _DEEP * float(after.arm.outer_radius(s)[0].min())
+    apart = max(nearest_pairs(before)[1], 0.0)
+    return nearest_pairs(after)[1] < -deep or far > max(L / 10, apart / 2 + deep)
+
+
+def _is_new(pair: Pair, pairs: Sequence[Pair], shape: Shape) -> bool:
+    """Return whether a pair of cross-sections inside of each other is a new one."""
+    L = shape.arm.length
+    is_old = any(np.abs(other.s - pair.s).max() < _OTHER * L for other in pairs)
+    return not is_old and Gap.at(shape, pair.s).size < -_THROUGH * L

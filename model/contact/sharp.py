@@ -15,7 +15,6 @@ import numpy as np
 from model.contact.friction import History
 from model.contact.gaps import along, least_gaps
 from model.contact.newton import newton
-from model.contact.stability import is_stable, unstable_mode
 from model.contact.touches import (
     SAME,
     Place,
@@ -29,13 +28,13 @@ from model.contact.touches import (
     touches_at,
 )
 from model.effects import NeoHookean, Shear
-from model.equilibrium.forward import Collocation, carried_strains
+from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised
 from model.loads import contacts
 from model.mesh import Mesh
 from model.paths import Array
-from model.transcription.layout import POSE
 from model.transcription.system import System
+from model.winches import Winches
 
 # How often places move, come or go.
 _ROUNDS = 30
@@ -46,9 +45,6 @@ _FLAT, _BENT = 1e-3, 4.0
 # Over an element: how far from an end derivatives are taken, half the length of a part that was a
 # point and how far points move from corners at most, and parts that are points.
 _ASIDE, _BORN, _SHORT = 0.05, 0.3, 0.02
-# How far frames turn off an unstable equilibrium at first, in a step at most, and in the last one
-# [rad]; the damping over the least eigenvalue: along its mode steps grow by so little.
-_ASIDE, _FAR, _RESTS, _DAMPED = 0.1, 0.2, 1e-2, 4.0
 # Of the largest force, what is rounding.
 _ROUNDING = 1e-9
 
@@ -77,7 +73,7 @@ class Request:
     tensions: Array
     load: float = 1.0
     history: History | None = None
-    damped: tuple[float, Linearised] | None = None
+    winches: Winches | None = None
 
     def on(self, mesh: Mesh, pressed: bool = False) -> System:
         """Return the equations on another mesh."""
@@ -121,44 +117,13 @@ def sharpened(request: Request, near: Linearised, places: Places) -> Settled | N
     return None
 
 
-def stable(request: Request, at: Settled) -> Settled | None:
-    """Return an equilibrium if it is stable, else that to which the arm falls from there.
-
-    Off the unstable one by its mode it follows the gradient of its energy, by implicit Euler steps
-    (pseudo-transient continuation; Kelley and Keyes, SIAM J. Numer. Anal. 35, 1998).
-    """
-    system, unstable = at.here.system, unstable_mode(at.here)
-    if unstable is None:
-        return at if is_stable(at.here) else None
-    value, mode = unstable
-    states, damping, places = at.here.states.copy(), -_DAMPED * value, at.places
-    strains = system.strains(states) + _ASIDE * mode
-    states[system.of.stages], states[system.of.nodes[:, :POSE]] = strains, system.marched(strains)
-    near = Linearised(system, system.x(request.tensions, request.load, states))
-    for _ in range(_ROUNDS):
-        there = sharpened(replace(request, damped=(damping, near)), near, places)
-        angle = np.inf if there is None else turned(near, there.here)
-        if there is None or angle > _FAR:
-            damping *= 4
-            continue
-        near, places, damping = there.here, there.places, max(damping / 2, -_DAMPED * value)
-        if angle < _RESTS:
-            break
-    end = sharpened(request, near, places)
-    return end if end is not None and is_stable(end.here) else None
-
-
 def turned(one: Linearised, other: Linearised) -> float:
     """Return the largest angle between frames of equilibria, be they on two meshes [rad]."""
     a, b = one.system, other.system
     before, after = a.poses(one.states)[:, :4], b.poses(other.states)[:, :4]
     there = np.array([np.interp(b.mesh.s, a.mesh.s, column) for column in before.T]).T
-    return angle_between(there / np.linalg.norm(there, axis=1)[:, None], after)
-
-
-def angle_between(before: Array, after: Array) -> float:
-    """Return the largest angle between frames by their unit quaternions (n, 4) [rad]."""
-    return 2 * float(np.arccos(np.clip(np.abs((before * after).sum(axis=1)).min(), 0, 1)))
+    same = np.abs((there * after).sum(axis=1)) / np.linalg.norm(there, axis=1)
+    return 2 * float(np.arccos(np.clip(same.min(), 0, 1)))
 
 
 def with_places(of: Request, here: Linearised, places: Places) -> Linearised | None:
@@ -175,28 +140,17 @@ def with_places(of: Request, here: Linearised, places: Places) -> Linearised | N
         flat = _BENT / of.base.arm.length
         touches.curve[nodes, j] = np.where(curve > _FLAT, curve, flat)
     system = touches.on(of.on(mesh, bool(touches.lies.any())))
-    states, damped = _carried(of, here, system, touches), None
-    if of.damped is not None:
-        factor, before = of.damped
-        strains = before.system.strains(before.states)
-        damped = factor, carried_strains(before.system, strains, system)
-    return newton(system, of.tensions, of.load, states, damped=damped)
+    return newton(system, of.tensions, of.load, _carried(of, here, system, touches))
 
 
 def _carried(of: Request, here: Linearised, system: System, touches: Touches) -> Array:
     """Return states to begin with on another mesh: forces are those of the nodes nearest."""
     before, states = here.system, Collocation.on(system).carried(of.tensions, here).copy()
-    old, new, s = before.of, system.of, before.mesh.s
-    there = Touches.of(before)
-    near = np.abs(system.mesh.s[:, None] - s).argmin(axis=1)
-    p = second(before, here.states) * there.pressing
-    for j in range(p.shape[1]):
-        pressing = np.interp(system.mesh.s, s, p[:, j]) * touches.pressing[:, j]
-        states[new.touches[:, j, 1]], states[new.touches[:, j, 0]] = pressing, 0.0
-        held = np.flatnonzero(touches.held[:, j])
-        for k in np.flatnonzero(there.held[:, j]) if held.size else ():
-            nearest = held[np.argmin(np.abs(system.mesh.s[held] - s[k]))]
-            states[new.touches[nearest, j, 0]] += here.states[old.touches[k, j, 0]]
+    old, new, there = before.of, system.of, Touches.of(before)
+    near = np.abs(system.mesh.s[:, None] - before.mesh.s).argmin(axis=1)
+    pressed = (second(before, here.states) * there.pressing)[near]
+    states[new.touches[:, :, 0]] = forces(before, here.states)[near] * touches.held
+    states[new.touches[:, :, 1]] = pressed * touches.pressing
     if new.form.contact_friction and old.form.contact_friction:
         for kind, mask in (("friction_forces", touches.held), ("tractions", touches.pressing)):
             rubbed = here.states[getattr(old, kind)[near]]

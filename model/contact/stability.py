@@ -23,19 +23,10 @@ _NONE = 1e-4
 _BASIS, _ROUGH, _RESTARTS = 32, 1e-2, 30
 
 
-def is_stable(here: Linearised) -> bool:
-    """Return whether an equilibrium is stable with its contacts closed."""
-    try:
-        return _extreme(here, "SR", _ROUGH)[0] > -_NONE
-    except SingularError:
-        return False
+def unstable_mode(here: Linearised) -> Array | None:
+    """Return the strains of the least stable mode (N stages, strains), that rotate by some 1 rad.
 
-
-def unstable_mode(here: Linearised) -> tuple[float, Array] | None:
-    """Return the least eigenvalue where it is below 0, and the strains of its mode.
-
-    The strains (N stages, strains) rotate a frame by some 1 rad. None where an equilibrium is
-    stable, or its Jacobian singular.
+    None where an equilibrium is stable with its contacts closed, or about to buckle.
     """
     try:
         value, vector = _extreme(here, "SR", _ROUGH)
@@ -47,7 +38,7 @@ def unstable_mode(here: Linearised) -> tuple[float, Array] | None:
     mode = (vector / np.sqrt(weight * stiff)).reshape(of.stages.shape)
     bends = mode[:, : 2 + of.form.law.torsion]
     turns = weight.reshape(mode.shape)[:, :1] * np.abs(bends)
-    return 1 / value, np.asarray(mode / turns.sum(axis=0).max())
+    return np.asarray(mode / turns.sum(axis=0).max())
 
 
 def held_stability(here: Linearised) -> float:
