@@ -13,15 +13,7 @@ stiffness that is asked for, the tip kept in place.
 
 Command: python -m studies.antagonistic_stiffness [--points 5] [--statics NAME ...] [--out out]
 
-Answer: with tensions held, pulling two opposite tendons of a straight arm by 1 N each makes it
-33 % stiffer (neo-Hookean; 31 % with the anticlastic shift), by 2 N 73 %; finite elements say 30 %
-in the plane of the tendons, 34 % across it, at 1 N. About half of it is the shorter lever (16 %),
-the other half the thickened section. Exact tendons on a linear body know the lever only (18 %); the
-paper's tangent says 27 %: the T y2 behind its claim is a property of the tangent, which by accident
-stands in for the thickening. A bend of 90 degrees stiffens by 62 % when 6.5 N more are pulled in
-all, a fetch fourfold for 7.5 N. Locking the lengths does far more: 20 times on the straight arm, 3
-times in the bend, 5 to 6 times in the fetch, and co-contraction adds to that. Twice the stiffness
-with the tip in place costs 1.5 to 1.8 times the least effort.
+Answer: in studies/README.md.
 """
 
 from __future__ import annotations

@@ -11,13 +11,7 @@ sample for its neural model.
 
 Command: python -m studies.calibration [--models ...] [--out out]
 
-Answer: modulus and density explain the shapes to 10.8 mm and predict unseen ones to 11.2 mm; the
-base's pose takes that to 10.0. With 20 unknowns (tendons that turn, their offsets, one's scale of
-tension, markers where they were moved; neo-Hookean, robust loss) it is 4.1 mm in sample, 4.9 mm for
-shapes left out and 4.6 mm for the shapes of two tendons by those of one; which 20 was chosen by
-looking at the same shapes. 97 % of the markers left out lie in their 95 % bands with two unknowns,
-96 % with 20. The neo-Hookean body helps only then: with modulus and density alone it
-is worse than a linear one.
+Answer: in studies/README.md.
 """
 
 from __future__ import annotations

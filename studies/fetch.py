@@ -11,12 +11,7 @@ arm winds up there, twice at 60 degrees, which meets the same bends for 12 % les
 
 Command: python -m studies.fetch [--budgets 3 4 5 6 7 8 10 17.5] [--out out]
 
-Answer: no. The paper's two figures differ as it says (tip 135 mm from the base in a plane, 87 mm in
-space, both for 17.5 N), but neither is near the best: planned, the tip reaches the mouth in either
-way, and the least total pull is the same 6.36 N, because the best fetch in space lies in a plane.
-With less pull than that, both come equally near: 19 mm at 5 N. Nor are three bends of equal size to
-alternating sides cheaper when their planes are turned against each other as in figure 15: 1 % less
-pull at 60 degrees, 3 % more at 80. What decides is the choice of tensions, not the third dimension.
+Answer: in studies/README.md.
 """
 
 from __future__ import annotations

@@ -16,19 +16,7 @@ the arm snaps or is not settled. What is held along the cylinder's axis is the f
 
 Command: python -m studies.grasp [--radii 60 40 20 10 5] [--shares 0.05 0.1 0.15] [--out out]
 
-Answer: 0.15 L, up to the middle anchorage, lie on 40 and 60 mm (1.42 and 0.96 N), 0.05 L on 20 mm
-(1.2 N); of the slender tip 0.1 L on 60 mm, 0.05 L on 40 and 20 mm, for 0.06 to 0.3 N; neither lies
-on 10 mm or less, nor does 0.2 L on any (--shares 0.2, half as long again). A part is as long as the
-arm's curvature stays between about half and twice that of the object: tendons of one anchorage bend
-a tapered arm ever more towards the tip, by a factor of three along these parts, while a cylinder
-asks for one curvature. Tendons of all anchorages are needed, the tip's above, the base's below, to
-keep it even. Where the object is more curved, the arm is too slack at the part's beginning before
-it is bent enough; where it is less curved, the tip rolls up in an arch. The difference does act as
-a displacement does in impedance control: a wrap of least effort only touches, and from there on the
-force grows in proportion as the arm is asked for more curvature than the object has: by some 35 mN
-(60 mm) and 60 mN (40 mm) for each N more of the middle part, which holds up to 48 mN along the
-axis, by 15 mN where 0.05 L lie on 20 mm; beyond twice the effort it grows less, and a tip may roll
-off (20 mm). Tips hold about 1 mN at most.
+Answer: in studies/README.md.
 """
 
 from __future__ import annotations

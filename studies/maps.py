@@ -12,12 +12,7 @@ goes on where it was.
 
 Command: python -m studies.maps [--draws 2000] [--pulls 12] [--points 16] [--jobs 1] [--out out]
 
-Answer: 1996 of 2000 draws settle, with tips from 11 to 445 mm from the base. At the tip of the
-straight arm the softest direction gives 52 mm/mN; 0.6 N in section 1, whose tendon stiffens the
-slender tip, bring that down to 8, while 15 N near the base hardly change it. Of 256 points on a
-grid (x from -150 to 450 mm, y to 400 mm) 194 are reached, all by less than 8.1 N; what is not lies
-at the edge of what draws give, or beyond. Points behind the base and near the straight arm cost
-most effort, as the arm has to curl up for them.
+Answer: in studies/README.md.
 """
 
 from __future__ import annotations

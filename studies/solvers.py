@@ -12,11 +12,7 @@ than the least of all. Times are the processor's, medians over all solves, met o
 
 Command: python -m studies.solvers [--targets 12] [--guesses 4] [--scenes paper silicone] [--seed 0]
 
-Answer: the planner's program meets the tip from all of 48 guesses in the paper's scene and from 94
-% in silicone, and is the best from 79 and 75 %; SLSQP in the tensions alone meets it from 79 and 98
-% and is the best from 69 % in both; trust-constr from 75 and 96 %, the best from 33 and 56 %. A
-solve takes 24 ms in the paper's scene, as SLSQP does (22), trust-constr 190; in silicone 25 ms,
-SLSQP 104, trust-constr 367.
+Answer: in studies/README.md.
 """
 
 from __future__ import annotations

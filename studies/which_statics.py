@@ -9,11 +9,7 @@ uncertainty); tip error over arm length.
 
 Command: python -m studies.which_statics [--out out]
 
-Answer: below about 30 degrees all are within 0.6 % of the arm's length. Beyond, exact tendons on a
-linear body are the worst (5.4 % at 94 degrees), the paper's statics second (1.9 %), because their
-spurious stiffness happens to have the sign of the true one; the neo-Hookean body stays within
-0.42 %, and within 0.14 % with the anticlastic shift. `Scene.silicone()` is what a real arm calls
-for.
+Answer: in studies/README.md.
 """
 
 from __future__ import annotations

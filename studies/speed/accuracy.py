@@ -14,13 +14,7 @@ medians over tensions and repeats, bars their quartiles; stars are what `settle`
 Command: python -m studies.speed accuracy [--figures NAME ...] [--cases 3] [--repeats 20]
 [--out out]
 
-Answer: of the paper's statics the sixth-order Magnus way is the cheapest for every error below
-1e-6, the fourth-order one as cheap above, and both some 40 to 60 times cheaper than SciPy's DOP853;
-`settle` pays two to three single maps of it, as it verifies and wraps. Each digit costs 1.3 times
-the time. Collocation with m stages, gauss2m, is of order 2 m; three stages are the cheapest below
-1e-5, without loads four below 1e-6: settles of silicone in water take 11 ms to 5e-8, SciPy's
-shooting a second to 2e-7. A plan takes as long for 1e-2 as for 1e-6, as its search is on a
-coarse mesh and most of its time, for 1e-10 up to two and a half times as long.
+Answer: in studies/README.md.
 """
 
 from __future__ import annotations

@@ -9,12 +9,7 @@ times are medians of ratios, with and without the effect in turn.
 
 Command: python -m studies.speed effects [--effects NAME ...] [--repeats 5] [--out out]
 
-Answer: statics, weight, a current and friction matter most: each moves the tips by 3 to 50 % of
-the arm's length, and no two alike. Shear hardly does (0.03 to 0.3 %). Statics that a section
-settles by itself cost 9 to 55 times the paper's settle, which takes a quarter of a millisecond,
-loads 35 to 81 times (a boundary value problem), up to 340 where weight bends the fetch far (small
-steps to bring it on), friction 170 to 940 times (a tension a tendon as states). All together: 14
-and 31 % of the length, for 680 to 3300 times the time.
+Answer: in studies/README.md.
 """
 
 from __future__ import annotations

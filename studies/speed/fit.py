@@ -11,9 +11,7 @@ rest, and how far off its mesh is. Libraries are compiled beforehand.
 
 Command: python -m studies.speed fit [--repeats 9]
 
-Answer: both come to the same modulus to 1e-5. Interpreted, SciPy takes 7.5 s (396 settles) and
-`calibrate` 0.29 s: 26 times as fast. Compiled 4.1 to 4.6 s and 0.085 to 0.090 s: 49 to 52 times;
-against SciPy interpreted 84 times.
+Answer: in studies/README.md.
 """
 
 from __future__ import annotations

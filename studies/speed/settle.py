@@ -12,10 +12,7 @@ measurement is the median with its quartiles.
 
 Command: python -m studies.speed settle [--rows settle jacobian loads sections] [--repeats 20]
 
-Answer: by wall-clock time on an idle machine, before plans were one program: settle 29 to 48,
-settle_many 160 (compiled 1000), tip Jacobian 150 (compiled 750), loaded settles 14; a settle grows
-as n^0.35 with the sections. Since then, by processor time on a machine with other work (5 repeats):
-settle 14, settle_many 143 (compiled 1100), tip Jacobian 42 (compiled 56).
+Answer: in studies/README.md.
 """
 
 from __future__ import annotations
