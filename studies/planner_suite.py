@@ -2,19 +2,24 @@
 
 Question: of random reachable targets of every kind, in every scene, how many are reached and
 certified, how near is the effort to the best known, how long does it take; and is anything called
-reached that is not?
+reached that is not? Of random targets that cannot be met (`--beyond`), how often is the shortfall
+of the plan within 1 % of the least of many random starts?
 
-Assumptions: table 4, maxima of 20 N; targets are read off settled shapes (`draw`), so
+Assumptions: table 4, maxima of 20 N; targets are read off settled shapes (studies.draws), so
 that one set of tensions is known that reaches each. A plan is reached where its certificate passes
 and, for a backbone, no point is further off than 1e-6 L. It is wrong where that is so and its
 tensions, settled to 1e-9 L by another integrator and held against the target by code of this study,
 are off by more than 3e-6. The best known effort is the least of the plan's, that of the tensions
 drawn, and in the paper's scenes that of the best of `--best-of` starts from random tensions.
-Times are the processor's, as shifted geometric means (shift 0.1 s), as benchmarks of optimisers
-have it.
+Beyond reach, bare or with extension: tips and poses lie 1.02 to 1.4 lengths from the base; other
+poses are at a reachable place, turned at random; planes, fetches and backbones are read off shapes
+whose tensions are 1.5 to 4 times the maxima allowed. What is reached all the same is left out,
+after a check. The shortfall is the root of twice the objective of the nearest shape, in lengths and
+radians, on the mesh of the search. Times are the processor's, as shifted geometric means (shift
+0.1 s), as benchmarks of optimisers have it.
 
 Command: python -m studies.planner_suite [--targets 1000] [--best-of 10] [--jobs 2] [--seed 0]
-[--kinds NAME ...] [--case NUMBER] [--out out]
+[--kinds NAME ...] [--beyond] [--case NUMBER] [--out out]
 
 Answer: in studies/README.md.
 """
@@ -23,23 +28,17 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
 from model import (
-    Arm,
-    CollapsedError,
-    ConvergenceError,
     OctoplanError,
     Scene,
-    Shape,
-    SnapError,
     settle,
 )
 from model.effects import (
@@ -56,14 +55,19 @@ from model.effects import (
 from model.forward import schemes_of
 from model.loads import is_loaded
 from model.paths import Array
-from planner import Limits, Plan, Statement, plan
+from planner import Plan, Statement, plan
+from planner.solve.ipopt import Solution
 from planner.solve.search import Search
 from planner.solve.task import Task
-from planner.targets import Backbone, Bend, BendingPlane, Fetch, Target, TipPose, TipPosition
-from planner.targets.fetch import stretches
+from planner.targets import Target, TipPose, TipPosition
+from studies import draws
+from studies.draws import ARM, MAXIMUM, READ, off
 from studies.reporting import keep_finished
 
 _NEAR, _WRONG, _SHIFT = 1e-6, 3e-6, 0.1
+# Kinds of targets beyond reach: how far off the base in lengths, or how many times the maxima.
+BEYOND = ("tip", "pose", "turned", "plane", "fetch", "backbone")
+_FAR, _STRONG = (1.02, 1.4), (1.5, 4.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +129,7 @@ def run(job: tuple[int, int, int, Sequence[str]]) -> Case:
     weights = np.array([weight for weight, _ in SCENES.values()], dtype=float)
     name = str(rng.choice(list(SCENES), p=weights / weights.sum()))
     scene = SCENES[name][1]
-    T, target = draw(rng, kind, scene)
+    T, target = draws.target(rng, kind, scene)
     case = {"number": number, "kind": kind, "scene": name, "target": target, "drawn": T}
     begin = time.process_time()
     try:
@@ -148,40 +152,52 @@ def run(job: tuple[int, int, int, Sequence[str]]) -> Case:
 _RESULTS = ("reached", "error", "cost", "seconds", "starts", "outcome")
 
 
+def _solved(
+    result: Plan, scene: Scene, statement: Statement, count: int, rng: np.random.Generator
+) -> tuple[Task, list[Solution]]:
+    """Return what random starts of a plan's problem lead to, on the mesh of the search."""
+    limits = result.limits
+    search = Search(Task(ARM, result.targets, scene, limits, statement, result.accuracy))
+    coarse = search.task.coarse(result.mode)
+    scale = np.minimum(np.repeat([0.6, 5.0, 15.0], 4), limits.upper)
+    tried = (
+        search.solve(coarse, rng.uniform() * rng.uniform(size=12) * scale) for _ in range(count)
+    )
+    return search.task, [solution for solution in tried if solution.met]
+
+
 def _over_best(result: Plan, scene: Scene, count: int, rng: np.random.Generator) -> float:
     """Return a plan's effort over the least that random starts lead to, on the coarse mesh."""
     heavy = is_loaded(scene) or scene.has(ExactTendons)
     if heavy or not count or result.mode != "exact":
         return 0.0
-    limits, statement = Limits.of(ARM, MAXIMUM), Statement(norm=result.statement.norm)
-    search = Search(Task(ARM, result.targets, scene, limits, statement, result.accuracy))
-    coarse, scale = search.task.coarse("exact"), np.repeat([0.6, 5.0, 15.0], 4)
-    tried = (
-        search.solve(coarse, rng.uniform() * rng.uniform(size=12) * scale) for _ in range(count)
-    )
-    best = min((np.linalg.norm(search.task.tensions(s)) for s in tried if s.met), default=np.inf)
+    statement = Statement(norm=result.statement.norm)
+    task, solutions = _solved(result, scene, statement, count, rng)
+    best = min((np.linalg.norm(task.tensions(s)) for s in solutions), default=np.inf)
     return float(result.effort / best) if 0 < best < np.inf else 0.0
 
 
-def report(cases: Sequence[Case]) -> None:
+def report(cases: Sequence[Case], beyond: bool) -> None:
     """Print a line for each kind, for each scene, and for all."""
-    print(f"{'':<12}{'targets':>8}{'reached':>9}{'wrong':>7}{'within 1 %':>12}", end="")
+    print(f"{'':<12}{'targets':>8}{'reached':>9}{'wrong':>7}{'within 1 %':>12}{'worst':>9}", end="")
     print(f"{'time [s]':>10}{'starts':>8}")
-    groups = {kind: [c for c in cases if c.kind == kind] for kind in READ}
+    groups = {
+        kind: [c for c in cases if c.kind == kind] for kind in dict.fromkeys((*READ, *BEYOND))
+    }
     groups |= {name: [c for c in cases if c.scene == name] for name in SCENES}
     for name, group in (groups | {"all": list(cases)}).items():
         if not group:
             continue
-        reached = [c for c in group if c.reached]
-        share = len(reached) / len(group)
-        good = np.mean([c.cost <= 1.01 for c in reached]) if reached else 0.0
-        times = np.array([c.seconds for c in reached])
-        mean = np.exp(np.mean(np.log(times + _SHIFT))) - _SHIFT if reached else np.nan
-        starts = np.mean([c.starts for c in reached]) if reached else np.nan
-        wrong = sum(c.wrong for c in group)
-        print(
-            f"{name:<12}{len(group):>8}{share:>9.1%}{wrong:>7}{good:>12.1%}{mean:>10.3f}{starts:>8.1f}"
-        )
+        # Costs are efforts of what is reached, or shortfalls of what is not.
+        counted = [c for c in group if c.reached is not beyond]
+        costs = np.array([c.cost for c in counted])
+        good, worst = (np.mean(costs <= 1.01), costs.max()) if counted else (np.nan, np.nan)
+        times = np.array([c.seconds for c in counted])
+        mean = np.exp(np.mean(np.log(times + _SHIFT))) - _SHIFT if counted else np.nan
+        starts = np.mean([c.starts for c in counted]) if counted else np.nan
+        share, wrong = np.mean([c.reached for c in group]), sum(c.wrong for c in group)
+        print(f"{name:<12}{len(group):>8}{share:>9.1%}{wrong:>7}{good:>12.1%}", end="")
+        print(f"{worst:>9.3f}{mean:>10.3f}{starts:>8.1f}")
 
 
 def keep(cases: Sequence[Case], out: Path) -> None:
@@ -193,33 +209,6 @@ def keep(cases: Sequence[Case], out: Path) -> None:
             (out / f"{why}_{case.number}_{case.kind}.py").write_text(case.again(), encoding="utf-8")
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Run the suite, print its table, and keep what failed."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--targets", type=int, default=1000)
-    parser.add_argument("--best-of", type=int, default=10)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--kinds", nargs="*", choices=READ, default=list(READ))
-    parser.add_argument("--case", type=int, help="print this one as a script, and no table")
-    parser.add_argument("--out", type=Path, default=Path("out"))
-    args = parser.parse_args(argv)
-    if args.case is not None:
-        print(run((args.case, args.seed, args.best_of, args.kinds)).again(), end="")
-        return
-    jobs = [(i, args.seed, args.best_of, args.kinds) for i in range(args.targets)]
-    cases: list[Case] = []
-    pool = ProcessPoolExecutor(args.jobs)
-    with keep_finished():
-        for case in tqdm(pool.map(run, jobs), total=len(jobs), disable=None):
-            cases.append(case)
-    pool.shutdown(cancel_futures=True)
-    report(cases)
-    keep(cases, args.out / "planner_suite")
-
-
-ARM = Arm.from_paper("table-4")
-MAXIMUM = 20.0
 # How often each scene is drawn: those that take a planner seconds seldom.
 SCENES: dict[str, tuple[int, Scene]] = {
     "bare": (20, Scene()),
@@ -234,112 +223,78 @@ SCENES: dict[str, tuple[int, Scene]] = {
     "shear": (1, Scene(Extension(), Shear())),
     "friction": (1, Scene(Extension(), Friction(0.05))),
 }
-_MOST = np.array([0.6, 5.0, 15.0])
 
 
-def tensions(rng: np.random.Generator, kind: str) -> Array:
-    """Return tensions (3, 4) [N]: those of a section for a plane, few or all for other kinds."""
-    T = rng.uniform(size=(3, 4)) * _MOST[:, None]
-    if kind == "plane":
-        section = rng.integers(3)
-        T[np.arange(3) != section] = 0.0
-        first = rng.integers(4)
-        T[:, [first, (first + 1) % 4]] = 0.0
-        return T * rng.uniform()
-    way = rng.integers(3)
-    if way == 0:
-        T *= rng.uniform(size=(3, 4)) < 0.5
-    elif way == 1:
-        T *= np.arange(4) == rng.integers(4, size=3)[:, None]
-    return T * rng.uniform(0.3, 1.0)
+def run_beyond(job: tuple[int, int, int, Sequence[str]]) -> Case:
+    """Draw a target beyond reach, plan it, and hold the plan against random starts.
+
+    The cost of the case is the shortfall of its plan over the least that random starts lead to.
+    """
+    number, seed, best_of, kinds = job
+    rng = np.random.default_rng([seed, number])
+    kind, name = kinds[number % len(kinds)], ("bare", "extension")[rng.integers(2)]
+    scene = SCENES[name][1]
+    target, maxima = beyond(rng, kind, scene)
+    case = Case(number, kind, name, target, np.array(maxima))
+    begin = time.process_time()
+    result = plan(ARM, target, scene, maxima)
+    case = replace(case, seconds=time.process_time() - begin, starts=len(result.starts))
+    case = replace(case, outcome=result.outcome)
+    if result.reached and max(result.certificate.soft_residual.values(), default=0.0) <= _NEAR:
+        error = off(settle(ARM, result.tensions, scene, 1e-9), target)
+        return replace(case, reached=True, error=error)
+    _, solutions = _solved(result, scene, Statement(), best_of, rng)
+    best = min((s.f for s in solutions), default=np.inf)
+    values = min((s.objective for s in result.starts if s.met), default=np.inf)
+    return replace(case, cost=float(np.sqrt(values / best)) if values < np.inf else np.inf)
 
 
-def draw(rng: np.random.Generator, kind: str, scene: Scene) -> tuple[Array, Target]:
-    """Return tensions that the arm bears, and the target that they reach."""
-    while True:
-        T = tensions(rng, kind)
-        try:
-            target = READ[kind](settle(ARM, T, scene, 1e-10), T)
-        except (CollapsedError, SnapError, ConvergenceError):
-            continue
-        if target is not None:
-            return T, target
+def beyond(rng: np.random.Generator, kind: str, scene: Scene) -> tuple[Target, Array | float]:
+    """Return a target, and maxima of the tensions (12,) or of all that do not reach it."""
+    way = rng.normal(size=3)
+    far = tuple((rng.uniform(*_FAR) * ARM.length * way / np.linalg.norm(way)).tolist())
+    if kind == "tip":
+        return TipPosition(far), MAXIMUM
+    if kind in ("pose", "turned"):
+        pose = draws.target(rng, "pose", scene)[1]
+        assert isinstance(pose, TipPose)
+        if kind == "pose":
+            return TipPose(far, pose.frame), MAXIMUM
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        turn[:, 0] *= np.linalg.det(turn)
+        return TipPose(pose.position, tuple(tuple(row) for row in turn.tolist())), MAXIMUM
+    T, target = draws.target(rng, kind, scene)
+    most = np.repeat(T.max(axis=1), T.shape[1])
+    return target, np.maximum(most / rng.uniform(*_STRONG), 1e-3)
 
 
-def _components(frame: Array, v: Array) -> tuple[float, float, float]:
-    """Return v along t, b and -n of a frame: the axes that bends and planes are counted from."""
-    return float(v @ frame[:, 0]), float(v @ frame[:, 2]), float(-v @ frame[:, 1])
-
-
-def _plane(shape: Shape, T: Array) -> Target | None:
-    base = np.array(ARM.base_frame)
-    _, b, n = _components(base, shape.tip - np.array(ARM.base_position))
-    angle = float(np.arctan2(n, b))
-    bend = _bend_in(shape, angle)
-    section = 1 + int(np.argmax(T.sum(axis=1)))
-    return BendingPlane(angle, bend, section) if 0.01 < bend < np.pi else None
-
-
-def _bend_in(shape: Shape, angle: float) -> float:
-    t, b, n = _components(np.array(ARM.base_frame), shape.tip_frame[:, 0])
-    return float(np.arctan2(np.cos(angle) * b + np.sin(angle) * n, t))
-
-
-def _fetch(shape: Shape, _: Array) -> Target | None:
-    bends = []
-    for start, end in pairwise(stretches(ARM)):
-        t, b, n = _components(shape.frame(start), shape.frame(end)[:, 0])
-        bends.append(Bend(float(np.arccos(np.clip(t, -1, 1))), float(np.arctan2(n, b))))
-    return Fetch(*bends) if min(bend.angle for bend in bends) > 0.01 else None
-
-
-def _frame(shape: Shape) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(row) for row in shape.tip_frame.tolist())
-
-
-_PLACES = tuple((ARM.length * np.arange(1, 7) / 6).tolist())
-READ: dict[str, Callable[[Shape, Array], Target | None]] = {
-    "tip": lambda shape, _: TipPosition(tuple(shape.tip.tolist())),
-    "pose": lambda shape, _: TipPose(tuple(shape.tip.tolist()), _frame(shape)),
-    "plane": _plane,
-    "fetch": _fetch,
-    "backbone": lambda shape, _: Backbone(
-        tuple(tuple(shape.position(s).tolist()) for s in _PLACES), _PLACES
-    ),
-}
-
-
-def off(shape: Shape, target: Target) -> float:
-    """Return how far a shape is from a target: lengths over the arm's, angles in rad."""
-    if isinstance(target, TipPosition):
-        return _apart(shape.tip, target.position)
-    if isinstance(target, TipPose):
-        turned = float(np.abs(shape.tip_frame - np.array(target.frame)).max())
-        return max(_apart(shape.tip, target.position), turned)
-    if isinstance(target, BendingPlane):
-        _, b, n = _components(np.array(ARM.base_frame), shape.tip - np.array(ARM.base_position))
-        leaves = abs(np.cos(target.angle) * n - np.sin(target.angle) * b) / ARM.length
-        return max(float(leaves), abs(_bend_in(shape, target.angle) - target.bend))
-    if isinstance(target, Fetch):
-        wanted = (target.proximal, target.medial, target.distal)
-        return max(
-            _off_bend(shape, start, end, bend)
-            for (start, end), bend in zip(pairwise(stretches(ARM)), wanted, strict=True)
-        )
-    assert isinstance(target, Backbone) and target.s is not None
-    places = zip(target.s, target.points, strict=True)
-    return max(_apart(shape.position(s), point) for s, point in places)
-
-
-def _apart(a: Array, b: object) -> float:
-    return float(np.linalg.norm(a - np.array(b))) / ARM.length
-
-
-def _off_bend(shape: Shape, start: float, end: float, bend: Bend) -> float:
-    values = np.array(_components(shape.frame(start), shape.frame(end)[:, 0]))
-    across = np.sin(bend.angle)
-    wanted = [np.cos(bend.angle), across * np.cos(bend.plane), across * np.sin(bend.plane)]
-    return float(np.linalg.norm(values - np.array(wanted)))
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run the suite, print its table, and keep what failed."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--targets", type=int, default=1000)
+    parser.add_argument("--best-of", type=int, default=10)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--kinds", nargs="*", choices=list(dict.fromkeys((*READ, *BEYOND))))
+    parser.add_argument("--beyond", action="store_true", help="targets that cannot be met")
+    parser.add_argument("--case", type=int, help="print this one as a script, and no table")
+    parser.add_argument("--out", type=Path, default=Path("out"))
+    args = parser.parse_args(argv)
+    work, kinds = (run_beyond, BEYOND) if args.beyond else (run, tuple(READ))
+    kinds = tuple(args.kinds or kinds)
+    if args.case is not None:
+        print(work((args.case, args.seed, args.best_of, kinds)).again(), end="")
+        return
+    jobs = [(i, args.seed, args.best_of, kinds) for i in range(args.targets)]
+    cases: list[Case] = []
+    pool = ProcessPoolExecutor(args.jobs)
+    with keep_finished():
+        for case in tqdm(pool.map(work, jobs), total=len(jobs), disable=None):
+            cases.append(case)
+    pool.shutdown(cancel_futures=True)
+    report(cases, args.beyond)
+    if not args.beyond:
+        keep(cases, args.out / "planner_suite")
 
 
 if __name__ == "__main__":

@@ -71,7 +71,7 @@ SMALL: dict[str, tuple[str, str, tuple[str, ...]]] = {
         (),
     ),
     "speed sweep": ("--plans 10 --settles 500", "identical: True", ()),
-    "unreachable": ("--targets 1 --best-of 8", "100.0%    1.000", ()),
+    "planner_suite --beyond": ("--targets 1 --best-of 8 --jobs 1", "100.0%    1.000", ()),
     "which_statics": ("", "neo-Hookean", ("which_statics.png",)),
 }
 
