@@ -12,6 +12,7 @@ from cyclopts import Parameter
 from model import InputError, OctoplanError
 from model.time_limit import OutOfTime, time_limit
 from planner.commands.options import NOT_REACHED, OK, Answer, FileOptions, Options, figure
+from planner.fit.calibrate import calibrate as find_calibration
 from planner.fit.calibration import Calibration
 from planner.fit.designed import Design
 from planner.io.files import to_json, write_together
@@ -141,7 +142,7 @@ def calibrate(
     leave_out
         Also tell how well fits predict shapes left out.
     """
-    result = load_asked(file).run()
+    result = find_calibration(**load_asked(file))
     return Answer(
         OK,
         lambda: _calibration_text(result, leave_out),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import math
 import re
 from collections.abc import Iterable, Iterator
 from functools import cache
@@ -12,16 +11,8 @@ from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from msgspec import Meta
 
-# Units of keys by their names, and what numbers in them are multiplied by and divided by for SI's:
-# so 6.5 mm are the number nearest to 0.0065, as a script has it. Then the names of SI's.
-UNITS = {
-    "mm": (1.0, 1e3),
-    "mm/s": (1.0, 1e3),
-    "mm/s2": (1.0, 1e3),
-    "g": (1.0, 1e3),
-    "kPa": (1e3, 1.0),
-    "deg": (math.pi / 180, 1.0),
-}
+# Units of keys by their names, as powers of ten of SI's, None where they are none; and SI's.
+UNITS = {"mm": -3, "mm/s": -3, "mm/s2": -3, "g": -3, "kPa": 3, "deg": None}
 SI = {"mm": "m", "g": "kg", "kPa": "Pa", "deg": "rad"}
 
 

@@ -141,9 +141,19 @@ def in_si(value: Any, unit: str | None) -> Any:
     if isinstance(value, list | tuple):
         return tuple(in_si(item, unit) for item in value)
     if unit in UNITS and isinstance(value, int | float) and not isinstance(value, bool):
-        times, over = UNITS[unit]
-        return value * times / over
+        return _number_in_si(value, unit)
     return value
+
+
+def _number_in_si(value: float, unit: str) -> float:
+    """Return a number in a unit in SI's, as decimals are: 6.5 mm are 0.0065, as in scripts."""
+    power = UNITS[unit]
+    if power is None:
+        return value * (math.pi / 180)
+    if not math.isfinite(value):
+        return value
+    digits, _, exponent = repr(float(value)).partition("e")
+    return float(f"{digits}e{int(exponent or 0) + power}")
 
 
 def _read_path(value: Any, key: str, unit: str | None) -> Path:
@@ -224,11 +234,11 @@ def number_in(value: float, unit: str) -> float:
     """Return a number of SI in a unit: the one of fewest digits that is read as it, or nearest."""
     if unit not in UNITS:
         return value
-    times, over = UNITS[unit]
-    near = value / times * over
+    power = UNITS[unit]
+    near = math.degrees(value) if power is None else value * 10.0**-power
     short = [float(f"{near:.{digits}g}") for digits in (15, 16)]
     beside = [near, math.nextafter(near, math.inf), math.nextafter(near, -math.inf)]
-    return next((item for item in short + beside if item * times / over == value), near)
+    return next((item for item in short + beside if _number_in_si(item, unit) == value), near)
 
 
 def plain(value: Any) -> Any:

@@ -14,18 +14,15 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from msgspec import Meta
 
-from model import Arm, InputError, Scene
+from model import Arm, InputError
 from model.errors import FileError
 from model.quantities import NotNegative, Positive
-from planner.fit.calibrate import calibrate
-from planner.fit.calibration import Calibration
 from planner.fit.design import design
 from planner.fit.designed import Design
 from planner.fit.making import Making, Objective, Reach
@@ -101,23 +98,11 @@ class DesignFile(Table, frozen=True):
     ] = None
 
 
-@dataclass(frozen=True)
-class Asked:
-    """What a calibration file asks: the arguments of calibrate."""
+def load_asked(path: str | Path) -> dict[str, Any]:
+    """Return what a calibration file asks, as the arguments of calibrate.
 
-    arm: Arm
-    scene: Scene
-    measured: tuple[Measured, ...]
-    unknowns: tuple[Unknown, ...]
-    options: dict[str, Any]
-
-    def run(self) -> Calibration:
-        """Calibrate."""
-        return calibrate(self.arm, self.scene, self.measured, self.unknowns, **self.options)
-
-
-def load_asked(path: str | Path) -> Asked:
-    """Return what a calibration file asks; FileError with the file, the key and what is allowed."""
+    Raises FileError with the file, the key and what is allowed.
+    """
     path = Path(path)
     name, needed = str(path), {"unknowns": f"a calibration file is such as {_SUCH}"}
     file = checked(read_toml(path)[0], CalibrationFile, name, needed)
@@ -126,12 +111,14 @@ def load_asked(path: str | Path) -> Asked:
     names = [point.name for point in file.points]
     if len(set(names)) < len(names):
         raise FileError(name, "points", f"got {', '.join(names)}; allowed is each name once")
-    shapes = load_shapes(
-        path.parent / file.measured, question.arm, file.points, in_si(file.std_mm, "mm")
-    )
-    kept = ("loss", "absolute_std", "starts", "accuracy")
-    options = {key: getattr(file, key) for key in kept}
-    return Asked(question.arm, question.scene, shapes, _unknowns(file.unknowns, name), options)
+    std = in_si(file.std_mm, "mm")
+    return {
+        "arm": question.arm,
+        "scene": question.scene,
+        "measured": load_shapes(path.parent / file.measured, question.arm, file.points, std),
+        "unknowns": _unknowns(file.unknowns, name),
+        **{key: getattr(file, key) for key in ("loss", "absolute_std", "starts", "accuracy")},
+    }
 
 
 def run_design(path: str | Path) -> Design:

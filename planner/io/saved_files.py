@@ -22,7 +22,7 @@ from planner.io.saved_records import AnswerRecord, CalibrationQuestion, FitRecor
 from planner.plan import HeldPlan, Plan
 from planner.program.limits import Limits
 from planner.program.problem import Problem
-from planner.question import check_planned, check_targets, checked_margin
+from planner.question import check_planned, check_targets, checked_limits, checked_margin
 from planner.solve.task import Task
 from planner.tendon_lengths import zeroed_at
 
@@ -89,9 +89,7 @@ def _task(name: str, question: QuestionRecord, answer: Any) -> Task:
     with told_in(name, "question.limits"):
         saved: Limits = value_of(question.limits)
         least, most = saved.strokes or (None, None)
-        limits = Limits.of(arm, saved.upper, saved.lower, saved.total).with_strokes(
-            arm, most, least
-        )
+        limits = checked_limits(arm, saved.upper, saved.lower, saved.total, (most, least))
         if saved.stroke_zero is not None:
             limits = replace(limits, stroke_zero=zeroed_at(arm, scene, saved.stroke_zero))
     with told_in(name, "question.targets"):

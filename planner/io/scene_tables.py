@@ -166,13 +166,8 @@ def whole(table: SceneTable, folder: Path) -> dict[str, Any]:
     """
     obstacles = tuple(inlined(item, folder) for item in table.obstacles)
     full = structs.replace(table, obstacles=obstacles)
-    return dict(_lists(msgspec.to_builtins(full)))
-
-
-def _lists(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _lists(item) for key, item in value.items()}
-    return [_lists(item) for item in value] if isinstance(value, list | tuple) else value
+    result: dict[str, Any] = msgspec.msgpack.decode(msgspec.msgpack.encode(full))
+    return result
 
 
 # Files that name a scene, and say what of it varies.

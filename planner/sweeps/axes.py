@@ -115,13 +115,13 @@ def values_of(table: AxisTable, draws: int | None, seed: int) -> NDArray[Any]:
 
 def _normal(mean: float, sd: float, ends: tuple[float, float], shares: Array) -> Array:
     """Return draws of a normal distribution that is cut off at both ends."""
-    from scipy.special import ndtr, ndtri  # which takes long, and is seldom needed
+    from scipy.stats import truncnorm  # which takes long, and is seldom needed
 
-    least, most = (ndtr((end - mean) / sd) for end in ends)
-    if not least < most:
+    cut = truncnorm(*((end - mean) / sd for end in ends), loc=mean, scale=sd)
+    draws = np.asarray(cut.ppf(shares))
+    if not np.all(np.isfinite(draws)):
         raise InputError("low, high", list(ends), "limits that the draws can meet")
-    inside = np.clip(least + (most - least) * shares, 1e-300, 1 - 1e-16)
-    return np.asarray(np.clip(mean + sd * ndtri(inside), *ends))
+    return draws
 
 
 def _of_a_kind(values: list[Any]) -> NDArray[Any]:

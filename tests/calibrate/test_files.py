@@ -114,9 +114,11 @@ def test_a_marker_that_was_not_seen_is_left_out(folder: Path) -> None:
     lines[4] = ",".join([*lines[4].split(",")[:-3], "", "", ""])
     shapes.write_text("\n".join(lines))
     asked = load_asked(folder / "calibration.toml")
-    assert [shape.size for shape in asked.measured] == [6, 6, 6, 3]
-    assert len(asked.measured) == len(PULLS)
-    assert [point.s for point in asked.measured[0].points] == pytest.approx([s for s, _ in MARKERS])
+    assert [shape.size for shape in asked["measured"]] == [6, 6, 6, 3]
+    assert len(asked["measured"]) == len(PULLS)
+    assert [point.s for point in asked["measured"][0].points] == pytest.approx(
+        [s for s, _ in MARKERS]
+    )
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from model import Arm, InputError, Scene
 from model.effects import Effect, PrintedStatics
 from model.obstacles import Moving
-from planner.io.codec import identity, plain, table_of, value_of
+from planner.io.codec import identity, in_si, number_in, plain, table_of, value_of
 from planner.io.files import to_json
 from planner.io.key_paths import changed
 from planner.io.mistakes import checked
@@ -181,3 +181,13 @@ def test_an_argument_without_a_key_is_an_error_at_import() -> None:
         table(Magnet)
     with pytest.raises(InputError, match="others have no keys"):
         table_of(Magnet(1.0))
+
+
+@pytest.mark.parametrize(("unit", "over"), [("mm", 1e3), ("g", 1e3), ("kPa", 1e-3)])
+def test_numbers_of_files_are_those_of_scripts(unit: str, over: float) -> None:
+    """Used to differ in the last digit: 6.5 mm were 0.006500000000000001 m."""
+    for digits in range(1, 3000):
+        text = f"{digits / 10:.1f}"
+        script = float(f"{text}e{-round(math.log10(over))}")
+        assert in_si(float(text), unit) == script
+        assert number_in(script, unit) == float(text)
