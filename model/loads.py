@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 
 from model.arm import Arm
 from model.effects import (
@@ -24,7 +25,7 @@ from model.effects import (
     Weight,
 )
 from model.errors import InputError
-from model.paths import Array
+from model.paths import Array, Path
 from model.scene import Scene
 from model.units import length_text
 
@@ -32,8 +33,8 @@ _LOADS = (Contact, Current, Friction, PointLoad, PointMass, Shear, TipLoad, Weig
 _NAMES = tuple(kind.__name__ for kind in _LOADS)
 # The steepest growth per length that a mesh follows [1/m], whatever the loads.
 _STEEPEST = 1e80
-# Of a step of 1/400 of a tendon's length: its crossing is found to rounding.
-_HALVINGS = 50
+# How well the crossing of a tendon is known, over its length.
+_ROUNDING = 1e-16
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
@@ -195,7 +196,7 @@ def volume(arm: Arm, s: Array) -> Array:
 
 
 def _crossings(arm: Arm, others: list[float]) -> list[float]:
-    """Return the arc lengths where tendons cross the midline, found by bisection [m].
+    """Return the arc lengths where tendons cross the midline [m].
 
     Each once, and none at the places of others.
     """
@@ -205,18 +206,18 @@ def _crossings(arm: Arm, others: list[float]) -> list[float]:
         s = np.linspace(0.0, end, 401)
         y = path.evaluate(s, end)[0]
         for i in np.flatnonzero(y[:-1] * y[1:] < 0):
-            low, high = float(s[i]), float(s[i + 1])
-            for _ in range(_HALVINGS):
-                middle = (low + high) / 2
-                same = path.evaluate(np.array([middle]), end)[0][0] * y[i] > 0
-                low, high = (middle, high) if same else (low, middle)
-            results.append((low + high) / 2)
+            offset, ends = partial(_value, path, end), (s[i], s[i + 1])
+            results.append(scipy.optimize.brentq(offset, *ends, xtol=_ROUNDING * end))
         results += s[1:-1][y[1:-1] == 0].tolist() if y.any() else []
     kept: list[float] = []
     for place in sorted(results):
         if all(abs(place - other) > 1e-9 * arm.length for other in [*others, *kept]):
             kept.append(place)
     return kept
+
+
+def _value(path: Path, end: float, s: float) -> float:
+    return float(path.evaluate(np.array([s]), end)[0][0])
 
 
 def _heaviest(arm: Arm, scene: Scene, s: Array) -> Array:

@@ -101,38 +101,15 @@ def checked_EA(value: Any) -> float:
 
 def _given(arm: Arm, values: Any, name: str) -> tuple[Array, NDArray[np.bool_]]:
     """Return a number for each tendon, 0 where there is None or nan, and where there is one."""
-    if isinstance(values, np.ndarray) and values.dtype == float:
-        value = ~np.isnan(values)
-        return arm.flat(np.where(value, values, 0.0), name), value.ravel()
-    if not hasattr(values, "__iter__") or isinstance(values, str | bytes):
+    try:
+        parts = [np.array(row) for row in values]
+        rows = [row.astype(float) for row in parts if row.dtype.kind in "iufO"]
+    except (TypeError, ValueError):
+        parts = rows = []
+    if not rows or len(rows) < len(parts):  # no numbers: refused in a sentence
         return arm.flat(values, name), np.ones(arm.n_tendons, dtype=bool)
-    rows = [_filled(row) for row in values]
-    there = [[1.0 * (v is not None) for v in r] if isinstance(r, list) else r for r in rows]
-    there = [1.0 * (r is not None) if not isinstance(r, list) else r for r in there]
-    zeros = [[0.0 if v is None else v for v in r] if isinstance(r, list) else r for r in rows]
-    zeros = [0.0 if r is None else r for r in zeros]
-    return arm.flat(zeros, name), arm.flat(there, name) > 0
-
-
-def _filled(row: Any) -> Any:
-    """Return a number or a row of them, None where it is nan."""
-    if hasattr(row, "__iter__") and not isinstance(row, str | bytes):
-        return [_filled(value) for value in row]
-    return None if isinstance(row, float | np.floating) and np.isnan(row) else row
-
-
-@lru_cache(maxsize=64)
-def _rest_lengths(arm: Arm) -> tuple[float, ...]:
-    mesh, method = graded(arm, _REST), gauss(3)
-    h = np.diff(mesh.s)
-    s, weight = (mesh.s[:-1, None] + h[:, None] * method.c).ravel(), np.outer(h, method.b).ravel()
-    at = stations(arm, s, np.repeat(mesh.active, len(method.c)))
-    place, tendon = np.nonzero(crossing(arm, at))
-    n, b, *slope = tendon_paths(arm, at, place, tendon)
-    bent = at.rest[0, place] * b - at.rest[1, place] * n if arm.is_curved else np.zeros(place.size)
-    speed = np.sqrt((1 + bent) ** 2 + slope[0] ** 2 + slope[1] ** 2)
-    result = np.bincount(tendon, weight[place] * speed, arm.n_tendons)
-    return tuple(result.tolist())
+    filled = [np.nan_to_num(row, nan=0.0, posinf=np.inf, neginf=-np.inf) for row in rows]
+    return arm.flat(filled, name), ~np.isnan(np.concatenate([row.ravel() for row in rows]))
 
 
 def rest_lengths(arm: Arm) -> Array:
@@ -141,7 +118,20 @@ def rest_lengths(arm: Arm) -> Array:
     The integral of |t + Y' + kappa_0 x Y|, Y = y d, kappa_0 the arm's curvature at rest. Strokes
     count from there: what a winch has taken in.
     """
-    return np.array(_rest_lengths(arm))
+    return _rest_lengths(arm).copy()
+
+
+@lru_cache(maxsize=64)
+def _rest_lengths(arm: Arm) -> Array:
+    mesh, method = graded(arm, _REST), gauss(3)
+    h = np.diff(mesh.s)
+    s, weight = (mesh.s[:-1, None] + h[:, None] * method.c).ravel(), np.outer(h, method.b).ravel()
+    at = stations(arm, s, np.repeat(mesh.active, len(method.c)))
+    place, tendon = np.nonzero(crossing(arm, at))
+    n, b, *slope = tendon_paths(arm, at, place, tendon)
+    bent = at.rest[0, place] * b - at.rest[1, place] * n if arm.is_curved else np.zeros(place.size)
+    speed = np.sqrt((1 + bent) ** 2 + slope[0] ** 2 + slope[1] ** 2)
+    return np.asarray(np.bincount(tendon, weight[place] * speed, arm.n_tendons), dtype=float)
 
 
 def pulls(arm: Arm, tensions: Array) -> NDArray[np.bool_]:

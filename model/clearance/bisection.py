@@ -27,9 +27,9 @@ from model.obstacles.bodies import Bodies
 from model.paths import Array
 from model.time_limit import check_time
 
-# How close bounds come, over L and over the gap; how often parts and pieces are halved, how often
-# parts until they are known, and how many rows there are at most.
-_CLOSE, _RELATIVE, _LEVELS, _KNOWN, _MOST = 2e-5, 1e-2, 30, 10, 40_000
+# How close bounds come, over L and over the gap; how often parts and pieces are halved, and how
+# many rows there are at most.
+_CLOSE, _RELATIVE, _LEVELS, _MOST = 2e-5, 1e-2, 30, 40_000
 
 
 class Way(Protocol):
@@ -182,26 +182,10 @@ class _Search:
     def run(self) -> Found:
         """Look at elements, or pairs of them, until none is open."""
         result, count = self.found, self.found.bound.size
-        left = self._there(_Time(np.arange(count), np.zeros(count), np.ones(count)))
-        parts, time = self._parts(left) if left.stretch.size else None, left
-        if parts is not None and not parts.known.all():
-            time = self._there(self._known(left, parts))
-            parts = self._parts(time) if time.stretch.size else None
-        if parts is not None:
-            self._refined(time, parts)
+        time = self._there(_Time(np.arange(count), np.zeros(count), np.ones(count)))
+        if time.stretch.size:
+            self._refined(time, self._parts(time))
         return replace(result, bound=np.minimum(result.bound, result.seen))
-
-    def _known(self, left: _Time, parts: Parts) -> _Time:
-        """Return parts so short that it is known how far strains are from straight lines."""
-        time = left.some(parts.known)
-        for _ in range(_KNOWN):
-            left = self._there(left.some(~parts.known).halved())
-            if not left.stretch.size:
-                return time
-            parts = self._parts(left)
-            time = time.joined(left.some(parts.known))
-        self.found.bound[left.some(~parts.known).stretch] = -np.inf
-        return time
 
     def _there(self, time: _Time) -> _Time:
         """Return parts without those of stretches of which some arm has no equilibrium."""
@@ -257,6 +241,7 @@ class _Search:
         else:
             turn = parts.turned[:, :, None, 1:] - parts.turned[:, :, :-1, None]
             reach = turn.max(axis=1) + parts.off[0][:, None] >= np.pi
+            reach |= ~parts.known[:, None, None]
             part, *pair = np.nonzero(np.triu(reach, 1))
             columns = np.column_stack(pair)
         none = np.zeros(columns.shape)
@@ -278,7 +263,7 @@ class _Search:
         slack = np.maximum(_CLOSE * parts.lines.arm.length, _RELATIVE * np.abs(least + keep))
         enough = np.minimum(self.enough, np.where(seen < np.inf, least - slack, np.inf))
         # Infinite bounds are of what cannot meet, whatever happens in between.
-        open_ = ((lower < enough) | ~known) & (lower < np.inf)
+        open_ = ((lower < enough) & (lower < np.inf)) | ~known
         done = ~open_ if not last and rows.part.size <= _MOST else np.full(open_.size, True)
         np.minimum.at(result.bound, stretch[done], np.where(known, lower, -np.inf)[done])
         sizes = np.column_stack([each.size for each in pieces])
