@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -233,12 +233,9 @@ def settle_many(
     if not is_loaded(scene):
         maps = maps_of(arm, scene, None, machine_code)
         return ManySets(maps, T, accuracy, problems).shapes()
-    shapes: list[Shape | None] = [None] * len(T)
-    for i, row in enumerate(T):
-        with problems.of(i):
-            if not problems.at(i):
-                shapes[i] = _settled(arm, row, scene, accuracy, machine_code, i)
-    return _of(arm, shapes, problems)
+    return _one_by_one(
+        arm, len(T), lambda i: _settled(arm, T[i], scene, accuracy, machine_code, i), problems
+    )
 
 
 def _by_lengths(
@@ -256,24 +253,27 @@ def _by_lengths(
             raise InputError(name, values, f"a set of {name} for each shape to settle")
     if tensions is not None and len(tensions) != len(lengths):
         raise InputError("tensions", f"{len(tensions)} sets", f"{len(lengths)}, as of lengths")
-    shapes: list[Shape | None] = [None] * len(lengths)
-    for i, row in enumerate(lengths):
+
+    def settled(i: int) -> Shape:
         T = None if tensions is None else tensions[i]
+        try:
+            return settle(arm, T, scene, accuracy, lengths=lengths[i], **options)
+        except InputError as reason:
+            field = reason.field.replace("lengths", f"lengths[{i}]", 1)
+            raise InputError(field, reason.given, reason.allowed) from None
+
+    return _one_by_one(arm, len(lengths), settled, problems)
+
+
+def _one_by_one(
+    arm: Arm, count: int, settled: Callable[[int], Shape], problems: Problems
+) -> Shapes:
+    """Return the tips of sets that are settled one after the other, by number."""
+    tips, frames, errors = np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros(count)
+    tensions, slack = np.zeros((count, arm.n_tendons)), np.zeros((count, arm.n_tendons), dtype=bool)
+    for i in np.flatnonzero(~problems.at(np.arange(count))).tolist():
         with problems.of(i):
-            try:
-                shapes[i] = settle(arm, T, scene, accuracy, lengths=row, **options)
-            except InputError as reason:
-                field = reason.field.replace("lengths", f"lengths[{i}]", 1)
-                raise InputError(field, reason.given, reason.allowed) from None
-    return _of(arm, shapes, problems)
-
-
-def _of(arm: Arm, shapes: list[Shape | None], problems: Problems) -> Shapes:
-    m, n = len(shapes), arm.n_tendons
-    tips, frames, errors = np.zeros((m, 3)), np.zeros((m, 3, 3)), np.zeros(m)
-    tensions, slack = np.zeros((m, n)), np.zeros((m, n), dtype=bool)
-    for i, shape in enumerate(shapes):
-        if shape is not None:
+            shape = settled(i)
             tips[i], frames[i], errors[i] = shape.tip, shape.tip_frame, shape.error
             tensions[i], slack[i] = shape.tensions, shape.slack.ravel()
     return problems.kept(Shapes(tips, frames, errors, tensions, slack))

@@ -52,29 +52,6 @@ def shortened_lines(lines: list[str], most: int = MOST_LINES) -> list[str]:
     return [*lines[: most - 1], f"  ... and {len(lines) - most + 1} more"]
 
 
-def tendon_lines(
-    sections: Sequence[tuple[float, Sequence[str]]], values: Sequence[float]
-) -> list[str]:
-    """Return a table of a number for each tendon, a line a section, of many tendons several.
-
-    Parameters
-    ----------
-    sections : sequence of (at, names)
-        Arc length of each anchorage [m] and its tendons' names, in tendon order.
-    values : (n_tendons,)
-    """
-    numbers = iter(values)
-    heads = [f"  section {i + 1} (at {1e3 * at:g} mm)" for i, (at, _) in enumerate(sections)]
-    width = max(map(len, heads))
-    lines = []
-    for head, (_, names) in zip(heads, sections, strict=True):
-        cells = [f"{name:>7} {next(numbers):9.4f}" for name in names]
-        for begin in range(0, len(cells), _ACROSS):
-            start = head if begin == 0 else ""
-            lines.append(f"{start:<{width}}{''.join(cells[begin : begin + _ACROSS])}")
-    return lines
-
-
 def shown_by(
     kind: type, plot: Callable[..., Any] | None = None, table: Callable[[Any], str] | None = None
 ) -> None:
@@ -181,13 +158,26 @@ def _ends(path: Path, span: float) -> str:
     return f"{base:.4g}" if base == end else f"{base:.4g} to {end:.4g}"
 
 
-# Arc length of each anchorage [m] and the names of its tendons, see Arm.tendons_by_section.
-BySection = Sequence[tuple[float, Sequence[str]]]
+def tendon_table(
+    title: str, by_section: Sequence[tuple[float, Sequence[str]]], values: Array
+) -> str:
+    """Return a table of a number for each tendon, a line a section, of many tendons several.
 
-
-def tendon_table(title: str, by_section: BySection, values: Array) -> str:
-    """Return a table of a number for each tendon, a line a section."""
-    return "\n".join([title, *tendon_lines(by_section, np.ravel(values).tolist())])
+    Parameters
+    ----------
+    by_section : sequence of (at, names)
+        Arc length of each anchorage [m] and its tendons' names, in tendon order.
+    values : array of n_tendons numbers
+    """
+    numbers = iter(np.ravel(values).tolist())
+    heads = [f"  section {i + 1} (at {1e3 * at:g} mm)" for i, (at, _) in enumerate(by_section)]
+    width, lines = max(map(len, heads)), [title]
+    for head, (_, names) in zip(heads, by_section, strict=True):
+        cells = [f"{name:>7} {next(numbers):9.4f}" for name in names]
+        for begin in range(0, len(cells), _ACROSS):
+            start = head if begin == 0 else ""
+            lines.append(f"{start:<{width}}{''.join(cells[begin : begin + _ACROSS])}")
+    return "\n".join(lines)
 
 
 def shape_text(

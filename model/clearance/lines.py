@@ -67,7 +67,7 @@ class Lines:
             None
             if np.isnan(v[values]).any()
             else Centreline.at_strains(*at, forward.poses(v), law, v[values])
-            for v in forward.strains_of_many(tensions)
+            for v in forward.strains.of_many(tensions)
         ]
 
     def lengths(self, tensions: Array) -> Array:

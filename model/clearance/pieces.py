@@ -52,7 +52,7 @@ class Parts:
     rows: Counts
     spread: Spread | None = None
 
-    @cached_property
+    @property
     def elements(self) -> int:
         """How many elements an arm has."""
         return int(np.argmax(self.lines.s))
@@ -169,7 +169,7 @@ class Pieces:
         at = (self.part[which], self.element[which], self.start[which], self.end[which])
         return Pieces(self.of, *at, self.ends[which], self.turned[which], self.lengths[which])
 
-    @cached_property
+    @property
     def hull(self) -> Array:
         """The points (K, 2 I, 3) whose convex hull holds the lines between the ends [m]."""
         return self.ends.reshape(len(self.ends), -1, 3)
@@ -179,12 +179,12 @@ class Pieces:
         """A place in the middle (K, 3) [m]."""
         return np.asarray(self.hull.mean(axis=1))
 
-    @cached_property
+    @property
     def size(self) -> Array:
         """About how long the pieces are (K,) [m]."""
         return np.asarray(self.lengths.max(axis=1))
 
-    @cached_property
+    @property
     def travel(self) -> Array:
         """About how far the ends travel during the part (K,) [m]."""
         way = np.linalg.norm(self.ends[:, -1] - self.ends[:, 0], axis=2).max(axis=1)
@@ -204,7 +204,7 @@ class Pieces:
     def _more_turned(self) -> Array:
         return np.asarray(self.of.off[0][self.part, self.element])
 
-    @cached_property
+    @property
     def radii(self) -> Array:
         """The arm's radius (K, I, 3) at both ends of each piece and in its middle [m].
 
@@ -216,7 +216,7 @@ class Pieces:
         result = self.of.lines.radius(np.tile(rows.ravel(), 3), repeated.ravel())
         return np.moveaxis(result.reshape(3, *rows.shape), 0, 2)
 
-    @cached_property
+    @property
     def wide(self) -> Array:
         """How far the surface may be from the hull (K,) [m].
 

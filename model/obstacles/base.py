@@ -33,8 +33,6 @@ from model.paths import Array
 SIZE = 17
 # Half the size of what has no end [m].
 ENDLESS = 1e30
-# Distances that are found together.
-_TOGETHER = 4096
 # Keeps roots differentiable at 0 [m]; far below all digits of the distance.
 _TINY = 1e-60
 
@@ -134,19 +132,14 @@ def distances(bodies: Array, points: Array) -> tuple[Array, Array]:
     From bodies by their numbers (M, 17).
     """
     n, m = len(points), len(bodies)
-    if not n * m:
-        return np.zeros((n, m)), np.zeros((n, m, 3))
     result, gradient = pair_distances(np.tile(bodies, (n, 1)), np.repeat(points, m, axis=0))
     return result.reshape(n, m), gradient.reshape(n, m, 3)
 
 
 def pair_distances(bodies: Array, points: Array) -> tuple[Array, Array]:
     """Return signed distances (N,) [m] and gradients (N, 3), each of a point (N, 3) and a body."""
-    parts = [
-        _mapped()(points[i : i + _TOGETHER], bodies[i : i + _TOGETHER])
-        for i in range(0, len(points), _TOGETHER)
-    ]
-    return np.concatenate([d.ravel() for d, _ in parts]), np.concatenate([g for _, g in parts])
+    distance, gradient = _mapped()(points, bodies)
+    return distance.ravel(), gradient
 
 
 @lru_cache(maxsize=1)

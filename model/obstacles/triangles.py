@@ -89,7 +89,7 @@ class Triangles:
         depth = (middles @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
         return bool(depth.min() >= -_FLAT * np.ptp(self.vertices, axis=0).max())
 
-    @cached_property
+    @property
     def box(self) -> tuple[Array, Array, Array]:
         """A box around it, along the axes of its vertices: center, axes (3, 3), half sizes."""
         axes = np.linalg.svd(self.vertices - self.vertices.mean(axis=0), full_matrices=False)[2].T

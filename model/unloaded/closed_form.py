@@ -26,7 +26,7 @@ from model.paths import Array
 from model.rotations import compose
 from model.scene import Scene
 from model.stations import Counts, base_pose, stations
-from model.unloaded.sections import section_solver
+from model.unloaded.sections import StrainsByTensions
 from model.unloaded.statics import (
     ClosedStatics,
     EnergyStatics,
@@ -119,7 +119,7 @@ def nodes_of(scheme: Magnus, left: Array, right: Array) -> Array:
 
 
 # Arms at a time, interpreted and by machine code: their numbers stay in the processor's cache.
-_ARMS, _ALL = (2048, 512), slice(None)
+_ARMS = 2048, 512
 # So few steps are one list of operations, which CasADi runs sooner than a function time and again.
 _WRITTEN_OUT = 64
 
@@ -188,8 +188,8 @@ class ClosedForm:
         tensions (n_tendons,) -> poses at the mesh's nodes (7, S + 1), and 1 + q at the arc lengths
         `stretch_at` (1, K), the scheme's nodes in the steps and both ends of each segment, which
         `stretch_active` sections cross.
-    maps, data
-        Maps (K, n_pull, n_tendons) from tensions to pull there, and data (K, n_data).
+    strains : StrainsByTensions
+        The strains there.
     """
 
     def __init__(
@@ -205,11 +205,10 @@ class ClosedForm:
         self.arm, self.scene, self.scheme, self.mesh = arm, scene, scheme, places.mesh
         self.name, self.refinement, self.machine_code = scheme.name, refinement, machine_code
         self.stretch_at, self.stretch_active = places.at, places.active
-        self.maps, self.data = places.maps, places.data(arm)
-        self._radius = 2 * np.sqrt(self.data[:, 1] / self.data[:, 0])
+        data = places.data(arm)
+        self.strains = StrainsByTensions(statics, places.maps, data, machine_code)
+        self._radius = 2 * np.sqrt(data[:, 1] / data[:, 0])
         self._base, self._h, self._statics = places.base, places.h, statics
-        self._solver = section_solver(self._statics, machine_code)
-        self._flat, self._pull = self.maps.reshape(-1, arm.n_tendons), self.maps.shape[:2]
         self._steps = _steps(statics, scheme, machine_code)
         self._march = self._steps.along(places.mesh.steps)
 
@@ -232,10 +231,11 @@ class ClosedForm:
     def function(self) -> ca.Function:
         """The map as a function that CasADi differentiates; see the class."""
         law, T = self.law, ca.MX.sym("T", self.arm.n_tendons)
-        K, n_pull = self._pull
-        pull = ca.reshape(ca.sparsify(ca.DM(self._flat)) @ T, n_pull, K)
+        maps = self.strains.maps
+        K, n_pull, n = maps.shape
+        pull = ca.reshape(ca.sparsify(ca.DM(maps.reshape(-1, n))) @ T, n_pull, K)
         balance = kernel(balance_function(self._statics), self.machine_code)
-        v = balance.map(K)(pull, ca.DM(self.data.T))
+        v = balance.map(K)(pull, ca.DM(self.strains.data.T))
         inner = ca.reshape(v[:, : self.mesh.steps * len(self.scheme.nodes)], -1, self.mesh.steps)
         march = self._steps.step.mapaccum(self.mesh.steps)
         nodes = ca.horzcat(self._base, march(self._base, inner, ca.DM(self._h).T))
@@ -254,18 +254,6 @@ class ClosedForm:
             bend /= self._along(strains)
         return float(bend.max())
 
-    def strains(self, tensions: Array) -> Array:
-        """Return the strains (K, n) of the law at `stretch_at`; NaN where none balance."""
-        return self._solver((self._flat @ tensions).reshape(self._pull), self.data)
-
-    def strains_of_many(self, tensions: Array, of: slice = _ALL) -> Array:
-        """Return `strains` (M, K, n) under tensions (M, n_tendons), of some of the places."""
-        M, maps, data = len(tensions), self.maps[of], self.data[of]
-        K, n_pull, n = maps.shape
-        pulls = (tensions @ maps.reshape(-1, n).T).reshape(M * K, n_pull)
-        v = self._solver(pulls, data)
-        return v.reshape(M, K, v.shape[1])
-
     def many(self, tensions: Array, nodes: Sequence[int]) -> tuple[Array, Array]:
         """See March.many: so many arms at a time that their numbers stay at hand."""
         some = _ARMS[self.machine_code]
@@ -277,16 +265,16 @@ class ClosedForm:
     def _many(self, tensions: Array, nodes: Sequence[int]) -> tuple[Array, Array]:
         M, S, K = len(tensions), self.mesh.steps, self.mesh.steps * len(self.scheme.nodes)
         if isinstance(self._statics, PaperStatics):
-            pull = self.maps[:K].reshape(-1, tensions.shape[1]) @ tensions.T
-            arguments = [pull, self.data[:K].reshape(-1, 1)]
+            pull = self.strains.maps[:K].reshape(-1, tensions.shape[1]) @ tensions.T
+            arguments = [pull, self.strains.data[:K].reshape(-1, 1)]
         else:
             parts = [slice(k, k + K // S) for k in range(0, K, K // S)]
-            strains = [self.strains_of_many(tensions, part).reshape(M, -1).T for part in parts]
+            strains = [self.strains.of_many(tensions, part).reshape(M, -1).T for part in parts]
             arguments = [np.concatenate(strains)]
         base = np.tile(self._base[:, None], M)
         poses, stretch = self._steps.many(base, *arguments, self._h[:, None], steps=S)
         poses = np.concatenate([base[None], poses.reshape(S, 7, M)])
-        ends = self._along(self.strains_of_many(tensions, slice(K, None)))
+        ends = self._along(self.strains.of_many(tensions, slice(K, None)))
         least = np.minimum(stretch.min(axis=0), ends.min(axis=1))
         return poses[nodes].transpose(2, 0, 1), least
 
@@ -308,14 +296,9 @@ class ClosedForm:
         active, left, m = self.mesh.active[step], self.mesh.s[step], len(self.scheme.nodes)
         law = self._statics.law
         inside = nodes_of(self.scheme, left, s)
-        v = self._settled(inside, np.repeat(active, m), tensions).reshape(s.size, -1)
-        (pose,) = self._steps.some(poses[step], v, s - left)
-        strains = reported(law, self._settled(s, active, tensions))
+        nodes = StrainsByTensions.at(self.arm, self._statics, inside, np.repeat(active, m))
+        (pose,) = self._steps.some(poses[step], nodes(tensions).reshape(s.size, -1), s - left)
+        at_s = StrainsByTensions.at(self.arm, self._statics, s, active)
+        strains = reported(law, at_s(tensions))
         at_node = (s == self.mesh.s[step + 1])[:, None]
         return np.where(at_node, poses[step + 1], pose), strains
-
-    def _settled(self, s: Array, active: Counts, tensions: Array) -> Array:
-        """Return the strains (N, n) at s (N,)."""
-        at = stations(self.arm, s, active)
-        pull = np.asarray(self._statics.pulls(self.arm, at) @ tensions)
-        return self._solver(pull, self._statics.data(at).T)

@@ -95,9 +95,18 @@ def _read_function(extension: bool) -> ca.Function:
 
 
 def _jump_function() -> ca.Function:
-    """Return (strains, numbers (18, 2) on the tip side and on the base side) -> strains there."""
-    strain, d = ca.SX.sym("strain", 3), ca.SX.sym("d", 18, 2)
-    return ca.Function("jump", [strain, d], [strain + strain_jump(d[:6, 0], d[:6, 1], d[12:15, 1])])
+    """Return (x, numbers (18,) on the tip side and on the base side of a node) -> x there."""
+    x, outer, inner = ca.SX.sym("x", _N), ca.SX.sym("outer", 18), ca.SX.sym("inner", 18)
+    gained = strain_jump(outer[:6], inner[:6], inner[12:15])
+    return ca.Function("jump", [x, outer, inner], [ca.vertcat(x[:7], x[7:] + gained)])
+
+
+def _across_function(extension: bool, scheme: RungeKutta) -> ca.Function:
+    """Return (x on a node's tip side, numbers on both sides, at samples; h) -> x after a step."""
+    step, jump = step_function(extension, scheme), _jump_function()
+    (_, d, h), arguments = step.sx_in(), jump.sx_in()
+    result = step(jump(*arguments), d, h)
+    return ca.Function("across", [*arguments, d, h], [result], {"cse": True})
 
 
 def _rates_of_resultants() -> ca.Function:
@@ -143,34 +152,24 @@ class PrintedMap:
         self.arm, self.scene, self.mesh, self.scheme = arm, scene, mesh, scheme
         self.extension = scene.has(Extension)
         T, x = ca.MX.sym("T", arm.n_tendons), ca.MX(ca.DM([*IDENTITY, 0, 0, 0]))
-        columns, stretches, places, outer = [], [], [], 0
-        counts = np.unique(mesh.active)
-        for active in counts.tolist():
-            steps = np.flatnonzero(mesh.active == active)
-            nodes = mesh.s[steps[0] : steps[-1] + 2][::-1]
-            sides = section_numbers(arm, nodes[[0, 0]], np.array([outer, active]), T)
-            x = ca.vertcat(x[:7], _jump_function()(x[7:], sides))
-            states = ca.horzcat(x, self._segment(nodes, active, x, T))
-            d = section_numbers(arm, nodes, np.full(nodes.size, active), T)
-            stretches.append(
-                1 + _read_function(self.extension).map(nodes.size)(states[7:, :], d)[3, :]
-            )
-            columns.append(states[:, :-1])
-            places.append(nodes)
-            x, outer = states[:, -1], active
-        states = ca.horzcat(*columns, x)[:, ::-1]
-        self.stretch_at = np.concatenate(places)
-        self.stretch_active = np.repeat(counts, [nodes.size for nodes in places])
-        outputs = [_anchored(arm, states), ca.horzcat(*stretches), states[7:, :]]
-        self.function = ca.Function("printed", [T], outputs)
+        # From the tip on, where no tendons cross beyond the first node.
+        start, h, active = mesh.s[:0:-1], -np.diff(mesh.s)[::-1], mesh.active[::-1]
+        outer = section_numbers(arm, start, np.append(0, active[:-1]), T)
+        inner = section_numbers(arm, start, active, T)
+        across = kernel(_across_function(self.extension, scheme), machine_code)
+        samples = self._samples(start, h, active, T)
+        march = across.mapaccum(mesh.steps)(x, outer, inner, samples, ca.DM(h).T)
+        begun = _jump_function().map(mesh.steps)(ca.horzcat(x, march[:, :-1]), outer, inner)
+        states = ca.horzcat(begun, march[:, -1])[:, ::-1]
+        self.stretch_at = np.concatenate([start, start + h])
+        self.stretch_active = np.tile(active, 2)
+        ends = ca.horzcat(inner, section_numbers(arm, start + h, active, T))
+        read = _read_function(self.extension).map(2 * mesh.steps)
+        stretches = 1 + read(ca.horzcat(begun[7:, :], march[7:, :]), ends)[3, :]
+        self.function = ca.Function(
+            "printed", [T], [_anchored(arm, states), stretches, states[7:, :]]
+        )
         self._mapped = Mapped(self.function)
-
-    def _segment(self, nodes: Array, active: int, x: ca.MX, T: ca.MX) -> ca.MX:
-        """Return the states (10, N) at the nodes of a segment beyond its first."""
-        d = self._samples(nodes[:-1], np.diff(nodes), np.full(nodes.size - 1, active), T)
-        step = kernel(step_function(self.extension, self.scheme), self.machine_code)
-        across = step.mapaccum(nodes.size - 1)
-        return across(x, d, ca.DM(np.diff(nodes)).T)
 
     def _samples(self, start: Array, h: Array, active: Counts, T: ca.MX) -> ca.MX:
         samples = np.array(self.scheme.samples)

@@ -32,6 +32,7 @@ from model.unloaded.statics import ClosedStatics, EnergyStatics, balance_functio
 LEAST_STRETCH = 1e-7
 # Steps at most; of so many sections those in equilibrium are left out of further ones.
 _STEPS, _MANY = 40, 256
+_ALL = slice(None)
 
 
 def unloaded(scene: Scene) -> Scene:
@@ -81,6 +82,42 @@ def section_solver(statics: ClosedStatics, machine_code: bool = False) -> Sectio
     return SectionSolver(statics, machine_code)
 
 
+class StrainsByTensions:
+    """The strains of K cross-sections, in the law of their statics, by tensions.
+
+    Attributes
+    ----------
+    maps, data
+        Maps (K, n_pull, n_tendons) from tensions to pull, and data (K, n_data); see the statics.
+    """
+
+    def __init__(
+        self, statics: ClosedStatics, maps: Array, data: Array, machine_code: bool
+    ) -> None:
+        self.statics, self.maps, self.data = statics, maps, data
+        self._flat = maps.reshape(-1, maps.shape[2])
+        self._solver = section_solver(statics, machine_code)
+
+    @classmethod
+    def at(
+        cls, arm: Arm, statics: ClosedStatics, s: Array, active: Counts, machine_code: bool = False
+    ) -> StrainsByTensions:
+        """Return those at s (K,), which `active` (K,) anchorages' tendons cross."""
+        at = stations(arm, s, active)
+        return cls(statics, statics.pulls(arm, at), statics.data(at).T, machine_code)
+
+    def __call__(self, tensions: Array) -> Array:
+        """Return the strains (K, n) under tensions (n_tendons,); NaN where none balance."""
+        return self._solver((self._flat @ tensions).reshape(self.maps.shape[:2]), self.data)
+
+    def of_many(self, tensions: Array, places: slice = _ALL) -> Array:
+        """Return the strains (M, k, n) under tensions (M, n_tendons) at some of the places."""
+        maps, M = self.maps[places], len(tensions)
+        K, n_pull, n = maps.shape
+        pull = (tensions @ maps.reshape(-1, n).T).reshape(M * K, n_pull)
+        return self._solver(pull, self.data[places]).reshape(M, K, -1)
+
+
 class UnloadedSections:
     """The cross-sections of an arm at s (N,) that `active` (N,) anchorages' tendons cross.
 
@@ -98,25 +135,15 @@ class UnloadedSections:
     ) -> None:
         self.sections = Sections(arm, scene, law, s, active, machine_code)
         self._exact, statics = scene.has(ExactTendons), closed_statics(unloaded(scene), arm)
-        at, self._plain = stations(arm, s, active), statics.law
-        self._maps, self._data = statics.pulls(arm, at), statics.data(at).T
-        self._solver = section_solver(statics, machine_code)
+        self._settled = StrainsByTensions.at(arm, statics, s, active, machine_code)
 
     def strains(self, tensions: Array) -> Array:
         """Return the strains (N, n) under tensions (n_tendons,); raises UnsettledSectionError."""
-        (v,) = self.of_many(tensions[None])
+        v, law, plain = self._settled(tensions), self.sections.law, self._settled.statics.law
         lost = np.isnan(v).any(axis=1)
         if lost.any():
             raise UnsettledSectionError(float(self.sections.s[np.argmax(lost)]))
-        return np.asarray(v)
-
-    def of_many(self, tensions: Array) -> Array:
-        """Return the strains (M, N, n) under tensions (M, n_tendons); NaN where there are none."""
-        M, (N, n_pull, n) = len(tensions), self._maps.shape
-        pulls = (tensions @ self._maps.reshape(-1, n).T).reshape(M * N, n_pull)
-        v, law = self._solver(pulls, self._data), self.sections.law
-        v = v if law == self._plain else strains_of(law, reported(self._plain, v))
-        return v.reshape(M, N, v.shape[1])
+        return v if law == plain else strains_of(law, reported(plain, v))
 
     def crushed(self, strains: Array) -> NDArray[np.bool_]:
         """Return where strains (N, n) leave a tendon no length (N,)."""
