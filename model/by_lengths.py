@@ -11,9 +11,9 @@ by Newton steps, of least norm in combinations of tensions that no length feels.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -97,22 +97,20 @@ class UnloadedLengths:
             left = winches.lacks(self._lengths(0 * winches.tensions).lengths, 0 * winches.tensions)
             if left[winches.held].min() >= -ROUNDING * arm.length:
                 return 0 * winches.tensions
-        if near is not None:
-            T = np.where(winches.held, near, winches.tensions)
-            result = tightened(self._lengths(T), winches, self._beside, arm)
-            if result is not None:
-                return result.tensions
-        program, result = LeastEnergy(self._system), None
-        least = least_by_lengths(program, winches)
-        if least is not None:
-            left = winches.lacks(program.lengths(least), least.tensions)
-            T = slackened(least.tensions, left, winches, arm)
-            result = tightened(self._lengths(T), winches, self._beside, arm)
-        if result is None:
-            result = followed(self._lengths(winches.tensions), winches, self._beside, arm)
+        result = led(
+            self._begins(near), lambda: self._lengths(winches.tensions), winches, self._beside, arm
+        )
         if result is None:
             raise self._crushed or unknown_least(arm, winches)
         return result.tensions
+
+    def _begins(self, near: Array | None) -> Iterator[Lengths]:
+        if near is not None:
+            yield self._lengths(np.where(self.winches.held, near, self.winches.tensions))
+        program = LeastEnergy(self._system)
+        least = least_by_lengths(program, self.winches)
+        if least is not None:
+            yield self._lengths(about(program, least, self.winches))
 
     def _beside(self, at: Lengths, tensions: Array) -> Lengths | None:
         try:
@@ -123,6 +121,12 @@ class UnloadedLengths:
             self._crushed = result.crushed
             return None
         return result
+
+
+def about(program: LeastEnergy, least: Minimum, winches: Winches) -> Array:
+    """Return the tensions (n_tendons,) of a least energy by lengths [N], 0 of slack tendons."""
+    left = winches.lacks(program.lengths(least), least.tensions)
+    return slackened(least.tensions, left, winches, program.system.arm)
 
 
 def equilibrium_beside(at: Linearised, tensions: Array) -> Linearised | None:
@@ -201,6 +205,25 @@ def followed(
     return at
 
 
+def led(
+    begins: Iterable[_At | None],
+    free: Callable[[], _At],
+    winches: Winches,
+    beside: Callable[[_At, Array], _At | None],
+    arm: Arm,
+    rounding: float = ROUNDING,
+) -> _At | None:
+    """Return the equilibrium by lengths near the first of some that have one near; None for none.
+
+    Else the one that is reached from that of `free` winches; see tightened and followed.
+    """
+    for at in begins:
+        result = None if at is None else tightened(at, winches, beside, arm, rounding)
+        if result is not None:
+            return result
+    return followed(free(), winches, beside, arm)
+
+
 def _stepped(at: _At, tensions: Array, beside: Callable[[_At, Array], _At | None]) -> _At | None:
     """Return the equilibrium that a step of the tensions, or a part of it, leads to."""
     for halved in range(_HALVINGS):
@@ -244,24 +267,23 @@ class GivenLengths:
         return found if tight is None else _of(forward, tight)
 
     def _loaded(self, forward: Collocation, near: Equilibrium | None) -> Linearised:
-        winches, begun, beside = self.winches, None, _beside(forward)
-        if near is not None and near.states is not None:
-            T = np.where(winches.held, near.tensions, winches.tensions)
-            if isinstance(forward, TouchingMap):
-                begun = forward.equilibrium(T, near).here
-            else:
-                begun = forward.near(T, near.states)
-        result = begun and tightened(begun, winches, beside, self.arm, _ON_THE_WAY)
-        if result is not None:
-            return result
-        begun = self._from_rest(forward)
-        result = begun and tightened(begun, winches, beside, self.arm, _ON_THE_WAY)
+        begins, beside = self._begins(forward, near), _beside(forward)
+        free = partial(forward.found, self.winches.tensions)
+        result = led(begins, free, self.winches, beside, self.arm, _ON_THE_WAY)
         if result is None:
-            free = forward.found(winches.tensions)
-            result = followed(free, winches, beside, self.arm)
-        if result is None:
-            raise unknown_least(self.arm, winches)
+            raise unknown_least(self.arm, self.winches)
         return result
+
+    def _begins(
+        self, forward: Collocation, near: Equilibrium | None
+    ) -> Iterator[Linearised | None]:
+        if near is not None and near.states is not None:
+            T = np.where(self.winches.held, near.tensions, self.winches.tensions)
+            if isinstance(forward, TouchingMap):
+                yield forward.equilibrium(T, near).here
+            else:
+                yield forward.near(T, near.states)
+        yield self._from_rest(forward)
 
     def _from_rest(self, forward: Collocation) -> Linearised | None:
         """Return the equilibrium under about the tensions by lengths; None if none is found."""
@@ -271,8 +293,7 @@ class GivenLengths:
         least = least_by_lengths(program, self.winches)
         if least is None:
             return None
-        left = self.winches.lacks(program.lengths(least), least.tensions)
-        T = slackened(least.tensions, left, self.winches, self.arm)
+        T = about(program, least, self.winches)
         return newton(forward.system, T, 1.0, program.states(least))
 
     @cached_property

@@ -9,10 +9,11 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import positive
+from model.equilibrium.forward import STAGES
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import Followed, follow_on
 from model.errors import InputError
-from model.forward import collocation_map
+from model.forward import by_collocation
 from model.loads import check_loads, is_loaded
 from model.scene import Scene
 
@@ -58,7 +59,7 @@ def critical_load_factor(
     T, most = arm.flat(tensions), positive("most", most)
     refinement, before = _REFINEMENT, Critical(np.inf, "")
     while True:
-        forward = collocation_map(arm, scene, "gauss6", refinement)
+        forward = by_collocation(arm, scene, STAGES, refinement)
         x = forward.system.x(T, 0.0, forward.without_loads(T))
         rest = Followed(Linearised(forward.system, x), 0.0, "")
         end = follow_on(rest, most, accuracy / 4)

@@ -76,23 +76,10 @@ def forward_map(
 
     With `machine_code` its kernels are compiled.
     """
-    which = collocation_map if scheme in COLLOCATIONS else explicit_map
-    return which(arm, scene, scheme, refinement, at, machine_code)
-
-
-@lru_cache(maxsize=32)
-def collocation_map(
-    arm: Arm,
-    scene: Scene,
-    scheme: str,
-    refinement: int,
-    at: tuple[float, ...] = (),
-    machine_code: bool = False,
-) -> Collocation:
-    """Return the forward map by collocation; see forward_map."""
-    return by_collocation(
-        arm, scene, COLLOCATIONS[scheme], refinement, at, machine_code=machine_code
-    )
+    if scheme in COLLOCATIONS:
+        on = arm, scene, COLLOCATIONS[scheme], refinement, at
+        return by_collocation(*on, machine_code=machine_code)
+    return explicit_map(arm, scene, scheme, refinement, at, machine_code)
 
 
 def by_collocation(

@@ -33,22 +33,21 @@ from model.cross_section.energy import EnergySection, ExactSection
 from model.cross_section.law import CrossSection, body_size, less_rest, reported, size, strains_of
 from model.cross_section.law import kinematics as strain_kinematics
 from model.cross_section.sections import body_numbers
-from model.effects import Current, Friction, NeoHookean, TipLoad
-from model.loads import beyond, contacts, levers
+from model.effects import NeoHookean
+from model.loads import beyond, contacts, is_conservative, levers
 from model.machine.buffered import Buffered
 from model.obstacles import numbers_of
 from model.obstacles.base import SIZE, with_gradient
 from model.paths import Array
 from model.progress import logged
 from model.rotations import half_turn, unit_matrix
-from model.scene import Scene
 from model.stations import base_pose, stations, tendon_paths
 from model.transcription.collocation import gauss, rotation_vectors
 from model.transcription.element import Form, element, run
 from model.transcription.kernel import Kernel
 from model.transcription.layout import POSE, Layout, layout
 from model.transcription.system import System
-from model.transcription.terms import Equations, Term
+from model.transcription.terms import Equations, Sum, Term
 from model.winches import Winches
 
 
@@ -173,7 +172,7 @@ class LeastEnergy:
         self.of = of = layout(
             Form(law, m, loaded=False), system.of.ends, mesh.steps, system.of.levers
         )
-        self.conservative = law == form.law and _is_conservative(scene)
+        self.conservative = law == form.law and is_conservative(scene)
         radius = float(arm.radius.evaluate(np.zeros(1), L)[0][0])
         self.force_unit = F = float(arm.material.E * np.pi * radius**4 / 4) / L**2
         self._unit = np.ones(of.n_states)
@@ -331,13 +330,6 @@ def _with_energy(law: CrossSection) -> EnergySection:
     return ExactSection(law.extension, law.torsion, law.shear, law.curved)
 
 
-def _is_conservative(scene: Scene) -> bool:
-    """Return whether all loads of a scene have a potential."""
-    tip = scene.find(TipLoad)
-    turns = tip is not None and (tip.follower or any(tip.moment))
-    return not (turns or scene.has(Current) or scene.has(Friction))
-
-
 def _energy(of: Layout) -> Equations:
     """Return the energy of a structure: of its states, then what tendons stretch by."""
     law, m, n, nodes, v = of.form.law, of.form.stages, of.n_states, of.nodes, of.stages.T
@@ -380,10 +372,10 @@ def _solver(of: Layout, obstacles: int) -> Buffered:
         ca.MX.sym(*sized) for sized in (("z", f.n_x), ("p", f.n_p + g.n_p), ("lam", g.n_g))
     )
     sigma, pf, pg = ca.MX.sym("sigma"), p[: f.n_p], p[f.n_p :]
-    value, rows = f.value(z, pf), g.value(z, pg)
+    value, rows = f.value.function(z, pf), g.value.function(z, pg)
 
-    def matrix(derivative: tuple[ca.Function, ca.Sparsity], *value: ca.MX) -> ca.MX:
-        return ca.MX(derivative[1], derivative[0](*value))
+    def matrix(of: Sum, *value: ca.MX) -> ca.MX:
+        return ca.MX(of.places, of.function(*value))
 
     gradient, J = ca.densify(matrix(f.jacobian, z, pf)).T, matrix(g.jacobian, z, pg)
     H = ca.triu(matrix(f.hessian, z, pf, sigma) + matrix(g.hessian, z, pg, lam))

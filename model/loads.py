@@ -47,6 +47,13 @@ def is_loaded(scene: Scene) -> bool:
     return any(scene.has(kind) for kind in _LOADS)
 
 
+def is_conservative(scene: Scene) -> bool:
+    """Return whether all loads of a scene have a potential."""
+    tip = scene.find(TipLoad)
+    turns = tip is not None and (tip.follower or any(tip.moment))
+    return not (turns or scene.has(Current) or scene.has(Friction))
+
+
 @lru_cache(maxsize=256)
 def check_loads(arm: Arm, scene: Scene, contact: bool = False) -> None:
     """Raise InputError for loads that this arm cannot have, and an arm that has to have some.

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.arm import Arm
-from model.centreline import Centreline, Settled
+from model.centreline import Centreline
 from model.checks import finite_array
 from model.clearance.nearest import ITSELF, clearances
 from model.contact.contacts import Touch, touches_of
@@ -155,7 +155,13 @@ class Shape:
         That the arm passes through itself, bends sharper than its own radius, or that a tendon has
         no length left: the equations know no body. `settle` warns of sharp bends too.
         """
-        return remarks(self)
+        messages = [sharp(self), crosses(self)]
+        if self.folded is not None:
+            messages.append(
+                f"no arm bends so far: at s = {self.folded:.6g} m a tendon has no length left; "
+                "lower the tensions that cross it"
+            )
+        return tuple(sentence for sentence in messages if sentence)
 
     @property
     def tip(self) -> Array:
@@ -293,39 +299,7 @@ _TOUCHES = 1e-6
 _PLACES, _NEAR = 4, 0.7
 
 
-class Bent(Settled, Protocol):
-    """A settled shape; see model.shape.Shape."""
-
-    @property
-    def equilibrium(self) -> Equilibrium:
-        """What it is read off."""
-
-    @property
-    def tensions(self) -> Array:
-        """The tensions (n_tendons,) [N]."""
-
-    @property
-    def tendon_lengths(self) -> Array:
-        """The lengths of the tendons (n_tendons,) [m]."""
-
-    @property
-    def folded(self) -> float | None:
-        """Where a tendon has no length left [m], None where all have some."""
-
-
-def remarks(shape: Bent) -> tuple[str, ...]:
-    """Return what is not to be believed of a shape, a sentence each; see sharp and crosses."""
-    folded = shape.folded
-    messages = [sharp(shape), crosses(shape)]
-    if folded is not None:
-        messages.append(
-            f"no arm bends so far: at s = {folded:.6g} m a tendon has no length left; "
-            "lower the tensions that cross it"
-        )
-    return tuple(sentence for sentence in messages if sentence)
-
-
-def sharp(shape: Bent) -> str:
+def sharp(shape: Shape) -> str:
     """Return where the body bends by less than its own radius, and what that takes of tendons.
 
     Its inner side would have no length left. Empty where it does not.
@@ -354,7 +328,7 @@ def sharp(shape: Bent) -> str:
     return f"{message}; lower the tensions or the loads"
 
 
-def crosses(shape: Bent) -> str:
+def crosses(shape: Shape) -> str:
     """Return where the arm passes through itself; empty where it does not."""
     result: Any = clearances(Centreline.of(shape), (), {ITSELF})[ITSELF]
     if result.gap >= -_TOUCHES * shape.arm.length:

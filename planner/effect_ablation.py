@@ -21,7 +21,7 @@ from model.effects import (
     Weight,
 )
 from model.errors import InputError, OctoplanError
-from model.forward import collocation_map, explicit_map, schemes_of
+from model.forward import COLLOCATIONS, by_collocation, explicit_map, schemes_of
 from model.loads import is_loaded
 from model.progress import told
 from model.scene import Scene
@@ -56,7 +56,7 @@ def problem_size(arm: Arm, scene: Scene) -> ProblemSize:
         function = explicit_map(arm, scene, scheme, 1).function
         carried = 7 + (function.size1_out(2) if function.n_out() > 2 else 0)
         return ProblemSize(carried, 0, 0, function.expand().n_instructions())
-    of = collocation_map(arm, scene, scheme, 1).system.of
+    of = by_collocation(arm, scene, COLLOCATIONS[scheme], 1).system.of
     instructions = sum(
         term.count * term.kernel.value.n_instructions() for term in of.equations.terms
     )

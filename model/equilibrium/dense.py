@@ -8,8 +8,7 @@ model.transcription.friction.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,14 +16,14 @@ from model.cross_section.law import forces, moments
 from model.cross_section.sections import Sections
 from model.effects import Friction
 from model.loads import beyond, directions
-from model.machine.buffered import Mapped
+from model.machine.buffered import mapped
 from model.paths import Array
 from model.rotations import matrices
 from model.stations import Counts
 from model.transcription.collocation import gauss
-from model.transcription.element import Form, element
+from model.transcription.element import element
 from model.transcription.friction import turning_function
-from model.transcription.kernel import Kernel, Places
+from model.transcription.kernel import Places
 from model.transcription.layout import POSE
 from model.transcription.numbers import element_numbers
 from model.transcription.system import System
@@ -39,43 +38,6 @@ def poses_and_strains(system: System, x: Array, s: Array) -> tuple[Array, Array]
     inside = _Parts(system, x, s)
     g, w = inside.ends()
     return g, inside.strains(g, w)
-
-
-@lru_cache(maxsize=32)
-def _element(form: Form) -> tuple[Mapped, Mapped]:
-    """Return the residuals of an element and the nonzeros of their Jacobian, of many at once."""
-    values = element(form)
-    by = form.machine_code
-    return Mapped(values.value, by), Mapped(values.jacobian[0], by)
-
-
-@lru_cache(maxsize=32)
-def _pressure(kernel: Kernel) -> tuple[Mapped, Mapped]:
-    """Return what presses and the nonzeros of its Jacobian, on many elements at once."""
-    return Mapped(kernel.value), Mapped(kernel.jacobian[0])
-
-
-@dataclass(frozen=True, eq=False)
-class _Pressures:
-    """The pressure of an obstacle on N parts of elements: its kernel, and what that takes."""
-
-    kernel: Kernel
-    pose: Array
-    ends: Array
-    numbers: Array
-
-    def add(self, r: Array, J: Array | None, v: Array, first: int) -> None:
-        """Add it to residuals (N, n_r) and to any Jacobian, strains v (N, n) from `first` on."""
-        n, y = v.shape[1], np.hstack([self.pose, v, self.ends])
-        of_value, of_jacobian = _pressure(self.kernel)
-        (value,) = of_value(y, self.numbers)
-        r[:, : value.shape[1]] += value
-        if J is None:
-            return
-        (nonzeros,) = of_jacobian(y, self.numbers)
-        _, i, j = self.kernel.jacobian
-        values = (j >= POSE) & (j < POSE + n)
-        J[:, i[values], first + j[values] - POSE] += nonzeros[:, values]
 
 
 class _Parts:
@@ -115,21 +77,22 @@ class _Parts:
         known = np.hstack([np.full((N, int(form.loaded)), load), node])
         first = known.shape[1]
         free = first + np.arange(m * n + POSE + w)
-        pressed = self._pressures(node) if form.pressed else []
         next_node = node.copy()
-        value, jacobian = _element(form)
-        _, i, j = element(form).jacobian
+        derivative, i, j = element(form).jacobian
+        value, jacobian = (
+            mapped(each, form.machine_code) for each in (element(form).value, derivative)
+        )
         inverse: Array = np.empty(0)
         last = 0.0
         for _ in range(_STEPS):
             y = np.hstack([known, v.reshape(N, -1), next_node])
             (r,) = value(y, c)
-            J = np.zeros((N, r.shape[1], y.shape[1])) if last == 0 else None
-            for press in pressed:
-                press.add(r, J, v.reshape(N, -1), first)
             local = sections.balance(v, pulls)
             r[:, w : w + m * n] += local.wrench.reshape(N, -1)
-            if J is not None:
+            if form.pressed:
+                self._press(r, node, v.reshape(N, -1))
+            if last == 0:
+                J = np.zeros((N, r.shape[1], y.shape[1]))
                 J[:, i, j] += jacobian(y, c)[0]
                 for k in range(m):
                     rows = w + k * n + np.arange(n)
@@ -146,24 +109,25 @@ class _Parts:
             last = size if last == 0 or size < _SHRUNK * last else 0.0
         return next_node
 
-    def _pressures(self, node: Array) -> list[_Pressures]:
-        """Return the pressure on the parts from each obstacle, from nodes (N, ...) on."""
-        of, results = self.system.of, list[_Pressures]()
+    def _press(self, r: Array, node: Array, v: Array) -> None:
+        """Add the pressure of each obstacle to residuals (N, n_r) at strains v (N, m n).
+
+        Too little depends on the strains for their Jacobian to know of it.
+        """
+        of = self.system.of
+        kernel = pressure(of.form.law, of.form.stages, of.form.contact_friction)
         values = self.system.p[of.equations.numbers_of("pressure")]
         values = values.reshape(of.elements, of.form.contacts, -1)[self.step]
-        p, rubbed = self.states[of.touches[:, :, 1]], self.states[of.tractions]
+        parts = [of.touches[:, :, 1:], *[of.tractions] * of.form.contact_friction]
+        at_nodes = self.states[np.concatenate(parts, axis=2)]
+        before, after = at_nodes[self.step], at_nodes[self.step + 1]
+        after = before + self.share[:, None, None] * (after - before)
         for j in range(of.form.contacts):
             numbers = values[:, j].copy()
             numbers[:, -2] = self.h
-            before, after = p[self.step, j], p[self.step + 1, j]
-            ends = np.column_stack([before, before + self.share * (after - before)])
-            if of.form.contact_friction:
-                before, after = rubbed[self.step, j], rubbed[self.step + 1, j]
-                there = before + self.share[:, None] * (after - before)
-                ends = np.hstack([ends, before, there])
-            kernel = pressure(of.form.law, of.form.stages, of.form.contact_friction)
-            results.append(_Pressures(kernel, node[:, :POSE], ends, numbers))
-        return results
+            ends = [before[:, j, :1], after[:, j, :1], before[:, j, 1:], after[:, j, 1:]]
+            (result,) = mapped(kernel.value)(np.hstack([node[:, :POSE], v, *ends]), numbers)
+            r[:, : result.shape[1]] += result
 
     def strains(self, g: Array, w: Array) -> Array:
         """Return the strains (N, n) where pose and wrench are known."""

@@ -46,7 +46,7 @@ class Band:
     """
 
     def __init__(self, of: Layout) -> None:
-        self.rows, self.columns = of.equations.triplet("jacobian")
+        self.rows, self.columns = of.equations.jacobian.triplet
         self.first, n = of.first, of.n_states
         self.inside = np.flatnonzero(self.columns >= of.first)
         self.outside = np.flatnonzero(self.columns < of.first)

@@ -171,7 +171,7 @@ def stability_slope(here: Linearised) -> tuple[float, Array]:
     w, right = none, none.copy()
     right[places] = stiff * weight * y[places]
     w = _less_stiff(here, value - near, stiff).solve(right, transposed=True)
-    H, (rows, columns) = here.system.hessian(here.x, w), of.equations.triplet("hessian")
+    H, (rows, columns) = here.system.hessian(here.x, w), of.equations.hessian.triplet
     mode = np.append(np.zeros(of.first), y)
     moved = np.vstack([np.eye(of.first, of.n_tendons), here.by_tensions])
     slope = (mode[rows] * H) @ moved[columns]

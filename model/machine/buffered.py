@@ -100,3 +100,9 @@ class Mapped:
 def _repeated(rows: Array, count: int) -> Array:
     """Return so many rows, of fewer that are taken again and again."""
     return rows[np.arange(count) % len(rows)]
+
+
+@lru_cache(maxsize=128)
+def mapped(function: ca.Function, machine_code: bool = False) -> Mapped:
+    """Return a function, which is kept elsewhere, for many sets of arguments; made once."""
+    return Mapped(function, machine_code)

@@ -110,7 +110,7 @@ def _bracket(a: ca.SX, b: ca.SX) -> ca.SX:
 
 def weighted_sum(weights: Array, values: list[ca.SX]) -> ca.SX:
     """Return the sum of values by weights."""
-    total = ca.SX.zeros(3)
+    total = ca.SX.zeros(values[0].numel())
     for weight, value in zip(weights.tolist(), values, strict=True):
         total += weight * value
     return total

@@ -13,7 +13,6 @@ tangents on both sides.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
@@ -21,7 +20,7 @@ import numpy as np
 
 from model.cross_section.law import CrossSection, body_size, size, turning_rate
 from model.paths import Array
-from model.transcription.collocation import gauss
+from model.transcription.collocation import gauss, weighted_sum
 from model.transcription.kernel import Kernel
 
 # Under square roots whose argument may vanish, so that their derivatives are not NaN there.
@@ -43,49 +42,24 @@ def body_rates(law: CrossSection) -> Kernel:
     return Kernel("body_rates", ca.vertcat(v, rate), ca.vertcat(numbers, change), rows)
 
 
-@dataclass(frozen=True, eq=False)
 class TendonSymbols:
-    """Unknowns and numbers of one tendon in one element.
+    """Unknowns and numbers of one tendon in one element of m stages, and its Theta' at these.
 
     Unknowns: load factor, tension at the motor, Theta at both nodes, strains and rates by stage.
     Numbers: h, direction times mu, and at the stages the offset along n, b and two derivatives.
     """
 
-    unknowns: ca.SX
-    numbers: ca.SX
-    load: ca.SX
-    tension: ca.SX
-    before: ca.SX
-    after: ca.SX
-    v: ca.SX
-    rate: ca.SX
-    h: ca.SX
-    mu: ca.SX
-    paths: list[ca.SX]
-    changes: list[ca.SX]
-
-    @classmethod
-    def of(cls, law: CrossSection, m: int) -> TendonSymbols:
-        """Return the symbols for a law and m stages."""
-        load, T, before, after = (ca.SX.sym(name) for name in ("load", "T", "before", "after"))
-        z = ca.SX.sym("z", 2 * size(law), m)
-        h, mu, Y = ca.SX.sym("h"), ca.SX.sym("mu"), ca.SX.sym("Y", 6, m)
-        return cls(
-            ca.vertcat(load, T, before, after, ca.vec(z)),
-            ca.vertcat(h, mu, ca.vec(Y)),
-            *(load, T, before, after),
-            *(z[: size(law), :], z[size(law) :, :]),
-            *(h, mu),
-            ca.horzsplit(Y[:4, :]),
-            ca.horzsplit(Y[2:, :]),
-        )
-
-    def turning(self, law: CrossSection) -> list[ca.SX]:
-        """Return Theta' at the stages [rad/m]."""
-        stages = zip(
-            ca.horzsplit(self.v), ca.horzsplit(self.rate), self.paths, self.changes, strict=True
-        )
-        return [turning_rate(law, *stage) for stage in stages]
+    def __init__(self, law: CrossSection, m: int) -> None:
+        self.load, self.tension = ca.SX.sym("load"), ca.SX.sym("T")
+        self.before, self.after = ca.SX.sym("before"), ca.SX.sym("after")
+        z, Y = ca.SX.sym("z", 2 * size(law), m), ca.SX.sym("Y", 6, m)
+        self.v, self.rate = z[: size(law), :], z[size(law) :, :]
+        self.h, self.mu = ca.SX.sym("h"), ca.SX.sym("mu")
+        self.paths, self.changes = ca.horzsplit(Y[:4, :]), ca.horzsplit(Y[2:, :])
+        self.unknowns = ca.vertcat(self.load, self.tension, self.before, self.after, ca.vec(z))
+        self.numbers = ca.vertcat(self.h, self.mu, ca.vec(Y))
+        stages = zip(*map(ca.horzsplit, (self.v, self.rate)), self.paths, self.changes, strict=True)
+        self.turning = [turning_rate(law, *stage) for stage in stages]
 
 
 @lru_cache(maxsize=32)
@@ -95,28 +69,23 @@ def sliding_tendon(law: CrossSection, m: int) -> Kernel:
     Rows: by stage its wrench and the derivative of that along s; what vanishes of Theta at the far
     node.
     """
-    x, method = TendonSymbols.of(law, m), gauss(m)
-    turning = x.turning(law)
-    rows = []
+    x, method, rows = TendonSymbols(law, m), gauss(m), []
     for i in range(m):
         v, path = x.v[:, i], x.paths[i]
-        turned = x.before + x.h * sum(
-            (float(a) * t for a, t in zip(method.a[i], turning, strict=True)), ca.SX(0)
-        )
+        turned = x.before + x.h * weighted_sum(method.a[i], x.turning)
         T = x.tension * ca.exp(-x.load * x.mu * turned)
         pull = law.tendon(v, path)
         along = ca.jtimes(pull, v, x.rate[:, i]) + ca.jtimes(pull, path, x.changes[i])
-        rows += [T * pull, T * (along - x.load * x.mu * turning[i] * pull)]
-    across = sum((float(b) * t for b, t in zip(method.b, turning, strict=True)), ca.SX(0))
-    rows.append(x.after - x.before - x.h * across)
+        rows += [T * pull, T * (along - x.load * x.mu * x.turning[i] * pull)]
+    rows.append(x.after - x.before - x.h * weighted_sum(method.b, x.turning))
     return Kernel("sliding_tendon", x.unknowns, x.numbers, ca.vertcat(*rows))
 
 
 @lru_cache(maxsize=32)
 def turning_function(law: CrossSection, m: int) -> ca.Function:
     """Return (unknowns, numbers) -> Theta' at the stages (m,); see TendonSymbols."""
-    x = TendonSymbols.of(law, m)
-    return ca.Function("turning", [x.unknowns, x.numbers], [ca.vertcat(*x.turning(law))])
+    x = TendonSymbols(law, m)
+    return ca.Function("turning", [x.unknowns, x.numbers], [ca.vertcat(*x.turning)])
 
 
 @lru_cache(maxsize=32)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from model.arm import Arm
@@ -31,27 +29,12 @@ from model.transcription.touch import BEFORE, FRICTION_TOLD, TOLD
 _RESISTS = 10.0
 
 
-@dataclass(frozen=True, eq=False)
-class Numbers:
-    """Numbers of one arm in one scene.
+def numbers(arm: Arm, scene: Scene, mesh: Mesh, of: Layout) -> tuple[Array, Array, Array]:
+    """Return the numbers of an arm and a scene in the order of the layout's terms.
 
-    Attributes
-    ----------
-    p : (n_p,)
-        Of the equations of equilibrium.
-    lengths : (n,)
-        Of the equations of the tendons' lengths.
-    s : (N stages,)
-        Arc lengths of the stages [m].
+    Those of the equations of equilibrium (n_p,), of the equations of the tendons' lengths (n,), and
+    the arc lengths of the stages (N stages,) [m].
     """
-
-    p: Array
-    lengths: Array
-    s: Array
-
-
-def numbers(arm: Arm, scene: Scene, mesh: Mesh, of: Layout) -> Numbers:
-    """Return the numbers of an arm and a scene in the order of the layout's terms."""
     form, m = of.form, of.form.stages
     method, h = gauss(m), np.diff(mesh.s)
     s = (mesh.s[:-1, None] + h[:, None] * method.c).ravel()
@@ -77,7 +60,7 @@ def numbers(arm: Arm, scene: Scene, mesh: Mesh, of: Layout) -> Numbers:
         columns += contact_numbers(arm, scene, form, mesh)
     weights = (h[:, None] * method.b).ravel()[stage]
     p = np.concatenate([np.ravel(column, "F") for column in columns])
-    return Numbers(p, np.vstack([paths, weights]).ravel("F"), s)
+    return p, np.vstack([paths, weights]).ravel("F"), s
 
 
 def contact_numbers(arm: Arm, scene: Scene, form: Form, mesh: Mesh) -> list[Array]:

@@ -17,7 +17,7 @@ from model.arm import Arm
 from model.cross_section import cross_section_of
 from model.effects import Current, Friction, TipLoad
 from model.loads import contacts, growth, is_loaded, levers, places
-from model.machine.buffered import Buffered, Mapped
+from model.machine.buffered import Buffered, mapped
 from model.machine.compiled import kernel
 from model.mesh import Mesh, graded
 from model.paths import Array
@@ -25,7 +25,6 @@ from model.rotations import matrices
 from model.scene import Scene
 from model.transcription.collocation import gauss
 from model.transcription.element import Form, element
-from model.transcription.kernel import Kernel
 from model.transcription.layout import POSE, Layout, layout
 from model.transcription.numbers import numbers
 
@@ -85,8 +84,7 @@ class System:
         self.arm, self.scene, self.mesh = arm, scene, mesh
         form = form_of(scene, arm.is_curved, stages, loaded, machine_code, pressed)
         self.of = structure(arm, scene, mesh, form)
-        result = numbers(arm, scene, mesh, self.of)
-        self.p, self.s, self.length_numbers = result.p, result.s, result.lengths
+        self.p, self.length_numbers, self.s = numbers(arm, scene, mesh, self.of)
 
     def __reduce__(self) -> tuple[Any, ...]:
         form = self.of.form
@@ -109,25 +107,25 @@ class System:
 
     def residual(self, x: Array) -> Array:
         """Return what vanishes at equilibrium (n_states,)."""
-        return np.asarray(self.of.equations.call("value")(x, self.p)[0][0])
+        return np.asarray(self.of.equations.value.call(x, self.p)[0][0])
 
     def jacobian(self, x: Array) -> Array:
         """Return the nonzeros of the residuals' Jacobian, see Equations.jacobian."""
-        return np.asarray(self.of.equations.call("jacobian")(x, self.p)[0][0])
+        return np.asarray(self.of.equations.jacobian.call(x, self.p)[0][0])
 
     def hessian(self, x: Array, multipliers: Array) -> Array:
         """Return the nonzeros of the Hessian of multipliers . residuals, see Equations.hessian."""
-        return np.asarray(self.of.equations.call("hessian")(x, self.p, multipliers)[0][0])
+        return np.asarray(self.of.equations.hessian.call(x, self.p, multipliers)[0][0])
 
     def lengths(self, x: Array) -> Array:
         """Return the length of each tendon (n_tendons,) [m]."""
-        return np.asarray(self.of.lengths.call("value")(x, self.length_numbers)[0][0])
+        return np.asarray(self.of.lengths.value.call(x, self.length_numbers)[0][0])
 
     def length_jacobian(self, x: Array) -> Array:
         """Return the derivatives of the lengths against the states (n_tendons, n_states)."""
         values = np.zeros((self.of.n_tendons, self.of.n_x))
-        nonzeros = self.of.lengths.call("jacobian")(x, self.length_numbers)[0][0]
-        values[self.of.lengths.triplet("jacobian")] = nonzeros
+        nonzeros = self.of.lengths.jacobian.call(x, self.length_numbers)[0][0]
+        values[self.of.lengths.jacobian.triplet] = nonzeros
         return values[:, self.of.first :]
 
     def by_wrench(self, x: Array, node: int) -> Array:
@@ -145,7 +143,7 @@ class System:
                 elements[node - 1, 1 + component] += 1.0
             else:
                 p[self.of.equations.numbers_of("tip")][3 + component] += 1.0
-            results.append(self.of.equations.call("value")(x, p)[0][0] - still)
+            results.append(self.of.equations.value.call(x, p)[0][0] - still)
         return np.stack(results, axis=1)
 
     def pushed(self, force: Array) -> System:
@@ -180,7 +178,8 @@ class System:
             name = term.kernel.name
             if name in ("touch", "contact_friction"):
                 c = self.p[self.of.equations.numbers_of(name)].reshape(term.count, -1)
-                (rows,) = _repeated(term.kernel, self.of.form.machine_code)(x[term.unknowns].T, c)
+                call = mapped(term.kernel.value, self.of.form.machine_code)
+                (rows,) = call(x[term.unknowns].T, c)
                 values[1:] -= rows[:, :6].reshape(self.mesh.steps, -1, 6).sum(axis=1)
         return values
 
@@ -265,9 +264,3 @@ def _march(form: Form, N: int) -> Buffered:
     after = -values.value(y, numbers_of)[-POSE:]
     step = ca.Function("march", [g, v, h], [after], {"cse": True})
     return Buffered(kernel(step, form.machine_code).mapaccum(N))
-
-
-@lru_cache(maxsize=32)
-def _repeated(each: Kernel, machine_code: bool) -> Mapped:
-    """Return a kernel's residuals of many repetitions at once."""
-    return Mapped(each.value, machine_code)

@@ -7,11 +7,10 @@ added up in the sparse Jacobian and Hessian, in CasADi's symbols: by `map` and a
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Literal, TypeVar
+from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -22,7 +21,6 @@ from model.machine.compiled import kernels
 from model.paths import Array
 from model.transcription.kernel import Kernel, Places
 
-T = TypeVar("T")
 What = Literal["value", "jacobian", "by_numbers", "hessian"]
 
 
@@ -59,6 +57,15 @@ class Equations:
 
     The numbers are those of the terms, one after the other, each column by column. With
     `machine_code` the kernels are compiled; then nothing can be differentiated by CasADi.
+
+    Attributes
+    ----------
+    value : Sum
+        Of (x, p): g.
+    jacobian, by_numbers : Sum
+        Of (x, p): dg/dx (n_g, n_x), dg/dp (n_g, n_p).
+    hessian : Sum
+        Of (x, p, lam): the Hessian of lam . g in x (n_x, n_x), all of it.
     """
 
     def __init__(self, n_x: int, n_g: int, terms: list[Term], machine_code: bool = False) -> None:
@@ -67,27 +74,15 @@ class Equations:
         ends = np.cumsum([0, *(term.n_numbers for term in self.terms)])
         self.slices = [slice(a, b) for a, b in pairwise(ends.tolist())]
         self.n_p = int(ends[-1])
-        self._made: dict[tuple[str, What], Any] = {}
+        names = (term.kernel.name for term in self.terms)
+        self._numbers = dict(zip(names, self.slices, strict=True))
+        self.value, self.jacobian = Sum(self, "value", (n_g, 1)), Sum(self, "jacobian", (n_g, n_x))
+        self.by_numbers = Sum(self, "by_numbers", (n_g, self.n_p))
+        self.hessian = Sum(self, "hessian", (n_x, n_x))
 
     def numbers_of(self, name: str) -> slice:
         """Return where the numbers of a kernel, by its name, are among all."""
-        names = [term.kernel.name for term in self.terms]
-        return self.slices[names.index(name)]
-
-    @property
-    def value(self) -> ca.Function:
-        """Unknowns, numbers -> residuals."""
-        return self._function("value")
-
-    @property
-    def jacobian(self) -> tuple[ca.Function, ca.Sparsity]:
-        """(x, p -> nonzeros of dg/dx), and their places."""
-        return self._function("jacobian"), self.places("jacobian")
-
-    @property
-    def hessian(self) -> tuple[ca.Function, ca.Sparsity]:
-        """(x, p, lam -> nonzeros of the Hessian of lam . g), and their places: all, symmetric."""
-        return self._function("hessian"), self.places("hessian")
+        return self._numbers[name]
 
     @cached_property
     def in_numbers(self) -> Equations:
@@ -99,66 +94,62 @@ class Equations:
             terms.append(Term(term.kernel.in_numbers, places, term.rows))
         return Equations(self.n_x + self.n_p, self.n_g, terms)
 
-    def places(self, what: What) -> ca.Sparsity:
-        """Return where the nonzeros of one of the above, or of "by_numbers", dg/dp, are."""
-        return self._places(what)[0]
-
-    def triplet(self, what: What) -> tuple[Places, Places]:
-        """Return rows and columns of these nonzeros."""
-        return self._once("triplet", what, lambda: _triplet(self.places(what)))
-
-    def call(self, what: What) -> Buffered:
-        """Return one of the above to be called with numbers, for a row of values."""
-        return self._once("call", what, lambda: Buffered(self._function(what)))
-
     def along_numbers(self, x: Array, p: Array, change: Array) -> Array:
         """Return the derivatives of residuals (n_g, K) along changes of the numbers (n_p, K)."""
-        nonzeros = self.call("by_numbers")(x, p)[0][0]
-        J = csr_array((nonzeros, self.triplet("by_numbers")), (self.n_g, self.n_p))
+        nonzeros = self.by_numbers.call(x, p)[0][0]
+        J = csr_array((nonzeros, self.by_numbers.triplet), (self.n_g, self.n_p))
         return np.asarray(J @ change)
 
-    def _once(self, kind: str, what: What, make: Callable[[], T]) -> T:
-        """Return what is made when it is asked for first."""
-        if (kind, what) not in self._made:
-            self._made[kind, what] = make()
-        made: T = self._made[kind, what]
-        return made
 
-    def _places(self, what: What) -> tuple[ca.Sparsity, list[Places]]:
-        """Return where the nonzeros of the sum are, and to which of them each term's add."""
-        return self._once("places", what, lambda: self._placed(what))
+class Sum:
+    """What the kernels of equations add up to: the nonzeros of the residuals or of a derivative."""
 
-    def _placed(self, what: What) -> tuple[ca.Sparsity, list[Places]]:
+    def __init__(self, of: Equations, what: What, shape: tuple[int, int]) -> None:
+        self._of, self._what, self._shape = of, what, shape
+
+    @cached_property
+    def call(self) -> Buffered:
+        """The function, to be called with numbers, for a row of values. Raises CompilerError."""
+        return Buffered(self.function)
+
+    @property
+    def places(self) -> ca.Sparsity:
+        """Where the nonzeros are."""
+        return self._placed[0]
+
+    @cached_property
+    def triplet(self) -> tuple[Places, Places]:
+        """Rows and columns of the nonzeros."""
+        rows, columns = (np.array(part, dtype=np.int64) for part in self.places.get_triplet())
+        return rows, columns
+
+    @cached_property
+    def _placed(self) -> tuple[ca.Sparsity, list[Places]]:
+        """Where the nonzeros are, and to which of them each term's add."""
+        of, what = self._of, self._what
         if what == "value":
-            return ca.Sparsity.dense(self.n_g), [term.rows for term in self.terms]
+            return ca.Sparsity.dense(of.n_g), [term.rows for term in of.terms]
         rows, columns = [], []
-        for term, numbers in zip(self.terms, self.slices, strict=True):
+        for term, numbers in zip(of.terms, of.slices, strict=True):
             _, i, j = getattr(term.kernel, what)
             values = np.arange(numbers.start, numbers.stop).reshape((-1, term.count), order="F")
             rows.append((term.unknowns if what == "hessian" else term.rows)[i])
             columns.append((values if what == "by_numbers" else term.unknowns)[j])
-        shapes = {
-            "jacobian": (self.n_g, self.n_x),
-            "by_numbers": (self.n_g, self.n_p),
-            "hessian": (self.n_x, self.n_x),
-        }
-        return _sparse(rows, columns, shapes[what])
+        return _sparse(rows, columns, self._shape)
 
-    def _function(self, what: What) -> ca.Function:
-        """Return the sum in symbols. Raises CompilerError."""
-        return self._once("function", what, lambda: self._added(what))
-
-    def _added(self, what: What) -> ca.Function:
-        places, index = self._places(what)
-        sizes = [("x", self.n_x), ("p", self.n_p), ("lam", self.n_g)]
+    @cached_property
+    def function(self) -> ca.Function:
+        """(x, p), and lam for the Hessian -> nonzeros. Raises CompilerError."""
+        of, what, (places, index) = self._of, self._what, self._placed
+        sizes = [("x", of.n_x), ("p", of.n_p), ("lam", of.n_g)]
         arguments = [ca.MX.sym(name, size) for name, size in sizes[: 3 if what == "hessian" else 2]]
         added = [k for k, at in enumerate(index) if at.size]
-        derivatives = (getattr(self.terms[k].kernel, what) for k in added)
+        derivatives = (getattr(of.terms[k].kernel, what) for k in added)
         functions = kernels(
-            [each if what == "value" else each[0] for each in derivatives], self.machine_code
+            [each if what == "value" else each[0] for each in derivatives], of.machine_code
         )
         results = [
-            ca.vec(f.map(self.terms[k].count)(*self._arguments_of(k, arguments)))
+            ca.vec(f.map(of.terms[k].count)(*self._arguments_of(k, arguments)))
             for f, k in zip(functions, added, strict=True)
         ]
         at = np.concatenate([np.zeros(0, np.int64), *(index[k].ravel("F") for k in added)])
@@ -168,15 +159,10 @@ class Equations:
 
     def _arguments_of(self, k: int, arguments: list[ca.MX]) -> list[ca.MX]:
         """Return a term's unknowns, numbers and any multipliers, repetitions as columns."""
-        (x, p, *lam), term = arguments, self.terms[k]
-        gathered = [x[term.unknowns.ravel("F").tolist()], p[self.slices[k]]]
+        (x, p, *lam), term = arguments, self._of.terms[k]
+        gathered = [x[term.unknowns.ravel("F").tolist()], p[self._of.slices[k]]]
         gathered += [weights[term.rows.ravel("F").tolist()] for weights in lam]
         return [ca.reshape(values, -1, term.count) for values in gathered]
-
-
-def _triplet(places: ca.Sparsity) -> tuple[Places, Places]:
-    rows, columns = (np.array(part, dtype=np.int64) for part in places.get_triplet())
-    return rows, columns
 
 
 def _sparse(

@@ -274,15 +274,15 @@ def _part(
     outer_H = second(x, ca.DM(p), weight * sigma, lam[:m])
     y, none = ca.vertcat(whole * x, numbers), ca.MX(0, 1)
     chain = ca.diagcat(ca.MX(ca.diag(whole)), by_z)
-    function, places = equations.jacobian
-    J = ca.diag(1 / scale) @ ca.MX(places, function(y, none))
-    function, places = equations.hessian
-    H = chain.T @ ca.MX(places, function(y, none, lam[m:] / scale)) @ chain
+    of = equations.jacobian
+    J = ca.diag(1 / scale) @ ca.MX(of.places, of.function(y, none))
+    of = equations.hessian
+    H = chain.T @ ca.MX(of.places, of.function(y, none, lam[m:] / scale)) @ chain
     bent = ca.reshape(curved.T @ (J[:, n:].T @ lam[m:]), K, K)
     return Part(
         weight * f,
         ca.vertcat(weight * gradient, ca.MX(K, 1)),
-        ca.vertcat(outer, equations.value(y, none) / scale),
+        ca.vertcat(outer, equations.value.function(y, none) / scale),
         ca.vertcat(ca.horzcat(outer_J, ca.MX(m, K)), J @ chain),
         H + ca.diagcat(outer_H, bent),
     )

@@ -18,10 +18,10 @@ from scipy.optimize import lsq_linear
 from model.arm import Arm
 from model.compliance import at_nodes
 from model.equilibrium.equilibrium import Collocated
+from model.equilibrium.forward import Collocation
 from model.equilibrium.newton import newton
 from model.equilibrium.stability import stability_slope, stands
 from model.errors import OctoplanError
-from model.forward import collocation_map
 from model.loads import contacts, is_loaded
 from model.obstacles import Obstacle
 from model.obstacles.bodies import Bodies
@@ -211,8 +211,8 @@ class Follower:
             if known is None or contacts(scene):
                 with limited(_LONG):
                     return settle(arm, tensions, scene, ACCURACY, compile=code, near=shape)
-            forward = collocation_map(arm, scene, shape.scheme, shape.refinement, (), code)
-            here = newton(forward.system, tensions, 1.0, forward.carried(tensions, known))
+            guess = Collocation.on(known.system).carried(tensions, known)
+            here = newton(known.system, tensions, 1.0, guess)
         except OctoplanError:
             return None
         if here is None or not stands(here):

@@ -119,7 +119,7 @@ class Objective:
             return ca.MX(0, 1)
         arm = self._arm
         all_poses = ca.vertcat(ca.DM(base_pose(arm)), ca.vec(poses))
-        return self._gaps.value(all_poses, p[self.n_own : -3]) / arm.length
+        return self._gaps.value.function(all_poses, p[self.n_own : -3]) / arm.length
 
     def with_gaps(self, rows: ca.MX, gaps: ca.MX) -> ca.MX:
         """Return rows (m,) of `function` and those of the gaps in their places."""

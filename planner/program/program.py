@@ -193,15 +193,15 @@ class Program:
     @cached_property
     def g(self) -> ca.MX:
         """All constraints; the equations of equilibrium come last."""
-        balance = self.equations.value(self.x * self.scale, self.p[self.parts.numbers])
+        balance = self.equations.value.function(self.x * self.scale, self.p[self.parts.numbers])
         return ca.vertcat(self.outer, balance / self.p[self.parts.row_scale])
 
     @cached_property
     def jacobian(self) -> ca.MX:
         """The Jacobian of g."""
-        function, places = self.equations.jacobian
+        of, places = self.equations.jacobian, self.equations.jacobian.places
         scale, row_scale = self.scale, self.p[self.parts.row_scale]
-        nonzeros = function(self.x * scale, self.p[self.parts.numbers])
+        nonzeros = of.function(self.x * scale, self.p[self.parts.numbers])
         row, column = places.row(), places.get_col()
         J = ca.MX(places, nonzeros * scale[column] / row_scale[row])
         return ca.vertcat(self.outer_jacobian, J)
@@ -209,10 +209,10 @@ class Program:
     @cached_property
     def hessian(self) -> ca.MX:
         """The Hessian of sigma f + lam . g."""
-        function, places = self.equations.hessian
+        of, places = self.equations.hessian, self.equations.hessian.places
         scale, row_scale = self.scale, self.p[self.parts.row_scale]
         m = self.outer.numel()
-        nonzeros = function(self.x * scale, self.p[self.parts.numbers], self.lam[m:] / row_scale)
+        nonzeros = of.function(self.x * scale, self.p[self.parts.numbers], self.lam[m:] / row_scale)
         row, column = places.row(), places.get_col()
         arguments = [self.x, self.p, self.sigma]
         outer = ca.Function("outer", [*arguments, self.outer_lam], [self.outer_hessian])
