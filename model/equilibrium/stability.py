@@ -22,7 +22,7 @@ from model.cross_section.law import CrossSection, moments
 from model.cross_section.sections import body_numbers
 from model.equilibrium.linearised import Index, Linearised, band
 from model.errors import SingularError
-from model.loads import is_loaded
+from model.loads import is_conservative, is_loaded
 from model.paths import Array
 from model.stations import stations
 from model.transcription.collocation import gauss
@@ -35,6 +35,9 @@ _SYMMETRIC = 1e-3
 # Of Arnoldi's method, vectors for each mode and restarts; and the tolerance of an eigenvalue alone,
 # whose error is the square of that where the Hessian is symmetric.
 _VECTORS, _RESTARTS, _CLOSE = 40, 10, 1e-6
+# How many more eigenvalues are looked at where they may be complex: the least real part need not be
+# that of the one nearest to a number below.
+_MORE = 8
 # No eigenvalue is looked for below this one.
 _LOWEST = -1e6
 
@@ -185,6 +188,7 @@ def _least(
 
     Those that are nearest to a number below them, by Arnoldi's method on the inverse of the
     equations with so much less stiffness; or of the whole matrix where many eigenvalues are one.
+    Where loads have no potential they may be complex, and more of them are looked at.
     """
     _, stiff = rest_stiffness(here.system)
     below, shifted = _shifted(here, stiff)
@@ -197,13 +201,14 @@ def _least(
 
     operator = LinearOperator((n, n), matvec=lambda bends: inverse(bends)[places], dtype=float)
     options = {"v0": np.ones(n), "ncv": min(_VECTORS * count, n), "maxiter": _RESTARTS}
+    more = 0 if is_conservative(here.system.scene) else _MORE
     try:
-        values, vectors = eigs(operator, count, tol=tolerance, **options)
+        values, vectors = eigs(operator, count + more, tol=tolerance, **options)
     except ArpackNoConvergence:
         values, vectors = np.linalg.eig(inverse(np.eye(n))[places])
-    order = np.argsort(-values.real)[:count]
-    values, bends = 1 / values[order].real, vectors[:, order].real
-    return values + below, bends * values, inverse
+    values = 1 / values
+    least = np.argsort(values.real)[:count]
+    return values[least].real + below, (vectors * values)[:, least].real, inverse
 
 
 def _shifted(here: Linearised, stiff: Array) -> tuple[float, Linearised]:

@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.linalg import eigvals
 
 from model import Anchorage, Arm, Linear, Scene, SnapError, settle
-from model.effects import Effect, Extension, TipLoad, Weight
+from model.effects import Contact, Effect, Extension, PointLoad, TipLoad, Weight
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.stability import stability, stability_slope, stands
+from model.equilibrium.stability import rest_stiffness, stability, stability_slope, stands
+from model.obstacles import Sphere
 from model.transcription.system import system
 from planner import stiffness
 from tests.stiffness.cases import STATICS, with_effects
@@ -136,3 +138,48 @@ def test_an_arm_stands_where_its_stability_is_above_0(scene: str) -> None:
         seen.append((stands(Linearised(here, x)), stability(Linearised(here, x)) > 0))
     assert all(one == other for one, other in seen)
     assert 5 < sum(one for one, _ in seen) < 25
+
+
+@pytest.mark.parametrize("follows", [0.0, 0.2, 0.4])
+@pytest.mark.parametrize("share", [0.5, 0.95, 1.5])
+def test_a_column_whose_load_follows_in_part_diverges_as_kordas_and_zyczkowski_have_it(
+    follows: float, share: float
+) -> None:
+    # theta'' = -P / EJ (theta - follows theta(L)), theta(0) = theta'(L) = 0 (Archiwum Mechaniki
+    # Stosowanej 15, 1963): divergence at P L^2 / EJ = arccos(-follows / (1 - follows))^2.
+    critical = np.arccos(-follows / (1 - follows)) ** 2 * EJ / L**2
+    dead, follower = ((-part * share * critical, 0.0, 0.0) for part in (1 - follows, follows))
+    here = straight(PointLoad(L, dead), TipLoad(follower, follower=True))
+    assert stability(here) == pytest.approx(1 - share, abs=1e-5)
+    assert stands(here) == (share < 1)
+
+
+@pytest.mark.quick("0.6-silicone")
+@pytest.mark.parametrize("statics", ["exact", "silicone"])
+@pytest.mark.parametrize("pull", [0.2, 0.6])
+def test_stability_under_followers_is_the_least_real_part_of_differences(
+    statics: str, pull: float
+) -> None:
+    # Some eigenvalues are complex; a Jacobian by differences, and eigenvalues of the whole.
+    T = np.random.default_rng(2).uniform(0, pull, 12) * np.repeat([0.3, 1, 3], 4)
+    follower = TipLoad((0.01, 0.02, -0.01), (0.0, 1e-4, 0.0), follower=True)
+    scene = with_effects(STATICS[statics], follower, PointLoad(0.2, (0.0, 0.02, 0.0)))
+    shape = settle(Arm.from_paper("table-4"), T, scene, 1e-4)
+    here = shape.known
+    assert here is not None
+    of, steps = here.system.of, 1e-7 * np.eye(here.x.size)[here.system.of.first :]
+    residual = here.system.residual
+    J = [(residual(here.x + step) - residual(here.x - step)) / 2e-7 for step in steps]
+    B = np.zeros(of.n_states)
+    B[of.stages.ravel()] = rest_stiffness(here.system)[1]
+    values = eigvals(np.column_stack(J), np.diag(B))
+    finite = values[np.abs(values) < 1e6]
+    assert shape.stability == pytest.approx(finite.real.min(), abs=1e-5)
+
+
+def test_the_stability_of_an_arm_that_may_touch_something_is_the_least_of_several_below_0() -> None:
+    # Beyond nine times Euler's load the second mode buckles too, at 1 - 12 / 9.
+    far = Contact(Sphere((0.0, 1.0, 0.0), 0.1))
+    for share in (0.5, 4.0, 12.0):
+        assert stability(straight(axial(share), far)) == pytest.approx(1 - share, abs=1e-6)
+        assert stands(straight(axial(share), far)) == (share < 1)
