@@ -11,8 +11,7 @@ from model.contact.forward import TouchingMap
 from model.effects import Contact, TipLoad
 from model.obstacles import Capsule
 from tests.contact.cases import bar
-from tests.contact.checks import complementarity, imbalance
-from tests.contact.queries import query
+from tests.contact.queries import complementarity, imbalance, query
 
 
 def ending(seed: int) -> str:

@@ -7,8 +7,7 @@ from model import Arm, Scene, settle
 from model.effects import Contact, ExactTendons, Extension, PointLoad, Shear, TipLoad, Weight
 from model.obstacles import Box, Capsule, Obstacle, Sphere
 from tests.contact.cases import bar, distance, stiffness
-from tests.contact.checks import imbalance
-from tests.contact.queries import Query
+from tests.contact.queries import Query, imbalance
 from tests.lengths.cases import check_complementary
 from tests.oracles import Rod, RodSection, linear
 

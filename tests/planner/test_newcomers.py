@@ -148,6 +148,97 @@ FILES: dict[str, tuple[str, str]] = {
 }
 
 
+EFFECTS: dict[str, tuple[str, str]] = {
+    "unknown effect": ("wieght = {}", 'effects.wieght: no such key; did you mean "weight"?'),
+    "unknown key": ("weight = { gravity = [0, 0, 1] }", "effects.weight"),
+    "unknown key of a point load": (
+        "point_loads = [{ s = 0.1, force = [0, 0, 1] }]",
+        "effects.point_loads[0]",
+    ),
+    "switch in place of a table": ("weight = true", "effects.weight"),
+    "table in place of a switch": ("extension = {}", "effects.extension"),
+    "number in place of a table": ("friction = 0.1", "effects.friction"),
+    "number in place of a switch": ("exact_tendons = 1", "effects.exact_tendons"),
+    "number in place of a vector": ("weight = { g = 9.81 }", "effects.weight.g"),
+    "words in place of a number": (
+        "weight = {}\nbuoyancy = { density = 'brine' }",
+        "effects.buoyancy.density",
+    ),
+    "words in a vector": (
+        "tip_load = { force = [0, 0, 'down'] }",
+        "effects.tip_load.force[2]",
+    ),
+    "number in place of a truth": (
+        "tip_load = { force = [0, 0, 1], follower = 1 }",
+        "effects.tip_load.follower",
+    ),
+    "table in place of a list": (
+        "point_loads = { s_mm = 1, force = [0, 0, 1] }",
+        "effects.point_loads",
+    ),
+    "a way between in and out": ("friction = { mu = 0.1, direction = 0.5 }", "effects.friction"),
+    "no velocity": ("current = { density = 1.2 }", "effects.current"),
+    "no roughness": ("friction = {}", "effects.friction"),
+    "no place": ("point_loads = [{ force = [0, 0, 1] }]", "effects.point_loads[0]"),
+    "no force": (
+        "point_loads = [{ s_mm = 1, force = [0, 0, 1] }, { s_mm = 2 }]",
+        "effects.point_loads[1]",
+    ),
+    "negative density of a fluid": (
+        "weight = {}\nbuoyancy = { density = -1 }",
+        "effects.buoyancy.density: got -1",
+    ),
+    "negative density of a stream": (
+        "current = { velocity = [0, 0, 1], density = -1 }",
+        "effects.current.density: got -1",
+    ),
+    "negative drag": (
+        "current = { velocity = [0, 0, 1], coefficient = -0.1 }",
+        "effects.current.coefficient: got -0.1",
+    ),
+    "negative roughness": ("friction = { mu = -0.1 }", "effects.friction.mu: got -0.1"),
+    "a direction of 2": (
+        "friction = { mu = 0.1, direction = 2 }",
+        "effects.friction.direction: got 2, allowed is one of 1, -1",
+    ),
+    "no shear stiffness": ("shear = { k_s = 0 }", "effects.shear.k_s: got 0"),
+    "a plane vector": (
+        "weight = { g = [0, -9.81] }",
+        "effects.weight.g: got [0, -9.81], allowed is a list of 3",
+    ),
+    "a vector not finite": (
+        "tip_load = { moment = [0, nan, 0] }",
+        "effects.tip_load.moment: got [0, nan, 0]",
+    ),
+    "a velocity not finite": (
+        "current = { velocity = [0, inf, 0] }",
+        "effects.current.velocity: got [0, inf, 0]",
+    ),
+    "a place before the base": (
+        "point_loads = [{ s_mm = -1, force = [0, 0, 1] }]",
+        "effects.point_loads[0].s_mm: got -1",
+    ),
+    "two loads at a place": (
+        "point_loads = [{ s_mm = 1, force = [0, 0, 1] }, { s_mm = 1, force = [0, 1, 0] }]",
+        "once at a place",
+    ),
+    "buoyancy without weight": ("buoyancy = {}", "Buoyancy with Weight"),
+    "rubber without extension": ("exact_tendons = true\nneo_hookean = true", "with Extension"),
+    "shift without rubber": ("anticlastic = true", "effects.anticlastic"),
+    "a load as printed": ("as_printed = true\nweight = {}", "written without loads"),
+    "a place beyond the arm": (
+        "point_loads = [{ s_mm = 310.1, force = [0, 0, 1] }]",
+        "effects.point_loads[0].s_mm: got 310.1, allowed",
+    ),
+    "directions of another arm": (
+        "friction = { mu = 0.1, direction = [1, -1] }",
+        "effects.friction.direction: got [1, -1]",
+    ),
+}
+TABLE_2 = "[arm]\npreset = 'table-2'\n[effects]\n"
+FILES |= {f"effects: {name}": (TABLE_2 + table, told) for name, (table, told) in EFFECTS.items()}
+
+
 @pytest.mark.parametrize(("text", "told"), FILES.values(), ids=FILES)
 def test_a_mistake_in_a_file_is_told_in_a_line(
     text: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -14,10 +14,25 @@ import pytest
 
 import model.effects
 import planner.targets
-from model import Anchorage, Arm, Linear, Material, RestCurvature, Sampled
+from model import Anchorage, Arm, Linear, Material, RestCurvature, Sampled, Scene
 from model.arm import PAPER_ARMS
-from model.effects import Effect
+from model.effects import (
+    Buoyancy,
+    Current,
+    Effect,
+    ExactTendons,
+    Extension,
+    Friction,
+    NeoHookean,
+    PointLoad,
+    PointMass,
+    PrintedStatics,
+    Shear,
+    TipLoad,
+    Weight,
+)
 from model.errors import FileError
+from model.obstacles import Sphere
 from planner.io.arm_tables import ArmTable, Preset
 from planner.io.object_tables import TargetTable
 from planner.io.scene_file import load, read
@@ -27,6 +42,7 @@ from planner.targets import (
     Bend,
     BendingPlane,
     Fetch,
+    Hold,
     MinimumStiffness,
     Softest,
     Stiffest,
@@ -65,6 +81,11 @@ TARGETS: dict[str, tuple[str, Target]] = {
         "type = 'fetch-reach'\nmouth_mm = [0, 0, -50]\nbend_deg = 45\nplane_deg = 180",
         Fetch.reach((0.0, 0.0, -0.05), np.radians(45.0), np.pi),
     ),
+    "hold": (
+        "type = 'hold'\nforce = [0, 0, 0.02]\nfriction = 0.5\n"
+        "obstacle = { type = 'sphere', center_mm = [200, 0, -40], radius_mm = 20 }",
+        Hold(Sphere((0.2, 0.0, -0.04), 0.02), (0.0, 0.0, 0.02), 0.5),
+    ),
     "stiff": (
         "type = 'minimum-stiffness'\ndirection = [0, 0, 2]\nvalue = 0.5\nhold = 'length'\n"
         "tendon_EA = 100",
@@ -87,6 +108,73 @@ def test_a_target_table_is_a_target(table: str, target: Target) -> None:
     text = f"{TABLE_2}[target]\n{table}"
     assert read(text.encode()).targets == (target,)
     VALIDATOR.validate(tomllib.loads(text))
+
+
+EFFECTS: dict[str, tuple[str, tuple[Effect, ...]]] = {
+    "nothing": ("", ()),
+    "extension": ("extension = true", (Extension(),)),
+    "extension not enabled": ("extension = false", ()),
+    "exact tendons": ("exact_tendons = true", (ExactTendons(),)),
+    "rubber": (
+        "extension = true\nexact_tendons = true\nneo_hookean = true",
+        (Extension(), ExactTendons(), NeoHookean()),
+    ),
+    "rubber, anticlastic": (
+        "extension = true\nexact_tendons = true\nneo_hookean = true\nanticlastic = true",
+        (Extension(), ExactTendons(), NeoHookean(True)),
+    ),
+    "as printed": ("as_printed = true", (Extension(), PrintedStatics())),
+    "shear": ("shear = {}", (Shear(),)),
+    "shear, corrected": ("shear = { k_s = 0.9 }", (Shear(0.9),)),
+    "weight": ("weight = {}", (Weight(),)),
+    "weight elsewhere": ("weight = { g = [0, -1.62, 0] }", (Weight((0.0, -1.62, 0.0)),)),
+    "buoyancy": ("weight = {}\nbuoyancy = {}", (Weight(), Buoyancy())),
+    "buoyancy in brine": (
+        "weight = {}\nbuoyancy = { density = 1025 }",
+        (Weight(), Buoyancy(1025.0)),
+    ),
+    "tip load": (
+        "tip_load = { force = [0.001, 0, -0.002], moment = [0, 1e-5, 0] }",
+        (TipLoad((0.001, 0.0, -0.002), (0.0, 1e-5, 0.0)),),
+    ),
+    "follower": (
+        "tip_load = { force = [0, 0.001, 0], follower = true }",
+        (TipLoad((0.0, 0.001, 0.0), follower=True),),
+    ),
+    "point loads": (
+        "[[effects.point_loads]]\ns_mm = 225\nforce = [0, 0, -0.005]\n"
+        "[[effects.point_loads]]\ns_mm = 100.5\nforce = [0.001, 0, 0]",
+        (PointLoad(0.225, (0.0, 0.0, -0.005)), PointLoad(0.1005, (0.001, 0.0, 0.0))),
+    ),
+    "a mass": (
+        "weight = {}\n[[effects.point_masses]]\ns_mm = 225\nmass_g = 2\n"
+        "[[effects.point_masses]]\ns_mm = 225\nmass_g = 3\noffset_mm = [0, 12, -1]",
+        (Weight(), PointMass(0.225, 0.002), PointMass(0.225, 0.003, (0.0, 0.012, -0.001))),
+    ),
+    "current": ("current = { velocity = [0, 0, 0.1] }", (Current((0.0, 0.0, 0.1)),)),
+    "current of air": (
+        "[effects.current]\nvelocity = [0, 3, 0]\ndensity = 1.2\ncoefficient = 1.0",
+        (Current((0.0, 3.0, 0.0), 1.2, 1.0),),
+    ),
+    "friction": ("friction = { mu = 0.1 }", (Friction(0.1),)),
+    "friction, paying out": ("friction = { mu = 0.1, direction = -1 }", (Friction(0.1, -1),)),
+    "friction, each its own": (
+        "friction = { mu = 0.1, direction = [1, -1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1] }",
+        (Friction(0.1, (1, -1, *([1] * 10))),),
+    ),
+}
+
+
+@pytest.mark.parametrize(("table", "effects"), EFFECTS.values(), ids=EFFECTS)
+def test_a_table_of_a_scene_file_is_an_effect(table: str, effects: tuple[Effect, ...]) -> None:
+    assert read((TABLE_2 + "[effects]\n" + table).encode()).scene == Scene(*effects)
+
+
+def test_tables_of_all_effects_together_are_a_scene() -> None:
+    loads = ("shear", "buoyancy in brine", "tip load", "current", "friction", "rubber")
+    text = "\n".join(EFFECTS[name][0] for name in (*loads, "point loads"))
+    wanted = [effect for name in (*loads, "point loads") for effect in EFFECTS[name][1]]
+    assert read((TABLE_2 + "[effects]\n" + text).encode()).scene == Scene(*wanted)
 
 
 def test_targets_combine() -> None:
@@ -223,6 +311,7 @@ BROKEN = {
     "no type of target": TABLE_2 + "[target]\nposition_mm = [1, 2, 3]",
     "a position in a plane": TABLE_2 + "[target]\ntype = 'tip-position'\nposition_mm = [1, 2]",
     "no density": TABLE_2 + "[effects]\nweight = {}\nbuoyancy = { density = -1 }",
+    "a grip without friction": TABLE_2 + f"[target]\n{TARGETS['hold'][0]}".replace("0.5", "-0.5"),
     "a way between": TABLE_2 + "[effects]\nfriction = { mu = 0.1, direction = 0.5 }",
 }
 
