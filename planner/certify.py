@@ -66,7 +66,7 @@ def certify(
 
     `settled` returns the shape, ten times as accurate as the tolerance.
     """
-    excess, printed = _excess(tensions, limits), scene.has(PrintedStatics)
+    excess, printed = tension_excess(tensions, limits), scene.has(PrintedStatics)
     scheme = _PRINTED if printed else SCHEME.name
     tell("verifying by initial value integration")
     try:
@@ -117,7 +117,7 @@ def _held(targets: tuple[Target, ...], shape: Shape) -> dict[str, Array]:
     return {WRENCH: np.concatenate(rows)} if rows else {}
 
 
-def _excess(tensions: Array, limits: Limits) -> float:
+def tension_excess(tensions: Array, limits: Limits) -> float:
     """Return the largest violation of a limit of tensions [N]."""
     low, high = np.array(limits.lower), np.array(limits.upper)
     excess = max(float((low - tensions).max()), float((tensions - high).max()), 0.0)

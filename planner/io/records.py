@@ -192,7 +192,11 @@ class TrajectoryRecord(Record, kw_only=True):
     ]
     stops: Annotated[list[int], Meta(description="at which of the times each target is met")]
     reached: list[bool]
-    certificate: dict[str, Any]
+    certificate: Annotated[
+        dict[str, Any],
+        Meta(description="what the check found, see MotionCertificate"),
+        By(lambda motion: motion.certificate.numbers),
+    ]
 
 
 class EffectRecord(msgspec.Struct, kw_only=True):

@@ -110,8 +110,11 @@ COLD: Options = {"max_iter": 60, "mu_init": 0.1, "bound_push": 5e-3, "bound_frac
 # What is found is polished. A barrier parameter that follows the iterates takes a quarter fewer of
 # them.
 _ROUGH: Options = {"mu_strategy": "adaptive", "tol": 1e-6, "constr_viol_tol": 1e-6}
-# Of several programs side by side, where no other guess is cheaper.
-TOGETHER: Options = COLD | _ROUGH | {"max_iter": 300}
+# Of several programs side by side, where no other guess is cheaper: from an optimum of each by
+# itself, so that the barrier begins lower, and falls step by step.
+TOGETHER: Options = (
+    COLD | _ROUGH | {"mu_strategy": "monotone", "tol": 1e-7, "mu_init": 1e-2, "max_iter": 300}
+)
 WARM: Options = {
     "mu_init": 1e-6,
     "warm_start_init_point": "yes",

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
 from model.errors import OctoplanError
 from model.loads import contacts, is_loaded
-from model.mesh import FINEST_ACCURACY
-from model.paths import Array
-from model.settle import settle
 from model.shape import Shape
 from model.text import in_notebook
 from planner.certificate import Certificate
-from planner.measure import compliances_along, measure
-from planner.program.terms import stations_of
+from planner.certify import certify, tension_excess
 from planner.targets.base import Target
 from planner.trajectory.clear import between
 from planner.trajectory.question import Question
 from planner.trajectory.timed import Timed
-from planner.trajectory.touching import certified_touching
 
 # Rounding, over a limit.
 _ROUNDING = 1e-9
@@ -46,10 +43,9 @@ class MotionCertificate:
 
     Attributes
     ----------
-    residuals : (M,)
-        The largest residual of what has to be met at each target; lengths over the arm's length.
-    inequalities : (M,)
-        The least of what has to be 0 or above there.
+    at_targets : (M,)
+        The certificates of the waypoints at which targets are met, as plans have them: by another
+        integrator.
     bounds : float
         Largest violation of a tension limit [N]; between waypoints there is none beyond theirs.
     rate : float
@@ -67,19 +63,13 @@ class MotionCertificate:
     step : float
         Under loads the largest of these steps: how far places of the arm go at the most between two
         shapes that were compared [m]; 0 where clearance is proven.
-    tolerance : float
-        What residuals are held to.
-    contact : tuple of str
-        What does not pass in the certificates of waypoints in contact, besides targets and limits:
-        complementarity, stability, balance.
     jumps : tuple of int
-        Waypoints, from 0 where the motion begins, on the way to which the arm jumps.
+        Waypoints, from 0 where the motion begins, on the way to which an arm in contact jumps.
     problem : str
         Why the check could not be made, if so.
     """
 
-    residuals: tuple[float, ...] = ()
-    inequalities: tuple[float, ...] = ()
+    at_targets: tuple[Certificate, ...] = ()
     bounds: float = np.inf
     rate: float = np.inf
     stroke_rate: float = 0.0
@@ -88,30 +78,43 @@ class MotionCertificate:
     clearance: float = np.inf
     nearest: float = 0.0
     step: float = 0.0
-    tolerance: float = 1e-6
-    contact: tuple[str, ...] = ()
     jumps: tuple[int, ...] = ()
     problem: str = ""
 
     @property
+    def residuals(self) -> tuple[float, ...]:
+        """The largest residual of what has to be met at each target; lengths over the arm's."""
+        each = ((*one.equality.values(), *one.soft_residual.values()) for one in self.at_targets)
+        return tuple(max(sizes, default=0.0) for sizes in each)
+
+    @property
+    def inequalities(self) -> tuple[float, ...]:
+        """The least of what has to be 0 or above at each target."""
+        return tuple(min(one.inequality.values(), default=0.0) for one in self.at_targets)
+
+    @property
     def reached(self) -> tuple[bool, ...]:
         """Which targets are met."""
-        pairs = zip(self.residuals, self.inequalities, strict=True)
-        return tuple(size <= self.tolerance and least >= -self.tolerance for size, least in pairs)
+        each = zip(self.residuals, self.inequalities, self.at_targets, strict=True)
+        return tuple(size <= of.tolerance and least >= -of.tolerance for size, least, of in each)
 
     @property
     def failures(self) -> tuple[str, ...]:
         """What did not pass, a sentence each."""
-        if self.problem:
-            return (self.problem,)
+        problems = (self.problem, *(one.problem for one in self.at_targets))
+        if any(problems):
+            return (next(filter(None, problems)),)
         missed = [i for i, met in enumerate(self.reached) if not met]
         sentences = [f"target {i} is off by {self.residuals[i]:.2g}" for i in missed[:3]]
+        for i, one in enumerate(self.at_targets):
+            # Targets and limits are told of already.
+            kept = replace(one, equality={}, soft_residual={}, inequality={}, bounds=0.0)
+            sentences += [f"at target {i} {failure}" for failure in kept.failures]
         if self.bounds > 0:
             sentences.append(f"a tension limit is violated by {self.bounds:.2g} N")
         for name, _, words, allowed in _RATIOS:
             if getattr(self, name) > 1 + allowed:
                 sentences.append(f"{words} is {getattr(self, name):.4g} times its limit")
-        sentences += self.contact
         if self.jumps:
             places = ", ".join(map(str, self.jumps))
             sentences.append(f"the arm jumps on its way to waypoint {places}")
@@ -137,6 +140,13 @@ class MotionCertificate:
         rows = [(name, f"{value:.3g}") for name, value in numbers.items()]
         return [("targets met", f"{sum(self.reached)} of {len(self.reached)}"), *rows]
 
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """What it found, by name, for files."""
+        each = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "at_targets"}
+        names = "residuals", "inequalities", "failures"
+        return {name: getattr(self, name) for name in names} | each
+
     def _repr_html_(self) -> str:
         return in_notebook(self)
 
@@ -146,91 +156,48 @@ class MotionCertificate:
         return "\n".join(lines + [f"  failed: {failure}" for failure in self.failures])
 
 
-def certify_motion(question: Question, way: Timed, met: tuple[int, ...]) -> MotionCertificate:
-    """Check a motion whose targets are met at some of its waypoints."""
-    low, high = np.array(question.limits.lower), np.array(question.limits.upper)
-    tensions = way.tensions[1:]
-    excess = max(float((low - tensions).max()), float((tensions - high).max()), 0.0)
-    if question.limits.total is not None:
-        over = float(tensions.sum(axis=1).max()) - question.limits.total * (1 + _ROUNDING)
-        excess = max(excess, over)
-    steps = np.abs(np.diff(way.tensions, axis=0)) / question.rates.tension
-    pace = np.array([law.speeds.max() for law in way.laws])
-    limits = MotionCertificate(bounds=excess, rate=float((steps.max(axis=1) * pace).max()))
-    if contacts(question.scene):
-        return _touching(question, way, met, limits)
-    try:
-        pairs = zip(question.targets, met, strict=True)
-        measured = [_measured(question, targets, way.tensions[stop]) for targets, stop in pairs]
-        stroke_rate, stroke_acceleration, tip = _paces(question, way)
-    except OctoplanError as reason:
-        return replace(limits, problem=str(reason))
-    limits = replace(limits, stroke_rate=stroke_rate, stroke_acceleration=stroke_acceleration)
-    if question.surroundings:
-        kept = between(question.lines(), way, question.surroundings)
-        k = int(np.argmin(kept.bound))
-        limits = replace(
-            limits,
-            clearance=float(kept.bound[k]),
-            nearest=float(kept.when[k]),
-            step=kept.step if is_loaded(question.scene) else 0.0,
-        )
-    return replace(
-        limits,
-        residuals=tuple(largest for largest, _ in measured),
-        inequalities=tuple(least for _, least in measured),
-        tip_acceleration=tip,
-        tolerance=question.accuracy,
-    )
-
-
-def _touching(
-    question: Question, way: Timed, met: tuple[int, ...], limits: MotionCertificate
+def certify_motion(
+    question: Question, way: Timed, met: tuple[int, ...], settled: Callable[[], tuple[Shape, ...]]
 ) -> MotionCertificate:
-    """Return the certificate of a motion in contact, of which limits and rates are checked."""
+    """Check a motion whose targets are met at some of its waypoints.
+
+    `settled` returns the shapes at the waypoints, each near the one before.
+    """
+    rates, touching = question.rates, contacts(question.scene)
+    steps = np.abs(np.diff(way.tensions, axis=0)) / rates.tension
+    pace = np.array([law.speeds.max() for law in way.laws])
+    result = MotionCertificate(
+        bounds=max(tension_excess(T, question.limits) for T in way.tensions[1:]),
+        rate=float((steps.max(axis=1) * pace).max()),
+    )
     try:
-        certificates, jumps = certified_touching(question, way.tensions, met)
+        shapes = settled()
+        paces = way.largest / (rates.stroke, rates.acceleration, rates.tip_acceleration)
     except OctoplanError as reason:
-        return replace(limits, problem=str(reason))
-    sizes = [[*one.equality.values(), *one.soft_residual.values()] for one in certificates]
-    problem = next((one.problem for one in certificates if one.problem), "")
+        return replace(result, problem=str(reason))
+    pairs = zip(question.targets, met, strict=True)
+    result = replace(
+        result,
+        at_targets=tuple(_at_target(question, targets, shapes[stop]) for targets, stop in pairs),
+        stroke_rate=float(paces[0]),
+        stroke_acceleration=float(paces[1]),
+        tip_acceleration=float(paces[2]),
+        jumps=tuple(k for k, shape in enumerate(shapes) if k and shape.snaps),
+    )
+    if touching or not question.surroundings:
+        return result
+    kept = between(question.lines(), way, question.surroundings)
+    k = int(np.argmin(kept.bound))
     return replace(
-        limits,
-        residuals=tuple(max(one, default=0.0) for one in sizes),
-        inequalities=tuple(min(one.inequality.values(), default=0.0) for one in certificates),
-        tolerance=question.accuracy,
-        contact=tuple(
-            f"at target {i} {why}" for i, one in enumerate(certificates) for why in _of_contact(one)
-        ),
-        jumps=jumps,
-        problem=problem,
+        result,
+        clearance=float(kept.bound[k]),
+        nearest=float(kept.when[k]),
+        step=kept.step if is_loaded(question.scene) else 0.0,
     )
 
 
-def _of_contact(certificate: Certificate) -> tuple[str, ...]:
-    """Return what fails at a waypoint besides its targets and limits of tensions."""
-    kept = replace(certificate, equality={}, soft_residual={}, inequality={}, bounds=0.0)
-    return () if certificate.problem else kept.failures
-
-
-def _measured(question: Question, targets: tuple[Target, ...], T: Array) -> tuple[float, float]:
-    """Return the largest residual and the least inequality of targets under tensions."""
-    arm = question.arm
-    fine = max(question.accuracy / 10, FINEST_ACCURACY)
-    shape: Shape = settle(arm, T, question.scene, fine, compile=question.machine_code)
-    poses = shape.poses(np.array(stations_of(arm, targets)))
-    equality, soft_residual, inequality = measure(
-        arm, targets, poses, compliances_along(arm, targets, shape)
-    )
-    sizes = [np.abs(v).max(initial=0.0) for v in (*equality.values(), *soft_residual.values())]
-    least = [np.min(v) for v in inequality.values()]
-    return float(max(sizes, default=0.0)), float(min(least, default=0.0))
-
-
-def _paces(question: Question, way: Timed) -> tuple[float, float, float]:
-    """Return the largest rate and acceleration of a stroke, and of the tip, over their limits."""
-    rates = question.rates
-    if not (rates.of_strokes or rates.at_rest):
-        return 0.0, 0.0, 0.0
-    over = way.largest / (rates.stroke, rates.acceleration, rates.tip_acceleration)
-    return float(over[0]), float(over[1]), float(over[2])
+def _at_target(question: Question, targets: tuple[Target, ...], shape: Shape) -> Certificate:
+    """Return the certificate of a waypoint, of which optimality is not asked."""
+    T, accuracy = shape.tensions, question.accuracy
+    arguments = question.arm, question.scene, targets, question.limits, T, lambda: shape
+    return certify(*arguments, 0.0, accuracy)

@@ -22,9 +22,10 @@ from model.paths import Array
 from planner.avoidance.asked import Surroundings
 from planner.avoidance.places import near_places, updated, watched_places
 from planner.avoidance.rows import Avoidance, Place
+from planner.trajectory.program import Waypoint
 from planner.trajectory.question import Question
 from planner.trajectory.timed import Timed
-from planner.trajectory.waypoints import Waypoint, Waypoints
+from planner.trajectory.waypoints import Waypoints
 
 _ROUNDS = 20
 # Shares of the way where a further waypoint parts it.

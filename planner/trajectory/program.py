@@ -25,10 +25,13 @@ from scipy.sparse import csc_array, vstack
 
 from model.paths import Array
 from model.time_limit import check_time
-from planner.program.problem import Bounds, Problem
+from planner.avoidance.rows import Avoidance
+from planner.program.problem import Bounds, Problem, units
 from planner.program.program import Program
 from planner.solve.ipopt import TOGETHER, WARM, Solution, derivatives
 from planner.solve.side_by_side import Part, SideBySide, joined
+from planner.targets.base import Target
+from planner.trajectory.question import Question
 
 Counts = NDArray[np.int64]
 # Of effort over time, where time is made least; where effort is, of that over time beyond what is
@@ -42,9 +45,30 @@ _functions: WeakKeyDictionary[Program, dict[str, ca.Function]] = WeakKeyDictiona
 
 
 @dataclass(frozen=True, eq=False)
+class Waypoint:
+    """A place of a motion: the targets there, if any, tensions (n_tendons,) [N], inequalities.
+
+    `fraction` is that of the time between two targets in which the arm goes there from the waypoint
+    before.
+    """
+
+    targets: tuple[Target, ...]
+    tensions: Array
+    avoidance: Avoidance | None = None
+    fraction: float = 1.0
+
+    @property
+    def stated(self) -> tuple[Target, ...]:
+        """The targets of its program."""
+        rows = self.avoidance is not None and bool(self.avoidance.rows)
+        return (*self.targets, self.avoidance) if rows else self.targets  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, eq=False)
 class Stop:
     """A waypoint as a program of its own, with its parameters and bounds."""
 
+    waypoint: Waypoint
     problem: Problem
     p: Array
     bounds: Bounds
@@ -53,37 +77,6 @@ class Stop:
     def program(self) -> Program:
         """Its structure."""
         return self.problem.program
-
-
-@dataclass(frozen=True, eq=False)
-class Coupling:
-    """What couples waypoints.
-
-    Attributes
-    ----------
-    start, start_lengths : (n_tendons,)
-        Tensions [N] and lengths of tendons [m] where the motion begins.
-    unit : (n_tendons,)
-        What one unit of each tension is worth [N].
-    rate : (n_tendons,)
-        Of tensions [N/s]; may be infinite.
-    stroke : float
-        Rate of lengths [m/s]; may be infinite.
-    group, fractions : (N,)
-        The target to which each waypoint leads; of the time to it, the fraction in which the arm
-        goes there from the waypoint before.
-    steps : (M,) or None
-        The time that is given from target to target [s]; then effort is made least, else time.
-    """
-
-    start: Array
-    start_lengths: Array
-    unit: Array
-    rate: Array
-    stroke: float
-    group: Counts
-    fractions: Array
-    steps: Array | None
 
 
 class MotionProgram:
@@ -95,11 +88,16 @@ class MotionProgram:
         Where it begins: the unknowns of each waypoint, then the durations, scaled.
     """
 
-    def __init__(self, stops: Sequence[Stop], coupling: Coupling, guess: Sequence[Array]) -> None:
-        self.stops, self.coupling = stops, coupling
+    def __init__(self, question: Question, stops: Sequence[Stop], guess: Sequence[Array]) -> None:
+        self.question, self.stops = question, stops
+        waypoints = [stop.waypoint for stop in stops]
+        # The target to which each leads, and its part of the time to it.
+        self._group = np.cumsum([0, *(bool(waypoint.targets) for waypoint in waypoints[:-1])])
+        self._fractions = np.array([waypoint.fraction for waypoint in waypoints])
         self.ends = np.cumsum([0, *(stop.program.size for stop in stops)]).tolist()
+        self._limited = self._changes()
         values = [stop.program.evaluate(x, stop.p).f for stop, x in zip(stops, guess, strict=True)]
-        effort, needed, steps = float(np.sum(values)), self._needed(guess), coupling.steps
+        effort, needed, steps = float(np.sum(values)), self._needed(guess), question.steps
         if steps is not None:
             needed = np.maximum(needed, steps)
         self.least = np.zeros(needed.size) if steps is None else steps
@@ -134,32 +132,33 @@ class MotionProgram:
 
     def _changes(self) -> list[tuple[Counts, Array, Array]]:
         """Return what has limited rates: places (N, m) in x, scaled values at the start, rates."""
-        of, begins = self.coupling, np.array(self.ends[:-1])[:, None]
-        finite = np.flatnonzero(np.isfinite(of.rate))
-        unit = of.unit[finite]
-        changes = [(begins + finite, of.start[finite] / unit, of.rate[finite] / unit)]
-        if np.isfinite(of.stroke):
-            L, n = self.stops[0].problem.arm.length, of.unit.size
+        question, begins = self.question, np.array(self.ends[:-1])[:, None]
+        rates, unit = question.rates, units(question.arm, question.limits)
+        rate = np.array(rates.tension)
+        j = np.flatnonzero(np.isfinite(rate))
+        changes = [(begins + j, question.start[j] / unit[j], rate[j] / unit[j])]
+        if np.isfinite(rates.pace):
+            L, n = question.arm.length, unit.size
             first = np.array([[stop.program.blocks.lengths.start] for stop in self.stops])
+            lengths = question.lines().lengths(question.start)
             places = begins + first + np.arange(n)
-            changes.append((places, of.start_lengths / L, np.full(n, of.stroke / L)))
+            changes.append((places, lengths / L, np.full(n, rates.pace / L)))
         return changes
 
     def _needed(self, guess: Sequence[Array]) -> Array:
         """Return the least durations (M,) of unknowns of the waypoints [s]."""
-        x, of = np.concatenate(guess), self.coupling
-        needed = np.zeros(of.group[-1] + 1)
-        for places, start, rate in self._changes():
+        x, needed = np.concatenate(guess), np.zeros(self._group[-1] + 1)
+        for places, start, rate in self._limited:
             steps = np.abs(np.diff(x[places], axis=0, prepend=start[None])) / rate
-            np.maximum.at(needed, of.group, steps.max(axis=1, initial=0.0) / of.fractions)
+            np.maximum.at(needed, self._group, steps.max(axis=1, initial=0.0) / self._fractions)
         return needed
 
     def _coupled(self) -> tuple[csc_array, Array]:
         """Return the matrix of the rows that couple waypoints, and what these are at most."""
-        of, size = self.coupling, self.ends[-1]
-        durations, fractions = size + of.group[:, None], self.unit * of.fractions[:, None]
+        size, fractions = self.ends[-1], self.unit * self._fractions[:, None]
+        durations = size + self._group[:, None]
         parts, most = [csc_array((0, size + self.least.size))], [np.zeros(0)]
-        for places, start, rate in self._changes():
+        for places, start, rate in self._limited:
             rows = np.arange(places.size).reshape(places.shape)
             ones = np.ones(places.shape)
             shape = (places.size, size + self.least.size)

@@ -14,8 +14,11 @@ from model.arm import Arm
 from model.checks import finite_array, positive
 from model.clearance.lines import Lines
 from model.errors import FileError, InputError
+from model.mesh import FINEST_ACCURACY
 from model.paths import Array
 from model.scene import Scene
+from model.settle import settle
+from model.shape import Shape
 from model.units import STROKE, warn_unusual
 from planner.avoidance.asked import Surroundings
 from planner.avoidance.rows import Avoidance
@@ -148,6 +151,11 @@ class Question:
             **self.limits.keywords,
             **self.wider.keywords,
         )
+
+    def shape(self, T: Array, near: Shape | None = None) -> Shape:
+        """Return the settled shape under tensions (n_tendons,), near another if one is given."""
+        fine = max(self.accuracy / 10, FINEST_ACCURACY)
+        return settle(self.arm, T, self.scene, fine, compile=self.machine_code, near=near)
 
     def lines(self) -> Lines:
         """Return centrelines by tensions, under loads each near the one before."""

@@ -15,7 +15,6 @@ from model.effects import Buoyancy
 from model.errors import InputError
 from model.loads import contacts
 from model.paths import Array
-from model.settle import settle
 from model.shape import Shape
 from model.stiffness import stiffness
 from model.text import in_notebook, plotted
@@ -81,9 +80,12 @@ class Trajectory:
     @cached_property
     def shapes(self) -> tuple[Shape, ...]:
         """The settled shapes at the times."""
-        if contacts(self.question.scene):
-            return shapes_along(self.question, self.flat)
-        return tuple(self._shape(T) for T in self.flat)
+        return tuple(self.shape(t) for t in self.times)
+
+    @cached_property
+    def _at_waypoints(self) -> tuple[Shape, ...]:
+        """The settled shapes at the waypoints, each near the one before."""
+        return shapes_along(self.question, self.way.tensions)
 
     @cached_property
     def lengths(self) -> Array:
@@ -98,7 +100,7 @@ class Trajectory:
     @cached_property
     def certificate(self) -> MotionCertificate:
         """The check of targets, limits, rates, and of clearance between the times, too."""
-        return certify_motion(self.question, self.way, self.met)
+        return certify_motion(self.question, self.way, self.met, lambda: self._at_waypoints)
 
     @property
     def reached(self) -> tuple[bool, ...]:
@@ -153,15 +155,11 @@ class Trajectory:
 
     def shape(self, t: float) -> Shape:
         """Return the settled shape at a time [s]."""
-        T, question = np.ravel(self.at(t)), self.question
-        if contacts(question.scene):
-            before = int(np.searchsorted(self.times, t, side="right")) - 1
-            fine = max(question.accuracy / 10, 1e-12)
-            near = self.shapes[min(before, len(self.times) - 1)]
-            return settle(
-                self.arm, T, question.scene, fine, compile=question.machine_code, near=near
-            )
-        return self._shape(T)
+        k = int(np.searchsorted(self.way.starts, t, side="right")) - 1
+        before = self._at_waypoints[k]
+        return (
+            before if t == self.way.starts[k] else self.question.shape(np.ravel(self.at(t)), before)
+        )
 
     def save(self, path: str | Path) -> Path:
         """Write times [s], tensions [N] and lengths [m] of the tendons to a .csv file, for a robot.
@@ -191,11 +189,6 @@ class Trajectory:
         rows = np.column_stack([self.times, self.flat, self.lengths]).tolist()
         lines = [",".join(head), *(",".join(map(repr, row)) for row in rows)]
         return ("\n".join(lines) + "\n").encode()
-
-    def _shape(self, T: Array) -> Shape:
-        question = self.question
-        fine = max(question.accuracy / 10, 1e-12)
-        return settle(self.arm, T, question.scene, fine, compile=question.machine_code)
 
 
 def slowest_period(shape: Shape) -> float:

@@ -63,9 +63,13 @@ class Timed:
 
     @cached_property
     def largest(self) -> Array:
-        """The largest stroke rate [m/s], accelerations of strokes and of the tip [m/s2] (3,)."""
-        each = zip(self.laws, self.stretches, strict=True)
-        return np.asarray(np.max([law.largest(stretch) for law, stretch in each], axis=0))
+        """The largest stroke rate [m/s], accelerations of strokes and of the tip [m/s2] (3,).
+
+        0 where none of these is limited.
+        """
+        pairs = zip(self.laws, self.stretches, strict=False)
+        each = np.array([law.largest(stretch) for law, stretch in pairs]).reshape(-1, 3)
+        return np.asarray(each.max(axis=0, initial=0.0))
 
     @cached_property
     def starts(self) -> Array:

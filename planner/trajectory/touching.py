@@ -9,18 +9,14 @@ tensions.
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
 from model.errors import InputError
+from model.mesh import FINEST_ACCURACY
 from model.paths import Array
 from model.progress import tell, told
-from model.settle import settle
 from model.shape import Shape
 from model.time_limit import OutOfTime
-from planner.certificate import Certificate
-from planner.certify import certify
 from planner.contact.load_path import from_rest, is_same, rubs, settled_along
 from planner.plan import HeldPlan
 from planner.targets.base import Target
@@ -85,41 +81,16 @@ def _planned(question: Question, targets: tuple[Target, ...], near: HeldPlan | N
     return plan
 
 
-def certified_touching(
-    question: Question, tensions: Array, met: tuple[int, ...]
-) -> tuple[tuple[Certificate, ...], tuple[int, ...]]:
-    """Return the certificate of each target's waypoint, and the waypoints to which the arm jumps.
-
-    Of shapes along the motion through tensions (N + 1, n_tendons); raises what settling does.
-    """
-    shapes = shapes_along(question, tensions)
-    certificates = tuple(
-        certify(
-            question.arm,
-            question.scene,
-            targets,
-            question.limits,
-            tensions[stop],
-            partial(shapes.__getitem__, stop),
-            0.0,
-            question.accuracy,
-        )
-        for targets, stop in zip(question.targets, met, strict=True)
-    )
-    return certificates, tuple(k for k, shape in enumerate(shapes) if k and shape.snaps)
-
-
 def shapes_along(question: Question, tensions: Array) -> tuple[Shape, ...]:
     """Return the shapes at tensions (N + 1, n_tendons), each near the one before.
 
     The first from rest, or on the load path of the plan that the motion begins with. `Shape.snaps`
     of each tells where the arm jumps before it.
     """
-    fine, begin = max(question.accuracy / 10, 1e-12), question.begin
+    fine, begin = max(question.accuracy / 10, FINEST_ACCURACY), question.begin
     path = begin.load_path if isinstance(begin, HeldPlan) else ()
     first = question.arm, path, tensions[0], question.scene, fine, question.machine_code
     shapes = [settled_along(*first)]
     for T in told("shapes", list(tensions[1:])):
-        arguments = question.arm, T, question.scene, fine
-        shapes.append(settle(*arguments, compile=question.machine_code, near=shapes[-1]))
+        shapes.append(question.shape(T, shapes[-1]))
     return tuple(shapes)

@@ -11,7 +11,7 @@ settled arm meets them (deferred correction).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,16 +21,15 @@ from model.loads import is_loaded
 from model.paths import Array
 from model.progress import tell
 from model.time_limit import OutOfTime
-from planner.avoidance.rows import Avoidance
 from planner.plan import Plan
 from planner.program.objective import STRETCH
-from planner.program.problem import Problem, units
+from planner.program.problem import Problem
 from planner.solve.ipopt import Candidate, Solution, solve
 from planner.solve.refine import defect, settled
 from planner.solve.task import allowed
 from planner.solve.warm_start import jump
 from planner.targets.base import Target
-from planner.trajectory.program import Coupling, MotionProgram, Stop
+from planner.trajectory.program import MotionProgram, Stop, Waypoint
 from planner.trajectory.question import Question
 
 # What the least stretch of the settled arm may be below that on a coarse mesh.
@@ -39,32 +38,11 @@ _CRUSHED = 0.02
 _SHARE, _CORRECTED = 4, 8
 
 
-@dataclass(frozen=True, eq=False)
-class Waypoint:
-    """A place of a motion: the targets there, if any, tensions (n_tendons,) [N], inequalities.
-
-    `fraction` is that of the time between two targets in which the arm goes there from the waypoint
-    before.
-    """
-
-    targets: tuple[Target, ...]
-    tensions: Array
-    avoidance: Avoidance | None = None
-    fraction: float = 1.0
-
-    @property
-    def stated(self) -> tuple[Target, ...]:
-        """The targets of its program."""
-        rows = self.avoidance is not None and bool(self.avoidance.rows)
-        return (*self.targets, self.avoidance) if rows else self.targets  # type: ignore[arg-type]
-
-
 class Waypoints:
     """The waypoints of a motion; `waypoints` are the best so far."""
 
     def __init__(self, question: Question) -> None:
         self.question = question
-        self.unit = units(question.arm, question.limits)
         first = self._planned(0)
         self.statement = first.statement.but(
             mode="exact",
@@ -140,7 +118,7 @@ class Waypoints:
         stops = [self._stop(waypoint) for waypoint in self.waypoints]
         pairs = zip(stops, self.waypoints, strict=True)
         guess = [stop.problem.guess(waypoint.tensions, True) for stop, waypoint in pairs]
-        program, solution = MotionProgram(stops, self._coupling(), guess), None
+        program, solution = MotionProgram(self.question, stops, guess), None
         for k in range(_CORRECTED):
             tell("program over the waypoints", k, _CORRECTED)
             solution = program.solve(stops, solution)
@@ -175,7 +153,7 @@ class Waypoints:
         rows = problem.program.outer_rows
         short = np.repeat([row.name == STRETCH for row in rows], [row.size for row in rows])
         lbg[: short.size][short] += _CRUSHED
-        return Stop(problem, problem.parameters(), (lbx, ubx, lbg, ubg))
+        return Stop(waypoint, problem, problem.parameters(), (lbx, ubx, lbg, ubg))
 
     def _alone(self, first: Plan) -> list[Waypoint]:
         """Return an optimum of each target by itself, beginning with the plan for the first.
@@ -223,25 +201,6 @@ class Waypoints:
                 return
             waypoint = replace(waypoint, targets=following, tensions=optimum.tensions)
             yield waypoint
-
-    def _coupling(self) -> Coupling:
-        """Return what couples the waypoints."""
-        question, begin = self.question, np.zeros(self.unit.size)
-        if np.isfinite(question.rates.pace):
-            begin = question.lines().lengths(question.start)
-        group = np.cumsum([0, *(bool(waypoint.targets) for waypoint in self.waypoints[:-1])])
-        fractions = np.array([waypoint.fraction for waypoint in self.waypoints])
-        rate = np.array(question.rates.tension)
-        return Coupling(
-            question.start,
-            begin,
-            self.unit,
-            rate,
-            question.rates.pace,
-            group,
-            fractions,
-            question.steps,
-        )
 
     def _corrected(self, stop: Stop, x: Array, T: Array) -> Stop:
         """Return a waypoint with the defect of its mesh, by the shape that settles."""

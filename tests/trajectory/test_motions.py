@@ -19,6 +19,7 @@ from model.effects import Extension
 from model.errors import FileError, TimeLimitError
 from model.obstacles import Sphere
 from planner import Trajectory, plan, trajectory
+from planner.certificate import Certificate
 from planner.cli import main
 from planner.io.schemas import schema_of
 from planner.plots.motion import animate_trajectory, save_motion
@@ -216,10 +217,20 @@ def test_what_is_no_path_is_refused() -> None:
             trajectory(ARM, path, SCENE, 20.0, rate_max=1.0)
 
 
-SOUND = MotionCertificate(residuals=(0.0,), inequalities=(0.0,), bounds=0.0, rate=1.0)
+MET = Certificate(bounds=0.0, kkt=0.0, agreement=0.0)
+SOUND = MotionCertificate(at_targets=(MET,), bounds=0.0, rate=1.0)
+
+
+def at_target(**changed: Any) -> dict[str, Any]:
+    """Return a certificate of the target with something changed."""
+    return {"at_targets": (replace(MET, **changed),)}
+
+
 SPOILT: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
-    "target 0 is off": ({"residuals": (0.9e-6,)}, {"residuals": (1.1e-6,)}),
-    "target 0 is": ({"inequalities": (-0.9e-6,)}, {"inequalities": (-1.1e-6,)}),
+    "target 0 is off": (at_target(equality={"tip": 0.9e-6}), at_target(equality={"tip": 1.1e-6})),
+    "target 0 is": (at_target(inequality={"gap": -0.9e-6}), at_target(inequality={"gap": -1.1e-6})),
+    "at target 0 integrators": (at_target(agreement=0.9e-6), at_target(agreement=1.1e-6)),
+    "at target 0 the arm does not stand": (at_target(stability=0.0), at_target(stability=-1e-9)),
     "tension limit": ({"bounds": 0.0}, {"bounds": 1e-12}),
     "rate of tension": ({"rate": 1.0}, {"rate": 1.001}),
     "rate of stroke": ({"stroke_rate": 1 + 0.9e-3}, {"stroke_rate": 1 + 1.1e-3}),
