@@ -16,6 +16,7 @@ UNITS = {"mm": -3, "mm/s": -3, "mm/s2": -3, "g": -3, "kPa": 3, "deg": None}
 SI = {"mm": "m", "g": "kg", "kPa": "Pa", "deg": "rad"}
 
 
+UNIONS = (Union, UnionType)
 _signature = cache(inspect.signature)
 
 
@@ -37,7 +38,7 @@ def is_of_project(kind: Any) -> bool:
 
 def is_union(kind: Any) -> bool:
     """Return whether a type is a choice of types."""
-    return get_origin(kind) in (Union, UnionType)
+    return get_origin(kind) in UNIONS
 
 
 def choice(kinds: Iterable[Any]) -> Any:

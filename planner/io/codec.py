@@ -22,7 +22,7 @@ from msgspec import UNSET
 from model.errors import InputError
 from model.paths import Array, Linear, Path, Sampled
 from model.scene import Scene
-from planner.io.annotations import UNITS, arguments, hints_of, is_union, suffix, unit_of_type
+from planner.io.annotations import UNIONS, UNITS, arguments, hints_of, suffix, unit_of_type
 from planner.io.files import versions
 
 
@@ -94,18 +94,17 @@ def read(hint: Any, value: Any, key: str = "", unit: str | None = "") -> Any:
 
     Numbers are in the units that annotations name, in SI's with None for the unit.
     """
-    origin, inside = get_origin(hint), get_args(hint)
     if value is None:
         return None
+    if hint is float:
+        return float(value) if isinstance(value, str) else in_si(value, unit)
+    origin, inside, own_unit = _parts(hint)
     if origin is Annotated:
-        inner = unit if unit is None else unit_of_type(hint) or unit
-        return read(inside[0], value, key, inner)
-    if is_union(hint):
+        return read(inside[0], value, key, unit if unit is None else own_unit or unit)
+    if origin in UNIONS:
         return read(_chosen(inside, value, unit), value, key, unit)
     if type(value) in READ:
         return value_of(value)
-    if hint is float and isinstance(value, str):
-        return float(value)
     if hint is Path:
         return _read_path(value, key, unit)
     if hint == Array:
@@ -116,6 +115,12 @@ def read(hint: Any, value: Any, key: str = "", unit: str | None = "") -> Any:
         of = each if len(each) == len(value) else (each or (Any,))[:1] * len(value)
         return tuple(read(item, one, key, unit) for item, one in zip(of, value, strict=True))
     return in_si(value, unit)
+
+
+@cache
+def _parts(hint: Any) -> tuple[Any, tuple[Any, ...], str]:
+    """Return what an annotation is made of, and its unit: looked up for each value of a sweep."""
+    return get_origin(hint), get_args(hint), unit_of_type(hint)
 
 
 def _chosen(kinds: tuple[Any, ...], value: Any, unit: str | None) -> Any:
