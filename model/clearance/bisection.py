@@ -14,15 +14,15 @@ they are nearer along the arm than their own thickness, or apart.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from model.centreline import Centreline, Counts
 from model.clearance.pieces import Parts, Pieces
-from model.clearance.strain_bounds import Mask, Spread
+from model.clearance.strain_bounds import Mask
+from model.clearance.way import Way
 from model.obstacles.bodies import Bodies
 from model.paths import Array
 from model.time_limit import check_time
@@ -30,36 +30,6 @@ from model.time_limit import check_time
 # How close bounds come, over L and over the gap; how often parts and pieces are halved, and how
 # many rows there are at most.
 _CLOSE, _RELATIVE, _LEVELS, _MOST = 2e-5, 1e-2, 30, 40_000
-
-
-class Way(Protocol):
-    """The way of an arm, by stretches."""
-
-    @property
-    def moves(self) -> bool:
-        """Whether stretches take time."""
-
-    def lines(self, stretch: Counts, share: Array) -> Sequence[Centreline | None]:
-        """Return the arms at shares (K,) of stretches (K,); None where one has no equilibrium."""
-
-    def spread(self, stretch: Counts, start: Array, end: Array) -> Spread | None:
-        """Return how far strains are from straight lines from shares (P,) to others."""
-
-
-@dataclass(frozen=True)
-class Still:
-    """An arm at rest."""
-
-    line: Centreline
-    moves = False
-
-    def lines(self, stretch: Counts, share: Array) -> Sequence[Centreline | None]:
-        """See Way.lines."""
-        return [self.line] * share.size
-
-    def spread(self, stretch: Counts, start: Array, end: Array) -> Spread | None:
-        """See Way.spread."""
-        return None
 
 
 @dataclass(frozen=True, eq=False)

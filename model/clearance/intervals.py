@@ -15,6 +15,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from model.machine.columns import instructions
 from model.paths import Array
 
 
@@ -90,17 +91,7 @@ class Bounded:
 
     def __init__(self, function: ca.Function) -> None:
         self.size = function.numel_out(0)
-        self.steps = [
-            (
-                function.instruction_id(k),
-                function.instruction_output(k),
-                function.instruction_input(k),
-                function.instruction_constant(k)
-                if function.instruction_id(k) == ca.OP_CONST
-                else 0.0,
-            )
-            for k in range(function.n_instructions())
-        ]
+        self.steps = instructions(function)
 
     def __call__(self, *value: Interval) -> Interval:
         """Return bounds (N, n_out) of the first result for arguments in boxes (N, n_in)."""
@@ -113,7 +104,7 @@ class Bounded:
             for each in value
         ]
         work: dict[int, Interval] = {}
-        for operation, out, inputs, constant in self.steps:
+        for operation, inputs, out, constant in self.steps:
             if operation == ca.OP_OUTPUT:
                 low[out[1]], high[out[1]] = work[inputs[0]]
             elif operation == ca.OP_INPUT:

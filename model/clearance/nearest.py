@@ -13,7 +13,8 @@ import numpy as np
 
 from model.arm import Arm
 from model.centreline import Centreline, Settled
-from model.clearance.bisection import Around, Still, closest
+from model.clearance.bisection import Around, closest
+from model.clearance.way import Still
 from model.obstacles import HalfSpace, Obstacle, check_obstacles
 from model.obstacles.bodies import Bodies
 
@@ -53,12 +54,8 @@ def clearance(shape: Settled, obstacles: Sequence[Obstacle] | Obstacle = ()) -> 
 
     Raises InputError for what is not an obstacle.
     """
-    return clearance_of(Centreline.of(shape), check_obstacles(obstacles))
-
-
-def clearance_of(line: Centreline, obstacles: Sequence[Obstacle] = ()) -> Clearance:
-    """Return how clear the arm of a centreline is of all that it can meet."""
-    return min(clearances(line, obstacles).values(), key=lambda result: result.gap)
+    results = clearances(Centreline.of(shape), check_obstacles(obstacles))
+    return min(results.values(), key=lambda result: result.gap)
 
 
 def clearances(

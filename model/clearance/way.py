@@ -1,8 +1,9 @@
-"""The way of an arm whose tensions change steadily on each of its stretches."""
+"""The way of an arm: at rest, or with tensions that change steadily on each of its stretches."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,8 +16,24 @@ from model.paths import Array
 Tensions = Callable[[Counts, Array], Array]
 
 
+@dataclass(frozen=True)
+class Still:
+    """An arm at rest: a way of one stretch that takes no time; see Moving."""
+
+    line: Centreline
+    moves = False
+
+    def lines(self, stretch: Counts, share: Array) -> Sequence[Centreline | None]:
+        """See Moving.lines."""
+        return [self.line] * share.size
+
+    def spread(self, stretch: Counts, start: Array, end: Array) -> Spread | None:
+        """See Moving.spread."""
+        return None
+
+
 class Moving:
-    """A way by its tensions; see model.clearance.bisection.Way."""
+    """A way by its tensions, of stretches that take time."""
 
     moves = True
 
@@ -49,6 +66,9 @@ class Moving:
         filled = _strains([each or known for each, known in pairs])
         result = estimated(first, filled, last, self._lines.arm.length)
         return result._replace(known=result.known & there)
+
+
+Way = Still | Moving
 
 
 def _strains(lines: list[Centreline | None]) -> Array:
