@@ -103,12 +103,12 @@ class Collocation:
         if not loaded:
             return here
         crushed = unloaded_sections(at).crushed(at.strains(here.states))
-        steps = _SOON_IF_CRUSHED if crushed.any() else np.inf
+        steps = _SOON_IF_CRUSHED if crushed else np.inf
         end = follow_on(Followed(here, 0.0, ""), 1.0, LEAST_STEP, steps, looser)
         if end.load >= 1:
             return end.here
-        if crushed.any():
-            raise UnsettledSectionError(float(at.s[np.argmax(crushed)]))
+        if crushed:
+            raise UnsettledSectionError(crushed.s)
         raise SnapError(end.load, end.why or SNAPS)
 
     def without_loads(self, tensions: Array) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.cross_section import cross_section_of
-from model.cross_section.law import reported, strains_of
+from model.cross_section.law import strains_of
 from model.cross_section.sections import Sections
 from model.effects import PrintedStatics
 from model.errors import CollapsedError
@@ -53,13 +53,7 @@ class Lengths:
     @property
     def crushed(self) -> CollapsedError | None:
         """What to tell of the first cross-section that leaves a tendon no length, if any."""
-        at = self.of.at
-        crushed = at.crushed(self.strains)
-        if not crushed.any():
-            return None
-        i = int(np.argmax(crushed))
-        stretch = 1 + reported(at.sections.law, self.strains[i : i + 1])[0, 3]
-        return CollapsedError(float(at.sections.s[i]), float(stretch))
+        return self.of.at.crushed(self.strains)
 
     @cached_property
     def length_tension(self) -> Array:

@@ -11,14 +11,13 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.cross_section import cross_section_of
 from model.cross_section.law import CrossSection, reported, strains_of
 from model.cross_section.sections import Sections
 from model.effects import ExactTendons, Extension, NeoHookean
-from model.errors import UnsettledSectionError
+from model.errors import CollapsedError, UnsettledSectionError
 from model.machine.buffered import Mapped
 from model.mesh import Mesh
 from model.paths import Array
@@ -145,12 +144,18 @@ class UnloadedSections:
             raise UnsettledSectionError(float(self.sections.s[np.argmax(lost)]))
         return v if law == plain else strains_of(law, reported(plain, v))
 
-    def crushed(self, strains: Array) -> NDArray[np.bool_]:
-        """Return where strains (N, n) leave a tendon no length (N,)."""
-        at, values = self.sections, np.full(len(strains), False)
-        if self._exact:
-            values[at.place[at.speeds(strains) <= LEAST_STRETCH]] = True
-        return values
+    def crushed(self, strains: Array) -> CollapsedError | None:
+        """Return what to tell of the first section where strains (N, n) leave a tendon no length.
+
+        None where they do so nowhere.
+        """
+        at = self.sections
+        short = at.place[at.speeds(strains) <= LEAST_STRETCH]
+        if not self._exact or not short.size:
+            return None
+        i = int(short.min())
+        stretch = 1 + reported(at.law, strains[i : i + 1])[0, 3]
+        return CollapsedError(float(at.s[i]), float(stretch))
 
 
 @lru_cache(maxsize=32)
@@ -171,4 +176,4 @@ def folded(arm: Arm, scene: Scene, mesh: Mesh, tensions: Array) -> float | None:
     ends = np.column_stack([mesh.s[:-1], mesh.s[1:]]).ravel()
     at = UnloadedSections(arm, scene, law, ends, np.repeat(mesh.active, 2))
     crushed = at.crushed(at.strains(tensions))
-    return float(ends[np.argmax(crushed)]) if crushed.any() else None
+    return crushed.s if crushed else None
