@@ -51,9 +51,7 @@ def initial_guesses(
     straight = np.clip(_INSIDE * unit, low, high)
     count = conditions(arm, targets)
     if count > POINT:
-        yield from _within_total(
-            np.array(fitted(arm, scene, targets, limits, machine_code)), limits
-        )
+        yield from _within_total(fitted(arm, scene, targets, limits, machine_code), limits)
     # A bend in a plane is met by arms that wind round once more, too, and more cheaply by those
     # next to the straight one.
     first = -1 if count < POINT else _FIRST

@@ -120,7 +120,7 @@ class Search:
         for mode in self._readings():
             self._now = reading = _Reading(mode, self.guesses())
             hasty = mode == "exact" and self.task.starts is None
-            self._try(_ENOUGH if hasty else None)
+            self._try(_ENOUGH if hasty else None, until_met=missed is not None)
             if hasty and not reading.optima:
                 missed = reading
                 continue
@@ -181,11 +181,14 @@ class Search:
         task, scene = self.task, self.task.simple.scene
         return task.arm, scene, task.targets, task.allowed, task.machine_code
 
-    def _try(self, most: int | None = None) -> None:
-        """Solve from guesses until enough of them agree, or from so many."""
+    def _try(self, most: int | None = None, until_met: bool = False) -> None:
+        """Solve from guesses until enough of them agree, or from so many.
+
+        Or until one all but meets the targets.
+        """
         reading, statement = self._now, self.task.coarse(self._now.mode)
         for T in islice(reading.guesses, most):
-            if self._enough():
+            if self._enough() or (until_met and any(o.f <= _MET for o in reading.optima)):
                 return
             tell(_PHASES[reading.mode], len(reading.trials), self.task.most)
             self._keep(self.solve(statement, T))
@@ -239,15 +242,12 @@ class Search:
         """Return whether enough guesses led to the best optimum, or later ones to dearer ones.
 
         The latter of guesses that come by effort, where the targets are met: how near a shape comes
-        has nothing to do with their order. Of shapes that all but meet the targets one is enough:
-        exact ones are looked for from there.
+        has nothing to do with their order.
         """
         if self.task.starts is not None:
             return False
         trials, exact = self.trials, self._now.mode == "exact"
         efforts = [trial.objective for trial in trials if trial.met]
-        if not exact and self.task.can_be_exact and min(efforts, default=np.inf) <= _MET:
-            return True
         if not self._by_effort:
             hard = len(trials) >= 2 * len(efforts) or not exact
             return agreed(trials) >= _AGREED + hard
