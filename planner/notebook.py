@@ -17,7 +17,7 @@ from model.stiffness import Stiffness
 from model.text import html_table, preformatted, shown_by
 from planner.certificate import Certificate
 from planner.fit.calibration import Calibration
-from planner.fit.designed import Design
+from planner.fit.design import Design
 from planner.many import FailedPlan
 from planner.plan import Plan
 from planner.trajectory.certificate import MotionCertificate

@@ -14,7 +14,7 @@ from model.time_limit import OutOfTime, time_limit
 from planner.commands.options import NOT_REACHED, OK, Answer, FileOptions, Options, figure
 from planner.fit.calibrate import calibrate as find_calibration
 from planner.fit.calibration import Calibration
-from planner.fit.designed import Design
+from planner.fit.design import Design
 from planner.io.files import to_json, write_together
 from planner.io.fit_files import load_asked, run_design
 from planner.io.records import SweepRecord, record

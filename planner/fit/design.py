@@ -4,29 +4,37 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from model import Arm, InputError, Scene
+from model import Arm, InputError, Scene, settle
 from model.errors import OctoplanError, TimeLimitError
 from model.paths import Array
 from model.progress import tell, told, with_progress
+from model.stiffness import stiffness
+from model.text import counted, in_notebook
 from model.time_limit import OutOfTime
 from model.time_limit import time_limit as within
 from planner.fit.calibrate import supported_scene
 from planner.fit.design_program import Optimum, Program, Targets
-from planner.fit.designed import AT_BOUND, Design
 from planner.fit.making import Making, Objective, Reach, checked_objective
 from planner.fit.unknowns import Parameters, Unknown
 from planner.plan import Plan, plan
 from planner.program.limits import Limits
 from planner.program.terms import term_names
 from planner.question import check_targets
+from planner.targets import Softest, Stiffest
 
 LOG = logging.getLogger(__name__)
 # By what the given arm may miss what can be made [mm].
 _VIOLATION = 1e-6
+# How near a limit a tension is at it, over the limit.
+_AT_LIMIT = 1e-6
+# By what share of what is least another optimum is a worse one.
+_OTHER = 1e-3
 
 
 @with_progress
@@ -125,7 +133,6 @@ def design(
         designed,
         search.plans(designed, scene),
         before,
-        best.steps,
         making,
         objective,
         reaches,  # type: ignore[arg-type]
@@ -197,7 +204,7 @@ class _Search:
         """Return the best values with each unknown that is at a bound at the other one."""
         parameters = self.program.parameters
         fractions, ends = parameters.fractions(self.best.values), list[Array]()
-        for k in np.flatnonzero(np.minimum(fractions, 1 - fractions) < AT_BOUND):
+        for k in np.flatnonzero(parameters.at_bounds(self.best.values)):
             other = np.round(fractions, 6)
             other[k] = 1.0 - np.round(other[k])
             ends.append(parameters.from_fractions(other))
@@ -206,3 +213,174 @@ class _Search:
 
 def _tensions(plans: Sequence[Plan]) -> Array:
     return np.array([np.ravel(plan.tensions) for plan in plans])
+
+
+@dataclass(frozen=True)
+class Design:
+    """A designed arm; see planner.fit.making for what it is best at.
+
+    Attributes
+    ----------
+    given_arm, scene
+        What it began with.
+    unknowns : tuple of Unknown
+    values : tuple of float
+        In the units of their keys.
+    arm : Arm
+        The designed arm.
+    plans, before : tuple of Plan
+        Of each task for the designed arm, and for the given one.
+    making : Making
+        What can be made.
+    objective : "effort", Stiffest, Softest or Reach
+    reaches : (before, now) or None
+        Tensions (n_tendons,) that reach farthest, of the given arm and the designed one.
+    optima : tuple of float
+        What is least at the optima that arms begun with came to, if they meet as much as this one.
+    stopped : bool
+        Whether the time limit came before all of them were begun with.
+    """
+
+    given_arm: Arm
+    scene: Scene
+    unknowns: tuple[Unknown, ...]
+    values: tuple[float, ...]
+    arm: Arm
+    plans: tuple[Plan, ...] = field(compare=False)
+    before: tuple[Plan, ...] = field(compare=False)
+    making: Making = field(default_factory=Making)
+    objective: Objective = "effort"
+    reaches: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    optima: tuple[float, ...] = ()
+    stopped: bool = False
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """The unknowns with what they are numbers of."""
+        return Parameters.of(self.given_arm, self.scene, self.unknowns)
+
+    def _repr_html_(self) -> str:
+        return in_notebook(self)
+
+    @property
+    def array(self) -> Array:
+        """The values (K,)."""
+        return np.array(self.values)
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the designed arm meets every task, by the plans' certificates."""
+        return _met(self.plans)
+
+    @property
+    def effort(self) -> float:
+        """Root of the sum of the squared efforts of all tasks [N]."""
+        return _total(self.plans)
+
+    @cached_property
+    def value(self) -> float:
+        """What was made best: effort [N], mean stiffness of the tip [N/m], or reach [m]."""
+        return self._value(self.arm, self.plans, self.reaches and self.reaches[1])
+
+    @cached_property
+    def value_before(self) -> float:
+        """The same of the given arm."""
+        return self._value(self.given_arm, self.before, self.reaches and self.reaches[0])
+
+    def _value(self, arm: Arm, plans: tuple[Plan, ...], T: tuple[float, ...] | None) -> float:
+        if self.objective == "effort":
+            return _total(plans)
+        along = np.array(self.objective.direction)
+        if T is not None:
+            return float(settle(arm, T, self.scene).tip @ along)
+        compliances = [
+            stiffness(arm, plan.tensions, self.scene).compliance[:3, :3] for plan in plans
+        ]
+        return float(np.exp(-np.mean([np.log(along @ C @ along) for C in compliances])))
+
+    @property
+    def gain(self) -> float:
+        """The share of the given arm's effort that is saved, or by which stiffness or reach grow.
+
+        NaN unless both meet all tasks.
+        """
+        if not (self.feasible and _met(self.before)):
+            return float("nan")
+        grown = self.value / self.value_before - 1
+        return -grown if self.objective == "effort" else grown
+
+    @cached_property
+    def sensitivity(self) -> Array:
+        """How the effort changes with the unknowns (K,) [N per unit], tensions chosen anew.
+
+        At a bound it says what the bound costs. Raises InputError unless all tasks are met, and
+        unless effort was made least.
+        """
+        if self.objective != "effort":
+            raise InputError("design", self.objective, "a design for the least effort")
+        if not self.feasible:
+            raise InputError("design", "tasks that are not met", "a design that meets all tasks")
+        tasks, limits = [plan.targets for plan in self.plans], self.plans[0].limits
+        program = Program(self.parameters, tasks, limits, self.making)
+        T = np.array([np.ravel(plan.tensions) for plan in self.plans])
+        return program.sensitivity(self.array, T) / self.effort
+
+    @property
+    def outcome(self) -> str:
+        """What was found, and where that is not enough which task and which limit hold it."""
+        lines = [self._told()]
+        for i, each in enumerate(self.plans):
+            if not each.certificate.passed:
+                lines.append(f"Task {i} is not met: {each.outcome}{self._held(each)}")
+        limits = self.making.binding(self.arm)
+        if limits:
+            lines.append(f"At a limit of what can be made: {', '.join(limits)}.")
+        if ends := self.parameters.names_at_bounds(self.array):
+            lines.append(f"At a bound: {', '.join(ends)}.")
+        others = [x for x in self.optima if x > min(self.optima) + _OTHER * abs(min(self.optima))]
+        if others:
+            count = f"{len(others)} of {counted(len(self.optima), 'arm')} begun with"
+            lines.append(
+                f"{count} came to worse optima: there may be better ones; begin with more."
+            )
+        if self.stopped:
+            lines.append("Stopped at the time limit: not all arms were begun with.")
+        return " ".join(lines)
+
+    def _held(self, plan: Plan) -> str:
+        """Return which tension limits a plan is at."""
+        T, upper = np.ravel(plan.tensions), np.array(plan.limits.upper)
+        at = np.flatnonzero(upper * (1 - _AT_LIMIT) <= T)
+        names = ", ".join(plan.arm.tendon_name(int(j)) for j in at)
+        return f" At the tension limit: {names}." if names else ""
+
+    def _told(self) -> str:
+        tasks = f"{counted(len(self.plans), 'task')}, {counted(len(self.unknowns), 'unknown')}"
+        if not self.feasible:
+            return f"{tasks}: no arm within the bounds was found that meets all of them."
+        said, unit = _WORDS[type(self.objective)]
+        now = f"{said} {self.value:.4g} {unit}"
+        if not np.isfinite(self.gain):
+            return f"{tasks}: {now}; the given arm does not meet all of them."
+        before = f"the given arm's {self.value_before:.4g} {unit}"
+        return f"{tasks}: {now}, {100 * abs(self.gain):.3g} % {self._compared} than {before}."
+
+    @property
+    def _compared(self) -> str:
+        return "less" if (self.gain > 0) == (self.objective == "effort") else "more"
+
+
+_WORDS: dict[type, tuple[str, str]] = {
+    str: ("effort", "N"),
+    Stiffest: ("stiffness of the tip", "N/m"),
+    Softest: ("stiffness of the tip", "N/m"),
+    Reach: ("reach", "m"),
+}
+
+
+def _met(plans: Sequence[Plan]) -> bool:
+    return all(plan.certificate.passed for plan in plans)
+
+
+def _total(plans: Sequence[Plan]) -> float:
+    return float(np.linalg.norm([plan.effort for plan in plans]))

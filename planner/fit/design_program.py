@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import combinations_with_replacement
 from typing import Any
 
 import casadi as ca
@@ -59,7 +58,6 @@ class Optimum:
         Of the unknowns.
     tensions : (tasks, n_tendons)
         [N].
-    steps : int
     missed : float
         The largest violation of a constraint, over the arm's length or in rad.
     objective : float
@@ -69,7 +67,6 @@ class Optimum:
 
     values: Array
     tensions: Array
-    steps: int
     missed: float
     objective: float
 
@@ -142,21 +139,17 @@ class Program:
         Or the best of all that were met on the way, where that is these themselves.
         """
         x, bounds, solution = self._followed(values, tensions, fixed)
-        first = self._optimum(x, 0, bounds)
-        last = self._optimum(solution.x, solution.iterations, bounds)
+        first = self._optimum(x, bounds)
+        last = self._optimum(solution.x, bounds)
         return min(last, first, key=lambda optimum: optimum.cost)
 
     def sensitivity(self, values: Array, tensions: Array) -> Array:
         """Return derivatives of the objective by the values (K,), all tensions chosen anew.
 
-        They are the Lagrangian's, at the optimum of the tensions for an arm with these values.
+        They are less the multipliers of the values, held at the optimum of the tensions.
         """
         _, _, solution = self._followed(values, tensions, fixed=True)
-        gradient, J = (
-            self.stated.derivatives[name](solution.x, [])[1] for name in ("grad_f", "jac_g")
-        )
-        by_fractions = np.array(gradient + J.T @ ca.DM(solution.lam_g)).ravel()[-self.K :]
-        return np.asarray(self.worth * by_fractions / self.parameters.range)
+        return np.asarray(-self.worth * solution.lam_x[-self.K :] / self.parameters.range)
 
     def _followed(
         self, values: Array, tensions: Array, fixed: bool
@@ -173,7 +166,7 @@ class Program:
             solution = self.stated.solve(WARM, solution.x, np.zeros(0), bounds, known)
         return x, bounds, solution
 
-    def _optimum(self, x: Array, steps: int, bounds: Bounds) -> Optimum:
+    def _optimum(self, x: Array, bounds: Bounds) -> Optimum:
         f, g = (np.array(v).ravel() for v in self.stated.values(x, []))
         off = np.concatenate([bounds[2] - g, g - bounds[3], [0.0]]).max()
         *each, z = self.stated.split(x)
@@ -181,7 +174,7 @@ class Program:
         T = np.array([problem.tensions(item) for problem, item in pairs])
         missed = float(off) if np.isfinite(off) else np.inf
         values = self.parameters.from_fractions(np.clip(z, 0.0, 1.0))
-        return Optimum(values, T, steps, missed, self.worth * float(f[0]))
+        return Optimum(values, T, missed, self.worth * float(f[0]))
 
     def all_numbers(self, z: Array) -> Array:
         """Return all numbers (n,) at z; raises InputError where no such arm can be."""
@@ -197,19 +190,16 @@ class Program:
     def second_derivatives(self, z: Array) -> Array:
         """Return their second derivatives (n, K K) by z, of an arm nearby.
 
-        Differences by steps away from the nearer bound.
+        Differences of the first ones, by steps away from the nearer bound.
         """
         return self._curvature(tuple((np.round(z / _APART) * _APART).tolist()))
 
     def _second_differences(self, z: tuple[float, ...]) -> Array:
         at = np.array(z)
-        steps = np.diag(np.where(at < 0.5, _STEP, -_STEP))
-        here, *beside = (self.all_numbers(each) for each in (at, *(at + steps)))
-        values = np.zeros((here.size, *steps.shape))
-        for i, j in combinations_with_replacement(range(self.K), 2):
-            change = self.all_numbers(at + steps[i] + steps[j]) - beside[i] - beside[j] + here
-            values[:, i, j] = values[:, j, i] = change / (steps[i, i] * steps[j, j])
-        return values.reshape(here.size, -1)
+        J, columns = self.first_derivatives(at), []
+        for step in np.diag(np.where(at < 0.5, _STEP, -_STEP)):
+            columns.append((self.first_derivatives(at + step) - J) / step.sum())
+        return np.stack(columns, axis=-1).reshape(len(J), -1)
 
     @cached_property
     def stated(self) -> Stated:

@@ -167,8 +167,7 @@ class Fitted:
     @property
     def at_bounds(self) -> tuple[str, ...]:
         """Names of the unknowns that are at a bound."""
-        ends = self.parameters.at_bounds(self.array)
-        return tuple(unknown.name for unknown, end in zip(self.unknowns, ends, strict=True) if end)
+        return self.parameters.names_at_bounds(self.array)
 
     @property
     def at_priors(self) -> tuple[str, ...]:

@@ -143,12 +143,13 @@ def fit(start: Evaluation, loss: Loss, absolute: bool, tolerance: float = 1e-6) 
     given (`absolute`), the noise of a robust loss is that of Cauchy's, which bounds what outliers
     add to it.
     """
-    if loss in ("linear", "cauchy") or absolute:
-        return _descent(start, loss, 1.0 if absolute else None, tolerance)
-    robust = _descent(start, "cauchy", None, tolerance)
-    if robust.refused:
-        return robust
-    return _descent(robust.evaluation, loss, robust.noise, tolerance)
+    noise = 1.0 if absolute else None
+    if loss in ("huber", "soft_l1") and not absolute:
+        robust = _descent(start, "cauchy", None, tolerance)
+        if robust.refused:
+            return robust
+        start, noise = robust.evaluation, robust.noise
+    return _descent(start, loss, noise, tolerance)
 
 
 def _descent(start: Evaluation, loss: Loss, noise: float | None, tolerance: float) -> Fit:

@@ -206,6 +206,10 @@ class Parameters:
         fractions = self.fractions(values)
         return np.asarray(np.minimum(fractions, 1 - fractions) < AT_BOUND)
 
+    def names_at_bounds(self, values: Array) -> tuple[str, ...]:
+        """Return the names of the unknowns that are at a bound."""
+        return tuple(self.unknowns[k].name for k in np.flatnonzero(self.at_bounds(values)))
+
     def priors(self, values: Array) -> tuple[Array, Array]:
         """Return residuals (m,) of priors, and their derivatives (m, K) by unknowns from 0 to 1."""
         rows = [(k, *unknown.prior) for k, unknown in enumerate(self.unknowns) if unknown.prior]

@@ -23,8 +23,7 @@ from msgspec import Meta
 from model import Arm, InputError
 from model.errors import FileError
 from model.quantities import NotNegative, Positive
-from planner.fit.design import design
-from planner.fit.designed import Design
+from planner.fit.design import Design, design
 from planner.fit.making import Making, Objective, Reach
 from planner.fit.measured import Measured
 from planner.fit.unknowns import Unknown
