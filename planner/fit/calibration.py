@@ -199,13 +199,11 @@ class Calibration(Fitted):
         J = np.vstack(list(self.jacobians.values()))
         M = J.T @ J + _UNIFORM * np.eye(J.shape[1])
         before, rows = np.diag(np.linalg.inv(M)), list[Candidate]()
+        told_by = there.scaled(self.noise)
         for i, shape in enumerate(shapes):
             gain, shrink = 0.0, np.ones(len(before))
-            if i not in there.lost:
-                scaled = (
-                    there.whitening[i] @ there.jacobians[i] * self.parameters.range / self.noise
-                )
-                more = M + scaled.T @ scaled
+            if i in told_by:
+                more = M + told_by[i][1].T @ told_by[i][1]
                 gain = float(np.linalg.slogdet(more)[1] - np.linalg.slogdet(M)[1]) / 2
                 shrink = np.sqrt(np.diag(np.linalg.inv(more)) / before)
             rows.append(Candidate(i, shape.tensions, gain, tuple(shrink.tolist())))
@@ -289,10 +287,12 @@ class Calibration(Fitted):
         """
         J = np.vstack(list(self.jacobians.values()))
         inverse, missed = np.linalg.pinv(J.T @ J, hermitian=True), dict[int, Array]()
+        scaled = self.evaluation.scaled()
         for i, J_i in self.jacobians.items():
-            kept, whitening = np.eye(len(J_i)) - J_i @ inverse @ J_i.T, self.evaluation.whitening[i]
-            deleted = np.linalg.pinv(kept, _ALONE) @ (whitening @ self.evaluation.residuals[i])
-            missed[i] = np.asarray(np.linalg.solve(whitening, deleted))
+            kept = np.linalg.pinv(np.eye(len(J_i)) - J_i @ inverse @ J_i.T, _ALONE)
+            missed[i] = np.asarray(
+                np.linalg.solve(self.evaluation.whitening[i], kept @ scaled[i][0])
+            )
         return missed
 
     def save(self, path: str | Path) -> Path:

@@ -14,8 +14,14 @@ from model import Arm, Scene
 from model.equilibrium.forward import STAGES
 from model.paths import Array
 from model.text import counted
-from planner.fit.covariance import Direction, Information, direction, information
-from planner.fit.least_squares import Loss, counted_by
+from planner.fit.least_squares import (
+    Direction,
+    Information,
+    Loss,
+    counted_by,
+    direction,
+    information,
+)
 from planner.fit.measured import Measured
 from planner.fit.residuals import Evaluation, Experiment, Residual, mean_distance
 from planner.fit.unknowns import Parameters, Unknown
@@ -196,11 +202,8 @@ class Fitted:
         Their residuals over the noise are, in the mean, more than three times those of the median
         shape, and more than noise; no values within the bounds bring them nearer.
         """
-        evaluation = self.evaluation
-        sizes = {
-            i: float(np.sqrt(np.mean(np.square(evaluation.whitening[i] @ miss / self.noise))))
-            for i, miss in evaluation.residuals.items()
-        }
+        scaled = self.evaluation.scaled(self.noise)
+        sizes = {i: float(np.sqrt(np.mean(np.square(r)))) for i, (r, _) in scaled.items()}
         far = max(_UNLIKE * float(np.median(list(sizes.values()))), 1.0)
         return tuple(self.measured[i].name for i, size in sizes.items() if size > far)
 
@@ -327,12 +330,10 @@ class Fitted:
     @cached_property
     def jacobians(self) -> dict[int, Array]:
         """Derivatives of the residuals of shapes over the noise by unknowns from 0 to 1."""
-        evaluation, rows = self.evaluation, {}
-        for i, J in evaluation.jacobians.items():
-            r = evaluation.whitening[i] @ evaluation.residuals[i] / self.noise
-            J = evaluation.whitening[i] @ J * self.parameters.range / self.noise
-            rows[i] = J * np.sqrt(counted_by(self.loss, r))[:, None]
-        return rows
+        return {
+            i: J * np.sqrt(counted_by(self.loss, r))[:, None]
+            for i, (r, J) in self.evaluation.scaled(self.noise).items()
+        }
 
 
 def parameters_of(

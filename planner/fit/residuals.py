@@ -139,7 +139,7 @@ class Evaluation:
     @cached_property
     def lost(self) -> dict[int, OctoplanError]:
         """Why shapes have none, by their number."""
-        return self._joined("lost")
+        return {i: why for part in self.parts for i, why in part.lost.items()}
 
     @cached_property
     def residuals(self) -> dict[int, Array]:
@@ -156,9 +156,21 @@ class Evaluation:
         """Matrices (size, size) by which they are of unit variance, as is known."""
         return self._joined("whitening")
 
+    def scaled(self, noise: float = 1.0) -> dict[int, tuple[Array, Array]]:
+        """Return residuals (size,) of each shape over the noise, whitened, and their derivatives.
+
+        By unknowns counted from 0 to 1 (size, K).
+        """
+        span = self.experiment.parameters.range
+        return {
+            i: (W @ self.residuals[i] / noise, W @ self.jacobians[i] * span / noise)
+            for i, W in self.whitening.items()
+        }
+
     def _joined(self, what: str) -> dict[int, Any]:
-        """Return something of all shapes, in their order."""
-        rows = [item for part in self.parts for item in getattr(part, what).items()]
+        """Return something of all shapes in equilibrium, in their order."""
+        parts = [part for part in self.parts if part.equilibria]
+        rows = [item for part in parts for item in getattr(part, what).items()]
         return dict(sorted(rows, key=itemgetter(0)))
 
     def named(self) -> tuple[Residual, ...]:
