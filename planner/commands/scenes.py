@@ -31,14 +31,15 @@ from planner.commands.options import (
 )
 from planner.effect_ablation import switch_effects
 from planner.io.calls import check_complete, in_motion, planned, settled, stiff
-from planner.io.csv_files import plan_csv, shape_csv
 from planner.io.records import (
     EffectsRecord,
     ExportRecord,
     ShapeRecord,
     StiffnessRecord,
     TrajectoryRecord,
+    plan_csv,
     record,
+    shape_csv,
 )
 from planner.io.saved_records import plan_record
 from planner.io.scene_file import Question, load

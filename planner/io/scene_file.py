@@ -23,7 +23,7 @@ from planner.io.arm_tables import ArmTable, arm_of
 from planner.io.codec import arguments_of, in_si, table_of, value_of, written
 from planner.io.decoding import read_toml, toml_of
 from planner.io.key_paths import steps, value_at
-from planner.io.mistakes import checked, told_in
+from planner.io.mistakes import check_modulus, checked, told_in, warn_of_slips
 from planner.io.object_tables import EffectsTable, inlined, scene_of
 from planner.io.scene_tables import (
     LimitsTable,
@@ -31,7 +31,6 @@ from planner.io.scene_tables import (
     StiffnessTable,
     whole,
 )
-from planner.io.slips import check_modulus, warn_of_slips
 from planner.program.limits import Limits
 from planner.question import check_targets
 from planner.targets import Target

@@ -27,10 +27,9 @@ from planner.io.calls import check_complete, check_held
 from planner.io.codec import Table, identity, written
 from planner.io.decoding import read_toml
 from planner.io.key_paths import changed, checked_key, unit_of
-from planner.io.mistakes import checked, told_in
+from planner.io.mistakes import checked, told_in, warn_of_slip
 from planner.io.scene_file import Question, filled, question_of, scene_beside, scene_table
 from planner.io.scene_tables import SceneKey
-from planner.io.slips import warn_of_slip
 from planner.sweeps.axes import MOST_POINTS, Axis, AxisTable, Count, values_of
 from planner.sweeps.points import RESERVED, VARIABLES, Compute, Job, Point
 from planner.targets.base import Target

@@ -41,9 +41,9 @@ from model.effects import (
 from model.errors import FileError
 from planner import Plan, load_plan, plan, save_shape
 from planner.io.codec import plain, value_of
-from planner.io.csv_files import shape_csv
 from planner.io.files import to_json
 from planner.io.mistakes import checked
+from planner.io.records import shape_csv
 from planner.io.saved_records import plan_record
 from planner.io.schemas import schema_of
 from planner.io.tables import exact
