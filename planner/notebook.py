@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import fields
 from html import escape
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -33,32 +35,21 @@ def force_to_show(k: Stiffness) -> float:
     return float(10.0 ** math.floor(math.log10(most)))
 
 
-def _arm(arm: Arm, ax: Any = None) -> Any:
-    return _shape(settle(arm, np.zeros(arm.n_tendons), accuracy=1e-2), ax)
-
-
-def _shape(shape: Shape, ax: Any = None) -> Any:
-    from planner.plots.plan import plot_shape
-
-    return plot_shape(shape, ax)
-
-
-def _plan(plan: Plan, ax: Any = None) -> Any:
-    from planner.plots.plan import plot_plan
-
-    return plot_plan(plan, ax)
+def _figure(module: str, name: str) -> Callable[..., Any]:
+    """Return what draws a value, in axes if given: matplotlib is loaded with the first figure."""
+    return lambda *of: getattr(import_module(f"planner.plots.{module}"), name)(*of)
 
 
 def _stiffness(k: Stiffness, ax: Any = None) -> Any:
-    from planner.plots.results import plot_ellipsoids
-
-    return plot_ellipsoids([k], force_to_show(k), ax)
+    return import_module("planner.plots.results").plot_ellipsoids([k], force_to_show(k), ax)
 
 
-def _trajectory(motion: Trajectory, ax: Any = None) -> Any:
-    from planner.plots.motion import plot_trajectory
+def _motion(motion: Trajectory, _: Any = None) -> Any:
+    return import_module("planner.plots.motion").plot_trajectory(motion)
 
-    return plot_trajectory(motion)
+
+def _at_rest(arm: Arm, ax: Any = None) -> Any:
+    return _SHAPE(settle(arm, np.zeros(arm.n_tendons), accuracy=1e-2), ax)
 
 
 def _scene_table(scene: Scene) -> str:
@@ -120,14 +111,15 @@ def _design_table(result: Design) -> str:
     return f"<p>{escape(result.outcome)}</p>{html_table(rows)}{html_table(tasks)}"
 
 
-shown_by(Arm, _arm)
-shown_by(Shape, _shape)
+_SHAPE = _figure("plan", "plot_shape")
+shown_by(Arm, _at_rest)
+shown_by(Shape, _SHAPE)
 shown_by(Stiffness, _stiffness)
 shown_by(Scene, table=_scene_table)
 shown_by(Certificate, table=_certificate_table)
 shown_by(MotionCertificate, table=_motion_table)
-shown_by(Trajectory, _trajectory, _trajectory_table)
+shown_by(Trajectory, _motion, _trajectory_table)
 shown_by(Calibration, table=_calibration_table)
 shown_by(Design, table=_design_table)
-shown_by(Plan, _plan, _plan_table)
+shown_by(Plan, _figure("plan", "plot_plan"), _plan_table)
 shown_by(FailedPlan, table=lambda result: preformatted(repr(result)))

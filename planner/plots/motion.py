@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.animation import FuncAnimation, writers
@@ -39,37 +39,6 @@ _PULLS = 1e-3
 _STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 
 
-class Moving(Protocol):
-    """What is drawn of a motion; see planner.Trajectory."""
-
-    @property
-    def question(self) -> Any:
-        """Return what was asked."""
-
-    @property
-    def times(self) -> Array:
-        """Return the times (N,) [s]."""
-
-    @property
-    def flat(self) -> Array:
-        """Return the tensions (N, n_tendons) [N]."""
-
-    def shape(self, t: float) -> Shape:
-        """Return the shape at a time [s]."""
-
-    @property
-    def duration(self) -> float:
-        """Return how long it takes [s]."""
-
-    @property
-    def stops(self) -> tuple[int, ...]:
-        """Return at which of the times each target is met."""
-
-    @property
-    def outcome(self) -> str:
-        """Return what happened, in words."""
-
-
 @dataclass(frozen=True, eq=False)
 class _Step:
     """A frame: the shape, and the plan that it is on the way to."""
@@ -80,8 +49,8 @@ class _Step:
     obstacles: tuple[Obstacle, ...]
 
 
-def plot_trajectory(motion: Moving) -> Figure:
-    """Draw a motion: its last shape and where the tip goes, and tensions with their maxima."""
+def plot_trajectory(motion: Any) -> Figure:
+    """Draw a Trajectory: its last shape and where the tip goes, and tensions with their maxima."""
     figure = Figure(figsize=(10, 5.0), dpi=DPI)
     ax: Any = figure.add_axes((0.0, 0.06, 0.52, 0.86), projection="3d")
     question, last = motion.question, motion.shape(motion.duration)
@@ -148,9 +117,9 @@ def plot_motion(
 
 
 def animate_trajectory(
-    motion: Moving, ax: Any = None, *, fps: float = 15.0, seconds: float | None = None
+    motion: Any, ax: Any = None, *, fps: float = 15.0, seconds: float | None = None
 ) -> FuncAnimation:
-    """Return the animation of a trajectory, in the time that it takes or in `seconds`.
+    """Return the animation of a Trajectory, in the time that it takes or in `seconds`.
 
     Every frame is the settled shape at its time; the target that comes next is shown.
 
