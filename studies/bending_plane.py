@@ -24,15 +24,14 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from model import Arm, CollapsedError, Scene, settle
 from model.effects import Extension
+from model.paths import Array
 from planner import Measured, Plan, calibrate, plan
 from planner.targets import BendingPlane
 from studies.calibration import BODY, LINEAR, POSE, shapes
 
-Array = NDArray[np.float64]
 STATICS = {
     "bare": Scene(),
     "paper, consistent": Scene(Extension()),

@@ -24,17 +24,16 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model import Arm, Scene, Shape
 from model.effects import Extension
 from model.obstacles import Capsule, Obstacle, Sphere
+from model.paths import Array
 from planner import Plan, plan
 from planner.targets import TipPosition
 from studies import draws
 from studies.reporting import keep_finished
 
-Array = NDArray[np.float64]
 MAXIMUM, SCENE = 20.0, Scene(Extension())
 _SIZES, _SPREAD, _ROOM = (0.01, 0.04), 0.06, 1e-3
 

@@ -30,9 +30,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from model.paths import Array
 from studies.reporting import keep_finished, lettered
 
 _ROOT = Path(__file__).parents[1]
@@ -165,8 +165,6 @@ def main(argv: Sequence[str] | None = None) -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     draw(table, grown).savefig(args.out / "hard_cases.png", dpi=130)
 
-
-Array = NDArray[np.float64]
 
 # The body of table 4 with the outermost of its tendons, pulled gently.
 L, BASE, TIP, E = 0.45, 15e-3, 2e-3, 110e3

@@ -7,12 +7,10 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from planner.program.problem import Problem
 from planner.program.program import Program
-
-Array = NDArray[np.float64]
+from tests.oracles import Array
 
 
 def fourth_order(f: Callable[[float], Array], h: float) -> Array:

@@ -7,13 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model import Anchorage, Arm, Linear, Material, Scene, settle
 from model.effects import ExactTendons, Extension, Weight
 from planner import Measured
 
-Array = NDArray[np.float64]
 DATA = Path(__file__).parents[1] / "data" / "measured_tentacle.json"
 HANGING = Scene(Extension(), ExactTendons(), Weight())
 DOWN = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))

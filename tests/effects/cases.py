@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model import Anchorage, Arm, Linear, Scene
 from model.effects import ExactTendons, Extension, NeoHookean
+from tests.oracles import Array
 
-Array = NDArray[np.float64]
 DATA = Path(__file__).parents[1] / "data"
 EXACT = Scene(Extension(), ExactTendons())
 SILICONE = Scene.silicone()

@@ -13,14 +13,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
-from tests.oracles import Rod
-
-Array = NDArray[np.float64]
+from tests.oracles import Array, Rod
 
 
 def zeros() -> Array:

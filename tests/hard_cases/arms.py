@@ -11,9 +11,10 @@ import numpy as np
 
 from model import Scene, settle
 from model.effects import Extension
-from tests.hard_cases.family import Array, Family, log_uniform, relative
+from tests.hard_cases.family import Array, Family, relative
 from tests.model.cases import arm_of, mild_tensions
 from tests.oracles import Rod, RodSection, linear, poses, strain
+from tests.random_arms import log_uniform
 
 
 @dataclass(frozen=True, eq=False)

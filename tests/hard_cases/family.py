@@ -9,11 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.errors import OctoplanError
-
-Array = NDArray[np.float64]
+from tests.oracles import Array
 
 
 class WrongAnswerError(AssertionError):
@@ -75,11 +73,6 @@ def judge(family: Family, seed: int) -> Verdict:
         pass
     error = math.inf if math.isnan(error) else error
     return Verdict(member, error, refusal, time.perf_counter() - begin)
-
-
-def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    """Return a number between two others, each of its decades as likely as the next."""
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def relative(found: Array, wanted: Array, least: float = 1e-30) -> float:

@@ -11,7 +11,8 @@ from model import Arm, Material, Scene, conical, settle, tip_jacobian
 from model.effects import ExactTendons, Extension, TipLoad
 from planner import plan, stiffness
 from planner.targets import TipPosition
-from tests.hard_cases.family import Array, Family, RefusedError, log_uniform
+from tests.hard_cases.family import Array, Family, RefusedError
+from tests.random_arms import log_uniform
 
 STATICS = {
     "bare": Scene(),

@@ -11,7 +11,8 @@ from scipy.integrate import solve_ivp
 from model import Anchorage, Arm, Linear, Scene, SnapError, settle
 from model.effects import Extension, Friction, TipLoad
 from tests.effects.bars import NO_PULL, Bar, dead_elastica, elastica, follower_elastica
-from tests.hard_cases.family import Array, Family, WrongAnswerError, log_uniform
+from tests.hard_cases.family import Array, Family, WrongAnswerError
+from tests.random_arms import log_uniform
 
 # Of E J / L2: what turns the tip by 85 degrees (a dead load never reaches 90) and by 90.
 DEAD, FOLLOWER = 14.7, 3.5

@@ -9,10 +9,11 @@ from scipy.optimize import brentq
 
 from model import Anchorage, Arm, CollapsedError, Linear, Scene, settle
 from model.effects import ExactTendons, Extension
-from tests.hard_cases.family import Array, Family, WrongAnswerError, log_uniform, relative
+from tests.hard_cases.family import Array, Family, WrongAnswerError, relative
 from tests.hard_cases.sections import CrossSection
 from tests.model.cases import arm_of
 from tests.oracles import Rod, RodSection, linear, poses, strain
+from tests.random_arms import log_uniform
 
 STATICS = {
     "paper": Scene(Extension()),

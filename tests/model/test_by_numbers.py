@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from model import Anchorage, Arm, InputError, Linear, RestCurvature, Scene, settle
@@ -28,8 +27,8 @@ from model.equilibrium.sensitivities import ByNumbers
 from model.rotations import matrices
 from model.transcription.neighbours import NumberDerivatives, neighbour
 from tests.differences import fourth_order
+from tests.oracles import Array
 
-Array = NDArray[np.float64]
 Change = Callable[[Arm, Scene, float], tuple[Arm, Scene]]
 T = np.array([0.2, 0.0, 0.1, 0.0, 0.0, 0.9, 0.0, 0.0])
 S = 0.11

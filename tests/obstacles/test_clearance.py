@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from model import Arm, Scene, conical, settle
 from model.centreline import Centreline
@@ -14,9 +13,9 @@ from model.effects import Buoyancy, Extension, Weight
 from model.equilibrium.forward import STAGES, Collocation
 from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from tests.model.cases import paper_tensions
+from tests.oracles import Array
 
 ARM = Arm.from_paper("table-4")
-Array = NDArray[np.float64]
 _ALLOWED = 2e-5, 2e-2
 
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from model import Arm, Scene, settle
 from model.effects import Buoyancy, Extension, Weight
@@ -18,10 +17,10 @@ from model.shape import Shape
 from planner import Plan, load_plan, plan
 from planner.io.scene_file import read
 from planner.targets import BendingPlane, TipPosition
+from tests.oracles import Array
 
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())
 TARGET = TipPosition((0.3, 0.12, -0.12))
-Array = NDArray[np.float64]
 
 
 def _gap(shape: Shape, obstacle: Obstacle) -> float:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere, distances, numbers_of
+from tests.oracles import Array
 
 coal = pytest.importorskip("coal")
 trimesh = pytest.importorskip("trimesh")
-Array = NDArray[np.float64]
 
 _TURNED = np.linalg.qr(np.array([[1.0, 2, 0], [0, 1, 3], [2, 0, 1]]))[0]
 ROUND: dict[str, Obstacle] = {

@@ -19,12 +19,12 @@ from model.loads import is_loaded
 from model.obstacles import Box, Capsule, Obstacle, Sphere
 from model.obstacles.bodies import Bodies
 from tests.model.cases import paper_tensions
+from tests.oracles import Array
 
 ARM = Arm.from_paper("table-4")
 PAPER, SILICONE = Scene(Extension()), Scene.silicone()
 IN_WATER = Scene(*Scene.silicone().effects, Weight(), Buoyancy())
 KEEP = 0.002
-Array = NDArray[np.float64]
 
 
 def _obstacles(rng: np.random.Generator) -> list[Obstacle]:

@@ -8,13 +8,12 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model import Anchorage, Arm, CollapsedError, Linear, Sampled, Scene, Shape, settle
 from model.effects import Extension
 from planner.targets import Backbone, Bend, BendingPlane, Fetch, Target, TipPose, TipPosition
+from tests.oracles import Array
 
-Array = NDArray[np.float64]
 PAPER = Scene(Extension())
 
 

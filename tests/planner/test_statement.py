@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -178,3 +179,11 @@ def test_the_best_of_one_guess_is_not_called_the_nearest_attainable_and_angles_a
     told = sentence(Facts(missed, "nearest", 1.0, 3, 1, (), 0.45))
     assert "the nearest shape found is off in bend by 5.73 deg" in told
     assert "more starts may find a nearer one" in told
+
+
+@pytest.mark.parametrize("why", ["stopped", "unstable"])
+def test_what_a_search_did_not_end_with_is_not_called_the_nearest_attainable(why: str) -> None:
+    missed = Certificate({"tip position": 0.01}, {}, {}, 0.0)
+    facts = Facts(missed, "nearest", 1.0, 3, 2, (), 0.45)
+    assert "the nearest attainable shape is off in" in sentence(facts)
+    assert "the nearest shape found is off in" in sentence(replace(facts, **{why: True}))

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from model import Arm, Scene, Shape
 from model.effects import Buoyancy, ExactTendons, Extension, NeoHookean, TipLoad, Weight
 from tests.model.cases import MOST
+from tests.oracles import Array
 
-Array = NDArray[np.float64]
 STATICS = {
     "bare": Scene(),
     "paper": Scene(Extension()),
@@ -55,11 +52,6 @@ def moved(start: Shape, end: Shape, at: float) -> Array:
     shift = (end.position(at) - start.position(at)) / start.arm.length
     turn = Rotation.from_matrix(end.frame(at) @ start.frame(at).T).as_rotvec()
     return np.concatenate([shift, turn])
-
-
-def slope(f: Callable[[float], Array]) -> Array:
-    """The derivative at 0 over steps of 1 by the central formula of four points."""
-    return np.asarray((f(-2.0) - 8 * f(-1.0) + 8 * f(1.0) - f(2.0)) / 12)
 
 
 def gap(found: Array, wanted: Array) -> float:

@@ -11,6 +11,7 @@ import pytest
 from model import Arm, Scene, Shape, settle
 from model.effects import Current, PointLoad, Shear, TipLoad
 from planner import stiffness
+from tests.differences import fourth_order
 from tests.stiffness.cases import (
     IN_WATER,
     STATICS,
@@ -19,7 +20,6 @@ from tests.stiffness.cases import (
     moved,
     pulling,
     pushed,
-    slope,
     with_effects,
 )
 
@@ -110,7 +110,7 @@ def check(case: Case, count: int) -> None:
             shape, pulls = with_lengths_held(start, scene, k.length_tension, hint)
             return np.concatenate([moved(start, shape, arm.length), pulls - T])
 
-        found = slope(at)
+        found = fourth_order(at, 1.0)
         assert gap(found[:6], k.compliance @ wrench / size) < WANTED
         if case.hold == "length":
             assert gap(found[6:], k.tension_response @ wrench) < WANTED
@@ -146,10 +146,11 @@ def test_further_loads_are_in_the_slope(effects: tuple[object, ...]) -> None:
     k = stiffness(arm, T, scene, accuracy=1e-8)
     start = settle(arm, T, scene, SETTLED)
     (wrench,) = wrenches(arm, k.compliance, 1, 3)
-    found = slope(
+    found = fourth_order(
         lambda share: moved(
             start, settle(arm, T, pushed(scene, share * wrench), SETTLED), arm.length
-        )
+        ),
+        1.0,
     )
     assert gap(found, k.compliance @ wrench / np.repeat([arm.length, 1.0], 3)) < WANTED
 
@@ -179,7 +180,7 @@ def test_poses_and_lengths_per_tension_are_jacobian_of_settled_shapes(
         shape = settle(arm, T + share * change, scene, SETTLED)
         return np.concatenate([moved(start, shape, arm.length), shape.tendon_lengths])
 
-    found = slope(at)
+    found = fourth_order(at, 1.0)
     assert gap(found[:6], k.pose_tension @ change / size) < WANTED
     assert gap(found[6:], k.length_tension @ change) < WANTED
 
@@ -203,4 +204,4 @@ def test_a_force_on_the_way_moves_and_turns_the_midline_there(share: float, heav
         load = PointLoad(at, tuple((part * force).tolist()))
         return moved(start, settle(arm, T, with_effects(scene, load), SETTLED), at)
 
-    assert gap(slope(there), k.compliance[:, :3] @ force / size) < WANTED
+    assert gap(fourth_order(there, 1.0), k.compliance[:, :3] @ force / size) < WANTED

@@ -13,7 +13,8 @@ from model import Arm, Scene, settle
 from model.effects import Extension, TipLoad
 from planner import Plan, plan, stiffness
 from planner.targets import MinimumStiffness, Softest, Stiffest, TipPosition
-from tests.stiffness.cases import IN_WATER, STATICS, Array, moved, pushed, slope, with_effects
+from tests.differences import fourth_order
+from tests.stiffness.cases import IN_WATER, STATICS, Array, moved, pushed, with_effects
 from tests.stiffness.test_against_differences import STEP, TENDON_EA, with_lengths_held
 
 PAPERS = Arm.from_paper("table-4")
@@ -76,7 +77,7 @@ def give_of_settled_shapes(found: Plan, hold: Any) -> float:
         shape, _ = with_lengths_held(start, there, k.length_tension, hint)
         return moved(start, shape, arm.length)
 
-    shift = slope(at)[:3] * arm.length
+    shift = fourth_order(at, 1.0)[:3] * arm.length
     return float(shift @ ALONG / np.linalg.norm(force))
 
 

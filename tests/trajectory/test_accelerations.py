@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from model import Arm, InputError, Scene, settle
 from model.effects import Extension
@@ -14,10 +13,10 @@ from planner import trajectory
 from planner.targets import TipPosition
 from planner.trajectory.question import Rates
 from planner.trajectory.time_law import Stretch, TimeLaw, fastest
+from tests.oracles import Array
 
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())
 TARGETS = [TipPosition((0.32, 0.08, -0.1)), TipPosition((0.3, 0.12, -0.12))]
-Array = NDArray[np.float64]
 
 
 def _still(lengths: Callable[[Array], Array]) -> Callable[[Array], Array]:

@@ -11,7 +11,6 @@ import jsonschema
 import numpy as np
 import pytest
 from matplotlib.animation import writers
-from numpy.typing import NDArray
 from PIL import Image
 
 from model import Arm, InputError, Scene, settle
@@ -30,7 +29,6 @@ from planner.trajectory.question import waypoints_of
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())
 PLACES = [(0.32, 0.08, -0.1), (0.3, 0.12, -0.12), (0.28, 0.08, -0.15)]
 TARGETS = [TipPosition(place) for place in PLACES]
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
