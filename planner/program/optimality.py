@@ -39,21 +39,21 @@ class Point:
     def __init__(self, problem: Problem, x: Array, p: Array, bounds: Bounds | None = None) -> None:
         self.x, self._bounds = x, bounds or problem.bounds
         self._n, self._m = problem.n_free, problem.n_outer
-        self._here = problem.program.evaluate(x, p)
-        self._inner = self._here.jacobian[self._m :].tocsc()
+        self._evaluated = problem.program.evaluate(x, p)
+        self._inner = self._evaluated.jacobian[self._m :].tocsc()
         self._factors = factorised(self._inner[:, self._n + 1 :])
 
     @cached_property
     def _reduced(self) -> Array:
         """Derivatives by a, along the equilibrium, of the objective and of each constraint."""
-        n, rows = self._n, self._here.jacobian[: self._m].toarray()
-        rows = np.vstack([self._here.gradient, rows])
+        n, rows = self._n, self._evaluated.jacobian[: self._m].toarray()
+        rows = np.vstack([self._evaluated.gradient, rows])
         mu = self._factors.solve(np.ascontiguousarray(-rows[:, n + 1 :].T), "T")
         return np.asarray(rows[:, :n] + (self._inner[:, :n].T @ mu).T)
 
     def extended(self, lam_x: Array, lam_g: Array) -> tuple[Array, Array]:
         """Return the multipliers of all unknowns and constraints from those besides equilibrium."""
-        slope = self._here.gradient + self._here.jacobian[: self._m].T @ lam_g
+        slope = self._evaluated.gradient + self._evaluated.jacobian[: self._m].T @ lam_g
         of_states = self._factors.solve(-slope[self._n + 1 :], "T")
         return np.append(lam_x, np.zeros(self.x.size - self._n)), np.append(lam_g, of_states)
 
@@ -83,7 +83,7 @@ class Point:
         """
         above, below = self._room()
         lam, rest = np.append(lam_x, lam_g), self.slope(lam_g) + lam_x
-        scale = _LEAST_SCALE + _most(self._here.gradient[: self._n]) + _most(lam_g)
+        scale = _LEAST_SCALE + _most(self._evaluated.gradient[: self._n]) + _most(lam_g)
         room = np.minimum(np.abs(np.where(lam < 0, above, below)), _ROOM)
         violation = np.maximum(-np.minimum(above, below), 0.0)
         worst = _most(np.concatenate([rest / scale, violation, lam * room / scale]))
@@ -92,7 +92,7 @@ class Point:
     def _room(self) -> tuple[Array, Array]:
         """Return how far unknowns before the states and constraints are above and below bounds."""
         lbx, ubx, lbg, ubg = self._bounds
-        values = np.append(self.x[: self._n], self._here.g[: self._m])
+        values = np.append(self.x[: self._n], self._evaluated.g[: self._m])
         n, m = self._n, self._m
         return values - np.append(lbx[:n], lbg[:m]), np.append(ubx[:n], ubg[:m]) - values
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from itertools import chain, islice
+from itertools import chain, islice, tee
 
 import numpy as np
 
@@ -91,6 +91,7 @@ class Search:
         self._last: Candidate | None = None
         self._margin = task.statement.margin
         self._by_effort = conditions(task.arm, task.targets) > POINT
+        self._source = initial_guesses(*self._asked, is_loaded(task.scene))
 
     @property
     def trials(self) -> list[Trial]:
@@ -172,8 +173,8 @@ class Search:
 
     def guesses(self) -> Iterator[Array]:
         """Yield initial guesses, tensions (n_tendons,) [N], as many as are tried at most."""
-        loaded = is_loaded(self.task.scene)
-        return islice(initial_guesses(*self._asked, loaded), self.task.most)
+        self._source, again = tee(self._source)
+        return islice(again, self.task.most)
 
     @property
     def _asked(self) -> tuple[Arm, Scene, tuple[Target, ...], Limits, bool]:

@@ -113,16 +113,16 @@ class SideBySide:
 
     def solve(
         self,
-        way: Options,
+        options: Options,
         x: Array,
         p: Array,
         bounds: Bounds,
         multipliers: tuple[Array, Array] | None = None,
     ) -> Solution:
         """Return what ipopt makes of unknowns x, by options that go with cold or warm starts."""
-        key = tuple(way.items())
+        key = tuple(options.items())
         if key not in self._solvers:
-            self._solvers[key] = nlp_solver(self._nlp, self.derivatives, way)
+            self._solvers[key] = nlp_solver(self._nlp, self.derivatives, options)
         return solved(self._solvers[key], x, p, bounds, multipliers)
 
 
