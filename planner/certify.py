@@ -32,9 +32,9 @@ from model.time_limit import OutOfTime
 from planner.avoidance.asked import NOTHING, Surroundings
 from planner.certificate import MOST_LOADS, Certificate, OnRequest
 from planner.contact.grasp import left_of
-from planner.measure import compliances_along, measure, measured_units
+from planner.measure import compliances_along, measure
 from planner.program.limits import Limits
-from planner.program.terms import stations_of
+from planner.program.terms import stations_of, terms_of
 from planner.targets.base import Target
 from planner.targets.hold import LEVER, WRENCH, Hold
 from planner.tendon_lengths import strokes
@@ -100,7 +100,7 @@ def certify(
             lambda: gaps | clearances(line(), surroundings.obstacles, KINDS - gaps.keys()),
             lambda: _load_factor(shape),
         ),
-        units=measured_units(arm, targets),
+        units=terms_of(arm, targets).units,
         strokes=_stroke_excess(shape, limits),
         complementarity=_violation(shape, line()) if contacts(scene) else None,
     )

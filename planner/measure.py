@@ -3,26 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import lru_cache
 
-import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.machine.buffered import Buffered
 from model.paths import Array
 from model.shape import Shape
 from model.stiffness import stiffness
 from model.winches import pulls
-from planner.program.terms import (
-    Same,
-    compliance_requests,
-    directions_function,
-    term_names,
-    term_units,
-    terms_function,
-)
+from planner.program.terms import compliance_requests, target_numbers, terms_of
 from planner.targets.base import Target
 from planner.targets.stiffness import MinimumStiffness
 
@@ -36,46 +25,12 @@ def measure(
 
     Of poses (K, 7) at the targets' stations, and of what `compliances_along` returns.
     """
-    terms, numbers = _terms(arm, targets), _numbers(arm, targets)
-    measured: list[dict[str, Array]] = []
-    for kind, value in zip(
-        terms.names, terms.function(poses.ravel(), numbers, compliances), strict=True
-    ):
+    terms, measured = terms_of(arm, targets), list[dict[str, Array]]()
+    values = terms.dense(poses.ravel(), target_numbers(arm, targets), compliances)
+    for kind, value in zip(terms.names, values, strict=True):
         flat, names = value.ravel(), np.array(kind)
         measured.append({name: flat[names == name] for name in dict.fromkeys(kind)})
     return measured[0], measured[1], measured[2]
-
-
-def measured_units(arm: Arm, targets: tuple[Target, ...]) -> dict[str, str]:
-    """Return by name the unit of those terms that have one."""
-    return dict(_terms(arm, targets).units)
-
-
-@dataclass(frozen=True, eq=False)
-class _Measured:
-    """The terms of targets of one structure: their function, names by kind, units."""
-
-    function: Buffered
-    names: tuple[list[str], ...]
-    units: dict[str, str]
-
-
-def _terms(arm: Arm, targets: tuple[Target, ...]) -> _Measured:
-    return _of_structure(arm, tuple(target.structure(arm) for target in targets), Same(targets))
-
-
-@lru_cache(maxsize=64)
-def _of_structure(arm: Arm, structure: tuple[object, ...], targets: Same) -> _Measured:
-    value = targets.value
-    function = terms_function(arm, value)
-    dense = ca.Function(
-        "terms", function.mx_in(), [ca.densify(v) for v in function.call(function.mx_in())]
-    )
-    return _Measured(Buffered(dense), term_names(arm, value), term_units(arm, value))
-
-
-def _numbers(arm: Arm, targets: tuple[Target, ...]) -> Array:
-    return np.concatenate([target.parameters(arm) for target in targets])
 
 
 def compliances_along(
@@ -86,13 +41,11 @@ def compliances_along(
     With lengths held all tendons are locked, as the program's responses have them; or those without
     tension `release`d, as stiffness has it by default.
     """
-    requests, numbers = compliance_requests(targets), _numbers(arm, targets)
-    if not requests:
+    if not compliance_requests(targets):
         return np.zeros(0)
-    compliances = []
-    for request, along in zip(
-        requests, directions_function(arm, targets).call([numbers]), strict=True
-    ):
+    terms, compliances = terms_of(arm, targets), []
+    directions = terms.directions.call([target_numbers(arm, targets)])
+    for request, along in zip(terms.requests, directions, strict=True):
         k = stiffness(
             arm,
             shape.tensions,

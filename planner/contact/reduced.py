@@ -36,7 +36,7 @@ from model.time_limit import check_time
 from model.transcription.layout import POSE
 from planner.contact.grasp import Grasp
 from planner.program.limits import natural_tensions
-from planner.program.terms import stations_of, terms_function
+from planner.program.terms import stations_of, target_numbers, terms_of
 from planner.solve.task import Task
 from planner.targets.hold import LEVER, Hold
 
@@ -106,14 +106,14 @@ class Reduced:
         self.unit, self.n = float(natural_tensions(task.arm).max()), task.arm.n_tendons
         self._holds = [target for target in task.targets if isinstance(target, Hold)]
         self._stations = stations_of(task.arm, task.targets)
-        self._numbers = np.concatenate([target.parameters(task.arm) for target in task.targets])
+        self._numbers = target_numbers(task.arm, task.targets)
         self._last: tuple[Array, Rows] | None = None
         self._visited: tuple[Array, Rows] | None = None
 
     @cached_property
     def _terms(self) -> ca.Function:
         """Poses, numbers -> equalities and soft residuals, inequalities, their derivatives."""
-        terms = terms_function(self.task.arm, self.task.targets)
+        terms = terms_of(self.task.arm, self.task.targets).function
         poses = ca.MX.sym("poses", *terms.size_in(0))
         numbers = ca.MX.sym("numbers", *terms.size_in(1))
         equality, soft, inequality, _ = terms(poses, numbers, ca.MX(0, 1))

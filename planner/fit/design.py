@@ -24,7 +24,7 @@ from planner.fit.making import Making, Objective, Reach, checked_objective
 from planner.fit.unknowns import Parameters, Unknown
 from planner.plan import Plan, plan
 from planner.program.limits import Limits
-from planner.program.terms import term_names
+from planner.program.terms import terms_of
 from planner.question import check_targets
 from planner.targets import Softest, Stiffest
 
@@ -146,7 +146,7 @@ def _checked(arm: Arm, targets: Iterable[Any]) -> list[Targets]:
     if not tasks:
         raise InputError("targets", targets, "at least one task")
     for i, task in enumerate(tasks):
-        if term_names(arm, task)[1]:
+        if terms_of(arm, task).names[1]:
             raise InputError(f"targets[{i}]", task, "targets that can be met exactly")
     return tasks
 

@@ -16,7 +16,7 @@ from planner.initial_guess.fitting import fitted
 from planner.initial_guess.many_arms import bend_coordinates, residuals
 from planner.program.limits import Limits
 from planner.program.problem import units
-from planner.program.terms import term_names
+from planner.program.terms import terms_of
 from planner.targets.base import Target
 
 # Arms that are drawn, what a unit of tension counts beside how near they are, and by what part of
@@ -90,8 +90,8 @@ def drawn_arms(
 
 def conditions(arm: Arm, targets: tuple[Target, ...]) -> float:
     """Return how many numbers are to be met; infinite where others are to be kept above 0."""
-    equality, soft_residual, inequality, _ = term_names(arm, targets)
-    return np.inf if inequality else len(equality) + len(soft_residual)
+    terms = terms_of(arm, targets)
+    return np.inf if terms.names[2] else terms.count
 
 
 def _within_total(T: Array, limits: Limits) -> Array:

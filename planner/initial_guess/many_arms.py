@@ -18,7 +18,7 @@ from model.paths import Array
 from model.rotations import matrices
 from model.scene import Scene
 from planner.program.limits import Limits, natural_tensions
-from planner.program.terms import Same, compliance_requests, stations_of, terms_function
+from planner.program.terms import TargetTerms, stations_of, target_numbers, terms_of
 from planner.targets.base import Target
 
 _FEASIBLE = 0.05
@@ -36,12 +36,10 @@ def residuals(
     """
     scheme, at = "magnus4" if "magnus4" in schemes_of(scene) else "rk4", stations_of(arm, targets)
     forward = explicit_map(arm, scene, scheme, 1, at, machine_code)
-    structure = tuple(target.structure(arm) for target in targets)
-    numbers = np.concatenate([target.parameters(arm) for target in targets])
+    numbers = target_numbers(arm, targets)
     poses, least = forward.many(tensions, [forward.mesh.node(s) for s in at])
     seen = poses.reshape(len(tensions), -1)
-    miss = _residuals_of(arm, structure, Same(targets))
-    (gaps,) = miss(seen, np.tile(numbers, (len(tensions), 1)))
+    (gaps,) = _residuals_of(terms_of(arm, targets))(seen, np.tile(numbers, (len(tensions), 1)))
     crushed = _bounded(_FEASIBLE - least, 0.0)
     return np.hstack([_bounded(gaps, -_FAR), 10 * crushed[:, None]])
 
@@ -51,15 +49,13 @@ def _bounded(values: Array, low: float) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _residuals_of(arm: Arm, structure: tuple[object, ...], structured: Same) -> Mapped:
+def _residuals_of(terms: TargetTerms) -> Mapped:
     """Return (poses (7 K,), target numbers) -> residuals (k,), as one list of instructions."""
-    terms = terms_function(arm, structured.value)
-    poses, numbers = (ca.MX.sym("given", *terms.size_in(i)) for i in range(2))
-    requests = compliance_requests(structured.value)
+    poses, numbers = (ca.MX.sym("given", *terms.function.size_in(i)) for i in range(2))
     compliances = ca.vertcat(
-        ca.DM(0, 1), *(ca.vec(ca.DM.eye(request.width)) for request in requests)
+        ca.DM(0, 1), *(ca.vec(ca.DM.eye(request.width)) for request in terms.requests)
     )
-    equality, soft_residual, inequality, _ = terms(poses, numbers, compliances)
+    equality, soft_residual, inequality, _ = terms.function(poses, numbers, compliances)
     gaps = ca.densify(ca.vertcat(equality, soft_residual, ca.fmin(inequality, 0)))
     function = ca.Function("gaps", [poses, numbers], [gaps])
     arguments = function.sx_in()

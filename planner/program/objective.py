@@ -27,17 +27,7 @@ from model.arm import Arm
 from model.stations import base_pose
 from planner.avoidance.rows import Avoidance
 from planner.program.statement import Statement, smooth_norm
-from planner.program.terms import (
-    HIGH_PRIORITY,
-    LOW_PRIORITY,
-    compliance_requests,
-    directions_function,
-    equality_weights,
-    inequality_weights,
-    shares,
-    stations_of,
-    terms_function,
-)
+from planner.program.terms import HIGH_PRIORITY, LOW_PRIORITY, stations_of, terms_of
 from planner.targets.base import Target
 
 STRETCH, LEAST_STRETCH = "stretch", 1e-3
@@ -64,11 +54,8 @@ class Objective:
         stretches, compliances -> f, g without gaps.
     seen : list of int
         Which stations count.
-    terms : casadi.Function
-        Station poses (7, K), target numbers, compliances -> the targets' terms, one vector for each
-        of planner.program.terms.KINDS.
-    directions : casadi.Function
-        Target numbers -> the directions (3, width) of each request.
+    terms : TargetTerms
+        The terms of the targets.
     n_numbers, n_own : int
         Number of parameters: target numbers, those of gaps, reference tension, limit of the total,
         trace; and of the first.
@@ -81,27 +68,25 @@ class Objective:
     def __init__(
         self, arm: Arm, targets: tuple[Target, ...], statement: Statement, thin: int
     ) -> None:
-        self.statement, self.requests = statement, compliance_requests(targets)
+        self.statement = statement
         stations = stations_of(arm, targets)
         kept = [target for target in targets if isinstance(target, Avoidance)]
         # CasADi cannot differentiate compiled kernels.
         self._arm, self._gaps = arm, kept[0].gaps(arm, stations, False) if kept else None
         targets = tuple(target for target in targets if not isinstance(target, Avoidance))
         self.seen = [stations.index(s) for s in stations_of(arm, targets)]
-        self.terms, self.directions = (
-            terms_function(arm, targets),
-            directions_function(arm, targets),
-        )
-        self.n_own = self.terms.size1_in(1)
+        self.terms = terms_of(arm, targets)
+        terms = self.terms.function
+        self.n_own = terms.size1_in(1)
         n_gaps, n_gap_numbers = (self._gaps.n_g, self._gaps.n_p) if self._gaps else (0, 0)
         self.n_numbers = self.n_own + n_gap_numbers + 3
-        n, K = arm.n_tendons, self.terms.size2_in(0)
+        n, K = arm.n_tendons, terms.size2_in(0)
         T, poses, least = ca.MX.sym("T", n), ca.MX.sym("poses", 7, K), ca.MX.sym("least", thin)
         p = ca.MX.sym("p", self.n_numbers)
-        compliances = ca.MX.sym("compliances", self.terms.numel_in(2))
-        soft = self._soft_rows(inequality_weights(arm, targets))
+        compliances = ca.MX.sym("compliances", terms.numel_in(2))
+        soft = self._soft_rows(self.terms.inequality_weights())
         slack = ca.MX.sym("slack", len(soft))
-        f, blocks, peak = self._stated(arm, targets, soft, (T, slack, p, poses, least, compliances))
+        f, blocks, peak = self._stated(targets, soft, (T, slack, p, poses, least, compliances))
         self.rows = tuple(Rows(name, g.numel(), lo, hi) for name, g, lo, hi in blocks)
         self.rows = (*self.rows[:2], Rows("clear", n_gaps, 0.0, np.inf), *self.rows[2:])
         self.n_peak, self.n_slack = peak.numel(), slack.numel()
@@ -129,21 +114,20 @@ class Objective:
 
     def _stated(
         self,
-        arm: Arm,
         targets: tuple[Target, ...],
         soft_rows: list[int],
         symbols: tuple[ca.MX, ...],
     ) -> tuple[ca.MX, list[tuple[str, ca.MX, float, float]], ca.MX]:
         T, slack, p, poses, thin, compliances = symbols
         target, (reference, total, trace) = p[: self.n_own], ca.vertsplit(p[-3:])
-        equality, soft_residual, inequality, least = self.terms(poses, target, compliances)
-        for row, place in shares(arm, targets):
+        equality, soft_residual, inequality, least = self.terms.function(poses, target, compliances)
+        for row, place in self.terms.shares(targets):
             inequality[row] = 1 - compliances[place]
         effort, peak, peaks = smooth_norm(T / reference, self.statement.norm)
         mode, none = self.statement.mode, ca.MX(0, 1)
         weights, slack_weights = (
-            equality_weights(arm, targets),
-            inequality_weights(arm, targets)[soft_rows],
+            self.terms.equality_weights(),
+            self.terms.inequality_weights()[soft_rows],
         )
         soft = ca.vertcat(weights * equality, slack_weights * slack) if mode == "nearest" else slack
         met = {"exact": ca.vertcat(equality, soft_residual), "closest": equality, "nearest": none}[

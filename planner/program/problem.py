@@ -5,7 +5,6 @@ from __future__ import annotations
 from contextlib import suppress
 from functools import cached_property, lru_cache
 
-import casadi as ca
 import numpy as np
 
 from model.arm import Arm
@@ -23,7 +22,13 @@ from planner.program.objective import Rows
 from planner.program.program import STABILITY, STROKES, Program, factorised, program
 from planner.program.statement import Statement
 from planner.program.states import States, Stations
-from planner.program.terms import Same, compliance_requests, stations_of
+from planner.program.terms import (
+    Same,
+    compliance_requests,
+    stations_of,
+    structure_of,
+    target_numbers,
+)
 from planner.targets.base import Target
 
 Bounds = tuple[Array, Array, Array, Array]
@@ -69,7 +74,7 @@ class Problem:
         self.statement = (statement or Statement()).but(iterations=0, solver="ipopt")
         self.machine_code, self.unit = machine_code, units(arm, limits)
         self.stations, self.requests = stations_of(arm, targets), compliance_requests(targets)
-        structure = tuple(target.structure(arm) for target in targets)
+        structure = structure_of(arm, targets)
         stated = self.statement.but(margin=0.0, floor=0.0)
         question = (arm, scene, structure, Same(targets), stated, machine_code)
         self.program, self.forward, self.states = _built(*question)
@@ -86,11 +91,6 @@ class Problem:
     def rows(self) -> tuple[Rows, ...]:
         """What the rows of the constraints are, in order; those of equilibrium come last."""
         return self.program.rows
-
-    @property
-    def terms(self) -> ca.Function:
-        """Station poses (7, K), target numbers, compliances -> terms, for each of KINDS."""
-        return self.program.objective.terms
 
     @property
     def n_free(self) -> int:
@@ -122,7 +122,7 @@ class Problem:
     @cached_property
     def _numbers(self) -> Array:
         """The numbers of the targets."""
-        return np.concatenate([target.parameters(self.arm) for target in self.targets])
+        return target_numbers(self.arm, self.targets)
 
     @cached_property
     def _p(self) -> Array:
@@ -251,7 +251,7 @@ class Problem:
     def directions(self) -> list[Array]:
         """The directions (3, width) of the requests of targets."""
         of = self.program.objective
-        return [np.array(D) for D in of.directions.call([self._numbers[: of.n_own]])]
+        return [np.array(D) for D in of.terms.directions.call([self._numbers[: of.n_own]])]
 
     def compliances(self, x: Array) -> Array:
         """Return the tip's compliances in unknowns x along the requests' directions, stacked."""

@@ -32,7 +32,7 @@ from model.transcription.terms import Equations
 from planner.program.objective import Objective, Rows, split
 from planner.program.statement import Statement
 from planner.program.states import Blocks, Stations
-from planner.program.terms import Same, compliance_requests
+from planner.program.terms import Same, compliance_requests, structure_of
 from planner.targets.base import Target
 
 Index = NDArray[np.int32]
@@ -140,7 +140,7 @@ class Program:
     @property
     def measured(self) -> tuple[int, int, int, int]:
         """How many numbers are measured: of poses, compliances, eigenvalues, lengths."""
-        blocks, compliances = self.blocks, self.objective.terms.numel_in(2)
+        blocks, compliances = self.blocks, self.objective.terms.function.numel_in(2)
         wound = blocks.wound * blocks.of.n_tendons
         return POSE * len(self._seen.nodes), compliances, blocks.modes, wound
 
@@ -263,8 +263,9 @@ class Program:
         """Return the compliances along the requests' directions, column by column."""
         of, compliances, k = self.blocks.of, [ca.MX(0, 1)], 0
         tip, force = of.first + of.nodes[-1, 4:POSE], self.p[self.parts.force]
-        directions = self.objective.directions.call([numbers[: self.objective.n_own]])
-        for request, D in zip(self.objective.requests, directions, strict=True):
+        terms = self.objective.terms
+        directions = terms.directions.call([numbers[: self.objective.n_own]])
+        for request, D in zip(terms.requests, directions, strict=True):
             starts = [self.blocks.response(k + i).start for i in range(request.width)]
             displaced = ca.horzcat(*(self._at(start + tip) for start in starts))
             compliances.append(ca.vec(D.T @ displaced / force))
@@ -276,7 +277,7 @@ def program(
     arm: Arm, targets: tuple[Target, ...], statement: Statement, of: Layout, seen: Stations
 ) -> Program:
     """Return the program of a structure, built once for all arms and numbers that have it."""
-    structure = tuple(target.structure(arm) for target in targets)
+    structure = structure_of(arm, targets)
     # What targets take of an arm besides its shape.
     skeleton = (arm.length, arm.base_frame, arm.base_position, arm.tendons, arm.anchorages)
     no_numbers = {"refinement": 0, "margin": 0.0, "floor": 0.0, "solver": "ipopt", "iterations": 0}

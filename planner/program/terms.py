@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from model.arm import Arm
-from planner.targets.base import ComplianceRequest, Target, Terms, View
+from model.machine.buffered import Buffered
+from model.paths import Array
+from planner.targets.base import ComplianceRequest, Target, View
 
 
 class Same:
@@ -42,110 +45,112 @@ def compliance_requests(targets: tuple[Target, ...]) -> tuple[ComplianceRequest,
     return tuple(request for request in requests if request is not None)
 
 
-def directions_function(arm: Arm, targets: tuple[Target, ...]) -> ca.Function:
-    """Return target numbers -> the directions (3, width) of each request."""
-    numbers = _numbers(arm, targets)
-    pairs = zip(targets, numbers, strict=True)
-    directions = [
-        target.directions(p) for target, p in pairs if target.compliance_request() is not None
-    ]
-    return ca.Function("directions", [ca.vertcat(*numbers)], directions)
+def target_numbers(arm: Arm, targets: tuple[Target, ...]) -> Array:
+    """Return the numbers of targets, one after the other."""
+    return np.concatenate([target.parameters(arm) for target in targets])
 
 
-def terms_function(arm: Arm, targets: tuple[Target, ...]) -> ca.Function:
-    """Return (poses (7, K), target numbers, compliances) -> stacked terms.
+def structure_of(arm: Arm, targets: tuple[Target, ...]) -> tuple[object, ...]:
+    """Return what programs for targets depend on besides their numbers."""
+    return tuple(target.structure(arm) for target in targets)
 
-    They are those of KINDS, each by target. Compliances are those of the requests, one below the
-    other, each column by column.
+
+class TargetTerms:
+    """The terms of targets of one structure, as functions of the numbers of these; see terms_of.
+
+    Attributes
+    ----------
+    function : casadi.Function
+        (poses (7, K), target numbers, compliances) -> stacked terms, those of KINDS, each by
+        target. Compliances are those of the requests, one below the other, each column by column.
+    directions : casadi.Function
+        Target numbers -> the directions (3, width) of each request.
+    requests : tuple of ComplianceRequest
+    names : tuple of list of str
+        The name of each component of the terms, for each of KINDS.
+    units : dict
+        By name the unit of those terms that have one, see Terms.units.
     """
-    stations = stations_of(arm, targets)
-    poses = ca.MX.sym("poses", 7, len(stations))
-    seen = {s: poses[:, i] for i, s in enumerate(stations)}
-    numbers, compliances = _numbers(arm, targets), _compliances(targets)
-    terms = [
-        target.terms(View(arm, seen, compliance), p)
-        for target, p, compliance in zip(targets, numbers, compliances, strict=True)
-    ]
-    flat = ca.vertcat(*(ca.vec(compliance) for compliance in compliances if compliance is not None))
-    stacks = [_stack(terms, kind) for kind in KINDS]
-    return ca.Function("terms", [poses, ca.vertcat(*numbers), flat], stacks)
 
-
-def term_names(arm: Arm, targets: tuple[Target, ...]) -> tuple[list[str], ...]:
-    """Return the name of each component of the terms, for each of KINDS."""
-    terms = _symbolic_terms(arm, targets)
-    return tuple(
-        [
-            name
-            for term in terms
-            for name, v in getattr(term, kind).items()
-            for _ in range(v.numel())
+    def __init__(self, arm: Arm, targets: tuple[Target, ...]) -> None:
+        self.requests = compliance_requests(targets)
+        stations, requests = stations_of(arm, targets), [t.compliance_request() for t in targets]
+        numbers = [ca.MX.sym("p", target.parameters(arm).size) for target in targets]
+        poses = ca.MX.sym("poses", 7, len(stations))
+        seen = {s: poses[:, i] for i, s in enumerate(stations)}
+        compliances = [ca.MX.sym("compliance", r.width, r.width) if r else None for r in requests]
+        parts = zip(targets, numbers, compliances, strict=True)
+        self._terms = [target.terms(View(arm, seen, C), p) for target, p, C in parts]
+        flat = ca.vertcat(*(ca.vec(C) for C in compliances if C is not None))
+        stacks = [
+            ca.vertcat(
+                ca.MX(0, 1), *(v for term in self._terms for v in getattr(term, kind).values())
+            )
+            for kind in KINDS
         ]
-        for kind in KINDS
-    )
+        self.function = ca.Function("terms", [poses, ca.vertcat(*numbers), flat], stacks)
+        triples = zip(targets, numbers, requests, strict=True)
+        directions = [target.directions(p) for target, p, request in triples if request]
+        self.directions = ca.Function("directions", [ca.vertcat(*numbers)], directions)
+        self.names = tuple(
+            [
+                name
+                for term in self._terms
+                for name, value in getattr(term, kind).items()
+                for _ in range(value.numel())
+            ]
+            for kind in KINDS
+        )
+        self.units = {name: unit for term in self._terms for name, unit in term.units.items()}
+
+    @property
+    def count(self) -> int:
+        """How many equalities and soft residuals there are."""
+        return len(self.names[0]) + len(self.names[1])
+
+    @cached_property
+    def dense(self) -> Buffered:
+        """`function` of numbers, with its zeros."""
+        arguments = self.function.mx_in()
+        values = [ca.densify(value) for value in self.function.call(arguments)]
+        return Buffered(ca.Function("terms", arguments, values))
+
+    def equality_weights(self) -> ca.DM:
+        """Return the factor of each equality where not all can be had."""
+        factors: dict[str, float] = {}
+        for term in self._terms:
+            factors |= {name: math.sqrt(weight) for name, weight in term.weights.items()}
+            factors |= dict.fromkeys(term.high_priority, HIGH_PRIORITY)
+        return ca.DM([factors.get(name, 1.0) for name in self.names[0]])
+
+    def inequality_weights(self) -> ca.DM:
+        """Return the weight of each inequality's slack where not all can be met."""
+        weights: dict[str, float] = {}
+        for term in self._terms:
+            weights |= dict.fromkeys(term.low_priority, LOW_PRIORITY) | dict.fromkeys(
+                term.hard, HARD
+            )
+        return ca.DM([weights.get(name, HIGH_PRIORITY) for name in self.names[2]])
+
+    def shares(self, targets: tuple[Target, ...]) -> list[tuple[int, int]]:
+        """Return which inequalities are shares of stiffnesses that are wanted; see Terms.shares.
+
+        And the place among compliances of that over what is wanted, which may pass through 0.
+        """
+        names, pairs, place = iter(enumerate(self.names[2])), list[tuple[int, int]](), 0
+        for target, term in zip(targets, self._terms, strict=True):
+            rows = [next(names) for value in term.inequality.values() for _ in range(value.numel())]
+            pairs += [(row, place) for row, name in rows if name in term.shares]
+            request = target.compliance_request()
+            place += request.width**2 if request else 0
+        return pairs
 
 
-def term_units(arm: Arm, targets: tuple[Target, ...]) -> dict[str, str]:
-    """Return by name the unit of those terms that have one, see Terms.units."""
-    return {name: u for term in _symbolic_terms(arm, targets) for name, u in term.units.items()}
+def terms_of(arm: Arm, targets: tuple[Target, ...]) -> TargetTerms:
+    """Return the terms of targets, built once for all targets of one structure."""
+    return _built(arm, structure_of(arm, targets), Same(targets))
 
 
-def equality_weights(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:
-    """Return the factor of each equality where not all can be had."""
-    factors: dict[str, float] = {}
-    for term in _symbolic_terms(arm, targets):
-        factors |= {name: math.sqrt(weight) for name, weight in term.weights.items()}
-        factors |= dict.fromkeys(term.high_priority, HIGH_PRIORITY)
-    return ca.DM([factors.get(name, 1.0) for name in term_names(arm, targets)[0]])
-
-
-def inequality_weights(arm: Arm, targets: tuple[Target, ...]) -> ca.DM:
-    """Return the weight of each inequality's slack where not all can be met."""
-    weights: dict[str, float] = {}
-    for term in _symbolic_terms(arm, targets):
-        weights |= dict.fromkeys(term.low_priority, LOW_PRIORITY) | dict.fromkeys(term.hard, HARD)
-    return ca.DM([weights.get(name, HIGH_PRIORITY) for name in term_names(arm, targets)[2]])
-
-
-def shares(arm: Arm, targets: tuple[Target, ...]) -> list[tuple[int, int]]:
-    """Return which inequalities are shares of stiffnesses that are wanted; see Terms.shares.
-
-    And the place among compliances of that over what is wanted, which may pass through 0.
-    """
-    names, pairs, place = iter(enumerate(term_names(arm, targets)[2])), [], 0
-    for target, term in zip(targets, _symbolic_terms(arm, targets), strict=True):
-        rows = [next(names) for value in term.inequality.values() for _ in range(value.numel())]
-        pairs += [(row, place) for row, name in rows if name in term.shares]
-        request = target.compliance_request()
-        place += request.width**2 if request else 0
-    return pairs
-
-
-def _symbolic_terms(arm: Arm, targets: tuple[Target, ...]) -> list[Terms]:
-    structure = tuple(target.structure(arm) for target in targets)
-    return _terms_of(arm, structure, Same(targets))
-
-
-@lru_cache(maxsize=4)
-def _terms_of(arm: Arm, structure: tuple[object, ...], structured: Same) -> list[Terms]:
-    targets = structured.value
-    poses = {s: ca.MX.sym("pose", 7) for s in stations_of(arm, targets)}
-    parts = zip(targets, _numbers(arm, targets), _compliances(targets), strict=True)
-    return [target.terms(View(arm, poses, compliance), p) for target, p, compliance in parts]
-
-
-def _numbers(arm: Arm, targets: tuple[Target, ...]) -> list[ca.MX]:
-    """Return symbols for the numbers of each target."""
-    return [ca.MX.sym("p", target.parameters(arm).size) for target in targets]
-
-
-def _compliances(targets: tuple[Target, ...]) -> list[ca.MX | None]:
-    """Return symbols for the compliance of each target's request, None for those without."""
-    requests = [target.compliance_request() for target in targets]
-    return [ca.MX.sym("compliance", r.width, r.width) if r else None for r in requests]
-
-
-def _stack(terms: list[Terms], kind: str) -> ca.MX:
-    return ca.vertcat(
-        ca.MX(0, 1), *(value for term in terms for value in getattr(term, kind).values())
-    )
+@lru_cache(maxsize=64)
+def _built(arm: Arm, structure: tuple[object, ...], targets: Same) -> TargetTerms:
+    return TargetTerms(arm, targets.value)

@@ -27,6 +27,7 @@ from planner.initial_guess.guesses import POINT, conditions, drawn_arms, initial
 from planner.program.limits import Limits
 from planner.program.problem import SEARCHED
 from planner.program.statement import Mode, Statement
+from planner.program.terms import terms_of
 from planner.solve.fatrop import solve as by_stages
 from planner.solve.ipopt import Candidate, solve
 from planner.solve.refine import refine
@@ -143,8 +144,8 @@ class Search:
         """Yield how the targets are to be read, see planner.program.objective."""
         if self.task.can_be_exact:
             yield "exact"
-        closest = self.task.problem(self.task.coarse("closest"))
-        if closest.terms.numel_out(1) > 0 or closest.n_slack > 0:
+        terms = terms_of(self.task.arm, self.task.targets)
+        if terms.names[1] or self.task.problem(self.task.coarse("closest")).n_slack > 0:
             yield "closest"
         yield "nearest"
 

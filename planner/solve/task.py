@@ -18,6 +18,7 @@ from planner.avoidance.rows import Avoidance
 from planner.program.limits import Limits
 from planner.program.problem import Problem
 from planner.program.statement import Mode, Statement
+from planner.program.terms import terms_of
 from planner.solve.ipopt import Candidate
 from planner.targets.base import Target
 
@@ -95,12 +96,7 @@ class Task:
     def can_be_exact(self) -> bool:
         """Whether there are tendons enough to meet every equality and soft residual."""
         free = np.sum(np.array(self.allowed.upper) > self.allowed.lower)
-        return bool(self._rows <= free)
-
-    @cached_property
-    def _rows(self) -> int:
-        terms = self.problem(self.coarse("exact")).terms
-        return int(terms.numel_out(0) + terms.numel_out(1))
+        return bool(terms_of(self.arm, self.targets).count <= free)
 
 
 def allowed(arm: Arm, targets: tuple[Target, ...], limits: Limits) -> Limits:
