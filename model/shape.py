@@ -15,7 +15,6 @@ from model.checks import finite_array
 from model.clearance.nearest import ITSELF, clearances
 from model.contact.contacts import Touch, touches_of
 from model.contact.forward import Touching
-from model.contact.stability import held_stability
 from model.effects import ExactTendons, PrintedStatics
 from model.equilibrium.equilibrium import Equilibrium
 from model.equilibrium.forward import STAGES
@@ -23,7 +22,7 @@ from model.equilibrium.linearised import Linearised
 from model.equilibrium.stability import stability
 from model.errors import InputError
 from model.forward import by_collocation
-from model.loads import contacts, is_loaded
+from model.loads import is_loaded
 from model.paths import Array
 from model.rotations import matrices
 from model.scene import Scene
@@ -248,8 +247,7 @@ class Shape:
         """
         if self.scene.has(PrintedStatics):
             raise InputError("scene", "as printed", "a scene whose equations hold under loads")
-        here = self._linearised(True)
-        return held_stability(here) if contacts(self.scene) else stability(here)
+        return stability(self._linearised(True))
 
     def _linearised(self, loaded: bool) -> Linearised:
         """Return its equations by collocation, with wrenches as unknowns where it is `loaded`."""

@@ -11,7 +11,6 @@ import numpy as np
 from model.arm import Arm
 from model.centreline import Centreline
 from model.clearance import KINDS, Clearance, clearances
-from model.contact.stability import held_stability
 from model.effects import PrintedStatics
 from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.linearised import Linearised
@@ -178,7 +177,7 @@ def _in_contact(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
     system, states = equilibrium.system, check.here.states
     poses, line = system.poses(states), partial(Centreline.at_states, system, states)
     places = [system.mesh.node(s) for s in stations]
-    return poses[places], poses[-1, 4:], check.error, held_stability(equilibrium), line
+    return poses[places], poses[-1, 4:], check.error, stability(equilibrium), line
 
 
 def _violation(shape: Shape, line: Centreline) -> float:

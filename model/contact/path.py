@@ -20,10 +20,10 @@ from model.contact.friction import History, Path
 from model.contact.gaps import least_gaps
 from model.contact.newton import newton
 from model.contact.sharp import Request, Settled, sharpened, turned
-from model.contact.stability import unstable_mode
 from model.contact.touches import Place, Places, Touches, forces, mesh_with, point
 from model.equilibrium.forward import carried_strains
 from model.equilibrium.linearised import Linearised
+from model.equilibrium.stability import unstable_mode
 from model.errors import SnapError, UnsettledContactError
 from model.least_energy import LeastEnergy
 from model.loads import contacts, without_friction

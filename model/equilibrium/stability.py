@@ -10,9 +10,8 @@ spread along the tendons are held as they are.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -32,9 +31,11 @@ from model.unloaded.sections import unloaded_sections
 
 # What a Hessian may be unsymmetric by for it not to matter.
 _SYMMETRIC = 1e-3
-# Of Arnoldi's method, vectors for each mode and restarts; and the tolerance of an eigenvalue alone,
-# whose error is the square of that where the Hessian is symmetric.
-_VECTORS, _RESTARTS, _CLOSE = 40, 10, 1e-6
+# Of Arnoldi's method, vectors for each mode and restarts; the tolerance of an eigenvalue alone,
+# whose error is the square of that where the Hessian is symmetric, and of one whose sign matters.
+_VECTORS, _RESTARTS, _CLOSE, _ROUGH = 40, 10, 1e-8, 1e-2
+# Reciprocals nearer to 0 are rounding, and the 0 of contacts.
+_NONE = 1e-4
 # How many more eigenvalues are looked at where they may be complex: the least real part need not be
 # that of the one nearest to a number below.
 _MORE = 8
@@ -43,7 +44,17 @@ _LOWEST = -1e6
 
 
 def stands(here: Linearised) -> bool:
-    """Return whether an equilibrium is stable: all pivots of its energy's Hessian positive.
+    """Return whether an equilibrium is stable, with any contacts closed."""
+    if not here.system.of.form.contacts:
+        return _is_minimum(here)
+    try:
+        return float(_reciprocals(here, 1, "SR", _ROUGH)[0].real.min()) > -_NONE
+    except SingularError:
+        return False
+
+
+def _is_minimum(here: Linearised) -> bool:
+    """Return whether all pivots of the Hessian of an arm's energy are positive.
 
     Elements are eliminated from tip to base. With w_k = P_k theta_k what the part beyond a node
     needs to be turned there by theta_k, P = 0 at the tip under dead loads, the strains of the next
@@ -125,7 +136,8 @@ def _block_places(of: Layout) -> _Blocks:
 def stability(here: Linearised) -> float:
     """Return the least eigenvalue of the scaled Hessian of the energy; below 0 it is unstable.
 
-    Of a Hessian that is not symmetric, a real part. 0 where the arm is about to buckle.
+    With contacts closed, of the directions in which the arm can move with them. Of a Hessian that
+    is not symmetric the least real part. 0 where the arm is about to buckle.
     """
     if not is_loaded(here.system.scene):
         return _by_sections(here)
@@ -154,8 +166,28 @@ def least_modes(here: Linearised, count: int) -> tuple[Array, Array]:
     equations' Jacobian and B the stiffness of the body at rest, at the stages. Of what is complex
     the real parts count. Raises SingularError.
     """
-    values, bends, near = _least(here, count, 0.0)
-    return values, near(bends)
+    values, bends, shifted = _least(here, count, 0.0)
+    right = np.zeros((here.system.of.n_states, count))
+    right[np.ravel(here.system.of.stages)] = (rest_stiffness(here.system)[1] * bends.T).T
+    return values, shifted.solve(right)
+
+
+def unstable_mode(here: Linearised) -> Array | None:
+    """Return the strains of the least stable mode (N stages, strains), that rotate by some 1 rad.
+
+    None where an equilibrium is stable with its contacts closed, or about to buckle.
+    """
+    try:
+        values, bends = _reciprocals(here, 1, "SR", _ROUGH)
+    except SingularError:
+        return None
+    least = int(np.argmin(values.real))
+    if values[least].real > -_NONE:
+        return None
+    of, (weight, _) = here.system.of, rest_stiffness(here.system)
+    mode = bends[:, least].real.reshape(of.stages.shape)
+    turns = weight.reshape(mode.shape)[:, :1] * np.abs(mode[:, : 2 + of.form.law.torsion])
+    return np.asarray(mode / turns.sum(axis=0).max())
 
 
 def stability_slope(here: Linearised) -> tuple[float, Array]:
@@ -181,34 +213,47 @@ def stability_slope(here: Linearised) -> tuple[float, Array]:
     return float(value), slope / (w @ (B * y))
 
 
-def _least(
-    here: Linearised, count: int, tolerance: float
-) -> tuple[Array, Array, Callable[[Array], Array]]:
+def _least(here: Linearised, count: int, tolerance: float) -> tuple[Array, Array, Linearised]:
     """Return the least eigenvalues, their modes at the stages (n, count), and what spreads these.
 
-    Those that are nearest to a number below them, by Arnoldi's method on the inverse of the
-    equations with so much less stiffness; or of the whole matrix where many eigenvalues are one.
-    Where loads have no potential they may be complex, and more of them are looked at.
+    Those that are nearest to a number below them all; the last are the equations with so much less
+    stiffness. Where loads have no potential eigenvalues may be complex, and more are looked at.
     """
-    _, stiff = rest_stiffness(here.system)
-    below, shifted = _shifted(here, stiff)
-    places, n = np.ravel(here.system.of.stages), stiff.size
+    below, shifted = _shifted(here, rest_stiffness(here.system)[1])
+    more = 0 if is_conservative(here.system.scene) else _MORE
+    values, bends = _reciprocals(shifted, count + more, "LM", tolerance)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        values = 1 / values
+    least = np.argsort(values.real)[:count]
+    return values[least].real + below, (bends[:, least] * values[least]).real, shifted
+
+
+def _reciprocals(
+    here: Linearised, count: int, which: Literal["LM", "SR"], tolerance: float
+) -> tuple[Array, Array]:
+    """Return the largest or least reciprocals of eigenvalues, and their modes at the stages (n, .).
+
+    By Arnoldi's method on the inverse of the equations; or of the whole matrix where many
+    eigenvalues are one. With contacts as equations this is, in the strains, the Hessian's inverse
+    where the arm can move with them, and 0 across.
+    """
+    of, (weight, stiff) = here.system.of, rest_stiffness(here.system)
+    places, before, after = np.ravel(of.stages), np.sqrt(stiff / weight), np.sqrt(weight * stiff)
 
     def inverse(bends: Array) -> Array:
-        right = np.zeros((here.system.of.n_states, *bends.shape[1:]))
-        right[places] = (stiff * bends.T).T
-        return shifted.solve(right)
+        right = np.zeros((of.n_states, *bends.shape[1:]))
+        right[places] = (before * bends.T).T
+        return np.asarray((after * here.solve(right)[places].T).T)
 
-    operator = LinearOperator((n, n), matvec=lambda bends: inverse(bends)[places], dtype=float)
-    options = {"v0": np.ones(n), "ncv": min(_VECTORS * count, n), "maxiter": _RESTARTS}
-    more = 0 if is_conservative(here.system.scene) else _MORE
+    n = stiff.size
+    operator = LinearOperator((n, n), matvec=inverse, dtype=float)
+    start = np.random.default_rng(0).standard_normal(n)
+    options = {"v0": start, "ncv": min(_VECTORS * count, n), "maxiter": _RESTARTS}
     try:
-        values, vectors = eigs(operator, count + more, tol=tolerance, **options)
+        values, vectors = eigs(operator, count, which=which, tol=tolerance, **options)
     except ArpackNoConvergence:
-        values, vectors = np.linalg.eig(inverse(np.eye(n))[places])
-    values = 1 / values
-    least = np.argsort(values.real)[:count]
-    return values[least].real + below, (vectors * values)[:, least].real, inverse
+        values, vectors = np.linalg.eig(inverse(np.eye(n)))
+    return values, (vectors.T / after).T
 
 
 def _shifted(here: Linearised, stiff: Array) -> tuple[float, Linearised]:

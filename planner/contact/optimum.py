@@ -9,11 +9,11 @@ import numpy as np
 from model.contact.contacts import touches_of
 from model.contact.forward import TouchingMap
 from model.contact.friction import path_sensitivities
-from model.contact.stability import held_stability
 from model.contact.touches import Touches, forces
 from model.equilibrium.equilibrium import Collocated, check_stretch
 from model.equilibrium.forward import STAGES
 from model.equilibrium.linearised import Linearised
+from model.equilibrium.stability import stability
 from model.loads import without_friction
 from model.paths import Array
 from model.time_limit import check_time
@@ -63,8 +63,8 @@ class Optimum:
 
     @property
     def stability(self) -> float:
-        """See model.contact.stability."""
-        return held_stability(self.here)
+        """See model.equilibrium.stability."""
+        return stability(self.here)
 
 
 class Equilibria:

@@ -25,9 +25,9 @@ from scipy.linalg import qr
 from scipy.optimize import least_squares, lsq_linear, minimize
 
 from model.contact.friction import tangents
-from model.contact.stability import held_stability
 from model.contact.touches import Touches, resultants, second
 from model.equilibrium.linearised import Linearised
+from model.equilibrium.stability import stability
 from model.errors import OctoplanError
 from model.loads import contacts
 from model.obstacles.base import distances
@@ -214,13 +214,11 @@ class Reduced:
         if self.least:
             steps = self.unit * _CHANGE * np.eye(n)
             high, low = (
-                np.array(
-                    [held_stability(self._settle(self.unit * y[:n] + each)[0]) for each in side]
-                )
+                np.array([stability(self._settle(self.unit * y[:n] + each)[0]) for each in side])
                 for side in (steps, -steps)
             )
             rates = (high - low) / (2 * _CHANGE)
-            over.append((np.array([held_stability(here) - self.least]), rates[None]))
+            over.append((np.array([stability(here) - self.least]), rates[None]))
         if total is not None:
             over.append((np.array([total / self.unit - y[:n].sum()]), -np.ones((1, n))))
         blocks = [(values, np.pad(J, ((0, 0), (0, more)))) for values, J in even + over]
