@@ -42,6 +42,8 @@ _TURN, _CLOSE = 1.0, 0.6
 # How often nodes are exchanged; forces that are those of an interior point, over the largest, and
 # over what bends the arm.
 _EXCHANGES, _NONE, _NOTHING = 8, 1e-5, 1e-6
+# How often forces without a potential are updated in a step: places are refined with them in full.
+_ROUNDS = 3
 # How far frames turn off an unstable equilibrium at first [rad].
 _ASIDE = 0.1
 # At how many positions on its way in a step each node is checked.
@@ -142,9 +144,12 @@ def _at_nodes(at: Callable[[float], Request], start: Settled, jumps: bool = True
     system = request.base
     strains = carried_strains(old.system, old.system.strains(old.states), system)
     states = system.start(begin.tensions, strains, begin.load)
+    # Without a potential the least energy takes several programs: only the least steps are by it.
+    soon = request.winches is not None or LeastEnergy(system).conservative
+    methods = (_by_newton, _least) if soon else (_by_newton,)
 
     def solve(factor: float, near: Linearised) -> Linearised | None:
-        for method in (_by_newton, _least):
+        for method in methods:
             there = method(at(factor), near)
             if there is not None and turned(near, there) < _TURN:
                 return there
@@ -154,9 +159,10 @@ def _at_nodes(at: Callable[[float], Request], start: Settled, jumps: bool = True
         there = _least(at(factor), near)
         if there is None:
             raise UnsettledContactError(factor, "no least energy is found")
-        if not jumps:
-            raise SnapError(before, "it jumps")
-        snaps.append(factor)
+        if turned(near, there) >= _TURN:
+            if not jumps:
+                raise SnapError(before, "it jumps")
+            snaps.append(factor)
         return there
 
     rest = Linearised(system, system.x(begin.tensions, begin.load, states))
@@ -182,7 +188,8 @@ def _least(request: Request, near: Linearised) -> Linearised | None:
     begin = program.near(
         near.tensions, carried_strains(near.system, near.system.strains(near.states), system)
     )
-    here = program.least(begin, request.tensions, request.load, request.winches)
+    to = request.tensions, request.load, request.winches
+    here = program.least(begin, *to, rounds=_ROUNDS)
     if here is None:
         return None
     touches = Touches.none(*here.forces.shape)
