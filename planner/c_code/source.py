@@ -46,37 +46,26 @@ class CSource:
 
     def code(self, name: str, precision: Precision) -> dict[str, str]:
         """Return what fills all places; `name` is that of the file."""
-        work = work_of(self.functions)
-        sizes = {"SZ_W": work.w, "SZ_IW": work.iw, "SZ_ARG": work.arg, "SZ_RES": work.res}
-        code = c_code(self.functions, name, precision).strip()
-        return {**self.places, "CODE": code, **{key: str(size) for key, size in sizes.items()}}
+        sizes = {key: str(size) for key, size in work_of(self.functions).items()}
+        return {**self.places, "CODE": c_code(self.functions, name, precision).strip(), **sizes}
 
 
-@dataclass(frozen=True)
-class Work:
-    """What a call of the functions needs: numbers, whole numbers and pointers."""
+def work_of(functions: Sequence[ca.Function]) -> dict[str, int]:
+    """Return what a call of any of the functions needs, by the names that the files have for it.
 
-    w: int
-    iw: int
-    arg: int
-    res: int
-
-
-def work_of(functions: Sequence[ca.Function]) -> Work:
-    """Return what a call of any of the functions needs."""
-    return Work(
-        w=max(1, *(f.sz_w() for f in functions)),
-        iw=max(1, *(f.sz_iw() for f in functions)),
-        arg=max(f.sz_arg() for f in functions),
-        res=max(f.sz_res() for f in functions),
-    )
+    Numbers, whole numbers, and pointers to arguments and results.
+    """
+    needed = ("sz_w", 1), ("sz_iw", 1), ("sz_arg", 0), ("sz_res", 0)
+    return {
+        name.upper(): max(least, *(getattr(f, name)() for f in functions)) for name, least in needed
+    }
 
 
 def c_code(functions: Sequence[ca.Function], name: str, precision: Precision) -> str:
     """Return functions in C, seen by nobody outside of their file; `name` is the file's.
 
-    A function f takes (arg, res, iw, w, 0); see Work. In single precision no double appears, which
-    small machines compute in software or twice as slowly.
+    A function f takes (arg, res, iw, w, 0); see work_of. In single precision no double appears,
+    which small machines compute in software or twice as slowly.
     """
     options = {
         "casadi_real": precision,

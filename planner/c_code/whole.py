@@ -32,5 +32,5 @@ def whole_source(shape: Shape, precision: Precision) -> CSource:
         ca.Function("tip_rows", [T], [tip_jacobian_function(arm, scene, *mesh)(T).T]),
     )
     stretches = stretch.numel()
-    used = stretches + work_of(functions).w
+    used = stretches + work_of(functions)["SZ_W"]
     return CSource("whole.c", functions, {"STRETCHES": str(stretches)}, used)
