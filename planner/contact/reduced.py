@@ -107,8 +107,7 @@ class Reduced:
         self._holds = [target for target in task.targets if isinstance(target, Hold)]
         self._stations = stations_of(task.arm, task.targets)
         self._numbers = target_numbers(task.arm, task.targets)
-        self._last: tuple[Array, Rows] | None = None
-        self._visited: tuple[Array, Rows] | None = None
+        self._known = dict[bytes, Rows | OctoplanError]()
 
     @cached_property
     def _terms(self) -> ca.Function:
@@ -161,12 +160,12 @@ class Reduced:
 
         return grasps
 
-    def _balance(self, grasps: list[Grasp], forces: Array) -> tuple[Array, Array]:
-        """Return what is left of wrenches, and in cones, over the sizes of the wrenches.
+    def _balance(self, grasps: list[Grasp], forces: Array) -> Array:
+        """Return what is left of wrenches, then in cones, over the sizes of the wrenches.
 
         With tangential forces along the bases of the places that touch; those beyond are 0.
         """
-        left, cones = [np.zeros(0)], [np.zeros(0)]
+        left, cones = list[Array](), list[Array]()
         for hold, grasp in zip(self._holds, grasps, strict=True):
             size, count = hold.size(self.task.arm), 2 * grasp.normal.size
             values, forces = forces[:count], forces[count:]
@@ -175,59 +174,64 @@ class Reduced:
             left.append(grasp.scaled(grasp.left(tangential)) / size)
             blunt = np.sqrt((z**2).sum(axis=1) + _BLUNT**2) - _BLUNT
             cones.append(hold.friction * grasp.normal / size - blunt)
-        return np.concatenate(left), np.concatenate(cones)
+        return np.concatenate(left + cones)
 
-    def _held(self, here: Linearised, by_tensions: Array, y: Array) -> list[tuple[Array, Array]]:
-        """Return what is left of wrenches and in cones, and derivatives by differences."""
-        n, grasps, ends = self.n, self._grasps(here), list[list[tuple[Array, Array]]]()
-        for step in (_STEP, -_STEP):
-            moved = [grasps(here.states + step * column) for column in self.unit * by_tensions.T]
-            pushed = y[n:] + step * np.eye(y.size - n)
-            still = grasps(here.states)
-            ends.append(
-                [self._balance(each, y[n:]) for each in moved]
-                + [self._balance(still, forces) for forces in pushed]
-            )
-        values = self._balance(grasps(here.states), y[n:])
-        return [
-            (value, np.array([a[k] - b[k] for a, b in zip(*ends, strict=True)]).T / (2 * _STEP))
-            for k, value in enumerate(values)
-        ]
+    def _held(self, here: Linearised, by_tensions: Array, y: Array) -> tuple[Array, Array]:
+        """Return `_balance` at unknowns, and its derivatives by differences."""
+        n, grasps = self.n, self._grasps(here)
+
+        def balance(change: Array) -> Array:
+            states = here.states + self.unit * by_tensions @ change[:n]
+            return self._balance(grasps(states), y[n:] + change[n:])
+
+        steps = _STEP * np.eye(y.size)
+        rates = [(balance(step) - balance(-step)) / (2 * _STEP) for step in steps]
+        return balance(np.zeros(y.size)), np.array(rates).T
+
+    def _margin(self, here: Linearised, y: Array) -> tuple[Array, Array]:
+        """Return stability beyond what it is held to, and its derivatives by differences."""
+
+        def at(tensions: Array) -> float:
+            return stability(self._settle(self.unit * tensions)[0])
+
+        T, steps = y[: self.n], _CHANGE * np.eye(self.n)
+        rates = [(at(T + step) - at(T - step)) / (2 * _CHANGE) for step in steps]
+        return np.array([stability(here) - self.least]), np.array([rates])
 
     def rows(self, y: Array) -> Rows:
         """Return the constraints at unknowns; raises what settling does."""
-        for kept in (self._last, self._visited):
-            if kept is not None and np.array_equal(kept[0], y):
-                return kept[1]
-        check_time()
-        self._last = y.copy(), self._evaluated(y)
-        return self._last[1]
+        if y.tobytes() not in self._known:
+            check_time()
+            try:
+                self._known[y.tobytes()] = self._evaluated(y)
+            except OctoplanError as problem:
+                self._known[y.tobytes()] = problem
+        result = self._known[y.tobytes()]
+        if isinstance(result, OctoplanError):
+            raise result
+        return result
 
     def _evaluated(self, y: Array) -> Rows:
-        n, more = self.n, y.size - self.n
-        here, by_tensions = self._settle(self.unit * y[:n])
+        here, by_tensions = self._settle(self.unit * y[: self.n])
         system, total = here.system, self.task.allowed.total
         places = system.of.nodes[[system.mesh.node(s) for s in self._stations], :POSE]
         parts = [np.array(each) for each in self._terms(here.states[places].T, self._numbers)]
         by_poses = self.unit * by_tensions[places.ravel()]
-        even, over = ([(parts[k].ravel(), parts[2 + k] @ by_poses)] for k in range(2))
+        blocks = [(parts[k].ravel(), parts[2 + k] @ by_poses) for k in range(2)]
+        equalities = blocks[0][0].size
         if self.least:
-            steps = self.unit * _CHANGE * np.eye(n)
-            high, low = (
-                np.array([stability(self._settle(self.unit * y[:n] + each)[0]) for each in side])
-                for side in (steps, -steps)
-            )
-            rates = (high - low) / (2 * _CHANGE)
-            over.append((np.array([stability(here) - self.least]), rates[None]))
+            blocks.append(self._margin(here, y))
         if total is not None:
-            over.append((np.array([total / self.unit - y[:n].sum()]), -np.ones((1, n))))
-        blocks = [(values, np.pad(J, ((0, 0), (0, more)))) for values, J in even + over]
+            left = total / self.unit - y[: self.n].sum()
+            blocks.append((np.array([left]), -np.ones((1, self.n))))
         if self._holds:
-            wrench, cones = self._held(here, by_tensions, y)
-            blocks = [blocks[0], wrench, *blocks[1:], cones]
-        m = blocks[0][0].size + (blocks[1][0].size if self._holds else 0)
-        values, jacobian = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
-        return Rows(here, values, jacobian, m)
+            values, jacobian = self._held(here, by_tensions, y)
+            m = sum(len(hold.wrench) for hold in self._holds)
+            blocks[1:1], equalities = [(values[:m], jacobian[:m])], equalities + m
+            blocks.append((values[m:], jacobian[m:]))
+        padded = [np.pad(J, ((0, 0), (0, y.size - J.shape[1]))) for _, J in blocks]
+        values = np.concatenate([values for values, _ in blocks])
+        return Rows(here, values, np.concatenate(padded), equalities)
 
     def _bounds(self, size: int) -> tuple[Array, Array]:
         """Return the bounds of unknowns."""
@@ -241,19 +245,18 @@ class Reduced:
         They raise what settling does where it has failed too often.
         """
         last = first = self.rows(start)
-        failed = list[Array]()
+        failed = set[bytes]()
 
         def rows(y: Array) -> Rows:
             nonlocal last
             try:
-                if not (failed and np.array_equal(failed[-1], y)):
-                    last = self.rows(y).sized(first)
-                    return last
+                last = self.rows(y).sized(first)
             except OctoplanError:
-                failed.append(y.copy())
+                failed.add(y.tobytes())
                 if len(failed) > _FAILURES:
                     raise
-            return replace(last, values=np.full_like(first.values, -_UNSETTLED))
+                return replace(last, values=np.full_like(first.values, -_UNSETTLED))
+            return last
 
         return rows
 
@@ -264,7 +267,6 @@ class Reduced:
         whether they are met is looked at in the end.
         """
         rows, first, end = self._around(start), self.rows(start), start
-        self._visited = start, first
         n, weights = first.equalities, np.where(np.arange(start.size) < self.n, 1.0, _COST)
         _, R, order = qr(first.jacobian[:n].T, mode="economic", pivoting=True)
         sizes = np.abs(np.diag(R))
@@ -282,8 +284,8 @@ class Reduced:
         def step(y: Array) -> None:
             nonlocal end
             with suppress(OctoplanError):
-                self._visited = y.copy(), self.rows(y)
-                end = self._visited[0]
+                self.rows(y)
+                end = y.copy()
                 visit(end)
 
         with suppress(OctoplanError):
@@ -313,7 +315,7 @@ class Reduced:
             most = _SLSQP["maxiter"] // 2
             box = low, high
             end = least_squares(lambda y: rows(y).short, inside, jacobian, box, max_nfev=most)
-            self._visited = end.x, self.rows(end.x)
+            self.rows(end.x)
             return np.asarray(end.x)
         return start
 
