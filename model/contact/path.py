@@ -36,7 +36,7 @@ from model.winches import Winches, rest_lengths, slackened
 
 # First, least and longest step in the load factor; with friction: where a point rolls, that is not
 # to count as slip.
-_STEPS, _WITH_FRICTION = (1 / 4, 1 / 64, 1.0), (1 / 8, 1 / 128, 1 / 8)
+_STEPS, _WITH_FRICTION = (1 / 4, 1 / 16, 1.0), (1 / 8, 1 / 128, 1 / 8)
 # The farthest that a frame may turn in a step [rad], and from forces at nodes to refined places.
 _TURN, _CLOSE = 1.0, 0.6
 # How often nodes are exchanged; forces that are those of an interior point, over the largest, and
@@ -189,7 +189,7 @@ def _least(request: Request, near: Linearised) -> Linearised | None:
         near.tensions, carried_strains(near.system, near.system.strains(near.states), system)
     )
     to = request.tensions, request.load, request.winches
-    here = program.least(begin, *to, rounds=_ROUNDS)
+    here = program.least(begin, *to, _ROUNDS)
     if here is None:
         return None
     touches = Touches.none(*here.forces.shape)
