@@ -258,17 +258,17 @@ class GivenLengths:
             return equilibrium_on(forward, self._unloaded)
         return _of(forward, self._loaded(forward, near))
 
-    def finished(self, forward: ForwardMap, found: Equilibrium) -> Equilibrium:
+    def finished(self, forward: ForwardMap, end: Equilibrium) -> Equilibrium:
         """Return an equilibrium that is accepted, its tensions found to rounding."""
-        here = found.states
-        if here is None or not (is_loaded(self.scene) and isinstance(forward, Collocation)):
-            return found
-        tight = tightened(here, self.winches, _beside(forward), self.arm)
-        return found if tight is None else _of(forward, tight)
+        point = end.states
+        if point is None or not (is_loaded(self.scene) and isinstance(forward, Collocation)):
+            return end
+        tight = tightened(point, self.winches, _beside(forward), self.arm)
+        return end if tight is None else _of(forward, tight)
 
     def _loaded(self, forward: Collocation, near: Equilibrium | None) -> Linearised:
         begins, beside = self._begins(forward, near), _beside(forward)
-        free = partial(forward.found, self.winches.tensions)
+        free = partial(forward.solve, self.winches.tensions)
         result = led(begins, free, self.winches, beside, self.arm, _ON_THE_WAY)
         if result is None:
             raise unknown_least(self.arm, self.winches)
@@ -280,7 +280,7 @@ class GivenLengths:
         if near is not None and near.states is not None:
             T = np.where(self.winches.held, near.tensions, self.winches.tensions)
             if isinstance(forward, TouchingMap):
-                yield forward.equilibrium(T, near).here
+                yield forward.equilibrium(T, near).point
             else:
                 yield forward.near(T, near.states)
         yield self._from_rest(forward)
@@ -303,9 +303,9 @@ class GivenLengths:
         return lengths.tensions(self.near)
 
 
-def _of(forward: Collocation, here: Linearised) -> Equilibrium:
+def _of(forward: Collocation, point: Linearised) -> Equilibrium:
     values = Touching if isinstance(forward, TouchingMap) else Collocated
-    return values(here, forward.refinement)
+    return values(point, forward.refinement)
 
 
 def _beside(forward: Collocation) -> Callable[[Linearised, Array], Linearised | None]:

@@ -133,18 +133,18 @@ class Centreline:
     def at(self, s: Array) -> tuple[Array, Array]:
         """Return positions (K, 3) and outer radii (K,) [m] at arc lengths (K,) [m]."""
         element, share = self._shares(s)
-        return self.moved(element, np.zeros(s.size), share)[0], self.radius(element, share)
+        return self.along(element, np.zeros(s.size), share)[0], self.radius(element, share)
 
     def turned(self, s: Array) -> Array:
         """Return how far tangents have turned from the base to arc lengths (K,) [rad]."""
         element, share = self._shares(s)
         before = np.append(0.0, np.cumsum(self.sizes[1]))[element]
-        return np.asarray(before + self.moved(element, np.zeros(s.size), share)[2])
+        return np.asarray(before + self.along(element, np.zeros(s.size), share)[2])
 
     def length(self, a: float, b: float) -> float:
         """Return the deformed length [m] between the arc lengths of two nodes [m]."""
         inside = np.flatnonzero((self.s[:-1] >= a - self._close) & (self.s[1:] <= b + self._close))
-        return float(self.moved(inside, np.zeros(inside.size), np.ones(inside.size))[1].sum())
+        return float(self.along(inside, np.zeros(inside.size), np.ones(inside.size))[1].sum())
 
     @property
     def _close(self) -> float:
@@ -155,7 +155,7 @@ class Centreline:
         element = np.clip(np.searchsorted(self.s, s, side="left") - 1, 0, self.s.size - 2)
         return element, (s - self.s[element]) / np.diff(self.s)[element]
 
-    def moved(self, element: Counts, start: Array, end: Array) -> tuple[Array, Array, Array]:
+    def along(self, element: Counts, start: Array, end: Array) -> tuple[Array, Array, Array]:
         """Return positions (K, 3) [m] at `end`, lengths (K,) [m] and turns (K,) [rad] from `start`.
 
         Both are shares, from 0 to 1, of the elements (K,).

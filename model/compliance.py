@@ -81,18 +81,18 @@ def sensitivities(shape: Shape, at: float, refinement: int) -> Response:
     arm, scene, T = shape.arm, shape.scene, shape.tensions
     if not is_loaded(scene):
         arguments = arm, scene, _SCHEME, refinement, (at,), shape.machine_code
-        here = Marched.under(explicit_map(*arguments), T)
-        return MarchDerivative(here, here.mesh.node(at))
+        point = Marched.under(explicit_map(*arguments), T)
+        return MarchDerivative(point, point.mesh.node(at))
     forward = by_collocation(arm, scene, STAGES, refinement, (at,), True, shape.machine_code)
-    return Sensitivities(forward.found(T, shape.known), forward.mesh.node(at))
+    return Sensitivities(forward.solve(T, shape.known), forward.mesh.node(at))
 
 
 def at_nodes(shape: Shape, nodes: Sequence[int]) -> list[Response]:
     """Return the sensitivities of a shape at nodes of its own mesh."""
-    here = shape.equilibrium
-    if isinstance(here, Marched):
-        return [MarchDerivative(here, node) for node in nodes]
-    return [Sensitivities(here.states, node) for node in nodes]
+    point = shape.equilibrium
+    if isinstance(point, Marched):
+        return [MarchDerivative(point, node) for node in nodes]
+    return [Sensitivities(point.states, node) for node in nodes]
 
 
 def _first_pair(shape: Shape, accuracy: float) -> tuple[int, int]:

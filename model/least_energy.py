@@ -216,29 +216,29 @@ class LeastEnergy:
         forces = np.zeros((self.system.mesh.steps, len(self._bodies)))
         return Minimum(np.append(x / self._unit, 0 * tensions), tensions, forces, 0 * v)
 
-    def _states(self, here: Minimum) -> Array:
+    def _states(self, point: Minimum) -> Array:
         """Return the states of the program (n_states,) in SI units."""
-        return here.x[: self.of.n_states] * self._unit
+        return point.x[: self.of.n_states] * self._unit
 
-    def strains(self, here: Minimum) -> Array:
+    def strains(self, point: Minimum) -> Array:
         """Return the strains of the equations' law (N stages, strains)."""
-        return self._of_system(self._states(here)[self.of.stages])
+        return self._of_system(self._states(point)[self.of.stages])
 
     def _of_system(self, v: Array) -> Array:
         law, values = self.of.form.law, self.system.of.form.law
         return v if law == values else strains_of(values, reported(law, v))
 
-    def states(self, here: Minimum, load: float = 1.0) -> Array:
+    def states(self, point: Minimum, load: float = 1.0) -> Array:
         """Return the states of the equations of equilibrium (n_states,)."""
-        return self.system.start(here.tensions, self.strains(here), load, here.forces)
+        return self.system.start(point.tensions, self.strains(point), load, point.forces)
 
-    def lengths(self, here: Minimum) -> Array:
+    def lengths(self, point: Minimum) -> Array:
         """Return the lengths of the tendons (n_tendons,) [m]."""
-        return self.system.lengths(self.system.x(here.tensions, 1.0, self.states(here)))
+        return self.system.lengths(self.system.x(point.tensions, 1.0, self.states(point)))
 
-    def nodes(self, here: Minimum) -> Array:
+    def nodes(self, point: Minimum) -> Array:
         """Return the poses at the nodes (N + 1, 7)."""
-        return self._states(here)[self.of.nodes]
+        return self._states(point)[self.of.nodes]
 
     def _swollen(self, near: Minimum) -> Array:
         """Return the larger radii (N,) of both sides of the nodes but the base [m]."""
@@ -264,20 +264,20 @@ class LeastEnergy:
         Under `tensions` (n_tendons,) of the tendons that no winch holds, and a load factor.
         Nonconservative forces are updated in so many `rounds` at most.
         """
-        here = near
+        point = near
         for _ in range(1 if self.conservative else rounds):
-            after = self._minimum(here, tensions, load, winches)
+            after = self._minimum(point, tensions, load, winches)
             if after is None or self.conservative:
                 return after
             residual = self.system.residual(
                 self.system.x(after.tensions, load, self.states(after, load))
             )
-            turned = np.abs(self.nodes(after)[:, :4] - self.nodes(here)[:, :4]).max()
+            turned = np.abs(self.nodes(after)[:, :4] - self.nodes(point)[:, :4]).max()
             forces = after.nonconservative + residual[self.system.of.stages]
-            here = replace(after, nonconservative=forces)
+            point = replace(after, nonconservative=forces)
             if turned < _STAYS:
                 break
-        return here
+        return point
 
     def _minimum(
         self, near: Minimum, tensions: Array, load: float, winches: Winches | None

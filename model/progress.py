@@ -78,7 +78,7 @@ def tell(what: str, done: float = 0, of: float = 0) -> None:
         listener(what, done, of)
 
 
-def told(what: str, items: Sequence[T]) -> Iterator[T]:
+def reported(what: str, items: Sequence[T]) -> Iterator[T]:
     """Yield items and tell how many are done; what is told for the sake of one is not heard."""
     listener = _listener.get()
     with listening(None):

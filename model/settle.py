@@ -259,10 +259,10 @@ def _settled(
         try:
             with before_long() if maps.contacts else nullcontext():
                 if isinstance(value, GivenLengths):
-                    here = value.on(forward, near)
+                    point = value.on(forward, near)
                 else:
-                    here = equilibrium_on(forward, value, near)
-            check_sections(here)
+                    point = equilibrium_on(forward, value, near)
+            check_sections(point)
         except (SnapError, UnsettledContactError, UnsettledSectionError) as problem:
             in_closed_form = isinstance(problem, UnsettledSectionError) and maps.by_sections
             slow = bool(maps.contacts) and time.process_time() - begun > PATIENCE
@@ -271,12 +271,12 @@ def _settled(
             # Nor does a coarser one that did bear the loads tell how accurate a finer one is.
             refinement, before = next_refinement(refinement, np.inf, accuracy, maps.order), None
             continue
-        if isinstance(here, Touching):
+        if isinstance(point, Touching):
             begun = time.process_time()
-            snaps = (*snaps, *here.snaps)
-        if not isinstance(here, Touching) or here.before is None:
-            near = here
-        tip, error = here.poses[-1], np.inf
+            snaps = (*snaps, *point.snaps)
+        if not isinstance(point, Touching) or point.before is None:
+            near = point
+        tip, error = point.poses[-1], np.inf
         if before is not None:
             gap = math.dist(tip[4:], before[1][4:])
             if maps.lever:
@@ -286,13 +286,13 @@ def _settled(
             if error <= accuracy:
                 winches = None
                 if isinstance(value, GivenLengths):
-                    here, winches = value.finished(forward, here), value.winches
-                check_stretch(here)
-                return Shape(maps.arm, maps.scene, error, here, winches, snaps)
+                    point, winches = value.finished(forward, point), value.winches
+                check_stretch(point)
+                return Shape(maps.arm, maps.scene, error, point, winches, snaps)
         before, last = (refinement, tip), refinement
         finer = fine if last == coarse else 0
         refinement = finer or next_refinement(last, error, accuracy, maps.least_order)
-    check_stretch(here)
+    check_stretch(point)
     raise ConvergenceError(accuracy, error, "ask for less accuracy or a smoother arm")
 
 

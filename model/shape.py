@@ -123,9 +123,9 @@ class Shape:
         """
         if self.winches is None:
             return ()
-        here = self._linearised(is_loaded(self.scene))
+        point = self._linearised(is_loaded(self.scene))
         taut = np.flatnonzero(self.winches.held & ~self.slack.ravel())
-        result = here.length_tension[np.ix_(taut, taut)]
+        result = point.length_tension[np.ix_(taut, taut)]
         idle = unfelt(np.diag(self.winches.stretch[taut]) - result, _FELT)
         return tuple(
             self.arm.tendon_name(int(j)) for j in taut[np.abs(idle).max(axis=0, initial=0) > _PART]
@@ -251,19 +251,19 @@ class Shape:
 
     def _linearised(self, loaded: bool) -> Linearised:
         """Return its equations by collocation, with wrenches as unknowns where it is `loaded`."""
-        here = self.equilibrium.states
-        if here is not None and here.system.of.form.loaded == loaded:
-            return here
+        point = self.equilibrium.states
+        if point is not None and point.system.of.form.loaded == loaded:
+            return point
         mesh = STAGES, self.refinement, (), loaded, self.machine_code
-        return by_collocation(self.arm, self.scene, *mesh).found(self.tensions)
+        return by_collocation(self.arm, self.scene, *mesh).solve(self.tensions)
 
     @property
     def contacts(self) -> tuple[Touch, ...]:
         """What it leans on, from base to tip: obstacle, s [m], force (3,) [N] on it, gap [m]."""
-        here = self.equilibrium
-        if not isinstance(here, Touching):
+        point = self.equilibrium
+        if not isinstance(point, Touching):
             return self.on_itself
-        return touches_of(here.here, here.history)
+        return touches_of(point.point, point.history)
 
     @property
     def known(self) -> Linearised | None:

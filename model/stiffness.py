@@ -86,23 +86,23 @@ class Stiffness:
         return np.asarray(np.linalg.inv(self.compliance))
 
     @cached_property
-    def _found(self) -> Response:
+    def _response(self) -> Response:
         return sensitivities(self.shape, self.at, self.refinement)
 
     @property
     def stable(self) -> bool:
         """Whether the shape is at a minimum of its energy under tensions that are held."""
-        return self._found.stable
+        return self._response.stable
 
     @property
     def pose_tension(self) -> Array:
         """Displacement and rotation (6, n_tendons) per newton at each motor [m/N, rad/N]."""
-        return self._found.pose_tension
+        return self._response.pose_tension
 
     @property
     def length_tension(self) -> Array:
         """Length of each tendon per newton in each (n_tendons, n_tendons) [m/N], at the motors."""
-        return self._found.length_tension
+        return self._response.length_tension
 
     @property
     def pose_length(self) -> Array:
@@ -225,19 +225,19 @@ def stiffness(
             held["tendon_EA"] = tendon_EA
         shape = settle(arm, tensions, scene, accuracy, **held)
         result, T = compliance_of(shape, place, accuracy), shape.tensions
-        here, pulling = result.sensitivities, pulls(arm, T)
+        point, pulling = result.sensitivities, pulls(arm, T)
         slack = tuple(arm.tendon_name(int(j)) for j in np.flatnonzero(~pulling))
-        C, response, locked = here.pose_wrench, np.zeros((T.size, 6)), np.zeros(0, int)
+        C, response, locked = point.pose_wrench, np.zeros((T.size, 6)), np.zeros(0, int)
         if hold == "length":
             locked = np.flatnonzero(pulling) if release else np.arange(T.size)
-            stretch = here.lengths[locked] / tendon_EA if tendon_EA else np.zeros(locked.size)
+            stretch = point.lengths[locked] / tendon_EA if tendon_EA else np.zeros(locked.size)
             if shape.winches is not None:
                 locked = np.flatnonzero(shape.winches.held & pulling)
                 stretch = shape.winches.stretch[locked]
-            values = here.length_tension[np.ix_(locked, locked)] - np.diag(stretch)
+            values = point.length_tension[np.ix_(locked, locked)] - np.diag(stretch)
             values -= least_compliance(arm) * np.eye(locked.size)
-            response[locked] = -np.linalg.solve(values, here.length_wrench[locked])
-            C = C + here.pose_tension @ response
+            response[locked] = -np.linalg.solve(values, point.length_wrench[locked])
+            C = C + point.pose_tension @ response
         return Stiffness(
             shape,
             hold,
@@ -288,11 +288,11 @@ def tip_jacobian(
     if is_loaded(scene):
         return stiffness(arm, tensions, scene, accuracy=accuracy, compile=compile).pose_tension
     shape = settle(arm, tensions, scene, accuracy, compile=compile)
-    here = shape.equilibrium
-    assert isinstance(here, Marched)
-    if isinstance(here.march, ClosedForm):
-        return MarchDerivative(here, here.mesh.steps).pose_tension
-    function = tip_jacobian_function(arm, scene, here.scheme, here.refinement)
+    point = shape.equilibrium
+    assert isinstance(point, Marched)
+    if isinstance(point.march, ClosedForm):
+        return MarchDerivative(point, point.mesh.steps).pose_tension
+    function = tip_jacobian_function(arm, scene, point.scheme, point.refinement)
     return np.array(function(shape.tensions))
 
 

@@ -14,7 +14,7 @@ from model.errors import OctoplanError
 from model.paths import Array
 from model.scene import Scene
 from model.shape import Shape
-from planner.avoidance.asked import NOTHING, Surroundings
+from planner.avoidance.surroundings import NOTHING, Surroundings
 from planner.certificate import Certificate
 from planner.certify import certify
 from planner.contact.remarks import remarks

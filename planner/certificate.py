@@ -10,7 +10,7 @@ import numpy as np
 
 from model.clearance import Clearance
 from model.text import columns, in_notebook
-from planner.avoidance.asked import told
+from planner.avoidance.surroundings import nearest_in_words
 
 Clearances = Mapping[str, Clearance]
 
@@ -47,10 +47,10 @@ class OnRequest:
     __hash__ = None  # type: ignore[assignment]
 
     def __reduce__(self) -> tuple[Callable[..., OnRequest], tuple[Clearances, float | None]]:
-        return _found, (self.clearances, self.load_factor)
+        return _restored, (self.clearances, self.load_factor)
 
 
-def _found(clearances: Clearances, load_factor: float | None) -> OnRequest:
+def _restored(clearances: Clearances, load_factor: float | None) -> OnRequest:
     return OnRequest(lambda: clearances, lambda: load_factor)
 
 
@@ -122,7 +122,7 @@ class Certificate:
     @property
     def nearest(self) -> str:
         """The nearest of what the arm can meet, in words."""
-        return told(self.on_request.clearances) if self.on_request.clearances else ""
+        return nearest_in_words(self.on_request.clearances) if self.on_request.clearances else ""
 
     @property
     def load_factor(self) -> float | None:

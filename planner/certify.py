@@ -28,7 +28,7 @@ from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from model.time_limit import OutOfTime
-from planner.avoidance.asked import NOTHING, Surroundings
+from planner.avoidance.surroundings import NOTHING, Surroundings
 from planner.certificate import MOST_LOADS, Certificate, OnRequest
 from planner.contact.grasp import left_of
 from planner.measure import compliances_along, measure
@@ -152,29 +152,29 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
     for mesh in sorted({min(shape.refinement, coarser), shape.refinement}):
         form = (STAGES, mesh, stations, is_loaded(shape.scene), shape.machine_code)
         forward = Collocation(shape.arm, shape.scene, *form)
-        equilibrium = forward.found(shape.tensions, shape.known)
+        equilibrium = forward.solve(shape.tensions, shape.known)
         check = verified(equilibrium, accuracy)
-        poses = forward.system.poses(check.here.states)
+        poses = forward.system.poses(check.point.states)
         gap = np.abs(poses[-1] - shape.poses(shape.arm.length)) / scale
         if gap.max() <= _CLOSE * accuracy:
             break
     places = [forward.mesh.node(s) for s in stations]
-    line = partial(Centreline.at_states, forward.system, check.here.states)
-    return poses[places], poses[-1, 4:], check.error, stability(check.here), line
+    line = partial(Centreline.at_states, forward.system, check.point.states)
+    return poses[places], poses[-1, 4:], check.error, stability(check.point), line
 
 
 def _rough(shape: Shape) -> Linearised:
     """Return the equilibrium of a shape on the coarsest mesh."""
     form = (STAGES, 1, (), True, shape.machine_code)
-    return Collocation(shape.arm, shape.scene, *form).found(shape.tensions, shape.known)
+    return Collocation(shape.arm, shape.scene, *form).solve(shape.tensions, shape.known)
 
 
 def _in_contact(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
     """Return what initial value integration makes of a shape in contact."""
     form = (STAGES, shape.refinement, stations, True, shape.machine_code)
-    equilibrium = by_collocation(shape.arm, shape.scene, *form).found(shape.tensions, shape.known)
+    equilibrium = by_collocation(shape.arm, shape.scene, *form).solve(shape.tensions, shape.known)
     check = verified(equilibrium, accuracy)
-    system, states = equilibrium.system, check.here.states
+    system, states = equilibrium.system, check.point.states
     poses, line = system.poses(states), partial(Centreline.at_states, system, states)
     places = [system.mesh.node(s) for s in stations]
     return poses[places], poses[-1, 4:], check.error, stability(equilibrium), line

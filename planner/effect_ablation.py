@@ -23,7 +23,7 @@ from model.effects import (
 from model.errors import InputError, OctoplanError
 from model.forward import COLLOCATIONS, by_collocation, explicit_map, schemes_of
 from model.loads import is_loaded
-from model.progress import told
+from model.progress import reported
 from model.scene import Scene
 from model.settle import ACCURACY, settle
 from model.shape import Shape
@@ -145,7 +145,7 @@ def switch_effects(
     parts = [(_without(scene, effect), scene, effect, True) for effect in scene.effects]
     others = [(scene, richer, effect, False) for effect, richer in _richer(scene)]
     results = []
-    for without, with_it, effect, enabled in told("effects switched", [*parts, *others]):
+    for without, with_it, effect, enabled in reported("effects switched", [*parts, *others]):
         pair = (without, with_it)
         results.append(_compare(arm, tensions, pair, effect, enabled, accuracy, repeats))
     return tuple(results)

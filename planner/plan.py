@@ -26,8 +26,8 @@ from model.text import in_notebook, plotted
 from model.time_limit import time_limit
 from planner.answer import Answer
 from planner.avoidance.around import Around
-from planner.avoidance.asked import Surroundings, surroundings
 from planner.avoidance.clear import keeping, line_of
+from planner.avoidance.surroundings import Surroundings, surroundings
 from planner.contact.grasp import Grip, grips_of
 from planner.contact.load_path import from_rest, is_same, rubs, settled_along
 from planner.contact.search import ContactSearch, check_contact, check_holds, optimality_of

@@ -222,7 +222,7 @@ class _Search:
         columns = zip(rows.element.T, rows.low.T, rows.high.T, strict=True)
         pieces = [parts.pieces(rows.part, *column) for column in columns]
         result, stretch, keep = self.found, time.stretch[rows.part], self.around.keep
-        moved = self._moved(time, pieces[0])
+        moved = self._displacement(time, pieces[0])
         lower = self._lower(stretch, moved, pieces) - keep
         known = parts.known[rows.part]
         near = (lower < np.minimum(self.enough, result.seen[stretch])) | ~known
@@ -262,7 +262,7 @@ class _Search:
         reach = one.most_turned[:, None] >= self.around.turns
         return np.asarray(np.where(reach, lower, np.inf).min(axis=1, initial=np.inf))
 
-    def _moved(self, time: _Time, one: Pieces) -> Array:
+    def _displacement(self, time: _Time, one: Pieces) -> Array:
         """Return how far bodies have moved (K, I, B, 3) where the parts of pieces begin and end."""
         K, instants = one.ends.shape[:2]
         if self.around.moved is None:

@@ -94,16 +94,16 @@ class Lines:
 
         Near those of other tensions, and from rest where it is not there.
         """
-        forward, here = self._forward, None
+        forward, point = self._forward, None
         if self._states:
-            here = newton(forward.system, tensions, 1.0, self._guess(tensions))
-        if here is None:
+            point = newton(forward.system, tensions, 1.0, self._guess(tensions))
+        if point is None:
             try:
-                here = forward.from_rest(tensions)
+                point = forward.from_rest(tensions)
             except OctoplanError:
                 return None
         self._tensions = np.vstack([self._tensions, tensions])
-        self._states.append(here.states)
+        self._states.append(point.states)
         return self._states[-1]
 
     def _guess(self, T: Array) -> Array:

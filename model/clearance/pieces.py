@@ -130,7 +130,7 @@ class Parts:
             return Pieces(self, part, element, start, end, ends, turned, lengths[rows])
         a, b = (np.repeat(share, rows.shape[1]) for share in (start, end))
         arguments = np.tile(rows.ravel(), 2), np.append(0 * a, a), np.append(a, b)
-        at, long, swept = (np.split(each, 2) for each in self.lines.moved(*arguments))
+        at, long, swept = (np.split(each, 2) for each in self.lines.along(*arguments))
         turned = turned + np.stack([swept[0], swept[0] + swept[1]], -1).reshape(*rows.shape, 2)
         ends = np.stack(at, axis=1).reshape(*rows.shape, 2, 3)
         return Pieces(self, part, element, start, end, ends, turned, long[1].reshape(rows.shape))

@@ -80,10 +80,10 @@ class TouchingMap(Collocation):
         end = self.led(tensions, near if isinstance(near, Collocated) else None)
         return Touching(end.settled.here, self.refinement, end.snaps, end.before)
 
-    def found(self, tensions: Array, known: Linearised | None = None) -> Linearised:
+    def solve(self, tensions: Array, known: Linearised | None = None) -> Linearised:
         """Return the equilibrium under tensions, near one that another mesh has, if any does."""
         near = None if known is None else Collocated(known, self.refinement)
-        return self.equilibrium(tensions, near).here
+        return self.equilibrium(tensions, near).point
 
     def led(self, tensions: Array, near: Collocated | None, jumps: bool = True) -> Continuation:
         """Return the equilibrium that the arm comes to from another one or from rest, and how.
@@ -97,7 +97,7 @@ class TouchingMap(Collocation):
             if rubs:
                 return self._untouched(tensions)
             return follow(request, 0 * tensions, 0.0, self._at_rest)
-        before, places = near.here, places_of(near.system)
+        before, places = near.point, places_of(near.system)
         stays = np.array_equal(tensions, before.tensions)
         if rubs:
             past = near.history if isinstance(near, Touching) and stays else None

@@ -83,7 +83,7 @@ def gaps_along(system: System, states: Array) -> tuple[Array, Array]:
     line, fractions = Centreline.at_states(system, states), np.arange(1, _SAMPLES + 1) / _SAMPLES
     element = np.repeat(np.arange(system.mesh.steps), _SAMPLES)
     fraction = np.tile(fractions, system.mesh.steps)
-    points = line.moved(element, np.zeros(element.size), fraction)[0]
+    points = line.along(element, np.zeros(element.size), fraction)[0]
     bodies = numbers_of([contact.obstacle for contact in contacts(system.scene)])
     s = system.mesh.s[element] + fraction * np.diff(system.mesh.s)[element]
     return s, distances(bodies, points)[0] - line.radius(element, fraction)[:, None]

@@ -132,10 +132,10 @@ def offset(path: ca.SX) -> tuple[ca.SX, ca.SX]:
 def turning_rate(law: CrossSection, v: ca.SX, rate: ca.SX, path: ca.SX, change: ca.SX) -> ca.SX:
     """Return |d(c/|c|)/ds| in the base frame of a tendon at a cross-section [rad/m]."""
     c = law.tangent(v, path)
-    moved = ca.jtimes(c, v, rate) + ca.jtimes(c, path, change)
+    c_rate = ca.jtimes(c, v, rate) + ca.jtimes(c, path, change)
     length = ca.norm_2(c)
-    unit, moved = c / length, moved / length
-    across = moved - unit * ca.dot(unit, moved) + ca.cross(law.twist(v)[0], unit)
+    unit, c_rate = c / length, c_rate / length
+    across = c_rate - unit * ca.dot(unit, c_rate) + ca.cross(law.twist(v)[0], unit)
     return ca.sqrt(ca.sumsqr(across) + _STILL)
 
 

@@ -35,23 +35,23 @@ class Collocated:
         Of the mesh.
     """
 
-    here: Linearised
+    point: Linearised
     refinement: int
 
     @property
     def system(self) -> System:
         """The equations."""
-        return self.here.system
+        return self.point.system
 
     @property
     def states(self) -> Linearised:
         """What equilibria on other meshes begin with."""
-        return self.here
+        return self.point
 
     @property
     def tensions(self) -> Array:
         """The tensions (n_tendons,) [N]."""
-        return self.here.tensions
+        return self.point.tensions
 
     @property
     def mesh(self) -> Mesh:
@@ -61,7 +61,7 @@ class Collocated:
     @property
     def poses(self) -> Array:
         """Quaternions and positions [m] at the nodes (N + 1, 7)."""
-        return self.system.poses(self.here.states)
+        return self.system.poses(self.point.states)
 
     @property
     def stretch_at(self) -> Array:
@@ -73,7 +73,7 @@ class Collocated:
     def stretch(self) -> Array:
         """The stretch 1 + q (K,) at `stretch_at`."""
         of, m = self.system.of, self.system.of.form.stages
-        stages = reported(of.form.law, self.system.strains(self.here.states))[:, 3] + 1
+        stages = reported(of.form.law, self.system.strains(self.point.states))[:, 3] + 1
         ends = [stages.reshape(-1, m) @ gauss(m).at(x) for x in (0.0, 1.0)]
         return np.concatenate([stages, *ends])
 
@@ -81,14 +81,14 @@ class Collocated:
     def bend(self) -> float:
         """Curvature times the body's radius, at most, at the stages."""
         arm, at = self.system.arm, self.system.s
-        rows = reported(self.system.of.form.law, self.system.strains(self.here.states))
+        rows = reported(self.system.of.form.law, self.system.strains(self.point.states))
         curvature = np.hypot(rows[:, 1], rows[:, 2])
         return float((arm.radius.evaluate(at, arm.length)[0] * curvature).max())
 
     @property
     def lengths(self) -> Array:
         """Lengths of the tendons (n_tendons,) as the equations have them [m]."""
-        return self.here.lengths
+        return self.point.lengths
 
     @property
     def scheme(self) -> str:
@@ -105,7 +105,7 @@ class Collocated:
 
         Strains (K, 4) are tau, xi, k, q; with nu_n, nu_b (K, 6) where sections may shear.
         """
-        poses, v = poses_and_strains(self.system, self.here.x, s)
+        poses, v = poses_and_strains(self.system, self.point.x, s)
         nodes = np.minimum(np.searchsorted(self.mesh.s, s), self.mesh.steps)
         exact = (self.mesh.s[nodes] == s)[:, None]
         strains = reported(self.system.of.form.law, v)
@@ -116,7 +116,7 @@ class Collocated:
 
         With friction they fall along the arm.
         """
-        return sliding_tensions(self.system, self.here.x, s, place, tendon)
+        return sliding_tensions(self.system, self.point.x, s, place, tendon)
 
 
 Equilibrium = Collocated | Marched

@@ -75,9 +75,9 @@ class Collocation:
     def equilibrium(self, tensions: Array, near: Equilibrium | None = None) -> Collocated:
         """Return the equilibrium under tensions, near that of another mesh if given."""
         known = None if near is None else near.states
-        return Collocated(self.found(tensions, known), self.refinement)
+        return Collocated(self.solve(tensions, known), self.refinement)
 
-    def found(self, tensions: Array, known: Linearised | None = None) -> Linearised:
+    def solve(self, tensions: Array, known: Linearised | None = None) -> Linearised:
         """Return the equilibrium under tensions (n_tendons,), near that of another mesh if any is.
 
         Else the one from rest; raises what `from_rest` does.
@@ -99,14 +99,14 @@ class Collocation:
         steps.
         """
         at, loaded = self.system, is_loaded(self.system.scene)
-        here = Linearised(at, at.x(tensions, 1.0 - loaded, self.without_loads(tensions)))
+        point = Linearised(at, at.x(tensions, 1.0 - loaded, self.without_loads(tensions)))
         if not loaded:
-            return here
-        crushed = unloaded_sections(at).crushed(at.strains(here.states))
+            return point
+        crushed = unloaded_sections(at).crushed(at.strains(point.states))
         steps = _SOON_IF_CRUSHED if crushed else np.inf
-        end = follow_on(Followed(here, 0.0, ""), 1.0, LEAST_STEP, steps, looser)
+        end = follow_on(Followed(point, 0.0, ""), 1.0, LEAST_STEP, steps, looser)
         if end.load >= 1:
-            return end.here
+            return end.point
         if crushed:
             raise UnsettledSectionError(crushed.s)
         raise SnapError(end.load, end.why or SNAPS)

@@ -65,14 +65,14 @@ def newton(
     far = CLOSE if near is None else np.inf
     for _ in range(STEPS):
         check_time()
-        here = Linearised(system, x, near)
-        step = here.newton_step()
+        point = Linearised(system, x, near)
+        step = point.newton_step()
         if step is None:
             return None
         path = 0.0 if near is None else path
         level = looser * (SETTLED if near is None else LEFT)
-        near = here.near or here
-        x = system.x(tensions, load, here.states + step)
+        near = point.near or point
+        x = system.x(tensions, load, point.states + step)
         rotation, size = step_sizes(system, step, x[system.of.first :])
         path += size
         if rotation > farthest or (before and size > max(CONTRACTION * before, SMALL)):
@@ -115,7 +115,7 @@ SNAPS, BUCKLES = "it snaps or folds", "it buckles"
 class Followed(NamedTuple):
     """The last equilibrium on a branch, the load factor there, and what happens beyond."""
 
-    here: Linearised
+    point: Linearised
     load: float
     why: str
 
@@ -128,26 +128,26 @@ def follow_on(
     A step that leads to no equilibrium is halved; the end is where it is down to `least`
     of the load factor that is reached, or where so many `steps` were tried. `looser` is newton's.
     """
-    at, step, tried, system = start, min(1.0, most), 0, start.here.system
+    at, step, tried, system = start, min(1.0, most), 0, start.point.system
     begins_stable: bool | None = None
     while at.load < most and step >= least * max(at.load, FIRST) and tried < steps:
         check_time()
         tried += 1
         tell("percent of the loads", round(100 * at.load / most), 100)
         load = min(most, at.load + step)
-        guess = at.here.states + (load - at.load) * at.here.by_load
-        here = newton(system, at.here.tensions, load, guess, looser=looser)
-        if here is not None and not is_near(system, at.here.states, here.states):
-            here = None
-        stable = here is not None and stands(here)
-        if here is not None and not stable and begins_stable is None:
+        guess = at.point.states + (load - at.load) * at.point.by_load
+        point = newton(system, at.point.tensions, load, guess, looser=looser)
+        if point is not None and not is_near(system, at.point.states, point.states):
+            point = None
+        stable = point is not None and stands(point)
+        if point is not None and not stable and begins_stable is None:
             # What is unstable without loads, or where it begins, is not their doing.
-            begins_stable = stands(start.here)
-        if here is None or (not stable and begins_stable):
-            why = SNAPS if here is None else BUCKLES
+            begins_stable = stands(start.point)
+        if point is None or (not stable and begins_stable):
+            why = SNAPS if point is None else BUCKLES
             at, step = at._replace(why=why), (load - at.load) / 2
         else:
-            at, step = Followed(here, load, ""), 2 * step
+            at, step = Followed(point, load, ""), 2 * step
     return at
 
 

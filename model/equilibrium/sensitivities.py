@@ -34,12 +34,12 @@ class Sensitivities:
         The node that is pushed and watched.
     """
 
-    here: Linearised
+    point: Linearised
     node: int
 
     @cached_property
     def _by_wrench(self) -> Array:
-        return -self.here.solve(self.here.system.by_wrench(self.here.x, self.node))
+        return -self.point.solve(self.point.system.by_wrench(self.point.x, self.node))
 
     @cached_property
     def pose_wrench(self) -> Array:
@@ -49,34 +49,34 @@ class Sensitivities:
     @property
     def pose_tension(self) -> Array:
         """The same per newton in each tendon at its motor (6, n_tendons)."""
-        return self._pose(self.here.by_tensions)
+        return self._pose(self.point.by_tensions)
 
     @property
     def lengths(self) -> Array:
         """The lengths of the tendons (n_tendons,) [m]."""
-        return self.here.lengths
+        return self.point.lengths
 
     @property
     def length_wrench(self) -> Array:
         """Lengths of the tendons per force and moment (n_tendons, 6)."""
-        return np.asarray(self.here.length_jacobian @ self._by_wrench)
+        return np.asarray(self.point.length_jacobian @ self._by_wrench)
 
     @property
     def length_tension(self) -> Array:
         """Lengths of the tendons per newton (n_tendons, n_tendons) [m/N]."""
-        return self.here.length_tension
+        return self.point.length_tension
 
     @property
     def stable(self) -> bool:
         """Whether the equilibrium stands, tensions held."""
-        return stands(self.here)
+        return stands(self.point)
 
-    def _pose(self, moved: Array) -> Array:
+    def _pose(self, change: Array) -> Array:
         """Return displacement and rotation (6, n) of the node that changes of the states are."""
-        of = self.here.system.of
+        of = self.point.system.of
         places = of.nodes[self.node]
-        q = self.here.states[places[:4]]
-        return np.vstack([moved[places[4:7]], 4 * turns(q[None, :])[0].T @ moved[places[:4]]])
+        q = self.point.states[places[:4]]
+        return np.vstack([change[places[4:7]], 4 * turns(q[None, :])[0].T @ change[places[:4]]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,54 +93,54 @@ class ByNumbers:
         Of its tensions [N].
     """
 
-    here: Linearised
+    point: Linearised
     jacobian: NumberDerivatives
     tensions: Array
 
     @cached_property
     def right(self) -> Array:
         """Of the residuals at states that stay (n_states, K)."""
-        at = self.here.system
-        return at.of.equations.along_numbers(self.here.x, at.p, self.jacobian.p)
+        at = self.point.system
+        return at.of.equations.along_numbers(self.point.x, at.p, self.jacobian.p)
 
     @cached_property
     def states(self) -> Array:
         """Of the states (n_states, K)."""
-        result = -self.here.solve(np.asfortranarray(self.right))
-        return result + self.here.by_tensions @ self.tensions if self.tensions.any() else result
+        result = -self.point.solve(np.asfortranarray(self.right))
+        return result + self.point.by_tensions @ self.tensions if self.tensions.any() else result
 
     def poses(self, nodes: Index) -> Array:
         """Displacement [m] and rotation [rad] at the arc lengths of nodes (n, 6, K), base frame."""
-        places = self.here.system.of.nodes[nodes, :POSE]
-        result = displaced(self.here.states[places], self.states[places])
+        places = self.point.system.of.nodes[nodes, :POSE]
+        result = displaced(self.point.states[places], self.states[places])
         shifts = self.jacobian.s[nodes]
         if shifts.any():
-            result -= along(self.here, nodes)[:, :, None] * shifts[:, None, :]
+            result -= along(self.point, nodes)[:, :, None] * shifts[:, None, :]
         return np.asarray(result)
 
     @property
     def lengths(self) -> Array:
         """Of the lengths of the tendons (n_tendons, K) [m]."""
-        jacobian = self.here.system.length_jacobian(self.here.x)
+        jacobian = self.point.system.length_jacobian(self.point.x)
         return np.asarray(jacobian @ self.states + self.direct_lengths)
 
     @property
     def direct_lengths(self) -> Array:
         """Of the lengths of the tendons in a shape that stays (n_tendons, K) [m]."""
-        at = self.here.system
-        return at.of.lengths.along_numbers(self.here.x, at.length_numbers, self.jacobian.lengths)
+        at = self.point.system
+        return at.of.lengths.along_numbers(self.point.x, at.length_numbers, self.jacobian.lengths)
 
 
-def displaced(poses: Array, moved: Array) -> Array:
+def displaced(poses: Array, change: Array) -> Array:
     """Return displacement and rotation (n, 6, K) of poses (n, 7) that move so (n, 7, K)."""
     turned = 4 * turns(poses[:, :4]).transpose(0, 2, 1)
-    return np.concatenate([moved[:, 4:], turned @ moved[:, :4]], axis=1)
+    return np.concatenate([change[:, 4:], turned @ change[:, :4]], axis=1)
 
 
-def along(here: Linearised, nodes: Index) -> Array:
+def along(point: Linearised, nodes: Index) -> Array:
     """Return how poses move along the arm at nodes (n, 6): u' [-], rotation [rad/m], base frame."""
-    system = here.system
-    poses, v = poses_and_strains(system, here.x, system.mesh.s[nodes])
+    system = point.system
+    poses, v = poses_and_strains(system, point.x, system.mesh.s[nodes])
     kappa, nu = kinematics(system.of.form.law, v)
     local = np.stack([nu, kappa], axis=1)
     result = np.einsum("nij,nkj->nki", matrices(poses[:, :4]), local)

@@ -43,17 +43,17 @@ _MORE = 8
 _LOWEST = -1e6
 
 
-def stands(here: Linearised) -> bool:
+def stands(point: Linearised) -> bool:
     """Return whether an equilibrium is stable, with any contacts closed."""
-    if not here.system.of.form.contacts:
-        return _is_minimum(here)
+    if not point.system.of.form.contacts:
+        return _is_minimum(point)
     try:
-        return float(_reciprocals(here, 1, "SR", _ROUGH)[0].real.min()) > -_NONE
+        return float(_reciprocals(point, 1, "SR", _ROUGH)[0].real.min()) > -_NONE
     except SingularError:
         return False
 
 
-def _is_minimum(here: Linearised) -> bool:
+def _is_minimum(point: Linearised) -> bool:
     """Return whether all pivots of the Hessian of an arm's energy are positive.
 
     Elements are eliminated from tip to base. With w_k = P_k theta_k what the part beyond a node
@@ -62,11 +62,11 @@ def _is_minimum(here: Linearised) -> bool:
     then, all of the energy's Hessian is. Source: inertia is additive (Haynsworth, Linear Algebra
     and its Applications 1, 1968).
     """
-    of, at = here.system.of, _block_places(here.system.of)
-    nonzeros = np.append(here.nonzeros, 0.0)  # the last is the place -1, of none
+    of, at = point.system.of, _block_places(point.system.of)
+    nonzeros = np.append(point.nonzeros, 0.0)  # the last is the place -1, of none
     J, tip = nonzeros[at.elements], nonzeros[at.tip]
     w, n = of.form.wrench, of.form.stages * of.form.strains
-    small = turns(here.states[of.nodes[:, :4]])
+    small = turns(point.states[of.nodes[:, :4]])
     v, nxt = slice(POSE + w, POSE + w + n), POSE + w + n
     after = slice(nxt + POSE, nxt + POSE + w)
     moment, quaternion = J[:, :w], J[:, w + n : w + n + 4]
@@ -133,24 +133,24 @@ def _block_places(of: Layout) -> _Blocks:
     return _Blocks(np.array(blocks), numbered[last[POSE:]][:, columns].toarray() - 1)
 
 
-def stability(here: Linearised) -> float:
+def stability(point: Linearised) -> float:
     """Return the least eigenvalue of the scaled Hessian of the energy; below 0 it is unstable.
 
     With contacts closed, of the directions in which the arm can move with them. Of a Hessian that
     is not symmetric the least real part. 0 where the arm is about to buckle.
     """
-    if not is_loaded(here.system.scene):
-        return _by_sections(here)
+    if not is_loaded(point.system.scene):
+        return _by_sections(point)
     try:
-        return float(_least(here, 1, _CLOSE)[0][0])
+        return float(_least(point, 1, _CLOSE)[0][0])
     except (SingularError, np.linalg.LinAlgError):
         return 0.0
 
 
-def _by_sections(here: Linearised) -> float:
+def _by_sections(point: Linearised) -> float:
     """Return the stability without loads, where no wrench couples the cross-sections."""
-    at, sections = here.system, unloaded_sections(here.system).sections
-    jacobian = sections.balance(at.strains(here.states), sections.pulls(here.tensions)).jacobian
+    at, sections = point.system, unloaded_sections(point.system).sections
+    jacobian = sections.balance(at.strains(point.states), sections.pulls(point.tensions)).jacobian
     root = np.sqrt(_at_rest(sections.law, sections.body).T)
     H = jacobian / root[:, :, None] / root[:, None, :]
     even = (H + H.transpose(0, 2, 1)) / 2
@@ -159,68 +159,68 @@ def _by_sections(here: Linearised) -> float:
     return float(np.linalg.eigvals(H).real.min())
 
 
-def least_modes(here: Linearised, count: int) -> tuple[Array, Array]:
+def least_modes(point: Linearised, count: int) -> tuple[Array, Array]:
     """Return the least eigenvalues (count,), and the changes of the states in their modes.
 
     Modes are (n_states, count): the changes y of the states with J y = lambda B y, where J is the
     equations' Jacobian and B the stiffness of the body at rest, at the stages. Of what is complex
     the real parts count. Raises SingularError.
     """
-    values, bends, shifted = _least(here, count, 0.0)
-    right = np.zeros((here.system.of.n_states, count))
-    right[np.ravel(here.system.of.stages)] = (rest_stiffness(here.system)[1] * bends.T).T
+    values, bends, shifted = _least(point, count, 0.0)
+    right = np.zeros((point.system.of.n_states, count))
+    right[np.ravel(point.system.of.stages)] = (rest_stiffness(point.system)[1] * bends.T).T
     return values, shifted.solve(right)
 
 
-def unstable_mode(here: Linearised) -> Array | None:
+def unstable_mode(point: Linearised) -> Array | None:
     """Return the strains of the least stable mode (N stages, strains), that rotate by some 1 rad.
 
     None where an equilibrium is stable with its contacts closed, or about to buckle.
     """
     try:
-        values, bends = _reciprocals(here, 1, "SR", _ROUGH)
+        values, bends = _reciprocals(point, 1, "SR", _ROUGH)
     except SingularError:
         return None
     least = int(np.argmin(values.real))
     if values[least].real > -_NONE:
         return None
-    of, (weight, _) = here.system.of, rest_stiffness(here.system)
+    of, (weight, _) = point.system.of, rest_stiffness(point.system)
     mode = bends[:, least].real.reshape(of.stages.shape)
     turns = weight.reshape(mode.shape)[:, :1] * np.abs(mode[:, : 2 + of.form.law.torsion])
     return np.asarray(mode / turns.sum(axis=0).max())
 
 
-def stability_slope(here: Linearised) -> tuple[float, Array]:
+def stability_slope(point: Linearised) -> tuple[float, Array]:
     """Return the stability, and its derivatives by the tensions (n_tendons,) [1/N].
 
     With modes y and w of J and of its transpose, J y = lambda B y, the eigenvalue changes by
     w . dJ y / (w . B y), dJ that of the equations' Jacobian as tensions and states change. Raises
     SingularError.
     """
-    of, (weight, stiff) = here.system.of, rest_stiffness(here.system)
+    of, (weight, stiff) = point.system.of, rest_stiffness(point.system)
     places, none = np.ravel(of.stages), np.zeros(of.n_states)
-    (value,), y = least_modes(here, 1)
+    (value,), y = least_modes(point, 1)
     y, B, near = y[:, 0], none.copy(), np.spacing(1e4)
     B[places] = stiff
     # Where there is an energy w is y times the weights at the stages.
     w, right = none, none.copy()
     right[places] = stiff * weight * y[places]
-    w = _less_stiff(here, value - near, stiff).solve(right, transposed=True)
-    H, (rows, columns) = here.system.hessian(here.x, w), of.equations.hessian.triplet
+    w = _less_stiff(point, value - near, stiff).solve(right, transposed=True)
+    H, (rows, columns) = point.system.hessian(point.x, w), of.equations.hessian.triplet
     mode = np.append(np.zeros(of.first), y)
-    moved = np.vstack([np.eye(of.first, of.n_tendons), here.by_tensions])
-    slope = (mode[rows] * H) @ moved[columns]
+    by_unknowns = np.vstack([np.eye(of.first, of.n_tendons), point.by_tensions])
+    slope = (mode[rows] * H) @ by_unknowns[columns]
     return float(value), slope / (w @ (B * y))
 
 
-def _least(here: Linearised, count: int, tolerance: float) -> tuple[Array, Array, Linearised]:
+def _least(point: Linearised, count: int, tolerance: float) -> tuple[Array, Array, Linearised]:
     """Return the least eigenvalues, their modes at the stages (n, count), and what spreads these.
 
     Those that are nearest to a number below them all; the last are the equations with so much less
     stiffness. Where loads have no potential eigenvalues may be complex, and more are looked at.
     """
-    below, shifted = _shifted(here, rest_stiffness(here.system)[1])
-    more = 0 if is_conservative(here.system.scene) else _MORE
+    below, shifted = _shifted(point, rest_stiffness(point.system)[1])
+    more = 0 if is_conservative(point.system.scene) else _MORE
     values, bends = _reciprocals(shifted, count + more, "LM", tolerance)
     with np.errstate(divide="ignore", invalid="ignore"):
         values = 1 / values
@@ -229,7 +229,7 @@ def _least(here: Linearised, count: int, tolerance: float) -> tuple[Array, Array
 
 
 def _reciprocals(
-    here: Linearised, count: int, which: Literal["LM", "SR"], tolerance: float
+    point: Linearised, count: int, which: Literal["LM", "SR"], tolerance: float
 ) -> tuple[Array, Array]:
     """Return the largest or least reciprocals of eigenvalues, and their modes at the stages (n, .).
 
@@ -237,13 +237,13 @@ def _reciprocals(
     eigenvalues are one. With contacts as equations this is, in the strains, the Hessian's inverse
     where the arm can move with them, and 0 across.
     """
-    of, (weight, stiff) = here.system.of, rest_stiffness(here.system)
+    of, (weight, stiff) = point.system.of, rest_stiffness(point.system)
     places, before, after = np.ravel(of.stages), np.sqrt(stiff / weight), np.sqrt(weight * stiff)
 
     def inverse(bends: Array) -> Array:
         right = np.zeros((of.n_states, *bends.shape[1:]))
         right[places] = (before * bends.T).T
-        return np.asarray((after * here.solve(right)[places].T).T)
+        return np.asarray((after * point.solve(right)[places].T).T)
 
     n = stiff.size
     operator = LinearOperator((n, n), matvec=inverse, dtype=float)
@@ -256,23 +256,23 @@ def _reciprocals(
     return values, (vectors.T / after).T
 
 
-def _shifted(here: Linearised, stiff: Array) -> tuple[float, Linearised]:
+def _shifted(point: Linearised, stiff: Array) -> tuple[float, Linearised]:
     """Return a number below all eigenvalues, and the equations with so much less stiffness."""
-    below, shifted = 0.0, here
+    below, shifted = 0.0, point
     while not stands(shifted) and below > _LOWEST:
         below = min(4 * below, -1.0)
-        shifted = _less_stiff(here, below, stiff)
+        shifted = _less_stiff(point, below, stiff)
     return below, shifted
 
 
-def _less_stiff(here: Linearised, by: float, stiff: Array) -> Linearised:
+def _less_stiff(point: Linearised, by: float, stiff: Array) -> Linearised:
     """Return the equations with so much less of the stiffness at rest."""
-    at, of = here.band, here.system.of
+    at, of = point.band, point.system.of
     diagonal = np.flatnonzero(at.rows == at.columns - of.first)
-    at_rest, nonzeros = np.zeros(of.n_states), here.nonzeros.copy()
+    at_rest, nonzeros = np.zeros(of.n_states), point.nonzeros.copy()
     at_rest[np.ravel(of.stages)] = stiff
     nonzeros[diagonal] -= by * at_rest[at.rows[diagonal]]
-    return Linearised(here.system, here.x, jacobian=nonzeros)
+    return Linearised(point.system, point.x, jacobian=nonzeros)
 
 
 @lru_cache(maxsize=32)

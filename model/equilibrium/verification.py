@@ -60,31 +60,31 @@ class Verified:
         Estimated error of the tip, over arm length.
     """
 
-    here: Linearised
+    point: Linearised
     error: float
 
 
-def verified(here: Linearised, accuracy: float) -> Verified:
+def verified(point: Linearised, accuracy: float) -> Verified:
     """Return an equilibrium corrected by what an integrator says of it.
 
     Steps are halved until the corrections of two of them differ by less than an accuracy, over the
     arm's length. Raises ConvergenceError where they do not.
     """
-    system, before, error = here.system, None, np.inf
+    system, before, error = point.system, None, np.inf
     strains: Array | None = None
     scale = np.repeat([1.0, system.arm.length], [4, 3])
     for substeps in SUBSTEPS:
         check_time()
-        x, elements = here.x.copy(), Integration(here, substeps)
+        x, elements = point.x.copy(), Integration(point, substeps)
         begin = elements.by_stages if strains is None else elements.within(strains)
         y, first = elements.run(begin)
         strains = first if strains is None else strains
-        x[system.of.first :] -= here.solve(_defects(here, y))
+        x[system.of.first :] -= point.solve(_defects(point, y))
         poses = system.poses(x[system.of.first :]) / scale
         if before is not None:
             error = estimate(float(np.abs(poses - before).max()), 1, 2, SCHEME.order)
             if error <= accuracy:
-                return Verified(Linearised(system, x, here), error)
+                return Verified(Linearised(system, x, point), error)
         before = poses
     raise ConvergenceError(accuracy, error, f"its check by {SCHEME.name} does not converge")
 
@@ -95,22 +95,22 @@ class Integration:
     What is known beforehand is by step, by node of the scheme and by element: (..., N).
     """
 
-    def __init__(self, here: Linearised, substeps: int) -> None:
-        self.here, of, load = here, here.system.of, here.x[here.system.of.n_tendons]
-        self._form, self._h = of.form, np.diff(here.system.mesh.s)[:, None] / substeps
-        self._share, self._sections, dead, drag = _places(here.system, substeps)
+    def __init__(self, point: Linearised, substeps: int) -> None:
+        self.point, of, load = point, point.system.of, point.x[point.system.of.n_tendons]
+        self._form, self._h = of.form, np.diff(point.system.mesh.s)[:, None] / substeps
+        self._share, self._sections, dead, drag = _places(point.system, substeps)
         self._shape = (*self._share.shape, of.elements)
         self._dead, self._drag = load * dead, drag * np.array([load, 1, 1, 1])[: drag.shape[-1]]
         if of.form.friction:
-            self._friction = load * coefficients(here.system)
+            self._friction = load * coefficients(point.system)
         if of.form.pressed:
             self._press()
 
     @property
     def by_stages(self) -> Array:
         """The strains (..., N, n) of the polynomials through the stages of collocation."""
-        of, m = self.here.system.of, self._form.stages
-        stages = self.here.states[of.stages].reshape(of.elements, m, -1).transpose(1, 0, 2)
+        of, m = self.point.system.of, self._form.stages
+        stages = self.point.states[of.stages].reshape(of.elements, m, -1).transpose(1, 0, 2)
         return np.asarray(np.tensordot(gauss(m).at(self._share), stages, 1))
 
     def within(self, strains: Array) -> Array:
@@ -126,10 +126,10 @@ class Integration:
 
         Begun about strains (..., N, n); NaN where none are found.
         """
-        of, states = self.here.system.of, self.here.states
+        of, states = self.point.system.of, self.point.states
         begin = states[of.nodes[:-1, : of.node_size - of.touching]].copy()
         wrenches = slice(POSE, POSE + of.form.wrench)
-        begin[:, wrenches] = self.here.system.wrenches_beyond(self.here.x)[:-1]
+        begin[:, wrenches] = self.point.system.wrenches_beyond(self.point.x)[:-1]
         for _ in range(_PASSES):
             self._linearise(v)
             y, result = begin, np.empty_like(v)
@@ -144,8 +144,8 @@ class Integration:
     def _linearise(self, v: Array) -> None:
         """Linearise the law of all cross-sections about strains (..., N, n)."""
         sections, form, flat = self._sections, self._form, v.reshape(-1, v.shape[-1])
-        system, place, tendon = self.here.system, sections.place, sections.tendon
-        pulls = sliding_tensions(system, self.here.x, sections.s, place, tendon)
+        system, place, tendon = self.point.system, sections.place, sections.tendon
+        pulls = sliding_tensions(system, self.point.x, sections.s, place, tendon)
         at = sections.balance(flat, pulls)
         self._v, self._wrench = v, at.wrench.reshape(v.shape)
         try:
@@ -167,11 +167,11 @@ class Integration:
 
     def _rates(self) -> Array:
         """Return the derivatives of the strains along s, by the polynomials through the stages."""
-        of, states, m = self.here.system.of, self.here.states, self._form.stages
+        of, states, m = self.point.system.of, self.point.states, self._form.stages
         weights = [hermite(m, x, 1) for x in self._share.ravel().tolist()]
         values, slopes = (np.array(part) for part in zip(*weights, strict=True))
         stages, rates = (states[at].reshape(of.elements, m, -1) for at in (of.stages, of.rates))
-        h = np.diff(self.here.system.mesh.s)[:, None]
+        h = np.diff(self.point.system.mesh.s)[:, None]
         result = np.einsum("pm,nmk->pnk", values, stages) / h
         result += np.einsum("pm,nmk->pnk", slopes, rates)
         return np.asarray(result.reshape(-1, of.form.strains))
@@ -182,7 +182,7 @@ class Integration:
         at, form, w = (step, k), self._form, POSE + self._form.wrench
         wrench = self._wrench[at]
         if form.friction:
-            pulls = self.here.tensions * np.exp(-self._friction * y[:, w:])
+            pulls = self.point.tensions * np.exp(-self._friction * y[:, w:])
             wrench = wrench + _times(self._unit[at], pulls - self._tensions[at])
         inputs = [y[:, :w], self._v[at], wrench, self._inverse[at], self._dead[at], self._drag[at]]
         if form.pressed:
@@ -197,7 +197,7 @@ class Integration:
 
     def _press(self) -> None:
         """Note what presses and rubs where the arm lies on obstacles, linear between nodes."""
-        system, states, form = self.here.system, self.here.states, self._form
+        system, states, form = self.point.system, self.point.states, self._form
         of, x = system.of, self._share[:, :, None, None, None]
         numbers = system.p[of.equations.numbers_of("pressure")]
         lies = numbers.reshape(of.elements, form.contacts, -1)[:, :, -1:]
@@ -268,9 +268,9 @@ def _times(A: Array, v: Array) -> Array:
     return np.asarray((A @ v[:, :, None])[:, :, 0])
 
 
-def _defects(here: Linearised, y: Array) -> Array:
+def _defects(point: Linearised, y: Array) -> Array:
     """Return by how much nodes miss what the integrator finds there, y (N, n); (n_states,)."""
-    of, states = here.system.of, here.states
+    of, states = point.system.of, point.states
     missed = np.zeros(of.n_states)
     there, w = of.nodes[1:, : y.shape[1]], of.form.wrench
     missed[there[:, :POSE]] = states[there[:, :POSE]] - y[:, :POSE]
@@ -279,19 +279,19 @@ def _defects(here: Linearised, y: Array) -> Array:
     wrenches = np.zeros(of.n_states)
     wrenches[there[:, POSE : POSE + w]] = y[:, POSE : POSE + w] - states[there[:, POSE : POSE + w]]
     # What an element makes of another wrench beyond it; a node's own wrench is left out.
-    left = wrenches - here.times(wrenches)
+    left = wrenches - point.times(wrenches)
     stages = of.inside.ravel()
     missed[of.nodes[:, POSE : POSE + w]] = left[of.nodes[:, POSE : POSE + w]]
     missed[stages] = left[stages]
-    missed[of.turned[1:]] = (states[there] - y)[:, POSE + w :] - _kinks(here)
+    missed[of.turned[1:]] = (states[there] - y)[:, POSE + w :] - _kinks(point)
     return missed
 
 
-def _kinks(here: Linearised) -> Array:
+def _kinks(point: Linearised) -> Array:
     """Return by how much each tendon turns at the far node of each element (N, n_tendons)."""
-    of = here.system.of
+    of = point.system.of
     values = np.zeros((of.elements, of.n_tendons * of.form.friction))
     k, j = of.kinks
     if of.form.friction and k.size:
-        values[k, j] = -kink_angles(here.system, here.x)
+        values[k, j] = -kink_angles(point.system, point.x)
     return values

@@ -62,7 +62,7 @@ class Obstacle(ABC):
         """
 
     @abstractmethod
-    def moved(self, by: tuple[float, ...]) -> Obstacle:
+    def translated(self, by: tuple[float, ...]) -> Obstacle:
         """Return the obstacle after a translation (3,) [m]."""
 
     def distance(self, points: Any) -> Array:
@@ -106,8 +106,8 @@ class Convex(Obstacle):
         """See Obstacle.nearest_part: itself."""
         return self.numbers
 
-    def moved(self, by: tuple[float, ...]) -> Obstacle:
-        """See Obstacle.moved."""
+    def translated(self, by: tuple[float, ...]) -> Obstacle:
+        """See Obstacle.translated."""
         points = {name: np.add(getattr(self, name), by) for name in self.places}
         return replace(self, **points)  # type: ignore[type-var]
 

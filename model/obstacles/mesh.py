@@ -129,8 +129,8 @@ class Mesh(Obstacle):
             return rounded(place[0], axes_with(gradient[0]), sizes, is_open=True)
         return rounded(*surface.rectangle(int(face[0]), place[0]))
 
-    def moved(self, by: tuple[float, ...]) -> Obstacle:
-        """See Obstacle.moved."""
+    def translated(self, by: tuple[float, ...]) -> Obstacle:
+        """See Obstacle.translated."""
         return TranslatedMesh(self, by)
 
 
@@ -162,8 +162,8 @@ class TranslatedMesh(Obstacle):
         result[:3] += self.by
         return result
 
-    def moved(self, by: tuple[float, ...]) -> Obstacle:
-        """See Obstacle.moved."""
+    def translated(self, by: tuple[float, ...]) -> Obstacle:
+        """See Obstacle.translated."""
         return TranslatedMesh(self.mesh, tuple(np.add(self.by, by).tolist()))
 
 

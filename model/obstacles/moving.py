@@ -38,11 +38,11 @@ class Moving:
             allowed = f"{len(self.times)} places, one for each time"
             raise InputError("Moving.path", self.path, allowed)
 
-    def moved(self, t: Any) -> Array:
+    def displacement(self, t: Any) -> Array:
         """Return how far it has moved (..., 3) [m] at times (...) [s]."""
         path = np.array(self.path)
         return np.stack([np.interp(t, self.times, each) for each in path.T], axis=-1)
 
     def at(self, t: float) -> Obstacle:
         """Return the obstacle where it is at a time [s]."""
-        return self.obstacle.moved(tuple(self.moved(t).tolist()))
+        return self.obstacle.translated(tuple(self.displacement(t).tolist()))

@@ -138,7 +138,7 @@ class Tangent(Kernel):
     Attributes
     ----------
     of : Kernel
-    moved : (n_y,) of int
+    change_of : (n_y,) of int
         Place of each unknown's change among all unknowns, which begin with those of `of`; -1 for
         unknowns that stay.
     """
@@ -147,8 +147,8 @@ class Tangent(Kernel):
         self.of, n = of, of.y.numel()
         change = ca.SX.sym("change", len(rows))
         numbers = ca.SX.sym("numbers", of.c.numel() * by_numbers)
-        self.moved = np.full(n, -1, dtype=np.int64)
-        self.moved[list(rows)] = n + np.arange(len(rows))
+        self.change_of = np.full(n, -1, dtype=np.int64)
+        self.change_of[list(rows)] = n + np.arange(len(rows))
         self._dy = ca.SX.zeros(n)
         self._dy[list(rows)] = change
         self._dc = numbers if by_numbers else ca.SX.zeros(of.c.numel())
@@ -162,9 +162,12 @@ class Tangent(Kernel):
         function, i, j = self.of.jacobian
         J = function(self.of.y, self.of.c)
         J_dot, kept = self._changed(J)
-        moved = np.flatnonzero(self.moved[j] >= 0)
-        rows, columns = np.append(i[kept], i[moved]), np.append(j[kept], self.moved[j[moved]])
-        values = ca.vertcat(J_dot, J[moved.tolist()])
+        also = np.flatnonzero(self.change_of[j] >= 0)
+        rows, columns = (
+            np.append(i[kept], i[also]),
+            np.append(j[kept], self.change_of[j[also]]),
+        )
+        values = ca.vertcat(J_dot, J[also.tolist()])
         return self._function("jacobian", [self.y, self.c], values), rows, columns
 
     @cached_property
@@ -174,8 +177,8 @@ class Tangent(Kernel):
         lam = ca.SX.sym("lam", self.r.numel())
         H = function(self.of.y, self.of.c, lam)
         H_dot, kept = self._changed(H)
-        moved = np.flatnonzero(self.moved[j] >= 0)
-        across, change, own = H[moved.tolist()], self.moved[j[moved]], i[moved]
+        also = np.flatnonzero(self.change_of[j] >= 0)
+        across, change, own = H[also.tolist()], self.change_of[j[also]], i[also]
         values = ca.vertcat(H_dot, across, across)
         rows, columns = (
             np.concatenate(parts) for parts in ((i[kept], own, change), (j[kept], change, own))

@@ -51,10 +51,10 @@ def neighbour(
 ) -> System:
     """Return the equations of an arm in a scene near those of another, node by node.
 
-    Nodes that were at the arc lengths `before` are now at `after` [m]. Raises what moved_mesh does.
+    Nodes that were at arc lengths `before` are now at `after` [m]. Raises what mesh_through does.
     """
-    old, form = landmarks(system.arm, system.scene, before), system.of.form
-    mesh = moved_mesh(system.mesh, old, landmarks(arm, scene, after))
+    form, places = system.of.form, landmarks(system.arm, system.scene, before)
+    mesh = mesh_through(system.mesh, places, landmarks(arm, scene, after))
     result = System(arm, scene, mesh, form.stages, form.loaded, form.machine_code)
     # A quaternion has either sign.
     if result.base[:4] @ system.base[:4] < 0:
@@ -62,28 +62,28 @@ def neighbour(
     return result
 
 
-def moved_mesh(mesh: Mesh, old: Array, new: Array) -> Mesh:
+def mesh_through(mesh: Mesh, before: Array, new: Array) -> Mesh:
     """Return a mesh with landmarks (n,) [m] as it fits their new places, node by node.
 
     Raises InputError where landmarks that coincide would part, or pass each other.
     """
-    if np.array_equal(old, new):
+    if np.array_equal(before, new):
         return mesh
-    if old.size != new.size:
-        allowed = f"as many knots and loads as before, {old.size}"
+    if before.size != new.size:
+        allowed = f"as many knots and loads as before, {before.size}"
         raise InputError("places along the arm", new.size, allowed)
-    order, room = np.argsort(old, kind="stable"), _SAME * mesh.s[-1]
-    old, moved = old[order], new[order]
-    apart, ahead = np.diff(old) > room, np.diff(moved)
+    order, room = np.argsort(before, kind="stable"), _SAME * mesh.s[-1]
+    before, after = before[order], new[order]
+    apart, ahead = np.diff(before) > room, np.diff(after)
     parted, passed = ~apart & (np.abs(ahead) > 2 * room), apart & (ahead <= room)
     for wrong, allowed in (
         (parted, "to move all that is there together: tie their keys in one unknown"),
         (passed, "to stay on its side of its neighbour"),
     ):
         if wrong.any():
-            raise InputError("a place along the arm", float(old[:-1][wrong][0]), allowed)
+            raise InputError("a place along the arm", float(before[:-1][wrong][0]), allowed)
     kept = np.concatenate([[True], apart])
-    return Mesh(np.interp(mesh.s, old[kept], moved[kept]), mesh.active)
+    return Mesh(np.interp(mesh.s, before[kept], after[kept]), mesh.active)
 
 
 def landmarks(arm: Arm, scene: Scene, at: Sequence[float] = ()) -> Array:

@@ -49,14 +49,14 @@ class MarchDerivative:
         The node of its mesh that is pushed and watched.
     """
 
-    def __init__(self, here: Marched, node: int) -> None:
-        march = here.march
+    def __init__(self, point: Marched, node: int) -> None:
+        march = point.march
         assert isinstance(march, ClosedForm)
-        self.tensions, self._at = here.tensions, march.sections
+        self.tensions, self._at = point.tensions, march.sections
         at = self._at
         h, weights, law = np.diff(march.mesh.s), march.scheme.weights, at.law
         m, count = len(weights), h.size * len(weights)
-        poses, v = here.poses, here.strains[:count]
+        poses, v = point.poses, point.strains[:count]
         self._weights, self._point = np.outer(h, weights).ravel(), poses[node, 4:]
         v = v if law == march.law else strains_of(law, reported(march.law, v))
         self._v, self._balance = v, at.balance(v, at.pulls(self.tensions))

@@ -199,15 +199,15 @@ class PrintedMap:
         T = ca.MX.sym("T", self.arm.n_tendons)
         d, h = self._samples(start, s - start, active, T), ca.DM(s - start).T
         x = step_function(self.extension, self.scheme).map(s.size)(ca.DM(states[step + 1].T), d, h)
-        here = section_numbers(self.arm, s, active, T)
-        strains = _read_function(self.extension).map(s.size)(x[7:, :], here)
+        point = section_numbers(self.arm, s, active, T)
+        strains = _read_function(self.extension).map(s.size)(x[7:, :], point)
         poses, result = ca.Function("dense", [T], [x[:7, :], strains])(tensions)
         return np.array(poses).T, np.array(result).T
 
 
 def _anchored(arm: Arm, states: ca.MX) -> ca.MX:
     """Return the poses (7, S + 1) in the base frame from states in the tip's."""
-    first, here = ca.SX.sym("first", 7), ca.SX.sym("here", 7)
-    pose = compose(compose(ca.SX(ca.DM(base_pose(arm))), inverse(first)), here)
-    anchor = ca.Function("anchor", [first, here], [pose])
+    first, point = ca.SX.sym("first", 7), ca.SX.sym("here", 7)
+    pose = compose(compose(ca.SX(ca.DM(base_pose(arm))), inverse(first)), point)
+    anchor = ca.Function("anchor", [first, point], [pose])
     return anchor.map(states.shape[1])(states[:7, 0], states[:7, :])

@@ -21,10 +21,10 @@ from model.clearance import clearances
 from model.paths import Array
 from model.progress import tell
 from model.time_limit import OutOfTime, time_limit
-from planner.avoidance.asked import Surroundings, told
 from planner.avoidance.clear import clear_arms, keeping, line_of
 from planner.avoidance.places import near_places, updated, watched_places
 from planner.avoidance.rows import Avoidance
+from planner.avoidance.surroundings import Surroundings, nearest_in_words
 from planner.program.statement import Mode
 from planner.solve.ipopt import Candidate
 from planner.solve.refine import refine
@@ -80,7 +80,9 @@ class Around:
             return ""
         if self.surroundings.keeps(line):
             return None
-        return told(clearances(line, self.surroundings.obstacles, self.surroundings.least))
+        return nearest_in_words(
+            clearances(line, self.surroundings.obstacles, self.surroundings.least)
+        )
 
     def _near(self, near: SearchResult) -> SearchResult | None:
         """Return a plan that keeps clear near one without surroundings."""

@@ -15,9 +15,9 @@ from model.equilibrium.forward import STAGES, Collocation
 from model.errors import OctoplanError
 from model.obstacles.bodies import Bodies
 from model.paths import Array
-from planner.avoidance.asked import Surroundings
 from planner.avoidance.places import near_places
 from planner.avoidance.rows import Avoidance
+from planner.avoidance.surroundings import Surroundings
 from planner.initial_guess.many_arms import bend_coordinates, many_places, residuals
 from planner.program.statement import Statement
 from planner.solve.refine import settled
@@ -50,7 +50,7 @@ def line_of(
             refinement, near = shape.refinement, shape.known
         form = STAGES, refinement, places, True, task.machine_code
         forward = Collocation(arm, scene, *form)
-        return Centreline.at_states(forward.system, forward.found(T, near).states)
+        return Centreline.at_states(forward.system, forward.solve(T, near).states)
     except (OctoplanError, np.linalg.LinAlgError):
         return None
 

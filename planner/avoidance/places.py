@@ -15,8 +15,8 @@ from model.obstacles.base import Convex
 from model.obstacles.bodies import Bodies
 from model.paths import Array
 from model.rotations import matrices
-from planner.avoidance.asked import Surroundings
 from planner.avoidance.rows import Apart, Avoidance, Place, cubic, element_of, grid
+from planner.avoidance.surroundings import Surroundings
 
 # Points that are looked at first; those around a minimum, and how often they close in on it.
 _POINTS, _AROUND, _ROUNDS = 64, 9, 3

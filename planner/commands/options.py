@@ -149,7 +149,7 @@ class SceneOptions(FileOptions):
     accuracy: Accuracy | None = None
     compile: bool = False
 
-    def asked(self, scene: Path) -> Question:
+    def question(self, scene: Path) -> Question:
         """Return the question of a scene file; see loaded."""
         return self.loaded(scene, self.accuracy, self.compile)
 

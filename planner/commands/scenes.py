@@ -56,7 +56,7 @@ _DEFAULT = SceneOptions()
 
 def plan(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Answer:
     """Find the tensions of least effort for the scene's target."""
-    result = planned(options.asked(scene))
+    result = planned(options.question(scene))
     return Answer(
         OK if result.certificate.passed else NOT_REACHED,
         lambda: str(result),
@@ -77,7 +77,7 @@ def _shape_csv(result: Plan) -> bytes:
 
 def trajectory(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Answer:
     """Find tensions over time through the scene's waypoints."""
-    result = in_motion(options.asked(scene))
+    result = in_motion(options.question(scene))
     return Answer(
         OK if result.certificate.passed else NOT_REACHED,
         lambda: _trajectory_text(result),
@@ -101,7 +101,7 @@ def _trajectory_text(result: Trajectory) -> str:
 
 def settle(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Answer:
     """Find the shape under the scene's tensions or lengths."""
-    shape = settled(options.asked(scene))
+    shape = settled(options.question(scene))
     return Answer(
         OK,
         lambda: settled_text(shape),
@@ -114,7 +114,7 @@ def settle(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Answer:
 
 def stiffness(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Answer:
     """Find the compliance that the scene's [stiffness] table asks for."""
-    k = stiff(options.asked(scene))
+    k = stiff(options.question(scene))
     ellipsoids = figure("results", "plot_ellipsoids", [k], force_to_show(k))
     return Answer(OK, lambda: repr(k), record(StiffnessRecord, k), "stiffness", ellipsoids)
 

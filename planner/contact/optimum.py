@@ -87,7 +87,7 @@ class Equilibria:
         here = None
         if rubs(self.task.scene):
             smooth = TouchingMap(self.task.arm, without_friction(self.task.scene), *self._mesh)
-            here, load_path = smooth.equilibrium(np.array(load_path[0])).here, load_path[1:]
+            here, load_path = smooth.equilibrium(np.array(load_path[0])).point, load_path[1:]
         for T in load_path:
             check_time()
             here = self.settled(np.array(T), here)

@@ -255,7 +255,7 @@ def optimality_of(task: Task, tensions: Array, shape: Shape, load_path: LoadPath
         if rubs(task.scene):
             end = fine.near(fine.along(load_path))(tensions)
             return fine.optimality(end[0], lambda _: end, 0.0).residual
-        here, least = fine.map.found(tensions, shape.known), task.statement.least
+        here, least = fine.map.solve(tensions, shape.known), task.statement.least
         least *= task.statement.modes
         return fine.optimality(here, fine.near(here), least).residual
     except OctoplanError:

@@ -18,7 +18,7 @@ from model.obstacles import Obstacle
 from model.scene import Scene
 from model.time_limit import OutOfTime, end
 from planner.answer import Answer
-from planner.avoidance.asked import Surroundings
+from planner.avoidance.surroundings import Surroundings
 from planner.contact.remarks import turned
 from planner.solve.task import Task
 from planner.targets.base import Target

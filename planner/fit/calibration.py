@@ -21,7 +21,7 @@ import scipy
 
 from model import InputError
 from model.paths import Array
-from model.progress import told
+from model.progress import reported
 from model.text import in_notebook
 from planner.fit.fitted import Fitted
 from planner.fit.least_squares import fit
@@ -222,7 +222,7 @@ class Calibration(Fitted):
             raise InputError("groups", labels, "two labels or more: some shapes have to stay")
         whole, values, held = self.evaluation, list[tuple[float, ...]](), list[bool]()
         rows = dict[int, tuple[Residual, ...]]()
-        for label in told("shapes left out", list(dict.fromkeys(labels))):
+        for label in reported("shapes left out", list(dict.fromkeys(labels))):
             kept = whole.only([i for i in whole.equilibria if labels[i] != label])
             refit = fit(kept, self.loss, self.absolute_std)
             at = refit.evaluation.values

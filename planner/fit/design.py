@@ -13,7 +13,7 @@ import numpy as np
 from model import Arm, InputError, Scene, settle
 from model.errors import OctoplanError, TimeLimitError
 from model.paths import Array
-from model.progress import tell, told, with_progress
+from model.progress import reported, tell, with_progress
 from model.stiffness import stiffness
 from model.text import counted, in_notebook
 from model.time_limit import OutOfTime
@@ -174,7 +174,7 @@ class _Search:
         most = self.program.limits.upper
         return tuple(
             plan(arm, task, scene, most, starts=self.starts)
-            for task in told("tasks planned", self._tasks)
+            for task in reported("tasks planned", self._tasks)
         )
 
     def run(self, before: Sequence[Plan], begins: int, seed: int) -> None:

@@ -129,7 +129,7 @@ class Program:
         arm, scene = self.parameters.built(values)
         parts, numbers = list[Array](), self.numbers(values)
         for i, (problem, T) in enumerate(zip(self.problems, tensions, strict=True)):
-            states = Collocation.on(self.system(i, arm, scene)).found(T).states
+            states = Collocation.on(self.system(i, arm, scene)).solve(T).states
             parts.append(problem.closed(problem.free(T), states, numbers[i]))
         return np.concatenate([*parts, self.parameters.fractions(values)])
 

@@ -31,9 +31,9 @@ from planner.io.annotations import quantity
 from planner.io.arm_tables import VECTOR
 from planner.io.codec import Table, in_si, value_of
 from planner.io.decoding import bytes_of, read_toml
-from planner.io.mistakes import checked, told_in
+from planner.io.mistakes import checked, located
 from planner.io.object_tables import ObjectiveTable, TargetTable
-from planner.io.scene_file import asked, scene_beside
+from planner.io.scene_file import scene_beside, written_question
 from planner.io.scene_tables import SceneKey
 from planner.io.tables import Accuracy, table
 
@@ -106,7 +106,7 @@ def load_asked(path: str | Path) -> dict[str, Any]:
     name, needed = str(path), {"unknowns": f"a calibration file is such as {_SUCH}"}
     file = checked(read_toml(path)[0], CalibrationFile, name, needed)
     with scene_beside(file.scene, path) as (scene, scene_name, _):
-        question = asked(scene, scene_name)
+        question = written_question(scene, scene_name)
     names = [point.name for point in file.points]
     if len(set(names)) < len(names):
         raise FileError(name, "points", f"got {', '.join(names)}; allowed is each name once")
@@ -126,13 +126,13 @@ def run_design(path: str | Path) -> Design:
     name, needed = str(path), {"tasks": f"a design file is such as {_DESIGN}"}
     file = checked(read_toml(path)[0], DesignFile, name, needed)
     with scene_beside(file.scene, path) as (scene, scene_name, _):
-        question = asked(scene, scene_name)
+        question = written_question(scene, scene_name)
     if question.options.get("tension_min") or question.options.get("total_pull"):
         text = "got tension_min or total_pull, allowed is tension_max alone in a design"
         raise FileError(name, "limits", text)
     unknowns, most = _unknowns(file.unknowns, name), question.options.get("tension_max", math.inf)
 
-    with told_in(name, ""):
+    with located(name, ""):
         objective: Objective = "effort" if file.objective is None else value_of(file.objective)
         tasks, making = [value_of(item) for item in file.tasks], value_of(file.making)
         arguments = question.arm, tasks, unknowns, question.scene, most
@@ -142,7 +142,7 @@ def run_design(path: str | Path) -> Design:
 def _unknowns(tables: Sequence[Any], name: str) -> tuple[Unknown, ...]:
     result = []
     for i, item in enumerate(tables):
-        with told_in(name, f"unknowns[{i}]"):
+        with located(name, f"unknowns[{i}]"):
             result.append(value_of(item))
     return tuple(result)
 
@@ -164,7 +164,7 @@ def load_shapes(
             raise FileError(name, where, f"{len(row)} cells; the header has {len(header)}")
         cells = {column: cell.strip() for column, cell in zip(header, row, strict=False)}
         if any(row):
-            with told_in(name, where):
+            with located(name, where):
                 more = {"name": cells.get("name") or where, "session": cells.get("session", "")}
                 result.append(columns.measured(points, cells, std, **more))
     if not result:

@@ -55,7 +55,7 @@ def checked(table: Any, kind: Any, name: str, needed: Mapping[str, str] = _NOTHI
 
 
 @contextmanager
-def told_in(name: str, where: str, part: Any = None) -> Iterator[None]:
+def located(name: str, where: str, part: Any = None) -> Iterator[None]:
     """Let what is not allowed inside the block be an error of a file, at a place in it.
 
     With the part that the file holds there, it is told at the key of the argument, lengths in mm.

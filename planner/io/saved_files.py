@@ -13,11 +13,11 @@ from model.checks import not_negative
 from model.errors import FileError
 from model.loads import check_loads, contacts
 from model.mesh import checked_accuracy
-from planner.avoidance.asked import surroundings
+from planner.avoidance.surroundings import surroundings
 from planner.fit.calibration import Calibration
 from planner.io.codec import read, value_of
 from planner.io.decoding import read_json
-from planner.io.mistakes import checked, shown, told_in
+from planner.io.mistakes import checked, located, shown
 from planner.io.saved_records import AnswerRecord, CalibrationQuestion, FitRecord, QuestionRecord
 from planner.plan import HeldPlan, Plan
 from planner.program.limits import Limits
@@ -59,17 +59,17 @@ def load_plan(path: str | Path) -> Plan:
     saved = checked(read_json(Path(path), "plan", _VERSION), SavedPlan, name)
     question, answer = saved.question, saved.answer
     task = _task(name, question, answer)
-    with told_in(name, "answer"):
+    with located(name, "answer"):
         result = value_of(answer)
-    with told_in(name, "answer.tensions"):
+    with located(name, "answer.tensions"):
         result = replace(result, tensions=task.arm.by_section(task.arm.flat(result.tensions)))
     for key in ("jump", "lost"):
-        with told_in(name, f"answer.{key}"):
+        with located(name, f"answer.{key}"):
             not_negative(key, getattr(result, key))
     for i, T in enumerate(result.load_path):
-        with told_in(name, f"answer.load_path[{i}]"):
+        with located(name, f"answer.load_path[{i}]"):
             task.arm.flat(T)
-    with told_in(name, "question.obstacles"):
+    with located(name, "question.obstacles"):
         arguments = (read(Any, question.obstacles), question.clearance, question.self_clearance)
         around = surroundings(task.arm, task.targets, *arguments)
     kind = HeldPlan if contacts(task.scene) else Plan
@@ -80,24 +80,24 @@ def load_plan(path: str | Path) -> Plan:
 
 def _task(name: str, question: QuestionRecord, answer: Any) -> Task:
     """Return what was asked, checked as `plan` does."""
-    with told_in(name, "question.arm"):
+    with located(name, "question.arm"):
         arm = value_of(question.arm)
-    with told_in(name, "question.scene"):
+    with located(name, "question.scene"):
         scene = value_of(question.scene)
         check_loads(arm, scene, contact=True)
         check_planned(scene)
-    with told_in(name, "question.limits"):
+    with located(name, "question.limits"):
         saved: Limits = value_of(question.limits)
         least, most = saved.strokes or (None, None)
         limits = checked_limits(arm, saved.upper, saved.lower, saved.total, (most, least))
         if saved.stroke_zero is not None:
             limits = replace(limits, stroke_zero=zeroed_at(arm, scene, saved.stroke_zero))
-    with told_in(name, "question.targets"):
+    with located(name, "question.targets"):
         targets = check_targets(arm, read(Any, question.targets))
-    with told_in(name, "question.accuracy"):
+    with located(name, "question.accuracy"):
         accuracy = checked_accuracy(question.accuracy)
     statement = value_of(answer.statement)
-    with told_in(name, "answer.statement"):
+    with located(name, "answer.statement"):
         checked_margin(statement.margin)
     for key, has in (("limited", limits.total), ("wound", limits.strokes)):
         if getattr(statement, key) != (has is not None):
@@ -132,7 +132,7 @@ def load_calibration(path: str | Path) -> Calibration:
     name = str(path)
     saved = checked(read_json(Path(path), "calibration", _VERSION), SavedCalibration, name)
     question, fit = saved.question, saved.fit
-    with told_in(name, "question"):
+    with located(name, "question"):
         arm, scene = value_of(question.arm), value_of(question.scene)
         unknowns = tuple(map(value_of, question.unknowns))
         shapes = tuple(item.checked(arm, item.name) for item in map(value_of, question.measured))
@@ -140,7 +140,7 @@ def load_calibration(path: str | Path) -> Calibration:
         raise FileError(name, "fit.values", f"{len(unknowns)} finite numbers are needed")
     kept = {key: getattr(fit, key) for key in fit.__struct_fields__}
     values = {key: read(Any, x) for key, x in kept.items() if x is not msgspec.UNSET}
-    with told_in(name, "fit"):
+    with located(name, "fit"):
         result = Calibration(arm, scene, shapes, unknowns, **values)
         result.parameters  # noqa: B018  (checks keys and sessions)
     return result

@@ -18,12 +18,12 @@ from model.loads import check_loads
 from model.machine.compiled import Compile
 from model.units import STROKE, length_text, warn_unusual
 from model.winches import Winches, rest_lengths
-from planner.avoidance.asked import surroundings
+from planner.avoidance.surroundings import surroundings
 from planner.io.arm_tables import ArmTable, arm_of
 from planner.io.codec import arguments_of, in_si, table_of, value_of, written
 from planner.io.decoding import read_toml, toml_of
 from planner.io.key_paths import steps, value_at
-from planner.io.mistakes import check_modulus, checked, told_in, warn_of_slips
+from planner.io.mistakes import check_modulus, checked, located, warn_of_slips
 from planner.io.object_tables import EffectsTable, inlined, scene_of
 from planner.io.scene_tables import (
     LimitsTable,
@@ -93,15 +93,15 @@ def load(path: str | Path) -> Question:
     FileError
         With the file, the key's path, what is there and what is allowed.
     """
-    return asked(read_toml(Path(path))[0], str(path))
+    return written_question(read_toml(Path(path))[0], str(path))
 
 
 def read(text: bytes, name: str = "scene") -> Question:
     """Return the question of a scene file's text; see load."""
-    return asked(toml_of(text, name), name)
+    return written_question(toml_of(text, name), name)
 
 
-def asked(raw: dict[str, Any], name: str) -> Question:
+def written_question(raw: dict[str, Any], name: str) -> Question:
     """Return the question of what somebody wrote: likely slips in it are told as UnitWarning."""
     question = question_of(raw, name)
     warn_of_slips(raw)
@@ -115,7 +115,7 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
 
     def build(key: str, make: Callable[[Any], R], of: Any = None) -> R:
         """Return what is made of a part of the table; an error is told at its key."""
-        with told_in(name, key, value_at(raw, steps(key)) or {}):
+        with located(name, key, value_at(raw, steps(key)) or {}):
             return make(of)
 
     def each(key: str, make: Callable[[Any], R]) -> tuple[R, ...]:

@@ -183,7 +183,7 @@ class Problem:
 
         Raises what settling does.
         """
-        states = self.forward.found(tensions, near).states
+        states = self.forward.solve(tensions, near).states
         return self.closed(self.free(tensions), states)
 
     def carried(self, x: Array, of: Problem) -> Array:

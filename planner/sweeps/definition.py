@@ -27,7 +27,7 @@ from planner.io.calls import check_complete, check_held
 from planner.io.codec import Table, identity, written
 from planner.io.decoding import read_toml
 from planner.io.key_paths import changed, checked_key, unit_of
-from planner.io.mistakes import checked, told_in, warn_of_slip
+from planner.io.mistakes import checked, located, warn_of_slip
 from planner.io.scene_file import Question, filled, question_of, scene_beside, scene_table
 from planner.io.scene_tables import SceneKey
 from planner.sweeps.axes import MOST_POINTS, Axis, AxisTable, Count, values_of
@@ -171,7 +171,7 @@ def _sweep(
             check_held(question)
     texts |= {"scene": text} if text else {}
     scene |= {} if time_limit is None else {"time_limit_s": time_limit}
-    with told_in(name, "sweep.compute"):
+    with located(name, "sweep.compute"):
         _check_compute(question, file.sweep.compute)
     axes = _axes(file.sweep, scene, scene_name, name)
     closed = (
@@ -193,7 +193,7 @@ def _axes(table: SweepTable, scene: dict[str, Any], scene_name: str, name: str) 
     axes: list[Axis] = []
     for i, item in enumerate(table.axes):
         where = f"sweep.axes[{i}]"
-        with told_in(name, where):
+        with located(name, where):
             axis = _axis(item, table, scene)
         if any(axis.key == other.key or axis.name == other.name for other in axes):
             text = f"got {axis.name!r}, which another axis is; allowed is each key once"
@@ -204,7 +204,7 @@ def _axes(table: SweepTable, scene: dict[str, Any], scene_name: str, name: str) 
             except FileError as reason:
                 text = f"{axis.key} = {value!r}: {reason.where}: {reason.problem}"
                 raise FileError(name, where, text) from None
-            with told_in(name, where):
+            with located(name, where):
                 _check_compute(question, table.compute)
         warn_of_slip(axis.key, axis.values.tolist())
         axes.append(axis)

@@ -19,9 +19,9 @@ from model.clearance.way import Moving, Tensions
 from model.obstacles import numbers_of
 from model.obstacles.base import Convex
 from model.paths import Array
-from planner.avoidance.asked import Surroundings
 from planner.avoidance.places import near_places, updated, watched_places
 from planner.avoidance.rows import Avoidance, Place
+from planner.avoidance.surroundings import Surroundings
 from planner.trajectory.program import Waypoint
 from planner.trajectory.question import Question
 from planner.trajectory.timed import Timed
@@ -125,7 +125,7 @@ def between(lines: Lines, way: Timed, surroundings: Surroundings) -> Between:
     ends = way.starts[which, None] + durations[which, None] * np.stack([low, high], axis=1)
     shift = np.zeros((which.size, 2, len(bodies), 3))
     for i, one in enumerate(surroundings.moving, start=len(surroundings.obstacles)):
-        shift[:, :, i] = one.moved(ends)
+        shift[:, :, i] = one.displacement(ends)
     uneven = _uneven(tensions, all_parts) if surroundings.moving else None
     kinds = [*[OBSTACLES] * bool(bodies), *(one for one in kinds if one != OBSTACLES)]
     nearest = []

@@ -20,7 +20,7 @@ from model.progress import with_progress
 from model.scene import Scene
 from model.settle import checked_scene
 from model.time_limit import limited
-from planner.avoidance.asked import surroundings
+from planner.avoidance.surroundings import surroundings
 from planner.plan import Plan
 from planner.program.limits import Limits
 from planner.question import check_planned, check_targets, checked_limits

@@ -20,8 +20,8 @@ from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from model.units import STROKE, warn_unusual
-from planner.avoidance.asked import Surroundings
 from planner.avoidance.rows import Avoidance
+from planner.avoidance.surroundings import Surroundings
 from planner.plan import Plan, plan
 from planner.program.limits import Limits
 from planner.targets import TipPosition

@@ -14,7 +14,7 @@ import numpy as np
 from model.errors import InputError
 from model.mesh import FINEST_ACCURACY
 from model.paths import Array
-from model.progress import tell, told
+from model.progress import reported, tell
 from model.shape import Shape
 from model.time_limit import OutOfTime
 from planner.contact.load_path import from_rest, is_same, rubs, settled_along
@@ -91,6 +91,6 @@ def shapes_along(question: Question, tensions: Array) -> tuple[Shape, ...]:
     path = begin.load_path if isinstance(begin, HeldPlan) else ()
     first = question.arm, path, tensions[0], question.scene, fine, question.machine_code
     shapes = [settled_along(*first)]
-    for T in told("shapes", list(tensions[1:])):
+    for T in reported("shapes", list(tensions[1:])):
         shapes.append(question.shape(T, shapes[-1]))
     return tuple(shapes)

@@ -133,7 +133,7 @@ def test_what_is_not_found_says_how_far_it_came(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr("model.contact.path.newton", lambda *_, **__: None)
     told = r"at \d.* % of tensions and loads no least energy is found"
     with pytest.raises(UnsettledContactError, match=told) as caught:
-        forward.found(TENSIONS.ravel())
+        forward.solve(TENSIONS.ravel())
     again = pickle.loads(pickle.dumps(caught.value))
     assert (str(again), again.share) == (str(caught.value), caught.value.share)
     assert isinstance(again, ConvergenceError)

@@ -68,7 +68,7 @@ def test_ends_and_end_force_of_a_strip_on_a_cylinder_converge_with_order_four_or
     found, known = [], None
     for refinement in (1, 2, 4):
         forward = TouchingMap(arm, scene, 3, refinement)
-        here = known = forward.found(np.zeros(4), known)
+        here = known = forward.solve(np.zeros(4), known)
         first, second, *_, last = touches_of(here)
         spread = (second.s - first.s) * (2 * first.pressure + second.pressure) / 6
         found.append([first.s, last.s, np.linalg.norm(first.force) - spread])

@@ -149,7 +149,7 @@ def test_shapes_move_with_a_number_as_shapes_settled_afresh_do(
 ) -> None:
     (arm, scene), h = change(_arm(), scene, 0.0), 1e-3
     forward = Collocation(arm, scene, STAGES, 6 if scene.has(Friction) else 4, (S,))
-    here = Linearised(forward.system, forward.found(T).x)
+    here = Linearised(forward.system, forward.solve(T).x)
     high, low = (neighbour(forward.system, *change(arm, scene, h)) for h in (1e-5, -1e-5))
     columns = [
         (high.p, low.p),

@@ -90,7 +90,7 @@ UNLOADED = {
 def integrated(scene: Scene, stations: tuple[float, ...], accuracy: float) -> Verified:
     """Return the arm as the integrator has it, from a mesh whose tip is off by 1e-5 and more."""
     forward = Collocation(ARM, scene, STAGES, 3, stations, False)
-    return verified(forward.found(T), accuracy)
+    return verified(forward.solve(T), accuracy)
 
 
 @pytest.mark.parametrize("scene", UNLOADED.values(), ids=UNLOADED)
@@ -98,12 +98,12 @@ def test_poses_and_stability_are_those_of_the_settled_shape(scene: Scene) -> Non
     stations = (0.1, ARM.length)
     found, shape = integrated(scene, stations, 1e-9), settle(ARM, T, scene, 1e-11)
     assert found.error <= 1e-9
-    system = found.here.system
-    poses = system.poses(found.here.states)[[system.mesh.node(s) for s in stations]]
+    system = found.point.system
+    poses = system.poses(found.point.states)[[system.mesh.node(s) for s in stations]]
     assert poses[:, 4:] == pytest.approx(shape.position(np.array(stations)), abs=1e-9)
     frames = matrices(poses[:, :4])
     assert frames == pytest.approx(shape.frame(np.array(stations)), abs=1e-8)
-    assert stability(found.here) == pytest.approx(shape.stability, rel=0.03)
+    assert stability(found.point) == pytest.approx(shape.stability, rel=0.03)
 
 
 def test_steps_that_do_not_come_to_an_accuracy_are_refused() -> None:

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from model import InputError, settle
-from model.progress import progress_line, tell, told, with_progress
+from model.progress import progress_line, reported, tell, with_progress
 from octoplan import calibrate, design, plan, sweep, trajectory
 from planner.cli import main
 
@@ -61,7 +61,7 @@ def screen(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 @with_progress
 def _long(shown: _Screen, progress: bool | None = None) -> None:
-    for i in told("parts", range(3)):
+    for i in reported("parts", range(3)):
         tell("what is inside of a part")
         if i == 2:
             shown.wait_for("parts: 2 of 3 [00:")

@@ -100,7 +100,7 @@ def test_tip_is_the_same_by_all_three(name: str, seed: int) -> None:
     way = ways(name)
     T, here = solved(name, seed)
     wanted = poses(way.rod, T, [way.rod.length], True)[0][0]
-    integrated = verified(here, 1e-10).here.states
+    integrated = verified(here, 1e-10).point.states
     tips = [way.system.poses(states)[-1, 4:7] for states in (here.states, integrated)]
     for tip in (*tips, way.closed.run(T)[0][-1, 4:7]):
         assert np.linalg.norm(tip - wanted) <= 1e-9 * way.rod.length

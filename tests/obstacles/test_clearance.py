@@ -45,7 +45,7 @@ def _pulls(rng: np.random.Generator) -> Array:
 
 def _line(scene: Scene, T: Array) -> Centreline:
     forward = Collocation(ARM, scene, STAGES, 3)
-    return Centreline.at_states(forward.system, forward.found(T).states)
+    return Centreline.at_states(forward.system, forward.solve(T).states)
 
 
 def _obstacles(rng: np.random.Generator) -> list[Obstacle]:
@@ -113,7 +113,7 @@ def _coil(turns: float, radius: float) -> Centreline:
     """Return a cylinder 1 m long, 10 mm thick, bent to so many turns of a circle."""
     arm = conical(1.0, (radius, radius), [(1.0, radius / 2, radius / 2)])
     forward = Collocation(arm, Scene(), STAGES, 8)
-    states = forward.found(np.zeros(4)).states
+    states = forward.solve(np.zeros(4)).states
     line = Centreline.at_states(forward.system, states)
     k, s = 2 * np.pi * turns, line.s
     u = np.column_stack([np.sin(k * s) / k, np.zeros_like(s), (1 - np.cos(k * s)) / k])

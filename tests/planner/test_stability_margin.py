@@ -146,7 +146,7 @@ def test_optima_that_stand_where_the_arm_does_not_come_to_from_rest_are_left(
 
 
 def test_modes_are_those_of_the_equations_jacobian() -> None:
-    here = Collocation(ARM, AIR, 3, 1).found(T)
+    here = Collocation(ARM, AIR, 3, 1).solve(T)
     n = here.system.of.n_states
     J = np.array([here.times(column) for column in np.eye(n)]).T
     B = np.zeros((n, n))

@@ -28,7 +28,7 @@ def _sees(tr: Trajectory, obstacle: Moving, count: int) -> float:
     gaps = []
     for t in np.linspace(0.0, tr.duration, count):
         x = settle(ARM, np.ravel(tr.at(t)), SCENE, 1e-6).position(s)
-        gaps.append(float((obstacle.obstacle.distance(x - obstacle.moved(t)) - R).min()))
+        gaps.append(float((obstacle.obstacle.distance(x - obstacle.displacement(t)) - R).min()))
     return min(gaps)
 
 
@@ -103,7 +103,7 @@ path_s_mm = [[0, 0, 0, 0], [2, 0, 50, 0]]
     scene.write_text(text)
     found = load(scene).options["obstacles"][0]
     assert found == Moving(Sphere((0.25, 0.0, 0.1), 0.02), (0, 2), ((0, 0, 0), (0, 0.05, 0)))
-    np.testing.assert_allclose(found.moved([0.5, 3.0]), [(0, 0.0125, 0), (0, 0.05, 0)])
+    np.testing.assert_allclose(found.displacement([0.5, 3.0]), [(0, 0.0125, 0), (0, 0.05, 0)])
     assert found.at(1.0).distance((0.25, 0.025, 0.1)) == pytest.approx(-0.02)
     with pytest.raises(InputError, match=r"obstacles\[0\].*trajectory"):
         plan(ARM, TARGETS[0], SCENE, 20.0, obstacles=[found])

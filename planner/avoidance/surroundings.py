@@ -144,6 +144,6 @@ def _check_place(
         raise InputError(f"obstacles[{i}]", surroundings.obstacles[i], sentence)
 
 
-def told(result: Mapping[str, Clearance]) -> str:
+def nearest_in_words(result: Mapping[str, Clearance]) -> str:
     """Return the nearest of all in words."""
     return str(min(result.values(), key=lambda clear: clear.gap))
