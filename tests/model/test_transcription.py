@@ -89,11 +89,11 @@ def test_derivatives_of_the_equations_are_those_of_differences(name: str, scene:
     way, lam = size * rng.normal(size=x.size), rng.normal(size=here.of.n_states)
 
     def jacobian(x: Array) -> Array:
-        function, places = of.jacobian
-        return np.array(ca.densify(ca.DM(places, function(x, here.p))))
+        nonzeros = of.jacobian.function(x, here.p)
+        return np.array(ca.densify(ca.DM(of.jacobian.places, nonzeros)))
 
-    function, places = of.hessian
-    H = np.array(ca.densify(ca.DM(places, function(x, here.p, lam))))
+    nonzeros = of.hessian.function(x, here.p, lam)
+    H = np.array(ca.densify(ca.DM(of.hessian.places, nonzeros)))
     check_rows(jacobian(x), way, fourth_order(lambda share: here.residual(x + share * way), 1e-4))
     wanted = fourth_order(lambda share: jacobian(x + share * way).T @ lam, 1e-4)
     check_rows(size[:, None] * H * size, way / size, size * wanted)
