@@ -56,7 +56,7 @@ from model.forward import schemes_of
 from model.loads import is_loaded
 from model.paths import Array
 from planner import Plan, Statement, plan
-from planner.solve.ipopt import Solution
+from planner.solve.ipopt import Candidate
 from planner.solve.search import Search
 from planner.solve.task import Task
 from planner.targets import Target, TipPose, TipPosition
@@ -154,7 +154,7 @@ _RESULTS = ("reached", "error", "cost", "seconds", "starts", "outcome")
 
 def _solved(
     result: Plan, scene: Scene, statement: Statement, count: int, rng: np.random.Generator
-) -> tuple[Task, list[Solution]]:
+) -> list[Candidate]:
     """Return what random starts of a plan's problem lead to, on the mesh of the search."""
     limits = result.limits
     search = Search(Task(ARM, result.targets, scene, limits, statement, result.accuracy))
@@ -163,7 +163,7 @@ def _solved(
     tried = (
         search.solve(coarse, rng.uniform() * rng.uniform(size=12) * scale) for _ in range(count)
     )
-    return search.task, [solution for solution in tried if solution.met]
+    return [candidate for candidate in tried if candidate.met]
 
 
 def _over_best(result: Plan, scene: Scene, count: int, rng: np.random.Generator) -> float:
@@ -172,8 +172,8 @@ def _over_best(result: Plan, scene: Scene, count: int, rng: np.random.Generator)
     if heavy or not count or result.mode != "exact":
         return 0.0
     statement = Statement(norm=result.statement.norm)
-    task, solutions = _solved(result, scene, statement, count, rng)
-    best = min((np.linalg.norm(task.tensions(s)) for s in solutions), default=np.inf)
+    solutions = _solved(result, scene, statement, count, rng)
+    best = min((np.linalg.norm(each.tensions) for each in solutions), default=np.inf)
     return float(result.effort / best) if 0 < best < np.inf else 0.0
 
 
@@ -243,7 +243,7 @@ def run_beyond(job: tuple[int, int, int, Sequence[str]]) -> Case:
     if result.reached and max(result.certificate.soft_residual.values(), default=0.0) <= _NEAR:
         error = off(settle(ARM, result.tensions, scene, 1e-9), target)
         return replace(case, reached=True, error=error)
-    _, solutions = _solved(result, scene, Statement(), best_of, rng)
+    solutions = _solved(result, scene, Statement(), best_of, rng)
     best = min((s.f for s in solutions), default=np.inf)
     values = min((s.objective for s in result.starts if s.met), default=np.inf)
     return replace(case, cost=float(np.sqrt(values / best)) if values < np.inf else np.inf)

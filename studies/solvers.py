@@ -41,8 +41,8 @@ Solver = Callable[[Search, Array, Array], Array | None]
 
 def by_shooting(search: Search, tip: Array, guess: Array) -> Array | None:
     """Return the tensions that the planner's program leads to."""
-    solution = search.solve(search.task.coarse("exact"), guess)
-    return search.task.tensions(solution) if solution.met else None
+    candidate = search.solve(search.task.coarse("exact"), guess)
+    return candidate.tensions if candidate.met else None
 
 
 def by_tensions(method: str) -> Solver:
