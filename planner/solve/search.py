@@ -34,7 +34,7 @@ from planner.solve.refine import refine
 from planner.solve.task import SearchResult, Task, Trial, agreed
 from planner.targets.base import Target
 
-# Guesses that have to agree, and one more where as many lead nowhere, or all to near misses.
+# Guesses that have to agree, and one more where as many lead nowhere, or all miss the targets.
 _AGREED = 2
 # Of guesses that come by effort, so many that lead to dearer optima are enough, too; and so many
 # from which the targets are not met before slacks tell how near they can be had.
@@ -248,13 +248,12 @@ class Search:
         """
         if self.task.starts is not None:
             return False
-        trials, exact = self.trials, self._now.mode == "exact"
+        trials, mode = self.trials, self._now.mode
         efforts = [trial.objective for trial in trials if trial.met]
-        if not self._by_effort:
-            hard = len(trials) >= 2 * len(efforts) or not exact
-            return agreed(trials) >= _AGREED + hard
-        since = len(efforts) - 1 - int(np.argmin(efforts)) if efforts else 0
-        return agreed(trials) >= _AGREED or (exact and since >= _ENOUGH)
+        missed = mode == "nearest" or (mode == "closest" and min(efforts, default=np.inf) > _MET)
+        hard = missed or (not self._by_effort and len(trials) >= 2 * len(efforts))
+        since = len(efforts) - 1 - int(np.argmin(efforts)) if efforts and self._by_effort else 0
+        return agreed(trials) >= _AGREED + hard or (mode == "exact" and since >= _ENOUGH)
 
     def _best(self, limit: float = np.inf) -> SearchResult | None:
         """Return the best optimum up to a limit that is stable, and not lost on a finer mesh."""
