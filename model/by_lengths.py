@@ -26,7 +26,7 @@ from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton
 from model.errors import CollapsedError, UnsettledSectionError
 from model.forward import ForwardMap, equilibrium_on
-from model.least_energy import STAGES, LeastEnergy, Minimum
+from model.least_energy import ROUNDS, STAGES, LeastEnergy, Minimum
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
@@ -65,15 +65,19 @@ class AtLengths(Protocol):
         """How these change with the tensions (n_tendons, n_tendons) [m/N]."""
 
 
-def least_by_lengths(program: LeastEnergy, winches: Winches) -> Minimum | None:
-    """Return the least energy by lengths, from rest; None where none is found.
+def least_by_lengths(program: LeastEnergy, winches: Winches) -> Iterator[Minimum]:
+    """Yield the least energy by lengths, from rest, as far as it is found.
 
-    Raises InputError where no shape has the lengths, naming the tendon that is farthest from it.
+    Where forces have no potential first as if they had, which is as good as any to begin with where
+    they are small; then with these forces updated until they stay. Raises InputError where no shape
+    has the lengths, naming the tendon that is farthest from it.
     """
-    result = program.least(program.at_rest(), winches.tensions, 1.0, winches, rounds=1)
-    if result is None and program.conservative:
-        refuse(program, winches)
-    return result
+    for rounds in (1,) if program.conservative else (1, ROUNDS):
+        result = program.least(program.at_rest(), winches.tensions, 1.0, winches, rounds)
+        if result is None and program.conservative:
+            refuse(program, winches)
+        if result is not None:
+            yield result
 
 
 _At = TypeVar("_At", bound=AtLengths)
@@ -108,9 +112,8 @@ class UnloadedLengths:
         if near is not None:
             yield self._lengths(np.where(self.winches.held, near, self.winches.tensions))
         program = LeastEnergy(self._system)
-        least = least_by_lengths(program, self.winches)
-        if least is not None:
-            yield self._lengths(about(program, least, self.winches))
+        for minimum in least_by_lengths(program, self.winches):
+            yield self._lengths(about(program, minimum, self.winches))
 
     def _beside(self, at: Lengths, tensions: Array) -> Lengths | None:
         try:
@@ -283,18 +286,13 @@ class GivenLengths:
                 yield forward.equilibrium(T, near).point
             else:
                 yield forward.near(T, near.states)
-        yield self._from_rest(forward)
-
-    def _from_rest(self, forward: Collocation) -> Linearised | None:
-        """Return the equilibrium under about the tensions by lengths; None if none is found."""
         if isinstance(forward, TouchingMap):
-            return forward.by_lengths(self.winches)
+            yield forward.by_lengths(self.winches)
+            return
         program = LeastEnergy(forward.system)
-        least = least_by_lengths(program, self.winches)
-        if least is None:
-            return None
-        T = about(program, least, self.winches)
-        return newton(forward.system, T, 1.0, program.states(least))
+        for minimum in least_by_lengths(program, self.winches):
+            T = about(program, minimum, self.winches)
+            yield newton(forward.system, T, 1.0, program.states(minimum))
 
     @cached_property
     def _unloaded(self) -> Array:

@@ -125,7 +125,7 @@ _IPOPT: dict[str, Any] = {
     "mu_strategy": "adaptive",
 }
 # Nonconservative forces are updated so often, until no frame turns by more than this.
-_ROUNDS, _STAYS = 12, 1e-3
+ROUNDS, _STAYS = 12, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,7 +257,7 @@ class LeastEnergy:
         tensions: Array,
         load: float = 1.0,
         winches: Winches | None = None,
-        rounds: int = _ROUNDS,
+        rounds: int = ROUNDS,
     ) -> Minimum | None:
         """Return the least energy near a start; None where none is found.
 
