@@ -155,8 +155,11 @@ class Certificate:
             f"the arm passes through {name} by {-1e3 * gap:.3g} mm" for name, gap in negative
         ]
         slack = self.stability < BRINK and not self.stability_margin
-        if self.stability >= 0 and (slack or (self.load_factor or np.inf) < 1 + BRINK):
-            sentences.append(f"it stands on the brink: it {self.bears}")
+        soon = (self.load_factor or np.inf) < 1 + BRINK
+        if self.stability >= 0 and (slack or soon):
+            reasons = [] if soon else [f"its stability is {self.stability:.2g}"]
+            reasons += [f"it {self.bears}"] if self.bears else []
+            sentences.append(f"it stands on the brink: {', though '.join(reasons)}")
         return tuple(sentences)
 
     @property

@@ -143,9 +143,18 @@ def test_how_many_times_its_loads_an_arm_bears_is_told_with_digits(
     assert replace(SOUND, on_request=OnRequest(dict, lambda: load_factor)).bears == words
 
 
-def test_a_shape_on_the_brink_is_warned_of() -> None:
-    brink = replace(SOUND, stability=0.05, on_request=OnRequest(dict, lambda: 1.02))
-    assert any("stands on the brink" in told for told in brink.warnings)
+@pytest.mark.parametrize(
+    ("load_factor", "why"),
+    [
+        (1.02, "it yields at 1.02 times its loads"),
+        (np.inf, "its stability is 0.05, though it bears at least 3 times its loads"),
+        (None, "its stability is 0.05"),
+    ],
+)
+def test_a_shape_on_the_brink_is_warned_of(load_factor: float | None, why: str) -> None:
+    """In contact, where no load factor is told, the sentence broke off."""
+    brink = replace(SOUND, stability=0.05, on_request=OnRequest(dict, lambda: load_factor))
+    assert f"it stands on the brink: {why}" in brink.warnings
 
 
 def test_the_tip_of_a_shape_is_held_against_that_of_the_check() -> None:
