@@ -15,7 +15,7 @@ from model.scene import Scene
 from model.units import warn
 from planner.program.limits import Limits
 from planner.program.statement import Statement, check_norm, check_solver
-from planner.program.terms import compliance_requests
+from planner.program.terms import compliance_requests, pulling_tendons
 from planner.targets.base import Target
 
 # The stability that plans under loads have where it can be had, unless asked otherwise.
@@ -95,7 +95,7 @@ def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, 
                 allowed = f"one target for it, not two: targets[{prescribed[name]}] prescribes it"
                 raise InputError(f"targets[{i}]", f"another {name}", allowed)
             prescribed[name] = i
-    if not frozenset.intersection(*(t.tendons(arm) for t in targets)):
+    if not pulling_tendons(arm, targets):
         raise InputError(
             "target", targets, "targets that leave some tendon to pull for all of them"
         )

@@ -23,7 +23,7 @@ from model.progress import tell
 from model.time_limit import OutOfTime, time_limit
 from planner.avoidance.clear import clear_arms, keeping, line_of
 from planner.avoidance.places import near_places, updated, watched_places
-from planner.avoidance.rows import Avoidance
+from planner.avoidance.rows import Avoidance, avoidance_of
 from planner.avoidance.surroundings import Surroundings, nearest_in_words
 from planner.program.statement import Mode
 from planner.solve.ipopt import Candidate
@@ -163,8 +163,7 @@ class Around:
                 return None
             if self.surroundings.keeps(line):
                 return SearchResult.at(fine, self.trials)
-            kept = [target for target in fine.problem.targets if isinstance(target, Avoidance)]
-            near, before = near_places(line, self.surroundings), kept[0] if kept else None
+            near, before = near_places(line, self.surroundings), avoidance_of(fine.problem.targets)
             clear = self._with_more(fine, updated(before, near, line, self.surroundings))
         return None
 

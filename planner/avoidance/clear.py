@@ -20,6 +20,7 @@ from planner.avoidance.rows import Avoidance
 from planner.avoidance.surroundings import Surroundings
 from planner.initial_guess.many_arms import bend_coordinates, many_places, residuals
 from planner.program.statement import Statement
+from planner.program.terms import pulling_tendons
 from planner.solve.refine import settled
 from planner.solve.task import Task
 
@@ -73,8 +74,7 @@ def _likely_clear(task: Task, surroundings: Surroundings) -> Iterator[Array]:
     Looked at on the coarsest mesh, for a scene without loads, so that some may touch after all.
     """
     arm, targets, limits = task.arm, task.targets, task.allowed
-    tendons = frozenset.intersection(*(target.tendons(arm) for target in targets))
-    bends = bend_coordinates(arm, tendons, limits)
+    bends = bend_coordinates(arm, pulling_tendons(arm, targets), limits)
     tensions = bends.tensions(bends.draw(_DRAWN))
     off = residuals(arm, task.scene, targets, tensions, task.machine_code)
     order = np.argsort(np.linalg.norm(off, axis=1), kind="stable")

@@ -24,7 +24,7 @@ from model.rotations import matrix
 from model.transcription.kernel import Kernel
 from model.transcription.layout import POSE
 from model.transcription.terms import Equations, Term
-from planner.targets.base import Free, Terms, View
+from planner.targets.base import Free, Target, Terms, View
 
 # Slots of an element come so many at a time, and every element has some: that makes one program of
 # nearly all that is to be kept clear of. Those that are empty keep clear of a ball far off.
@@ -168,6 +168,11 @@ class Avoidance(Free):
     def _elements(self, arm: Arm) -> list[tuple[int, int]]:
         """Return the elements of each pair of places."""
         return [(element_of(arm, a.s), element_of(arm, b.s)) for a, b, _ in self.pairs]
+
+
+def avoidance_of(targets: tuple[Target, ...]) -> Avoidance | None:
+    """Return the inequalities among targets that keep the arm clear, None where there are none."""
+    return next((target for target in targets if isinstance(target, Avoidance)), None)
 
 
 @lru_cache(maxsize=64)

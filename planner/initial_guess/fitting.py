@@ -20,6 +20,7 @@ from model.scene import Scene
 from model.time_limit import check_time
 from planner.initial_guess.many_arms import bend_coordinates, residuals
 from planner.program.limits import Limits
+from planner.program.terms import pulling_tendons
 from planner.targets.base import Target
 
 # How many are drawn, and fitted; what is nearer is met but for the errors of the mesh.
@@ -38,10 +39,9 @@ def fitted(
     """Return tensions (m, n_tendons) fitted to targets: the cheapest that meet them first.
 
     Then those that come nearest. Those that hardly differ from one before are left out. Where
-    sections shorten, some of those that bends do not bring there are squeezed as well.
+    sections shorten, how hard all tendons of a section pull is fitted beside its bends.
     """
-    tendons = frozenset.intersection(*(target.tendons(arm) for target in targets))
-    bends = bend_coordinates(arm, tendons, limits)
+    bends = bend_coordinates(arm, pulling_tendons(arm, targets), limits)
 
     def gaps(points: Array) -> Array:
         return residuals(arm, scene, targets, bends.tensions(points), machine_code)

@@ -16,7 +16,7 @@ from planner.initial_guess.fitting import fitted
 from planner.initial_guess.many_arms import bend_coordinates, residuals
 from planner.program.limits import Limits
 from planner.program.problem import units
-from planner.program.terms import terms_of
+from planner.program.terms import pulling_tendons, terms_of
 from planner.targets.base import Target
 
 # Arms that are drawn, what a unit of tension counts beside how near they are, and by what part of
@@ -74,8 +74,7 @@ def drawn_arms(
     Without a look at the time, of which they take little.
     """
     unit = units(arm, limits)
-    tendons = frozenset.intersection(*(target.tendons(arm) for target in targets))
-    bends = bend_coordinates(arm, tendons, limits)
+    bends = bend_coordinates(arm, pulling_tendons(arm, targets), limits)
     drawn = _within_total(bends.tensions(bends.draw(_DRAWN)), limits)
     distance = np.linalg.norm(residuals(arm, scene, targets, drawn, machine_code), axis=1)
     cheap = distance + _CHEAP * np.linalg.norm(drawn / unit, axis=1)

@@ -25,7 +25,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.stations import base_pose
-from planner.avoidance.rows import Avoidance
+from planner.avoidance.rows import avoidance_of
 from planner.program.statement import Statement, smooth_norm
 from planner.program.terms import HIGH_PRIORITY, LOW_PRIORITY, stations_of, terms_of
 from planner.targets.base import Target
@@ -70,10 +70,10 @@ class Objective:
     ) -> None:
         self.statement = statement
         stations = stations_of(arm, targets)
-        kept = [target for target in targets if isinstance(target, Avoidance)]
+        avoidance = avoidance_of(targets)
         # CasADi cannot differentiate compiled kernels.
-        self._arm, self._gaps = arm, kept[0].gaps(arm, stations, False) if kept else None
-        targets = tuple(target for target in targets if not isinstance(target, Avoidance))
+        self._arm, self._gaps = arm, avoidance.gaps(arm, stations, False) if avoidance else None
+        targets = tuple(target for target in targets if target is not avoidance)
         self.seen = [stations.index(s) for s in stations_of(arm, targets)]
         self.terms = terms_of(arm, targets)
         terms = self.terms.function

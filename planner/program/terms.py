@@ -55,6 +55,11 @@ def structure_of(arm: Arm, targets: tuple[Target, ...]) -> tuple[object, ...]:
     return tuple(target.structure(arm) for target in targets)
 
 
+def pulling_tendons(arm: Arm, targets: tuple[Target, ...]) -> frozenset[int]:
+    """Return the tendons that every one of the targets lets pull."""
+    return frozenset.intersection(*(target.tendons(arm) for target in targets))
+
+
 class TargetTerms:
     """The terms of targets of one structure, as functions of the numbers of these; see terms_of.
 

@@ -14,11 +14,11 @@ from model.effects import Extension
 from model.paths import Array
 from model.quantities import Count
 from model.scene import Scene
-from planner.avoidance.rows import Avoidance
+from planner.avoidance.rows import Avoidance, avoidance_of
 from planner.program.limits import Limits
 from planner.program.problem import Problem
 from planner.program.statement import Mode, Statement
-from planner.program.terms import terms_of
+from planner.program.terms import pulling_tendons, terms_of
 from planner.solve.ipopt import Candidate
 from planner.targets.base import Target
 
@@ -101,8 +101,7 @@ class Task:
 
 def allowed(arm: Arm, targets: tuple[Target, ...], limits: Limits) -> Limits:
     """Return the limits, with tendons that a target does not let pull held at their minima."""
-    tendons = frozenset.intersection(*(target.tendons(arm) for target in targets))
-    return limits.restricted(tendons)
+    return limits.restricted(pulling_tendons(arm, targets))
 
 
 @dataclass(frozen=True)
@@ -166,14 +165,13 @@ class SearchResult:
     def at(cls, end: Candidate, trials: Sequence[Trial], **more: Any) -> SearchResult:
         """Return the result of a search that ends at a candidate, after trials."""
         problem, (lam_x, lam_g) = end.problem, end.multipliers
-        kept = [target for target in problem.targets if isinstance(target, Avoidance)]
         return SearchResult(
             end.statement,
             problem.arm.by_section(end.tensions),
             tuple(lam_x.tolist()),
             tuple(lam_g.tolist()),
             tuple(trials),
-            avoidance=kept[0] if kept else None,
+            avoidance=avoidance_of(problem.targets),
             **more,
         )
 
