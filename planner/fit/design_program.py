@@ -28,13 +28,11 @@ from model.scene import Scene
 from model.time_limit import check_time
 from model.transcription.neighbours import neighbour
 from model.transcription.system import System
-from model.winches import least_compliance
 from planner.fit.making import Making, Objective, Reach
 from planner.fit.unknowns import Parameters
 from planner.program.limits import Limits
 from planner.program.problem import Bounds, Problem, units
 from planner.program.statement import Statement
-from planner.program.states import States
 from planner.program.terms import stations_of
 from planner.solve.ipopt import TOGETHER, WARM, Solution
 from planner.solve.side_by_side import Part, SideBySide, joined
@@ -117,10 +115,10 @@ class Program:
         numbers, by_structure = list[Array](), dict[Any, Array]()
         for i, problem in enumerate(self.problems):
             directions = problem.directions
-            key = problem.stations, problem.requests, tuple(map(np.ndarray.tobytes, directions))
+            key = problem.stations, problem.requests, directions.tobytes()
             if key not in by_structure:
-                states = States(self.system(i, arm, scene), problem.requests, least_compliance(arm))
-                by_structure[key] = states.numbers(directions)
+                system = self.system(i, arm, scene)
+                by_structure[key] = problem.program.numbers(system, directions)
             numbers.append(by_structure[key])
         return [*numbers, self.making.room(arm)]
 

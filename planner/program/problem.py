@@ -11,17 +11,18 @@ from model.arm import Arm
 from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton
-from model.equilibrium.stability import least_modes, stability
+from model.equilibrium.stability import stability
 from model.errors import OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
-from model.winches import least_compliance, rest_lengths
+from model.winches import rest_lengths
 from planner.program.limits import Limits, natural_tensions
 from planner.program.objective import Rows
 from planner.program.program import STABILITY, STROKES, Program, factorised, program
+from planner.program.responses import unit_force
 from planner.program.statement import Statement
-from planner.program.states import States, Stations
+from planner.program.states import Stations
 from planner.program.terms import (
     Same,
     compliance_requests,
@@ -57,8 +58,8 @@ class Problem:
         The structure.
     forward : Collocation
         The same equations of equilibrium without targets.
-    states : States
-        Numbers and scales of what comes behind the tensions.
+    scale, row_scale : (n,)
+        What one unit of each unknown of the blocks, and of each equation, is worth.
     """
 
     def __init__(
@@ -77,7 +78,7 @@ class Problem:
         structure = structure_of(arm, targets)
         stated = self.statement.but(margin=0.0, floor=0.0)
         question = (arm, scene, structure, Same(targets), stated, machine_code)
-        self.program, self.forward, self.states = _built(*question)
+        self.program, self.forward, self.scale, self.row_scale = _built(*question)
 
     def but(
         self, statement: Statement | None = None, targets: tuple[Target, ...] | None = None
@@ -112,11 +113,10 @@ class Problem:
 
         And for a defect of the mesh, none unless given; see planner.solve.refine.
         """
-        states = self.states
         values = [self.unit.max(), self.limits.total or 0.0, weight]
-        states_numbers = [np.array([states.force]), states.numbers(self.directions)]
+        numbers = self.program.numbers(self.forward.system, self.directions)
         error = np.zeros(sum(self.program.measured)) if defect is None else defect
-        behind = [*states_numbers, states.scale, states.row_scale, error]
+        behind = [[unit_force(self.arm)], numbers, self.scale, self.row_scale, error]
         return np.concatenate([self._numbers, values, self.unit, *behind])
 
     @cached_property
@@ -201,69 +201,60 @@ class Problem:
         if numbers is not None:
             p = p.copy()
             p[self.program.parts.numbers] = numbers
-        program, blocks, scale = self.program, self.program.blocks, self.states.scale
-        x = np.zeros(program.size)
+        program, x = self.program, np.zeros(self.program.size)
         x[: self.n_free], x[self.n_free] = a, 1.0
-        x[blocks.states] = states / scale[1 : 1 + states.size]
-        if blocks.responses:
-            start, stop = blocks.response(0).start, blocks.response(len(blocks.responses)).start
-            first, point = self.n_outer + states.size, program.evaluate(x, p)
-            rows = slice(first, first + stop - start)
-            responds = point.jacobian.tocsr()[rows].tocsc()[:, start:stop]
-            x[start:stop] = -factorised(responds).solve(point.g[rows])
-        if blocks.modes:
-            self._add_modes(x, states)
-        if blocks.wound:
-            system = self.forward.system
-            lengths = system.lengths(system.x(np.zeros(system.of.n_tendons), 1.0, states))
-            x[blocks.lengths] = lengths / system.arm.length
+        x[self._states] = states / self.scale[: states.size]
+        linear = program.places_of_linear
+        if linear.size:
+            point, rows = program.evaluate(x, p), self.n_outer + linear - self.n_free - 1
+            own = point.jacobian.tocsr()[rows].tocsc()[:, linear]
+            x[linear] = -factorised(own).solve(point.g[rows])
+        for mode in program.modes:
+            at = program.place_of(mode)
+            x[at] = mode.at(self.known(x)) / self.scale_of(at)
         if self.n_slack:
             slack = np.maximum(-self.constraints(x, p)[program.objective.slack_rows], 0.0)
             x[self.n_free - self.n_slack : self.n_free] += slack
         return x
 
-    def _add_modes(self, x: Array, states: Array) -> None:
-        """Put the least stable modes at states into unknowns x."""
-        blocks, system = self.program.blocks, self.forward.system
-        equilibrium = Linearised(system, system.x(self.tensions(x), 1.0, states))
-        values, y = least_modes(equilibrium, blocks.modes)
-        y = self.states.mode_size(y)
-        for k, value in enumerate(values):
-            x[blocks.mode(k)] = y[:, k] / self.states.scale[1 : 1 + states.size]
-            x[blocks.mode(k).stop] = value
+    @property
+    def _states(self) -> slice:
+        """The places of the states."""
+        return self.program.place_of(self.program.states)
+
+    def scale_of(self, places: slice) -> Array:
+        """Return what one unit of each unknown at places of blocks is worth."""
+        first = self.n_free + 1
+        return self.scale[places.start - first : places.stop - first]
 
     def states_of(self, x: Array) -> Array:
         """Return the states (n_states,) in unknowns x."""
-        n = self.forward.system.of.n_states
-        return np.asarray(x[self.program.blocks.states] * self.states.scale[1 : 1 + n])
+        return np.asarray(x[self._states] * self.scale_of(self._states))
 
     def known(self, x: Array) -> Linearised:
         """Return the equations at the tensions and states in unknowns x."""
         system = self.forward.system
         return Linearised(system, system.x(self.tensions(x), 1.0, self.states_of(x)))
 
-    def poses(self, x: Array) -> Array:
-        """Return the poses (K, 7) at the stations, in unknowns x."""
-        nodes = [self.forward.mesh.node(s) for s in self.stations]
-        return self.forward.system.poses(self.states_of(x))[nodes]
+    @cached_property
+    def directions(self) -> Array:
+        """The directions (3, k) of the responses."""
+        of = self.program.objective
+        each = of.terms.directions.call([self._numbers[: of.n_own]])
+        return np.hstack([np.zeros((3, 0)), *(np.array(D) for D in each)])
+
+    def measured(self, x: Array) -> Array:
+        """Return what is measured on the mesh at unknowns x, see Program.measured."""
+        return self.program.measure(x, self._p)
 
     @cached_property
-    def directions(self) -> list[Array]:
-        """The directions (3, width) of the requests of targets."""
-        of = self.program.objective
-        return [np.array(D) for D in of.terms.directions.call([self._numbers[: of.n_own]])]
-
-    def compliances(self, x: Array) -> Array:
-        """Return the tip's compliances in unknowns x along the requests' directions, stacked."""
-        blocks, scale, k = self.program.blocks, self.states.scale, 0
-        tip = blocks.of.first + blocks.of.nodes[-1, 4:7]
-        blocks_of = [np.zeros(0)]
-        for D in self.directions:
-            places = [blocks.response(k + i).start + tip for i in range(D.shape[1])]
-            displaced = np.stack([x[at] * scale[at - self.n_free] for at in places], axis=1)
-            blocks_of.append((D.T @ displaced / self.states.force).ravel("F"))
-            k += D.shape[1]
-        return np.concatenate(blocks_of)
+    def measured_scale(self) -> Array:
+        """What is worth as much as the arm's length, or 1 rad, of all that is measured."""
+        poses, compliances, *rest = self.program.measured
+        L, force = self.arm.length, unit_force(self.arm)
+        pose = [1.0] * 4 + [L] * 3
+        each = np.tile(pose, poses // len(pose)), np.full(compliances, L / force)
+        return np.concatenate([*each, np.ones(sum(rest))])
 
     def constraints(self, x: Array, p: Array) -> Array:
         """Return the constraints at unknowns x."""
@@ -301,12 +292,11 @@ def _built(
     targets: Same,
     statement: Statement,
     machine_code: bool,
-) -> tuple[Program, Collocation, States]:
+) -> tuple[Program, Collocation, Array, Array]:
     """Return what is the same for all targets of one structure, and all limits."""
     stations, requests = stations_of(arm, targets.value), compliance_requests(targets.value)
     loaded = is_loaded(scene) or bool(requests)
     forward = Collocation(arm, scene, STAGES, statement.refinement, stations, loaded, machine_code)
     at = forward.system
-    states = States(at, requests, least_compliance(arm), statement.modes, statement.wound)
-    seen = Stations.of(at, stations)
-    return program(arm, targets.value, statement, at.of, seen), forward, states
+    of = program(arm, targets.value, statement, at.of, Stations.of(at, stations))
+    return of, forward, *of.scales(at)

@@ -4,13 +4,14 @@
     subject to  its rows                      lower <= tensions <= upper
                 the equations of equilibrium, of the arm and of its responses
 
-The unknowns are the tensions, what the norm and the inequalities add, then the load factor (which
-is 1) and the states; see planner.program.states.
+The unknowns are the tensions, what the norm and the inequalities add, the load factor, which is 1,
+then those of each block, see planner.program.blocks: which there are is decided by scene, targets
+and limits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Hashable
 from functools import cached_property, lru_cache
 from itertools import accumulate, pairwise
 from typing import NamedTuple
@@ -25,13 +26,17 @@ from model.arm import Arm
 from model.errors import SingularError
 from model.machine.buffered import Buffered
 from model.paths import Array
-from model.transcription.collocation import gauss
 from model.transcription.kernel import Places
 from model.transcription.layout import POSE, Layout
+from model.transcription.system import System
 from model.transcription.terms import Equations
+from planner.program.blocks import Block
+from planner.program.least_mode import LeastMode
+from planner.program.lengths import Lengths
 from planner.program.objective import Objective, Rows, split
+from planner.program.responses import Responses
 from planner.program.statement import Statement
-from planner.program.states import Blocks, Stations
+from planner.program.states import States, Stations
 from planner.program.terms import Same, compliance_requests, structure_of
 from planner.targets.base import Target
 
@@ -53,7 +58,7 @@ class Parts(NamedTuple):
     numbers : slice
         Of the equations.
     scale, row_scale : slice
-        What one unit of each unknown from the load factor on, and of each equation, is worth.
+        What one unit of each unknown of the blocks, and of each equation, is worth.
     defect : slice
         By how much what is measured on the mesh is off, see planner.solve.refine.
     """
@@ -97,19 +102,24 @@ def factorised(matrix: csc_array) -> SuperLU:
 class Program:
     """The program of a structure with the states as unknowns: multiple shooting, all in one.
 
-    Unknowns are scaled: tensions, peak, slacks, load factor, states, responses. In CasADi symbols,
-    as its solvers take it, and as functions of numbers.
+    Unknowns are scaled. In CasADi symbols, as its solvers take it, and as functions of numbers.
 
     Attributes
     ----------
     size, n_free : int
         How many unknowns there are, and how many come before the load factor.
+    n_equations : int
+        How many equations of the blocks there are; they come last.
     rows, outer_rows : tuple of Rows
-        What the rows of the constraints are, in order; and those besides equilibrium.
+        What the rows of the constraints are, in order; and those besides equations.
+    states, responses, modes, lengths
+        The blocks.
+    measured : tuple of int
+        How many numbers are measured: of poses, compliances, eigenvalues, lengths.
     x, p, f, outer : casadi.MX
-        Unknowns, parameters, objective, constraints besides the equations of equilibrium.
+        Unknowns, parameters, objective, constraints besides the equations.
     sigma, outer_lam, lam : casadi.MX
-        Weights of the objective, of the constraints besides equilibrium, and of all.
+        Weights of the objective, of the constraints besides equations, and of all.
     """
 
     def __init__(
@@ -117,52 +127,99 @@ class Program:
         arm: Arm,
         targets: tuple[Target, ...],
         statement: Statement,
-        blocks: Callable[[int], Blocks],
-        seen: Stations,
+        of: Layout,
+        stations: Stations,
     ) -> None:
-        self.objective = Objective(arm, targets, statement, len(seen.slim))
-        n = arm.n_tendons
+        self.objective = Objective(arm, targets, statement, len(stations.slim))
+        n, self.states = of.n_tendons, States(of, stations)
         self.n_free = n + self.objective.n_peak + self.objective.n_slack
-        self.blocks, self._seen = blocks(self.n_free), seen
-        self.size, machine_code = self.n_free + self.blocks.size, self.blocks.of.form.machine_code
-        self.equations = Equations(self.size, self.blocks.n_rows, self.blocks.terms(), machine_code)
-        modes = [Rows(STABILITY, self.blocks.modes, 0.0, np.inf)] * (self.blocks.modes > 0)
-        wound = [Rows(STROKES, n, -np.inf, np.inf)] * self.blocks.wound
-        self.outer_rows = (*self.objective.rows, *modes, *wound)
-        self.rows = (*self.outer_rows, Rows("equilibrium", self.blocks.n_rows, 0.0, 0.0))
-        sizes = (1, self.equations.n_p, self.blocks.size, self.blocks.n_rows, sum(self.measured))
+        self.responses, self.directions = list[Responses](), 0
+        for request in compliance_requests(targets):
+            self.responses.append(Responses(self.states, request, self.directions))
+            self.directions += request.width
+        self.modes = [LeastMode(self.states)] * statement.modes
+        self.lengths = [Lengths(of)] * statement.wound
+        self._blocks: list[Block] = [
+            self.states,
+            *self.responses,
+            *self.modes,
+            *self.lengths,
+        ]
+        ends = np.cumsum([self.n_free + 1, *(block.size for block in self._blocks)]).tolist()
+        self._places = [slice(a, b) for a, b in pairwise(ends)]
+        self.size, self.n_equations = ends[-1], ends[-1] - ends[0]
+        before = np.concatenate([np.arange(n), self.n_free + np.arange(1 + of.n_states)])
+        terms = [
+            term
+            for block, at in zip(self._blocks, self._places, strict=True)
+            for term in block.terms(before, at.start, at.start - ends[0])
+        ]
+        self.equations = Equations(self.size, self.n_equations, terms, of.form.machine_code)
+        compliances = self.objective.terms.function.numel_in(2)
+        modes, wound = len(self.modes), n * len(self.lengths)
+        self.measured = (POSE * len(stations.nodes), compliances, modes, wound)
+        mode_rows = [Rows(STABILITY, 1, 0.0, np.inf)] * modes
+        stroke_rows = [Rows(STROKES, n, -np.inf, np.inf)] * len(self.lengths)
+        self.outer_rows = (*self.objective.rows, *mode_rows, *stroke_rows)
+        self.rows = (*self.outer_rows, Rows("equilibrium", self.n_equations, 0.0, 0.0))
+        sizes = (1, self.equations.n_p, self.n_equations, self.n_equations, sum(self.measured))
         self.parts = Parts.of((self.objective.n_numbers, n, *sizes))
         self.x, self.p = ca.MX.sym("x", self.size), ca.MX.sym("p", self.parts.size)
         self.sigma = ca.MX.sym("sigma")
         self.outer_lam = ca.MX.sym("lam", sum(row.size for row in self.outer_rows))
-        self.lam = ca.MX.sym("lam", self.outer_lam.numel() + self.blocks.n_rows)
+        self.lam = ca.MX.sym("lam", self.outer_lam.numel() + self.n_equations)
+
+    def place_of(self, block: Block) -> slice:
+        """Return the places of a block's unknowns."""
+        return self._places[self._blocks.index(block)]
 
     @property
-    def measured(self) -> tuple[int, int, int, int]:
-        """How many numbers are measured: of poses, compliances, eigenvalues, lengths."""
-        blocks, compliances = self.blocks, self.objective.terms.function.numel_in(2)
-        wound = blocks.wound * blocks.of.n_tendons
-        return POSE * len(self._seen.nodes), compliances, blocks.modes, wound
+    def places_of_linear(self) -> Places:
+        """The places of the unknowns of blocks whose equations are linear in them."""
+        pairs = zip(self._blocks, self._places, strict=True)
+        linear = [np.arange(at.start, at.stop) for block, at in pairs if block.is_linear]
+        return np.concatenate([np.zeros(0, np.int64), *linear])
+
+    def numbers(self, at: System, along: Array) -> Array:
+        """Return the numbers of the equations of an arm, by the directions (3, k) of responses."""
+        each = (number for block in self._blocks for number in block.numbers(at, along))
+        return np.concatenate([np.ravel(number, "F") for number in each])
+
+    def scales(self, at: System) -> tuple[Array, Array]:
+        """Return what one unit of each unknown of the blocks, and each equation, is worth."""
+        unknowns, rows = zip(*(block.scales(at) for block in self._blocks), strict=True)
+        return np.concatenate(unknowns), np.concatenate(rows)
+
+    @cached_property
+    def _measured(self) -> ca.MX:
+        """What is measured, one below the other: see `measured`."""
+        numbers = self.p[self.parts.given][: self.objective.n_own]
+        directions = self.objective.terms.directions.call([numbers])
+        measured = [ca.vec(self.states.poses(self._in_SI(self.states)))]
+        for responses, D in zip(self.responses, directions, strict=True):
+            displaced = responses.displaced(self._in_SI(responses))
+            measured.append(ca.vec(D.T @ displaced / self.p[self.parts.force]))
+        measured += [self.x[self.place_of(mode)][-1] for mode in self.modes]
+        return ca.vertcat(*measured, *(self.x[self.place_of(lengths)] for lengths in self.lengths))
+
+    def _in_SI(self, block: Block) -> ca.MX:
+        """Return the unknowns of a block in SI."""
+        return self.x[self.place_of(block)] * self.scale[self.place_of(block)]
 
     @cached_property
     def _stated(self) -> tuple[ca.MX, ca.MX]:
-        """The objective, and the constraints besides equilibrium."""
-        of, first, objective = self.blocks.of, self.blocks.states.start, self.objective
-        n, n_peak, K = of.n_tendons, objective.n_peak, len(self._seen.nodes)
-        pose_error, compliance_error, eigenvalues, lengths = split(
-            self.p[self.parts.defect], self.measured
-        )
-        x, numbers = self.x, self.p[self.parts.given]
-        places = first + of.nodes[list(self._seen.nodes), :POSE]
-        poses = ca.reshape(self._at(places.ravel()) + pose_error, POSE, K)
-        thin = ca.vertcat(ca.MX(0, 1), *(self._stretch(k, end) for k, end in self._seen.slim))
+        """The objective, and the constraints besides the equations."""
+        objective, x, numbers = self.objective, self.x, self.p[self.parts.given]
+        n, slack = self.states.of.n_tendons, self.n_free - objective.n_slack
+        measured = self._measured + self.p[self.parts.defect]
+        poses, compliances, eigenvalues, lengths = split(measured, self.measured)
+        poses = ca.reshape(poses, POSE, -1)
+        thin = self.states.stretches(self._in_SI(self.states))
         tensions = x[:n] * self.p[self.parts.unit]
-        parts = (tensions, x[n : n + n_peak], x[n + n_peak : self.n_free], numbers)
-        compliances = self._compliances(numbers) + compliance_error
+        parts = tensions, x[n:slack], x[slack : self.n_free], numbers
         f, g = objective.function.call([*parts, poses[:, objective.seen], thin, compliances], True)
         g = objective.with_gaps(g, objective.gaps(poses, numbers))
-        eigenvalues += x[self.blocks.eigenvalues]
-        return f, ca.vertcat(g, eigenvalues, x[self.blocks.lengths] + lengths)
+        return f, ca.vertcat(g, eigenvalues, lengths)
 
     @property
     def f(self) -> ca.MX:
@@ -171,7 +228,7 @@ class Program:
 
     @property
     def outer(self) -> ca.MX:
-        """The constraints besides the equations of equilibrium."""
+        """The constraints besides the equations."""
         return self._stated[1]
 
     @cached_property
@@ -223,12 +280,12 @@ class Program:
     def scale(self) -> ca.MX:
         """What one unit of each unknown is worth."""
         unit, scale = self.p[self.parts.unit], self.p[self.parts.scale]
-        return ca.vertcat(unit, ca.MX.ones(self.n_free - unit.numel()), scale)
+        return ca.vertcat(unit, ca.MX.ones(self.n_free - unit.numel() + 1), scale)
 
     def scale_at(self, p: Array) -> Array:
         """Return what one unit of each unknown is worth (size,)."""
         unit, scale = p[self.parts.unit], p[self.parts.scale]
-        return np.concatenate([unit, np.ones(self.n_free - unit.size), scale])
+        return np.concatenate([unit, np.ones(self.n_free - unit.size + 1), scale])
 
     @cached_property
     def _function(self) -> tuple[Buffered, tuple[Index, Index]]:
@@ -246,31 +303,14 @@ class Program:
         J = csc_array((nonzeros, *places), shape=(g.size, x.size))
         return Evaluated(float(f[0]), gradient, g, J)
 
-    def _at(self, places: Places) -> ca.MX:
-        """Return the unknowns at places behind those that come before the states, in SI."""
-        scale = self.parts.scale.start - self.n_free + places
-        return self.x[places.tolist()] * self.p[scale.tolist()]
+    @cached_property
+    def _measure(self) -> Buffered:
+        """x, p -> what is measured."""
+        return Buffered(ca.Function("measured", [self.x, self.p], [ca.densify(self._measured)]))
 
-    def _stretch(self, element: int, end: int) -> ca.MX:
-        """Return 1 + q at an end of an element, by the polynomial through its stages."""
-        of, m = self.blocks.of, self.blocks.of.form.stages
-        stages = element * m + np.arange(m)
-        places = self.blocks.states.start + of.stages[stages, 2 + of.form.law.torsion]
-        weights = ca.DM(gauss(m).at(float(end)))
-        return ca.dot(weights, self._at(places)) + 1 - of.form.law.along_at_rest
-
-    def _compliances(self, numbers: ca.MX) -> ca.MX:
-        """Return the compliances along the requests' directions, column by column."""
-        of, compliances, k = self.blocks.of, [ca.MX(0, 1)], 0
-        tip, force = of.first + of.nodes[-1, 4:POSE], self.p[self.parts.force]
-        terms = self.objective.terms
-        directions = terms.directions.call([numbers[: self.objective.n_own]])
-        for request, D in zip(terms.requests, directions, strict=True):
-            starts = [self.blocks.response(k + i).start for i in range(request.width)]
-            displaced = ca.horzcat(*(self._at(start + tip) for start in starts))
-            compliances.append(ca.vec(D.T @ displaced / force))
-            k += request.width
-        return ca.vertcat(*compliances)
+    def measure(self, x: Array, p: Array) -> Array:
+        """Return what is measured on the mesh at unknowns x, see `measured`."""
+        return np.array(self._measure(x, p)[0].ravel())
 
 
 def program(
@@ -288,5 +328,4 @@ def program(
 @lru_cache(maxsize=16)
 def _built(key: Hashable, of: Layout, seen: Stations, value: Same) -> Program:
     arm, targets, statement = value.value
-    requests, more = compliance_requests(targets), (statement.modes, statement.wound)
-    return Program(arm, targets, statement, lambda first: Blocks(of, requests, first, *more), seen)
+    return Program(arm, targets, statement, of, seen)

@@ -49,7 +49,7 @@ class Stages:
     """
 
     def __init__(self, program: Program) -> None:
-        of = program.blocks.of
+        of = program.states.of
         self.program, self.count = program, of.elements
         self.same, self.node, self.step = program.n_free + 1, of.node_size, of.stride
         self.width = self.same + self.step + self.node - POSE
@@ -66,7 +66,7 @@ class Stages:
         row, column = np.array(J.row()), np.array(J.get_col())
         outer = np.zeros(m, dtype=np.int64)
         np.maximum.at(outer, row[row < m], self.stage[column[row < m]])
-        k, part = np.divmod(np.arange(program.blocks.n_rows), self.step)
+        k, part = np.divmod(np.arange(program.n_equations), self.step)
         gives = (part < POSE) & (k > 0)
         ties = np.delete(np.arange(self.same + self.node), self.same + np.arange(POSE))
         self._of_row = np.concatenate([outer, k - gives])
@@ -76,7 +76,9 @@ class Stages:
         self.order, self._ties = np.lexsort([place, stage]), ties
         near = self.stage[column] - self._of_row[row]
         fits = np.where(row < m, near == 0, near <= 1) | (self.stage[column] < 0)
-        self.possible = not (program.blocks.n_answers or of.form.friction) and bool(fits.all())
+        self.possible = (
+            program.n_equations == of.n_states and not of.form.friction and bool(fits.all())
+        )
 
     def _seen(self, unknowns: Places, stage: Places) -> Places:
         """Return where stages see unknowns of the program, their own or those of the next node."""

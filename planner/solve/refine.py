@@ -162,29 +162,19 @@ def polish(
 
 def defect(problem: Problem, x: Array, shape: Shape) -> Array:
     """Return what is measured of the shape less what is of unknowns x: see Program.measured."""
-    blocks, own_poses = problem.program.blocks, problem.poses(x)
+    of, on_mesh = problem.program, problem.measured(x)
     poses = shape.poses(np.array(problem.stations))
-    poses[:, :4] *= np.where((poses * own_poses)[:, :4].sum(axis=1) < 0, -1.0, 1.0)[:, None]
-    compliances = compliances_along(problem.arm, problem.targets, shape)
-    compliances = compliances - problem.compliances(x)
-    parts = [(poses - own_poses).ravel(), compliances]
-    if blocks.modes:
-        parts.append(shape.stability - x[blocks.eigenvalues])
-    if blocks.wound:
-        parts.append(shape.tendon_lengths / problem.arm.length - x[blocks.lengths])
-    return np.concatenate(parts)
+    turned = (poses * on_mesh[: poses.size].reshape(poses.shape))[:, :4].sum(axis=1) < 0
+    poses[turned, :4] *= -1
+    parts = [poses.ravel(), compliances_along(problem.arm, problem.targets, shape)]
+    parts += [np.array([shape.stability]) for _ in of.modes]
+    parts += [shape.tendon_lengths / problem.arm.length for _ in of.lengths]
+    return np.asarray(np.concatenate(parts) - on_mesh)
 
 
 def _defect_size(problem: Problem, defect: Array) -> float:
     """Return the largest part of a defect, lengths over the arm's, angles in rad."""
-    poses, compliances, modes, lengths = problem.program.measured
-    L = problem.arm.length
-    each = [
-        np.tile([1.0] * 4 + [L] * 3, poses // 7),
-        np.full(compliances, L / problem.states.force),
-    ]
-    scale = np.concatenate([*each, np.ones(modes + lengths)])
-    return float(np.abs(defect / scale).max(initial=0.0))
+    return float(np.abs(defect / problem.measured_scale).max(initial=0.0))
 
 
 def settled(arm: Arm, tensions: Array, scene: Scene, accuracy: float, machine_code: bool) -> Shape:

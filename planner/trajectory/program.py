@@ -139,7 +139,8 @@ class MotionProgram:
         changes = [(begins + j, question.start[j] / unit[j], rate[j] / unit[j])]
         if np.isfinite(rates.pace):
             L, n = question.arm.length, unit.size
-            first = np.array([[stop.program.blocks.lengths.start] for stop in self.stops])
+            of_stops = [stop.program for stop in self.stops]
+            first = np.array([[of.place_of(of.lengths[0]).start] for of in of_stops])
             lengths = question.lines().lengths(question.start)
             places = begins + first + np.arange(n)
             changes.append((places, lengths / L, np.full(n, rates.pace / L)))
