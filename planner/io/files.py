@@ -25,25 +25,38 @@ from model.errors import FileError, InputError
 # what a killed process leaves there is known by that, and after a day by its age.
 _MARK = ".octoplan.part"
 _DAY = 86400.0
-_staging: set[Path] = set()
-# Folders that take finished parts of long work, as files that are there whole or not at all.
-_folders: set[Path] = set()
-# What this process has written last, in words, for whoever ends it.
-_kept: deque[str] = deque(maxlen=9)
+# Those of this process, and whether what they are in was made for them.
+_staging: dict[Path, bool] = {}
+# What this process has written last, and that in words, for whoever ends it.
+_kept: deque[tuple[Path, str]] = deque(maxlen=9)
 
 
 @contextmanager
-def staged(folder: Path) -> Iterator[Path]:
-    """Yield a new folder inside a folder, which is gone afterwards, and so are orphans of it."""
+def staged(folder: Path, make: bool = False) -> Iterator[Path]:
+    """Yield a new folder inside a folder, which is gone afterwards, and so are orphans of it.
+
+    The folder itself is made if wanted, and removed where nothing came into it.
+    """
+    is_made = make and not folder.exists()
+    if make:
+        folder.mkdir(parents=True, exist_ok=True)
     _remove_orphans(folder)
     prefix = f"{_MARK}.{_machine()}.{os.getpid()}."
-    with TemporaryDirectory(prefix=prefix, dir=folder, ignore_cleanup_errors=True) as name:
-        here = Path(name)
-        _staging.add(here)
-        try:
+    here = Path()
+    try:
+        with TemporaryDirectory(prefix=prefix, dir=folder, ignore_cleanup_errors=True) as name:
+            here = Path(name)
+            _staging[here] = is_made
             yield here
-        finally:
-            _staging.discard(here)
+    finally:
+        _staging.pop(here, None)
+        if is_made:
+            _remove_empty(folder)
+
+
+def _remove_empty(folder: Path) -> None:
+    with suppress(OSError, ValueError):
+        folder.rmdir()
 
 
 @contextmanager
@@ -53,34 +66,22 @@ def placed(path: Path) -> Iterator[Path]:
         part = folder / f"part{path.suffix}"
         yield part
         part.replace(path)
-        keep(f"{path} is written")
+        keep(path, f"{path} is written")
 
 
-def keep(what: str) -> None:
-    """Say what stays where it is should the process be ended from now on."""
-    _kept.append(what)
-
-
-def keep_folder(folder: Path) -> None:
-    """Say that a folder takes finished parts, should the process be ended from now on."""
-    _folders.add(folder)
+def keep(path: Path, text: str) -> None:
+    """Say what stays where it is should the process be ended while a path is there."""
+    if (path, text) not in _kept:
+        _kept.append((path, text))
 
 
 def end() -> str:
     """Remove what is not whole, as the process ends at once; return what is kept, in words."""
-    for folder in tuple(_staging):
-        shutil.rmtree(folder, ignore_errors=True)
-    for folder in tuple(_folders):
-        for part in folder.glob("*.part"):
-            part.unlink(missing_ok=True)
-        with suppress(OSError):
-            folder.rmdir()
-    text = [
-        f"what is finished is kept in {folder}: the same command goes on from there"
-        for folder in _folders
-        if any(folder.glob("*.npz"))
-    ]
-    return "; ".join([*text, *_kept]) or "nothing was written"
+    for here, is_made in tuple(_staging.items()):
+        shutil.rmtree(here, ignore_errors=True)
+        if is_made:
+            _remove_empty(here.parent)
+    return "; ".join(text for path, text in _kept if path.exists()) or "nothing was written"
 
 
 def _remove_orphans(folder: Path) -> None:
@@ -124,23 +125,16 @@ def write_together(folder: Path, contents: dict[str, bytes]) -> None:
     They are staged in a folder inside it first, so that a full disk spoils nothing; a folder in the
     place of one of them is refused before. Raises FileError.
     """
-    is_new = not folder.exists()
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with staged(folder) as here:
+        with staged(folder, make=True) as here:
             for name, content in contents.items():
                 if (folder / name).is_dir():
                     raise IsADirectoryError(errno.EISDIR, f"{name} in it is a folder")
                 (here / name).write_bytes(content)
             for name in contents:
                 (here / name).replace(folder / name)
-            keep(f"{', '.join(contents)} in {folder} are written")
-    except BaseException as reason:
-        if is_new:
-            with suppress(OSError, ValueError):
-                folder.rmdir()
-        if not isinstance(reason, OSError | ValueError):
-            raise
+            keep(folder, f"{', '.join(contents)} in {folder} are written")
+    except (OSError, ValueError) as reason:
         text = f"no file was written in this folder: {why(reason)}"
         raise FileError(str(folder), "", text) from None
 

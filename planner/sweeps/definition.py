@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,6 +22,7 @@ from model.checks import kind
 from model.effects import PrintedStatics
 from model.errors import FileError
 from model.loads import check_loads, is_loaded
+from model.obstacles import Obstacle
 from model.scene import Scene
 from planner.io.calls import check_complete, check_held
 from planner.io.codec import Table, identity, written
@@ -105,10 +106,13 @@ class Sweep:
         """How many chunks there are."""
         return -(-self.size // self.chunk)
 
+    def count(self, chunk: int) -> int:
+        """Return how many points a chunk has."""
+        return min(self.chunk, self.size - chunk * self.chunk)
+
     def points(self, chunk: int) -> list[Point]:
         """Return the points of a chunk, the last dimension fastest: a value for each axis."""
-        first = chunk * self.chunk
-        numbers = np.arange(first, min(first + self.chunk, self.size))
+        numbers = chunk * self.chunk + np.arange(self.count(chunk))
         places = np.unravel_index(numbers, tuple(self.dims.values()))
         along = dict(zip(self.dims, places, strict=True))
         columns = (
@@ -149,11 +153,6 @@ def load_sweep(path: str | Path, time_limit: float | None = None) -> Sweep:
     path = Path(path)
     raw, text = read_toml(path)
     return _sweep(raw, path, time_limit, {"sweep": text})
-
-
-def sweep_of(table: dict[str, Any], time_limit: float | None = None) -> Sweep:
-    """Return what a sweep file would ask that held a table, its scene in it; see load_sweep."""
-    return _sweep(table, Path("sweep"), time_limit, {})
 
 
 def _sweep(
@@ -237,36 +236,44 @@ def _check_compute(question: Question, compute: str) -> None:
 # Sweeps of objects
 
 
-def sweep_table(
+def sweep_of(
     arm: Arm,
     axes: Mapping[str, Any] | None,
     scene: Scene | None = None,
     target: Target | Iterable[Target] | None = None,
     *,
-    tensions: Any = None,
-    tension_max: Any = None,
     compute: str | None = None,
     draws: int | None = None,
     seed: int = 0,
+    time_limit: float | None = None,
     **keys: Any,
-) -> dict[str, Any]:
-    """Return what a sweep file would hold, as TOML is decoded; see planner.sweep.
+) -> Sweep:
+    """Return what is asked of objects in place of a sweep file; see planner.sweep.
 
-    Raises InputError for what is no Arm or Scene, and a target that has no keys in scene files.
+    Raises InputError for what is no Arm or Scene, and a target that has no keys in scene files;
+    else as load_sweep.
     """
     kind("arm", arm, Arm, "an Arm, or the path of a sweep file")
     kind("scene", scene or Scene(), Scene, "a Scene, such as Scene()")
     if not isinstance(axes, Mapping) or not axes:
         text = 'values by key, such as {"arm.E_kPa": [100.0, 120.0]}'
         raise InputError("axes", axes, text)
-    arguments = {"tensions": tensions, "tension_max": tension_max}
-    table = scene_table(arm, scene, target, **arguments, **keys)
     entries: dict[str, Any] = {
         "compute": compute or ("settle" if target is None else "plan"),
         "axes": [_axis_table(key, values) for key, values in axes.items()],
         "seed": seed,
     }
-    return {"scene": table, "sweep": entries | ({} if draws is None else {"draws": draws})}
+    entries |= {} if draws is None else {"draws": draws}
+    table = {"scene": scene_table(arm, scene, target, **keys), "sweep": entries}
+    sweep = _sweep(table, Path("sweep"), time_limit, {})
+    again = sweep.job.question()
+    several: tuple[Any, ...] = tuple(target) if isinstance(target, tuple | list) else (target,)
+    options, bodies = again.options, keys.get("obstacles") or ()
+    if bodies and all(isinstance(item, Obstacle) for item in bodies):
+        options = options | {"obstacles": list(bodies)}
+    parts: dict[str, Any] = {"scene": scene or Scene(), "targets": several if again.targets else ()}
+    original = replace(again, arm=arm, options=options, **parts)
+    return replace(sweep, job=replace(sweep.job, objects=(original, again)))
 
 
 def _axis_table(key: str, values: Any) -> dict[str, Any]:

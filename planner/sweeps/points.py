@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from model import InputError, OctoplanError, settle_many
 from model.progress import listening
+from model.scene import Scene
 from model.time_limit import OutOfTime, check_time, limited
+from planner.io.annotations import arguments
 from planner.io.calls import planned, settled, stiff
 from planner.io.key_paths import changed
 from planner.io.scene_file import Question, question_of
@@ -132,6 +134,8 @@ class Job:
         Names of the tendons.
     together : bool
         Whether only tensions vary of shapes in closed form, which are settled many at a time.
+    objects : (Question, Question)
+        Of a sweep of objects, the question of these, and that of the scene they are written as.
     """
 
     compute: Compute
@@ -140,6 +144,35 @@ class Job:
     keys: tuple[str, ...]
     tendons: tuple[str, ...]
     together: bool
+    objects: tuple[Question, Question] | None = None
+
+    def question(self, point: Point = ()) -> Question:
+        """Return the question of a point; of the scene itself without a value for each key."""
+        question = question_of(changed(self.scene, self.keys[: len(point)], point), self.name)
+        return question if self.objects is None else unchanged(*self.objects, question)
+
+
+def unchanged(original: Any, again: Any, new: Any) -> Any:
+    """Return a new value, of which is `original` what is as in `again`.
+
+    `again` is what the original is once it is written and read: a number in mm that is written has
+    not always digits enough for the one in m.
+    """
+    if new == again:
+        return original
+    if not type(original) is type(again) is type(new):
+        return new
+    if isinstance(new, Scene):
+        return Scene(*unchanged(original.effects, again.effects, new.effects))
+    if is_dataclass(type(new)):
+        names = arguments(type(new))
+        parts = [[getattr(each, name) for name in names] for each in (original, again, new)]
+        return type(new)(**dict(zip(names, map(unchanged, *parts), strict=True)))
+    if isinstance(new, dict) and original.keys() == again.keys() == new.keys():
+        return {key: unchanged(original[key], again[key], new[key]) for key in new}
+    if isinstance(new, tuple | list) and len(original) == len(again) == len(new):
+        return type(new)(map(unchanged, original, again, new))
+    return new
 
 
 def computed(job: Job, points: Sequence[Point]) -> Rows:
@@ -155,7 +188,7 @@ def _row(job: Job, point: Point) -> Rows:
     """Return what is computed at a point. Whatever goes wrong there is told, and ends nothing."""
     values: dict[str, Any] = {}
     try:
-        question = question_of(changed(job.scene, job.keys, point), job.name)
+        question = job.question(point)
         if question.arm.n_tendons != len(job.tendons):
             allowed = f"{len(job.tendons)}, as the scene's own arm has"
             raise InputError("number of tendons", question.arm.n_tendons, allowed)
@@ -207,7 +240,7 @@ _COMPUTE: dict[Compute, Callable[[Question], dict[str, Any]]] = {
 
 def _together(job: Job, points: Sequence[Point]) -> Rows:
     """Return what is computed at sets of tensions of one arm, which are settled at once."""
-    question = question_of(job.scene, job.name)
+    question = job.question()
     T = np.repeat(question.arm.flat(question.tensions)[None], len(points), axis=0)
     T[:, [_column(question, key) for key in job.keys]] = points
     arguments = (question.arm, T, question.scene, question.accuracy)

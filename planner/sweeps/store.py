@@ -2,21 +2,19 @@
 
 A chunk's file is there whole or not at all, in a folder beside the sweep's output. Its name holds
 the sweep's identity and the chunk's number; which files are there is all that is known of an
-earlier run. Dask reads, block by block, what xarray writes, so that memory holds a block only.
+earlier run. Dask reads, chunk by chunk, what xarray writes, so that memory holds a few only.
 """
 
 from __future__ import annotations
 
 import json
-import math
 import os
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -29,7 +27,7 @@ from numpy.typing import NDArray
 from model.errors import InputError, OctoplanError, needed
 from model.progress import tell
 from model.time_limit import check_time
-from planner.io.files import keep_folder, staged, versions, why
+from planner.io.files import keep, staged, versions, why
 from planner.sweeps.definition import Sweep
 from planner.sweeps.points import LABELS, VARIABLES, Rows, Variable, dtype_of, success
 
@@ -51,6 +49,15 @@ class FullDiskError(OctoplanError):
             f"{path} cannot be written: {reason}; what is finished is kept: start the sweep again "
             "once it can, and it goes on"
         )
+
+
+@contextmanager
+def writable(path: Path) -> Iterator[None]:
+    """Let what cannot be written inside the block be told as FullDiskError."""
+    try:
+        yield
+    except OSError as reason:
+        raise FullDiskError(str(path), why(reason)) from None
 
 
 def folder_of(out: Path) -> Path:
@@ -81,7 +88,11 @@ class ChunkFiles:
                 "name another output, or remove it"
             )
             raise InputError("out", str(self.folder), allowed)
-        keep_folder(self.folder)
+        self._keep()
+
+    def _keep(self) -> None:
+        text = f"what is finished is kept in {self.folder}: the same command goes on from there"
+        keep(self.folder, text)
 
     @property
     def left(self) -> list[int]:
@@ -92,19 +103,15 @@ class ChunkFiles:
     def write(self, chunk: int, rows: Rows) -> None:
         """Keep a chunk; it is on the disk when this returns. Raises FullDiskError."""
         path = self._path(chunk)
-        part = path.with_suffix(f".{os.getpid()}.part")
-        try:
-            self.folder.mkdir(exist_ok=True)
+        with writable(path), staged(self.folder.parent) as folder:
+            part = folder / path.name
             with part.open("wb") as stream:
                 np.savez(stream, allow_pickle=False, **rows)
                 stream.flush()
                 os.fsync(stream.fileno())
+            self.folder.mkdir(exist_ok=True)
             part.replace(path)
-        except OSError as reason:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
-                self.folder.rmdir()  # where nothing was kept
-            raise FullDiskError(str(path), why(reason)) from None
+        self._keep()
 
     def read(self, chunk: int, name: str) -> NDArray[Any]:
         """Return a variable of a chunk that is finished; InputError where its file was spoilt."""
@@ -142,8 +149,8 @@ class ChunksInMemory(dict[int, Rows]):
 
 # What a variable of a chunk is read by.
 Read = Callable[[int, str], NDArray[Any]]
-# Points that are read and written at a time, and lie together in a Zarr folder.
-_BLOCK = 1000
+# What is written at a time [bytes], and lies together in a Zarr folder.
+_BLOCK = 200_000
 _ENGINES = {".nc": "h5netcdf", ".zarr": "zarr"}
 _NUMBER = re.compile(r"-?\d[\d.]*(e[+-]?\d+)?")
 
@@ -172,66 +179,38 @@ def gathered(sweep: Sweep, read: Read) -> Any:
 
 
 def _array(sweep: Sweep, read: Read, name: str, each: Variable, width: int) -> Any:
-    """Return a variable as an array of Dask's, of blocks of neighbouring points."""
-    points, kind = tuple(sweep.dims.values()), dtype_of(each, width)
-    shape = (*points, *each.sizes(len(sweep.job.tendons)))
-    box = (*box_sizes(points, _BLOCK), *shape[len(points) :])
-    array = needed("dask.array", "sweep")
-    chunks = array.core.normalize_chunks(box, shape)
-    block = partial(_block, sweep, read, name, kind, shape, box)
-    like = np.empty((0,) * len(shape), kind)
-    return array.map_blocks(block, chunks=chunks, dtype=kind, meta=like)
+    """Return a variable as an array of Dask's, chunk after chunk in the shape of the grid."""
+    array, delayed = needed("dask.array", "sweep"), needed("dask", "sweep").delayed
+    kind, sizes = dtype_of(each, width), each.sizes(len(sweep.job.tendons))
 
+    def part(chunk: int) -> NDArray[Any]:
+        check_time()
+        tell("chunks gathered", chunk + 1, sweep.chunks)
+        return read(chunk, name).astype(kind)
 
-def box_sizes(sizes: Sequence[int], most: int) -> tuple[int, ...]:
-    """Return the sizes of a box inside a grid that holds up to `most` neighbouring points."""
-    box = []
-    for size in reversed(sizes):
-        box.append(min(size, most))
-        most = max(most // box[-1], 1)
-    return tuple(reversed(box))
-
-
-def _block(
-    sweep: Sweep,
-    read: Read,
-    name: str,
-    kind: np.dtype[Any],
-    shape: tuple[int, ...],
-    box: tuple[int, ...],
-    block_id: tuple[int, ...],
-) -> NDArray[Any]:
-    """Return a variable at the points of a block, from the chunks that hold them."""
-    check_time()
-    begin = [i * m for i, m in zip(block_id, box, strict=True)]
-    sizes = [min(m, n - b) for m, n, b in zip(box, shape, begin, strict=True)]
-    along = len(sweep.dims)
-    first = int(np.ravel_multi_index(begin[:along], shape[:along]))
-    last = first + math.prod(sizes[:along])
-    chunks = range(first // sweep.chunk, (last - 1) // sweep.chunk + 1)
-    result = np.concatenate([read(chunk, name) for chunk in chunks])
-    skipped = chunks[0] * sweep.chunk
-    tell("chunks gathered", chunks[-1] + 1, sweep.chunks)
-    return result[first - skipped : last - skipped].astype(kind).reshape(sizes)
+    parts = [
+        array.from_delayed(delayed(part, traverse=False)(i), (sweep.count(i), *sizes), kind)
+        for i in range(sweep.chunks)
+    ]
+    shape = (*sweep.dims.values(), *sizes)
+    blocks = array.core.normalize_chunks("auto", shape, _BLOCK, kind)
+    return array.concatenate(parts).reshape(shape).rechunk(blocks)
 
 
 def save(data: Any, path: Path) -> None:
     """Write a Dataset to a path, whole or not at all; raises FullDiskError."""
     suffix = path.suffix.lower()
-    try:
-        with staged(path.parent) as folder, in_order():
-            new = folder / f"new{suffix}"
-            if suffix == ".nc":
-                data.to_netcdf(new, engine="h5netcdf")
-            else:
-                # Texts are no settled part of Zarr's format 3 yet.
-                data.to_zarr(new, zarr_format=2, consolidated=True)
-            if path.is_dir():
-                # A folder cannot take the place of another at once.
-                path.replace(folder / "old")
-            new.replace(path)
-    except OSError as reason:
-        raise FullDiskError(str(path), why(reason)) from None
+    with writable(path), staged(path.parent) as folder, in_order():
+        new = folder / f"new{suffix}"
+        if suffix == ".nc":
+            data.to_netcdf(new, engine="h5netcdf")
+        else:
+            # Texts are no settled part of Zarr's format 3 yet.
+            data.to_zarr(new, zarr_format=2, consolidated=True)
+        if path.is_dir():
+            # A folder cannot take the place of another at once.
+            path.replace(folder / "old")
+        new.replace(path)
 
 
 @contextmanager

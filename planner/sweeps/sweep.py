@@ -12,7 +12,7 @@ from model.checks import positive
 from model.errors import InputError, needed
 from model.progress import tell, with_progress
 from model.time_limit import check_time
-from planner.sweeps.definition import Sweep, load_sweep, sweep_of, sweep_table
+from planner.sweeps.definition import Sweep, load_sweep, sweep_of
 from planner.sweeps.store import (
     ChunkFiles,
     ChunksInMemory,
@@ -92,7 +92,7 @@ def sweep(
     """
     seconds = None if time_limit is None else positive("time_limit", time_limit)
     if isinstance(request, Arm):
-        wanted = sweep_of(sweep_table(request, axes, **others), seconds)
+        wanted = sweep_of(request, axes, **others, time_limit=seconds)
     elif axes is not None or others:
         surplus = ", ".join([*(["axes"] if axes is not None else []), *others])
         raise InputError(surplus, "given beside a sweep file", "with an Arm in place of the file")

@@ -1,4 +1,4 @@
-"""A sweep of one point gives what the function itself gives, in random scenes of every kind."""
+"""A sweep of one point gives what the function itself gives, to the last bit, in random scenes."""
 
 from __future__ import annotations
 
@@ -76,7 +76,8 @@ def test_a_sweep_of_one_point_is_a_settle(seed: int) -> None:
         assert str(reason)[:40] in str(found.outcome.values[0])
         return
     assert found.settled.values.all(), found.outcome.values
-    assert found.tip.values[0] == pytest.approx(alone.tip, abs=2e-6 * ARM.length)
+    # It used to differ in the last digit of one arbitrary number in fifty, by millimetres.
+    assert np.array_equal(found.tip.values[0], alone.tip)
 
 
 @pytest.mark.parametrize("seed", range(100, 120))
@@ -98,8 +99,7 @@ def test_a_sweep_of_one_point_is_a_stiffness(seed: int) -> None:
         assert str(reason)[:40] in str(found.outcome.values[0])
         return
     assert bool(found.stable.values[0]) == alone.stable
-    error = np.abs(found.compliance.values[0] - compliance).max()
-    assert error <= 1e-4 * np.abs(compliance).max()
+    assert np.array_equal(found.compliance.values[0], compliance)
 
 
 @pytest.mark.parametrize("seed", range(200, 220))
@@ -122,4 +122,4 @@ def test_a_sweep_of_one_point_is_a_plan(seed: int) -> None:
         return
     found = sweep(ARM, scene=scene, target=target, axes={"arm.nu": [0.5]}, **given)
     assert found.outcome.values[0] == alone.outcome
-    assert found.tensions.values[0] == pytest.approx(np.ravel(alone.tensions), abs=1e-6)
+    assert np.array_equal(found.tensions.values[0], np.ravel(alone.tensions))

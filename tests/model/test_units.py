@@ -18,7 +18,7 @@ from planner.cli import main
 from planner.fit.unknowns import Parameters, Unknown
 from planner.io.scene_file import read
 from planner.question import check_targets
-from planner.sweeps.definition import sweep_of, sweep_table
+from planner.sweeps.definition import sweep_of
 from planner.targets import Backbone, Bend, BendingPlane, Fetch, FetchReach, TipPosition
 
 ARM = Arm.from_paper("table-4")
@@ -194,10 +194,9 @@ def test_a_modulus_in_megapascals_is_refused(E: str, meant: str) -> None:
 def axis_warned(key: str, values: list[float]) -> list[str]:
     """Return what is told of an axis of a sweep."""
     arm, scene = Arm.from_paper("table-4"), Scene.silicone(Weight(), Buoyancy())
-    raw = sweep_table(arm, {key: values}, scene, tensions=[0.0] * 12)
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        sweep_of(raw)
+        sweep_of(arm, {key: values}, scene, tensions=[0.0] * 12)
     return list(dict.fromkeys(str(own.message) for own in told))
 
 

@@ -2,6 +2,7 @@
 
 import errno
 import os
+from collections import deque
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,7 @@ def test_a_part_of_a_file_is_no_chunk(tmp_path: Path) -> None:
     files = _files(tmp_path)
     files.write(0, _rows(0))
     (path,) = files.folder.iterdir()
-    path.with_suffix(".123.part").write_bytes(path.read_bytes()[:100])
+    (files.folder / f"{path.name}.part").write_bytes(path.read_bytes()[:100])
     assert _files(tmp_path).left == [1, 2]
 
 
@@ -74,17 +75,16 @@ def test_the_chunks_of_another_sweep_are_refused_and_kept(tmp_path: Path) -> Non
 def test_what_ends_a_command_at_once_leaves_no_folder_of_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chunks: int
 ) -> None:
-    monkeypatch.setattr(files_of_io, "_kept", [])
-    monkeypatch.setattr(files_of_io, "_folders", set())
+    monkeypatch.setattr(files_of_io, "_kept", deque())
     files = _files(tmp_path)
     for chunk in range(chunks):
         files.write(chunk, _rows(chunk))
-    files.folder.mkdir(exist_ok=True)
-    (files.folder / "x.1.part").touch()
-    told = files_of_io.end()
+    with files_of_io.staged(tmp_path) as folder:
+        (folder / "half").touch()
+        told = files_of_io.end()
+        assert not folder.exists()
     assert ("nothing" in told) == (chunks == 0)
     assert files.folder.exists() == (chunks > 0)
-    assert not list(tmp_path.rglob("*.part"))
 
 
 @pytest.mark.parametrize("when", ["first", "later", "gathered"])

@@ -1,7 +1,6 @@
 """Saved part by part: the file holds what a Dataset in memory does, and memory does not grow."""
 
 import itertools
-import math
 import os
 import subprocess
 import sys
@@ -9,25 +8,13 @@ from pathlib import Path
 
 import pytest
 import xarray
-from hypothesis import given
-from hypothesis import strategies as st
 
 import planner
 from planner.sweeps.definition import load_sweep
-from planner.sweeps.store import box_sizes, folder_of
+from planner.sweeps.store import folder_of
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
 ROOT = Path(__file__).parents[2]
-
-
-@given(st.lists(st.integers(1, 7), min_size=1, max_size=4), st.integers(1, 60))
-def test_boxes_hold_neighbouring_points_no_more_than_wanted(sizes: list[int], most: int) -> None:
-    box = box_sizes(sizes, most)
-    assert math.prod(box) <= most
-    assert all(1 <= own <= size for own, size in zip(box, sizes, strict=True))
-    # As many as possible of the last dimension, then of the one before.
-    for i in range(len(sizes)):
-        assert math.prod(box[:i]) == 1 or box[i] == sizes[i]
 
 
 @pytest.mark.parametrize("compute", ["settle", "stiffness", "plan"])
