@@ -263,7 +263,7 @@ class Shape:
         point = self.equilibrium
         if not isinstance(point, Touching):
             return self.on_itself
-        return touches_of(point.point, point.history)
+        return touches_of(point.point, point.before)
 
     @property
     def known(self) -> Linearised | None:

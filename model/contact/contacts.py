@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from model.contact.friction import History
+from model.contact.friction import positions, tangents
 from model.contact.gaps import along
 from model.contact.touches import SAME, Touches, frictions, resultants, second
 from model.equilibrium.linearised import Linearised
@@ -57,28 +57,43 @@ class Touch:
     slip: Array = field(default_factory=lambda: np.zeros(3))
 
 
-def touches_of(here: Linearised, history: History | None = None) -> tuple[Touch, ...]:
-    """Return what an arm leans on in an equilibrium, from base to tip."""
-    system, states = here.system, here.states
-    touches, s, length = Touches.of(system), system.mesh.s, system.arm.length
-    nodes, numbers = np.nonzero(touches.held | touches.inside)
+def touches_of(point: Linearised, before: Linearised | None = None) -> tuple[Touch, ...]:
+    """Return what an arm leans on in an equilibrium, or next to one, from base to tip.
+
+    With friction of contacts it slipped since the equilibrium before.
+    """
+    system, states = point.system, point.states
+    touches, bodies, length = Touches.of(system), contacts(system.scene), system.arm.length
+    nodes, numbers = np.nonzero(touches.some)
     if not nodes.size:
         return ()
-    p = second(system, states) * touches.pressing
-    size = resultants(system, states, touches)
-    bodies, places = contacts(system.scene), system.poses(states)[:, 4:]
-    tangential = frictions(system, states, touches)
-    slipped = 0 * places if history is None else places - history.positions(s)
-    distance, normals = distances(numbers_of([body.obstacle for body in bodies]), places)
+    s = system.mesh.s[nodes]
+    places, values = system.poses(states)[nodes, 4:], second(system, states)[nodes, numbers]
+    moves = touches.moves[nodes, numbers] > 0
+    if moves.any():
+        places[moves] += values[moves, None] * tangents(point, s[moves])
+    slipped = 0 * places if before is None else places - positions(before, s)
+    all_distances, all_normals = distances(numbers_of([body.obstacle for body in bodies]), places)
+    each = np.arange(nodes.size)
+    distance, normals = all_distances[each, numbers], all_normals[each, numbers]
+    pressed, tangential = resultants(system, states), frictions(system, states)
     # Strains may jump at a node, and with them the radius of a body that swells.
-    sides = [np.minimum(s[nodes] + side * length, length) for side in (0.0, SAME)]
-    gaps = np.min([along(system, here.x, side, numbers)[:, 0] for side in sides], axis=0)
+    sides = [np.minimum(s + side * length, length) for side in (0.0, SAME)]
+    gaps = np.min([along(system, point.x, side, numbers)[:, 0] for side in sides], axis=0)
     read_off = []
-    for k, j, gap in zip(nodes, numbers, gaps.tolist(), strict=True):
-        obstacle, normal = bodies[j].obstacle, normals[k, j]
-        slip = (slipped[k] - normal * float(normal @ slipped[k])) * (bodies[j].friction > 0)
-        force = size[k, j] * normal + tangential[k, j]
-        point = places[k] - distance[k, j] * normal
-        where = (obstacle, float(s[k]), force, gap, point, normal, float(p[k, j]))
-        read_off.append(Touch(*where, tangential[k, j], slip))
+    for i, (k, j) in enumerate(zip(nodes, numbers, strict=True)):
+        n, rubbed, body = normals[i], tangential[k, j], bodies[j]
+        read_off.append(
+            Touch(
+                body.obstacle,
+                float(s[i]),
+                pressed[k, j] * n + rubbed,
+                float(gaps[i]),
+                places[i] - distance[i] * n,
+                n,
+                float(values[i] * touches.pressing[k, j]),
+                rubbed,
+                (slipped[i] - n * float(n @ slipped[i])) * (body.friction > 0),
+            )
+        )
     return tuple(read_off)

@@ -8,11 +8,10 @@ from functools import cached_property, partial
 import numpy as np
 
 from model.arm import Arm
-from model.contact.friction import History
 from model.contact.gaps import check_outside
 from model.contact.newton import newton
 from model.contact.path import Continuation, by_lengths, close, follow
-from model.contact.sharp import Request, Settled, sharpened
+from model.contact.sharp import Request, sharpened
 from model.contact.touches import places_of
 from model.equilibrium.equilibrium import Collocated, Equilibrium
 from model.equilibrium.forward import Collocation
@@ -47,11 +46,6 @@ class Touching(Collocated):
     snaps: tuple[float, ...] = ()
     before: Linearised | None = None
 
-    @property
-    def history(self) -> History | None:
-        """What friction knows of the motion before."""
-        return None if self.before is None else History(self.before)
-
 
 class TouchingMap(Collocation):
     """The equations of an arm that may touch obstacles, on a mesh that moves with the contacts."""
@@ -71,14 +65,14 @@ class TouchingMap(Collocation):
         self._state(System(arm, scene, base, stages, True, machine_code))
         self._fixed = np.unique(landmarks(arm, scene, at))
         none = np.zeros(arm.n_tendons)
-        rest = Linearised(self.system, self.system.x(none, 0.0, self.without_loads(none)))
-        check_outside(self.system, rest.states)
-        self._at_rest = Settled(rest, ())
+        x = self.system.x(none, 0.0, self.without_loads(none))
+        self._at_rest = Linearised(self.system, x)
+        check_outside(self.system, self._at_rest.states)
 
     def equilibrium(self, tensions: Array, near: Equilibrium | None = None) -> Touching:
         """Return the equilibrium under tensions from rest, or from another; see led."""
         end = self.led(tensions, near if isinstance(near, Collocated) else None)
-        return Touching(end.settled.here, self.refinement, end.snaps, end.before)
+        return Touching(end.point, self.refinement, end.snaps, end.before)
 
     def solve(self, tensions: Array, known: Linearised | None = None) -> Linearised:
         """Return the equilibrium under tensions, near one that another mesh has, if any does."""
@@ -97,49 +91,50 @@ class TouchingMap(Collocation):
             if rubs:
                 return self._untouched(tensions)
             return follow(request, 0 * tensions, 0.0, self._at_rest)
-        before, places = near.point, places_of(near.system)
-        stays = np.array_equal(tensions, before.tensions)
+        before, stays = near.point, np.array_equal(tensions, near.tensions)
         if rubs:
-            past = near.history if isinstance(near, Touching) and stays else None
-            request = replace(request, history=past or History(before))
+            past = near.before if isinstance(near, Touching) and stays else None
+            request = replace(request, before=past or before)
         if stays or not rubs:
-            there = sharpened(request, before, places)
-            if there is not None and close(before, there.here):
-                path = ((request.history.before, 0.0), (there.here, 1.0)) if request.history else ()
+            there = sharpened(request, before, places_of(before.system))
+            if there is not None and close(before, there):
+                path = ((request.before, 0.0), (there, 1.0)) if request.before else ()
                 return Continuation(there, (), path)
-        return follow(request, before.tensions, 1.0, Settled(before, places), jumps)
+        return follow(request, before.tensions, 1.0, before, jumps)
 
     def by_lengths(self, winches: Winches) -> Linearised | None:
         """Return the equilibrium about where winches hold the tendons; None if none is found."""
         try:
-            return by_lengths(self._request(winches.tensions), winches, self._at_rest).settled.here
+            return by_lengths(self._request(winches.tensions), winches, self._at_rest).point
         except UnsettledContactError:
             return None
 
     def beside(self, at: Linearised, tensions: Array) -> Linearised | None:
         """Return the equilibrium under tensions near those of another; None where it jumps."""
         try:
-            return self.led(tensions, Collocated(at, self.refinement), False).settled.here
+            return self.led(tensions, Collocated(at, self.refinement), False).point
         except (SnapError, UnsettledContactError):
             return None
 
     def _untouched(self, tensions: Array) -> Continuation:
         """Return the equilibrium of an arm from rest that touches nothing; InputError else."""
-        end = self._smooth.led(tensions, None)
-        if end.settled.places:
+        end = self.without_friction.led(tensions, None)
+        if places_of(end.point.system):
             allowed = (
                 "the shape of the same arm that it moved from: friction acts against the motion "
                 "before, and an arm without history has none"
             )
             raise InputError("near", None, allowed)
-        there = newton(self.system, tensions, 1.0, self.carried(tensions, end.settled.here))
+        there = newton(self.system, tensions, 1.0, self.carried(tensions, end.point))
         if there is None:
             raise UnsettledContactError(1.0, "none is found on a mesh with friction")
-        return Continuation(Settled(there, ()), end.snaps, ((there, 0.0), (there, 1.0)))
+        return Continuation(there, end.snaps, ((there, 0.0), (there, 1.0)))
 
     @cached_property
-    def _smooth(self) -> TouchingMap:
-        """The map of the scene without friction of contacts."""
+    def without_friction(self) -> TouchingMap:
+        """The map of the scene without friction of contacts; itself where there is none."""
+        if not self.system.of.form.contact_friction:
+            return self
         arm, smooth = self.system.arm, without_friction(self.system.scene)
         stages, at, machine_code = self._form
         return TouchingMap(arm, smooth, stages, self.refinement, at, machine_code)

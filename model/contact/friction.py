@@ -13,100 +13,88 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
-from model.contact.touches import Touches
+from model.contact.touches import Touches, told
+from model.cross_section.law import kinematics
 from model.equilibrium.dense import poses_and_strains
-from model.equilibrium.linearised import Linearised
+from model.equilibrium.linearised import Index, Linearised
 from model.paths import Array
+from model.rotations import matrices
 from model.transcription.system import System
-from model.transcription.touch import BEFORE, FRICTION
+from model.transcription.touch import BEFORE
 
 # Equilibria on a load path, and the load factors at which they are: the first at 0.
 Path = Sequence[tuple[Linearised, float]]
-# Steps of differences in where nodes were, and along the arm, over its length.
-_STEP, _ALONG = 1e-7, 1e-4
+# The step of differences in where nodes were, over the arm's length.
+_STEP = 1e-7
 
 
-@dataclass(frozen=True, eq=False)
-class History:
-    """The equilibrium before, the distance from which friction acts against."""
+def positions(point: Linearised, s: Array) -> Array:
+    """Return where the midline is (n, 3) in an equilibrium at arc lengths s (n,) [m]."""
+    return poses_and_strains(point.system, point.x, s)[0][:, 4:]
 
-    before: Linearised
 
-    def positions(self, s: Array) -> Array:
-        """Return where the midline was (n, 3) at arc lengths s (n,) [m]."""
-        system, nodes = self.before.system, self.before.system.mesh.s
-        near = np.minimum(np.searchsorted(nodes, s), nodes.size - 1)
-        points, between = system.poses(self.before.states)[near, 4:], nodes[near] != s
-        if between.any():
-            points[between] = poses_and_strains(system, self.before.x, s[between])[0][:, 4:]
-        return points
+def tangents(point: Linearised, s: Array) -> Array:
+    """Return the derivatives (k, 3) of the midline by arc length, on the base side of s (k,)."""
+    poses, v = poses_and_strains(point.system, point.x, s)
+    along = kinematics(point.system.of.form.law, v)[1]
+    return np.asarray(np.einsum("kij,kj->ki", matrices(poses[:, :4]), along))
 
-    def set_on(self, system: System) -> None:
-        """Set where the nodes of a system were, which the kernels of friction read."""
-        N, K = system.of.elements, system.of.form.contacts
-        rows = system.p[system.of.equations.numbers_of("contact_friction")].reshape(N, K, FRICTION)
-        rows[:, :, -BEFORE:] = self.positions(system.mesh.s[1:])[:, None]
+
+def set_history(system: System, before: Linearised) -> None:
+    """Set where the nodes of a system were, which the kernels of friction read."""
+    told(system, "contact_friction")[:, :, -BEFORE:] = positions(before, system.mesh.s[1:])[:, None]
 
 
 def path_sensitivities(path: Path) -> Array:
     """Return dx/dT (n_states, n_tendons) at the end of a load path, by all of it."""
     (before, _), *steps = path
     sensitivity = np.zeros((before.system.of.n_states, before.system.of.n_tendons))
-    for here, factor in steps:
-        by_step = factor * here.by_tensions
-        sensitivity = by_step + _by_history(before, sensitivity, here, by_step)
-        before = here
+    for point, factor in steps:
+        by_step = factor * point.by_tensions
+        sensitivity = by_step + _by_history(before, sensitivity, point, by_step)
+        before = point
     return sensitivity
 
 
-def _by_history(before: Linearised, earlier: Array, here: Linearised, by_step: Array) -> Array:
+def _by_history(before: Linearised, earlier: Array, point: Linearised, by_step: Array) -> Array:
     """Return what dx/dT (n_states, n_tendons) has by where the arm was before.
 
     With dx/dT `earlier` there, and `by_step` by the tensions alone. A point that moves along the
     arm looks back to another station of it, by the angle between the arm's tangents then and now.
     """
-    system, touches = here.system, Touches.of(here.system)
-    nodes = np.flatnonzero((touches.held | touches.inside).any(axis=1))
+    system, touches = point.system, Touches.of(point.system)
+    nodes = np.flatnonzero(touches.some.any(axis=1))
     if not nodes.size:
         return np.zeros_like(by_step)
-    s, positions = system.mesh.s[nodes], before.system.of.nodes[:, 4:7]
-    were = scipy.interpolate.make_interp_spline(before.system.mesh.s, earlier[positions])(s)
-    by_before = _by_positions(here, nodes.tolist())
+    s, places = system.mesh.s[nodes], before.system.of.nodes[:, 4:7]
+    were = scipy.interpolate.make_interp_spline(before.system.mesh.s, earlier[places])(s)
+    by_before = _by_positions(point, nodes)
     by_history = by_before @ were.reshape(3 * nodes.size, -1)
-    point, j = np.nonzero(touches.point[nodes])
-    rolled = tangents(here, s[point]) - tangents(before, s[point])
-    by_shift = -np.einsum("nki,ki->nk", by_before.reshape(-1, nodes.size, 3)[:, point], rolled)
-    shifts = system.of.touches[nodes[point], j, 1]
-    right = (by_step + by_history)[shifts]
-    shifted = np.linalg.solve(np.eye(point.size) - by_shift[shifts], right)
+    k, j = np.nonzero(touches.points[nodes])
+    rolled = tangents(point, s[k]) - tangents(before, s[k])
+    by_shift = -np.einsum("nki,ki->nk", by_before.reshape(-1, nodes.size, 3)[:, k], rolled)
+    shifts = system.of.touches[nodes[k], j, 1]
+    shifted = np.linalg.solve(np.eye(k.size) - by_shift[shifts], (by_step + by_history)[shifts])
     return np.asarray(by_history + by_shift @ shifted)
 
 
-def tangents(here: Linearised, s: Array) -> Array:
-    """Return the derivatives (k, 3) of the midline by arc length, on the base side of s (k,)."""
-    positions, step = History(here).positions, _ALONG * here.system.arm.length
-    return np.asarray((positions(s) - positions(s - step)) / step)
+def _by_positions(point: Linearised, nodes: Index) -> Array:
+    """Return dx/du (n_states, 3 k) by where some nodes (k,) were before.
 
-
-def _by_positions(here: Linearised, nodes: list[int]) -> Array:
-    """Return dx/du (n_states, 3 k) by where some nodes were before."""
-    step, columns = _STEP * here.system.arm.length, list[Array]()
-    for node in nodes:
-        for axis in range(3):
-            ends = [_residual(here, node, axis, sign * step) for sign in (1, -1)]
-            columns.append((ends[0] - ends[1]) / (2 * step))
-    return -here.solve(np.asfortranarray(np.array(columns).T))
-
-
-def _residual(here: Linearised, node: int, axis: int, step: float) -> Array:
-    """Return the residual (n_states,) had a node been a step farther along an axis."""
-    system, of = copy.copy(here.system), here.system.of
-    system.p = here.system.p.copy()
-    rows = system.p[of.equations.numbers_of("contact_friction")]
-    rows.reshape(of.elements, -1, FRICTION)[node - 1, :, axis - BEFORE] += step
-    return np.asarray(system.residual(here.x))
+    By differences: of the equations those of friction at each node alone know where it was.
+    """
+    of, step = point.system.of, _STEP * point.system.arm.length
+    rows = np.concatenate([of.friction_forces, of.tractions], axis=2)[nodes].reshape(nodes.size, -1)
+    right = np.zeros((of.n_states, nodes.size, 3))
+    for axis in range(3):
+        for sign in (1, -1):
+            changed = copy.copy(point.system)
+            changed.p = point.system.p.copy()
+            told(changed, "contact_friction")[:, :, axis - BEFORE] += sign * step
+            slope = sign * changed.residual(point.x)[rows] / (2 * step)
+            right[rows, np.arange(nodes.size)[:, None], axis] += slope
+    return -point.solve(np.asfortranarray(right.reshape(of.n_states, -1)))

@@ -11,7 +11,7 @@ import copy
 import numpy as np
 
 from model.centreline import Centreline
-from model.contact.touches import Touches, forces
+from model.contact.touches import Touches, forces, told
 from model.effects import NeoHookean
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import CLOSE, KEPT, TURN, step_sizes
@@ -22,7 +22,6 @@ from model.paths import Array
 from model.time_limit import check_time
 from model.transcription.collocation import gauss
 from model.transcription.system import System
-from model.transcription.touch import TOUCH
 
 # Steps at most, each of which may bring some places from sticking to slip or back, or other nodes
 # into touch; the size of the last one.
@@ -50,8 +49,8 @@ def newton(
         system = _active(system, states) if complementary else system
         widened = _widened(system, states)
         same = kept is not None and np.array_equal(kept.system.p, widened.p)
-        here = Linearised(widened, widened.x(tensions, load, states), kept if same else None)
-        change = here.newton_step()
+        point = Linearised(widened, widened.x(tensions, load, states), kept if same else None)
+        change = point.newton_step()
         if change is None:
             return None
         turn = float(np.abs(change[system.of.nodes[:, :4]]).max())
@@ -62,7 +61,7 @@ def newton(
             return Linearised(widened, widened.x(tensions, load, states))
         contracts = size < (KEPT * last if last else CLOSE)
         keeps = contracts and not system.of.form.contact_friction
-        kept = (here.near or here) if keeps else None
+        kept = (point.near or point) if keeps else None
         last = size
     return None
 
@@ -75,8 +74,8 @@ def _active(system: System, states: Array) -> System:
     gap = distances(bodies, line.poses[1:, 4:])[0] - line.radius(at, np.ones(at.size))[:, None]
     wide = np.pad(gap, ((1, 1), (0, 0)), constant_values=np.inf)
     deepest = (gap < 0) & (gap <= wide[:-2]) & (gap <= wide[2:])
-    touches, before = Touches.none(*gap.shape), Touches.of(system).point[1:]
-    touches.point[1:] = np.where(before, forces(system, states)[1:] > 0, deepest)
+    touches, before = Touches.none(system), Touches.of(system).points[1:]
+    touches.held[1:] = np.where(before, forces(system, states)[1:] > 0, deepest)
     return touches.on(system)
 
 
@@ -94,9 +93,10 @@ def _widened(system: System, states: Array) -> System:
     beyond[-1] = before[-1]
     widened = copy.copy(system)
     widened.p = system.p.copy()
-    rows = widened.p[of.equations.numbers_of("touch")].reshape(of.elements, -1, TOUCH)
     radius = np.asarray(system.arm.outer_radius(system.mesh.s[1:])[0])
-    rows[:, :, SIZE] = (radius * np.sqrt(np.maximum(before / beyond, 1.0)))[:, None]
+    told(widened, "touch")[:, :, SIZE] = (
+        radius[:, None] * np.sqrt(np.maximum(before / beyond, 1.0))[:, None]
+    )
     return widened
 
 

@@ -16,11 +16,19 @@ from typing import TypeVar
 
 import numpy as np
 
-from model.contact.friction import History, Path
+from model.contact.friction import Path
 from model.contact.gaps import least_gaps
 from model.contact.newton import newton
-from model.contact.sharp import Request, Settled, sharpened, turned
-from model.contact.touches import Place, Places, Touches, forces, mesh_with, point
+from model.contact.sharp import Request, sharpened, turned
+from model.contact.touches import (
+    Place,
+    Places,
+    Touches,
+    forces,
+    mesh_with,
+    places_of,
+    point_at,
+)
 from model.equilibrium.forward import carried_strains
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.stability import unstable_mode
@@ -57,14 +65,15 @@ class Continuation:
 
     Attributes
     ----------
-    settled : Settled
+    point : Linearised
+        The equilibrium.
     snaps : tuple of float
         The load factors at which the arm jumped to another equilibrium.
     path : tuple
         With friction the equilibria on the way with their load factors, the one before first.
     """
 
-    settled: Settled
+    point: Linearised
     snaps: tuple[float, ...] = ()
     path: Path = ()
 
@@ -75,7 +84,7 @@ class Continuation:
 
 
 def follow(
-    request: Request, tensions: Array, load: float, start: Settled, jumps: bool = True
+    request: Request, tensions: Array, load: float, start: Linearised, jumps: bool = True
 ) -> Continuation:
     """Return where an equilibrium under `tensions` and a load factor comes to.
 
@@ -87,11 +96,11 @@ def follow(
         between = tensions + factor * (request.tensions - tensions)
         return replace(request, tensions=between, load=load + factor * (request.load - load))
 
-    following = _at_nodes if request.history is None else _with_friction
+    following = _at_nodes if request.before is None else _with_friction
     return following(at, start, jumps)
 
 
-def by_lengths(request: Request, winches: Winches, rest: Settled) -> Continuation:
+def by_lengths(request: Request, winches: Winches, rest: Linearised) -> Continuation:
     """Return where the arm comes to whose tendons winches hold, by strokes and loads from rest.
 
     Tensions are those of the least energy with forces at nodes. Raises UnsettledContactError where
@@ -138,11 +147,13 @@ def stepped(
     return path
 
 
-def _at_nodes(at: Callable[[float], Request], start: Settled, jumps: bool = True) -> Continuation:
+def _at_nodes(
+    at: Callable[[float], Request], start: Linearised, jumps: bool = True
+) -> Continuation:
     """Return the end, followed with forces at nodes, and where the arm snaps; see follow."""
-    request, begin, old, snaps = at(1.0), at(0.0), start.here, list[float]()
+    request, begin, snaps = at(1.0), at(0.0), list[float]()
     system = request.base
-    strains = carried_strains(old.system, old.system.strains(old.states), system)
+    strains = carried_strains(start.system, start.system.strains(start.states), system)
     states = system.start(begin.tensions, strains, begin.load)
     # Without a potential the least energy takes several programs: only the least steps are by it.
     soon = request.winches is not None or LeastEnergy(system).conservative
@@ -189,27 +200,27 @@ def _least(request: Request, near: Linearised) -> Linearised | None:
         near.tensions, carried_strains(near.system, near.system.strains(near.states), system)
     )
     to = request.tensions, request.load, request.winches
-    here = program.least(begin, *to, _ROUNDS)
-    if here is None:
+    minimum = program.least(begin, *to, _ROUNDS)
+    if minimum is None:
         return None
-    touches = Touches.none(*here.forces.shape)
-    least = max(_NONE * here.forces.max(), _NOTHING * program.force_unit)
-    touches.point[1:] = here.forces > least
-    states = program.states(here, request.load)
-    return Linearised(touches.on(system), system.x(here.tensions, request.load, states))
+    touches = Touches.none(system)
+    least = max(_NONE * minimum.forces.max(), _NOTHING * program.force_unit)
+    touches.held[1:] = minimum.forces > least
+    states = program.states(minimum, request.load)
+    return Linearised(touches.on(system), system.x(minimum.tensions, request.load, states))
 
 
 def _passes(before: Linearised, after: Linearised) -> bool:
     """Return whether nodes go through an obstacle in a step, by half the arm's radius or more."""
     system = after.system
     bodies = numbers_of([contact.obstacle for contact in contacts(system.scene)])
-    start, end = (system.poses(here.states)[1:, 4:] for here in (before, after))
+    start, end = (system.poses(at.states)[1:, 4:] for at in (before, after))
     between = np.linspace(start, end, _SAMPLES).reshape(-1, 3)
     radius = np.tile(system.arm.outer_radius(system.mesh.s[1:])[0], _SAMPLES)
     return bool((distances(bodies, between)[0].min(axis=1) < radius / 2).any())
 
 
-def _sharp(request: Request, rough: Linearised) -> Settled:
+def _sharp(request: Request, rough: Linearised) -> Linearised:
     """Return the stable equilibrium at refined places, near one with forces at nodes.
 
     Where none is found nodes that touch go to where the gap is least, others to where it is below 0
@@ -218,8 +229,8 @@ def _sharp(request: Request, rough: Linearised) -> Settled:
     for _ in range(_EXCHANGES):
         check_time()
         end = sharpened(request, rough, _read_off(rough))
-        if end is not None and close(rough, end.here):
-            mode, rough = unstable_mode(end.here), end.here
+        if end is not None and close(rough, end):
+            mode, rough = unstable_mode(end), end
             if mode is None:
                 return end
             states, system = rough.states.copy(), rough.system
@@ -236,7 +247,7 @@ def _sharp(request: Request, rough: Linearised) -> Settled:
 
 def _read_off(rough: Linearised) -> Places:
     """Return places by forces on nodes: of three and more in a row a part that lies."""
-    s, places, active = rough.system.mesh.s, list[Place](), Touches.of(rough.system).point
+    s, places, active = rough.system.mesh.s, list[Place](), Touches.of(rough.system).points
     force = forces(rough.system, rough.states)
     for j in range(active.shape[1]):
         nodes = np.flatnonzero(active[:, j])
@@ -244,52 +255,50 @@ def _read_off(rough: Linearised) -> Places:
             if run.size > 2:
                 places.append(Place(j, float(s[run[0]]), float(s[run[-1]])))
             elif run[-1] == s.size - 1:
-                places.append(point(j, float(s[-1])))
+                places.append(point_at(j, float(s[-1])))
             else:
-                places.append(point(j, float(np.average(s[run], weights=force[run, j]))))
+                places.append(point_at(j, float(np.average(s[run], weights=force[run, j]))))
     return tuple(places)
 
 
 def _nodes(rough: Linearised) -> Places:
     """Return where nodes are wanted: those that touch, and where gaps are least and below 0."""
     s, least = rough.system.mesh.s, least_gaps(rough.system, rough.x)
-    spacing, wanted = np.diff(s), [point(*at) for at in least]
-    for k, j in zip(*np.nonzero(Touches.of(rough.system).point), strict=True):
+    spacing, wanted = np.diff(s), [point_at(*at) for at in least]
+    for k, j in zip(*np.nonzero(Touches.of(rough.system).points), strict=True):
         near = spacing[max(k - 2, 0) : k + 1].max() / 2
         if all(j != i or abs(at - s[k]) > near for i, at in least):
-            wanted.append(point(int(j), float(s[k])))
+            wanted.append(point_at(int(j), float(s[k])))
     return tuple(wanted)
 
 
-def _with_friction(at: Callable[[float], Request], start: Settled, jumps: bool) -> Continuation:
+def _with_friction(at: Callable[[float], Request], start: Linearised, jumps: bool) -> Continuation:
     """Return the end with friction, which looks back over each step; see follow."""
     snaps = list[float]()
 
-    def solve(factor: float, near: Settled) -> Settled | None:
-        request = replace(at(factor), history=History(near.here))
-        there = sharpened(request, near.here, near.places)
-        return there if there is not None and close(near.here, there.here) else None
+    def solve(factor: float, near: Linearised) -> Linearised | None:
+        there = sharpened(replace(at(factor), before=near), near, places_of(near.system))
+        return there if there is not None and close(near, there) else None
 
-    def over(before: float, factor: float, near: Settled) -> Settled:
+    def over(before: float, factor: float, near: Linearised) -> Linearised:
         if not jumps:
             raise SnapError(before, "it jumps")
         snaps.append(factor)
-        return _slid(replace(at(factor), history=History(near.here)), near)
+        return _slid(replace(at(factor), before=near), near)
 
     path = stepped(solve, start, _WITH_FRICTION, over)
-    ends = tuple((solution.here, factor) for solution, factor in path)
-    return Continuation(path[-1][0], tuple(snaps), ends)
+    return Continuation(path[-1][0], tuple(snaps), tuple(path))
 
 
-def _slid(request: Request, near: Settled) -> Settled:
+def _slid(request: Request, near: Linearised) -> Linearised:
     """Return the equilibrium with friction near that which the arm without it snaps to."""
     base = request.base
     form = base.of.form.stages, True, base.of.form.machine_code
     free = System(base.arm, without_friction(base.scene), base.mesh, *form)
-    smooth = replace(request, base=free, history=None)
-    rough = _least(smooth, near.here)
+    smooth = replace(request, base=free, before=None)
+    rough = _least(smooth, near)
     there = None if rough is None else _sharp(smooth, rough)
-    solution = there and sharpened(request, there.here, there.places)
+    solution = there and sharpened(request, there, places_of(there.system))
     if solution is None:
         raise UnsettledContactError(1.0, "where it comes to rest with friction is not found")
     return solution

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.contact.friction import History
+from model.contact.friction import set_history
 from model.contact.gaps import along, least_gaps
 from model.contact.newton import newton
 from model.contact.touches import (
@@ -22,7 +22,7 @@ from model.contact.touches import (
     Touches,
     forces,
     mesh_with,
-    point,
+    point_at,
     resultants,
     second,
     touches_at,
@@ -62,17 +62,17 @@ class Request:
     tensions : (n_tendons,)
     load : float
         Load factor.
-    history : History or None
+    before : Linearised or None
         Where the arm was before, that friction acts against.
-    damped : (float, Linearised) or None
-        By what factor of its stiffness at rest the body resists changes, and of which equilibrium.
+    winches : Winches or None
+        What holds tendons by length.
     """
 
     base: System
     fixed: Array
     tensions: Array
     load: float = 1.0
-    history: History | None = None
+    before: Linearised | None = None
     winches: Winches | None = None
 
     def on(self, mesh: Mesh, pressed: bool = False) -> System:
@@ -80,8 +80,8 @@ class Request:
         base = self.base
         form = base.of.form.stages, True, base.of.form.machine_code, pressed
         system = System(base.arm, base.scene, mesh, *form)
-        if self.history is not None and system.of.form.contact_friction:
-            self.history.set_on(system)
+        if self.before is not None and system.of.form.contact_friction:
+            set_history(system, self.before)
         return system
 
     @property
@@ -94,26 +94,18 @@ class Request:
         return (*(arm.anchorages if self.base.scene.has(NeoHookean) else ()), arm.length)
 
 
-@dataclass(frozen=True, eq=False)
-class Settled:
-    """An equilibrium with contact, and the places where it touches."""
-
-    here: Linearised
-    places: Places
-
-
-def sharpened(request: Request, near: Linearised, places: Places) -> Settled | None:
+def sharpened(request: Request, near: Linearised, places: Places) -> Linearised | None:
     """Return the equilibrium near one whose places are about right; None if there is none."""
     for _ in range(_ROUNDS):
-        here = with_places(request, near, places)
-        if here is None:
+        point = with_places(request, near, places)
+        if point is None:
             return None
-        refined = _refined(request, here, places)
-        if refined == places:
-            refined = _exchanged(request, here, places)
-        if refined == places:
-            return Settled(here, places)
-        near, places = here, refined
+        after = _refined(request, point, places)
+        if after == places:
+            after = _exchanged(request, point, places)
+        if after == places:
+            return point
+        near, places = point, after
     return None
 
 
@@ -126,76 +118,76 @@ def turned(one: Linearised, other: Linearised) -> float:
     return 2 * float(np.arccos(np.clip(same.min(), 0, 1)))
 
 
-def with_places(of: Request, here: Linearised, places: Places) -> Linearised | None:
+def with_places(of: Request, near: Linearised, places: Places) -> Linearised | None:
     """Return the equilibrium that touches at given places, near another one."""
     scene, mesh = of.base.scene, mesh_with(of.base, of.fixed, places)
     if mesh is None:
         return None
-    touches = touches_at(mesh, places, len(contacts(scene)), scene.has(Shear))
+    system = of.on(mesh, any(place.lies for place in places))
+    touches = touches_at(system, places, scene.has(Shear))
     free = [p for p in places if not p.lies and p.start not in of.corners]
     if free:
-        s, j = np.array([p.start for p in free]), [p.obstacle for p in free]
-        curve = along(here.system, here.x, s, np.array(j))[:, 2]
-        nodes = [mesh.node(p.start) for p in free]
-        flat = _BENT / of.base.arm.length
-        touches.curve[nodes, j] = np.where(curve > _FLAT, curve, flat)
-    system = touches.on(of.on(mesh, bool(touches.lies.any())))
-    return newton(system, of.tensions, of.load, _carried(of, here, system, touches))
+        s, j = np.array([p.start for p in free]), np.array([p.obstacle for p in free])
+        curve, nodes = along(near.system, near.x, s, j)[:, 2], [mesh.node(p.start) for p in free]
+        touches.moves[nodes, j] = 1
+        touches.curve[nodes, j] = np.where(curve > _FLAT, curve, _BENT / of.base.arm.length)
+    system = touches.on(system)
+    return newton(system, of.tensions, of.load, _carried(of, near, system))
 
 
-def _carried(of: Request, here: Linearised, system: System, touches: Touches) -> Array:
+def _carried(of: Request, near: Linearised, system: System) -> Array:
     """Return states to begin with on another mesh: forces are those of the nodes nearest."""
-    before, states = here.system, Collocation.on(system).carried(of.tensions, here).copy()
-    old, new, there = before.of, system.of, Touches.of(before)
-    near = np.abs(system.mesh.s[:, None] - before.mesh.s).argmin(axis=1)
-    pressed = (second(before, here.states) * there.pressing)[near]
-    states[new.touches[:, :, 0]] = forces(before, here.states)[near] * touches.held
+    before, states = near.system, Collocation.on(system).carried(of.tensions, near).copy()
+    old, new, touches = before.of, system.of, Touches.of(system)
+    at = np.abs(system.mesh.s[:, None] - before.mesh.s).argmin(axis=1)
+    pressed = (second(before, near.states) * Touches.of(before).pressing)[at]
+    states[new.touches[:, :, 0]] = forces(before, near.states)[at] * touches.held
     states[new.touches[:, :, 1]] = pressed * touches.pressing
     if new.form.contact_friction and old.form.contact_friction:
         for kind, mask in (("friction_forces", touches.held), ("tractions", touches.pressing)):
-            rubbed = here.states[getattr(old, kind)[near]]
+            rubbed = near.states[getattr(old, kind)[at]]
             states[getattr(new, kind)] = rubbed * mask[:, :, None]
     return states
 
 
-def _refined(of: Request, here: Linearised, places: Places) -> Places:
+def _refined(of: Request, point: Linearised, places: Places) -> Places:
     """Return the places where an equilibrium says that they are; the same where they are right."""
     refined, L = list[Place](), of.base.arm.length
-    least = 0.0 if of.base.scene.has(Shear) else _SHORT * np.diff(here.system.mesh.s).max()
+    least = 0.0 if of.base.scene.has(Shear) else _SHORT * np.diff(point.system.mesh.s).max()
     for place in places:
         if not place.lies:
-            start = end = place.start + _point_shift(of, here, place)
+            start = end = place.start + _point_shift(of, point, place)
         else:
-            start = place.start + _end_shift(of, here, place, -1)
-            end = min(place.end + _end_shift(of, here, place, 1), L)
+            start = place.start + _end_shift(of, point, place, -1)
+            end = min(place.end + _end_shift(of, point, place, 1), L)
             if end - start < least:
                 start = end = (start + end) / 2
         refined.append(Place(place.obstacle, start, end))
-    return _joined(refined, here.system.mesh)
+    return _joined(refined, point.system.mesh)
 
 
-def _point_shift(of: Request, here: Linearised, place: Place) -> float:
+def _point_shift(of: Request, point: Linearised, place: Place) -> float:
     """Return how far on the gap is least, up to the next corner; 0 where that is close."""
-    system, s, j = here.system, place.start, place.obstacle
+    system, s, j = point.system, place.start, place.obstacle
     node, h = system.mesh.node(s), float(np.diff(system.mesh.s).max())
     if s in of.corners:
-        _, slope, curve = along(system, here.x, np.array([s]), np.array([j]))[0]
+        _, slope, curve = along(system, point.x, np.array([s]), np.array([j]))[0]
         shift = -min(slope / max(curve, _FLAT), _BORN * h) * (slope > _ROUNDING)
     else:
-        shift = float(system.mesh.s[node] + second(system, here.states)[node, j]) - s
+        shift = float(system.mesh.s[node] + second(system, point.states)[node, j]) - s
     shift = min(max(shift, -h / 2), h / 2)
     passed = [at - s for at in of.corners if 0 < (at - s) * np.sign(shift) < abs(shift)]
     shift = passed[0] if passed else shift
     return shift if abs(shift) > _POINT * of.base.arm.length else 0.0
 
 
-def _end_shift(of: Request, here: Linearised, place: Place, side: int) -> float:
+def _end_shift(of: Request, point: Linearised, place: Place, side: int) -> float:
     """Return how far on an end of a part is; 0 where that is close.
 
     There gap'' of the free arm beyond is 0; with friction that inside of the part, which changes
     the stretch there and so what curvature lies on the obstacle. Of an arm that shears gap' beyond.
     """
-    system, L = here.system, of.base.arm.length
+    system, L = point.system, of.base.arm.length
     s = place.end if side > 0 else place.start
     node = system.mesh.node(s)
     beyond = node + side
@@ -207,7 +199,7 @@ def _end_shift(of: Request, here: Linearised, place: Place, side: int) -> float:
     within = contacts(system.scene)[j].friction > 0 and not system.scene.has(Shear)
     at = s + SAME * L * ((side > 0) != within)
     stations = np.array([at, s + side * _ASIDE * h, s + 2 * side * _ASIDE * h])
-    _, slope, curve = along(system, here.x, stations, np.full(3, j)).T
+    _, slope, curve = along(system, point.x, stations, np.full(3, j)).T
     if system.scene.has(Shear):
         f, rate = float(slope[0] - curve[0] * (at - s)), float(curve[0])
         shift = -f / rate if rate > 0 else side * h * float(np.sign(f))
@@ -219,10 +211,10 @@ def _end_shift(of: Request, here: Linearised, place: Place, side: int) -> float:
     return min(max(shift, -most), most) if abs(shift) > _END * L else 0.0
 
 
-def _exchanged(of: Request, here: Linearised, places: Places) -> Places:
+def _exchanged(of: Request, point: Linearised, places: Places) -> Places:
     """Return the places after some came or went; the same if none did."""
-    system, states, touches = here.system, here.states, Touches.of(here.system)
-    force, pressed = forces(system, states), resultants(system, states, touches)
+    system, states = point.system, point.states
+    force, pressed = forces(system, states), resultants(system, states)
     kept, least = list[Place](), -_rounding(system, pressed)
     for place in places:
         j, k = place.obstacle, [system.mesh.node(s) for s in (place.start, place.end)]
@@ -230,15 +222,15 @@ def _exchanged(of: Request, here: Linearised, places: Places) -> Places:
             ends, part = force[k, j], slice(k[0], k[1] + 1)
             pulled = ends < least[k]
             if pulled.any() or (pressed[part, j] < least[part]).any():
-                both = [point(j, place.start), point(j, place.end)]
+                both = [point_at(j, place.start), point_at(j, place.end)]
                 kept += [both[int(np.argmax(ends))]] if pulled.any() else both
             else:
                 kept.append(place)
         elif force[k[0], j] >= least[k[0]]:
-            kept += _touching(of, here, place)
+            kept += _touching(of, point, place)
     if tuple(kept) != places:
         return _joined(kept, system.mesh)
-    new = [point(*least) for least in least_gaps(system, here.x, places)]
+    new = [point_at(*least) for least in least_gaps(system, point.x, places)]
     return _joined([*kept, *new], system.mesh) if new else places
 
 
@@ -255,13 +247,13 @@ def _rounding(system: System, pressed: Array) -> Array:
     return np.asarray(np.maximum(last, _ROUNDING * pressed.max(initial=0.0)))
 
 
-def _touching(of: Request, here: Linearised, place: Place) -> list[Place]:
+def _touching(of: Request, point: Linearised, place: Place) -> list[Place]:
     """Return what becomes of a point: a part, where the arm bends into the obstacle about it."""
-    system, s, j = here.system, place.start, place.obstacle
+    system, s, j = point.system, place.start, place.obstacle
     L, h = of.base.arm.length, float(np.diff(system.mesh.s)[system.mesh.node(s) - 1])
     beyond = min(s + SAME * L, L)
     (_, slope, curve), (_, after, beyond_curve) = along(
-        system, here.x, np.array([s, beyond]), np.array([j, j])
+        system, point.x, np.array([s, beyond]), np.array([j, j])
     )
     if system.scene.has(Shear):
         # A force at a point bends an arm that shears by an angle there.

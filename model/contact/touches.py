@@ -17,7 +17,7 @@ from model.mesh import Mesh, with_nodes
 from model.paths import Array
 from model.rotations import matrices
 from model.transcription.system import System
-from model.transcription.touch import BEFORE, FRICTION, FRICTION_TOLD, PRESSURE, TOLD, TOUCH
+from model.transcription.touch import BEFORE, FRICTION_TOLD, TOLD
 
 Mask = NDArray[np.bool_]
 # Arc lengths over the arm's that are the same, and those of points that share a node.
@@ -50,89 +50,82 @@ class Place:
 Places = tuple[Place, ...]
 
 
-def point(obstacle: int, s: float) -> Place:
+def point_at(obstacle: int, s: float) -> Place:
     """Return the place of a point."""
     return Place(obstacle, s, s)
 
 
-@dataclass(frozen=True, eq=False)
 class Touches:
-    """How nodes touch obstacles; where all is False the arm is free.
+    """How nodes touch obstacles, as the kernels are told; where all is 0 the arm is free.
 
     Attributes
     ----------
-    point : (N + 1, K)
-        Nodes at which a force keeps the gap to each of K obstacles at 0.
-    end : (N + 1, K)
-        Nodes where a part that lies on an obstacle begins or ends: force and pressure.
-    inside : (N + 1, K)
-        Nodes inside of such a part: pressure alone.
     lies : (N, K)
-        Elements that such parts consist of.
-    curve : (N + 1, K)
-        gap'' [1/m] of points that may move along the arm, above 0; 0 where nodes stay.
+        1 for elements of parts that lie on each of K obstacles, else 0.
+    held : (N + 1, K)
+        1 for nodes with a force: points, at which it keeps the gap at 0, and ends of parts.
+    inside : (N + 1, K)
+        1 for nodes inside of parts, with pressure alone.
+    end : (N + 1, K)
+        1 for ends of parts, with force and pressure.
+    moves, curve : (N + 1, K)
+        1 for points that may move along the arm, and gap'' [1/m] there, above 0.
     """
 
-    point: Mask
-    end: Mask
-    inside: Mask
-    lies: Mask
-    curve: Array
+    def __init__(self, flags: Array, lies: Array) -> None:
+        """Take the values above but `lies` (N + 1, K, 5), and these."""
+        self._flags, self.lies = flags, lies
+        self.held, self.inside, self.end, self.moves, self.curve = np.moveaxis(flags, 2, 0)
 
     @classmethod
-    def none(cls, elements: int, obstacles: int) -> Touches:
+    def none(cls, system: System) -> Touches:
         """Return those of a free arm."""
-        nodes = elements + 1, obstacles
-        point, end, inside = (np.zeros(nodes, dtype=bool) for _ in range(3))
-        return cls(point, end, inside, np.zeros((elements, obstacles), dtype=bool), np.zeros(nodes))
+        N, K = system.of.elements, system.of.form.contacts
+        return cls(np.zeros((N + 1, K, TOLD)), np.zeros((N, K)))
 
     @classmethod
     def of(cls, system: System) -> Touches:
         """Return those that are set on a system."""
-        of = system.of
-        touches = cls.none(of.elements, of.form.contacts)
-        rows = system.p[of.equations.numbers_of("touch")].reshape(of.elements, -1, TOUCH)
-        held, inside, end, _, curve = np.moveaxis(rows[:, :, -TOLD:], 2, 0)
-        touches.point[1:], touches.end[1:] = (held > 0) & (end == 0), end > 0
-        touches.inside[1:], touches.curve[1:] = inside > 0, curve
-        if of.form.pressed:
-            elements = system.p[of.equations.numbers_of("pressure")]
-            touches.lies[:] = elements.reshape(of.elements, -1, PRESSURE)[:, :, -1] > 0
+        touches = cls.none(system)
+        touches._flags[1:] = told(system, "touch")[:, :, -TOLD:]
+        if system.of.form.pressed:
+            touches.lies[:] = told(system, "pressure")[:, :, -1]
         return touches
 
     @property
-    def held(self) -> Mask:
-        """Nodes with a force (N + 1, K)."""
-        return self.point | self.end
+    def points(self) -> Mask:
+        """Whether nodes touch at points (N + 1, K)."""
+        return np.asarray(self.held > self.end)
 
     @property
-    def moves(self) -> Mask:
-        """Nodes that touch at points which may move along the arm (N + 1, K)."""
-        return np.asarray(self.curve > 0)
+    def some(self) -> Mask:
+        """Whether nodes touch (N + 1, K)."""
+        return np.asarray(self.held + self.inside > 0)
 
     @property
-    def pressing(self) -> Mask:
-        """Nodes with a pressure (N + 1, K)."""
-        return self.end | self.inside
+    def pressing(self) -> Array:
+        """1 for nodes with a pressure (N + 1, K)."""
+        return np.asarray(self.end + self.inside)
 
     def on(self, system: System) -> System:
         """Return a system with these touches set."""
-        changed, of = copy.copy(system), system.of
+        changed = copy.copy(system)
         changed.p = system.p.copy()
-        rows = changed.p[of.equations.numbers_of("touch")].reshape(-1, TOUCH)
-        flags = [self.held, self.inside, self.end, self.moves, self.curve]
-        rows[:, -TOLD:] = np.stack(flags, axis=2)[1:].reshape(-1, TOLD)
-        if of.form.pressed:
-            elements = changed.p[of.equations.numbers_of("pressure")].reshape(-1, PRESSURE)
-            elements[:, -1] = self.lies.ravel()
-        if of.form.contact_friction:
-            friction = changed.p[of.equations.numbers_of("contact_friction")].reshape(-1, FRICTION)
-            first = self.end & np.vstack([self.lies, np.zeros_like(self.lies[:1])])
-            flags = [self.held, self.inside, self.end & ~first, first, self.moves]
-            friction[:, -BEFORE - FRICTION_TOLD : -BEFORE] = np.stack(flags, axis=2)[1:].reshape(
-                -1, FRICTION_TOLD
-            )
+        told(changed, "touch")[:, :, -TOLD:] = self._flags[1:]
+        if system.of.form.pressed:
+            told(changed, "pressure")[:, :, -1] = self.lies
+        if system.of.form.contact_friction:
+            first = self.end * np.vstack([self.lies, np.zeros_like(self.lies[:1])])
+            flags = [self.held, self.inside, self.end - first, first, self.moves]
+            rows = told(changed, "contact_friction")
+            rows[:, :, -BEFORE - FRICTION_TOLD : -BEFORE] = np.stack(flags, axis=2)[1:]
         return changed
+
+
+def told(system: System, kernel: str) -> Array:
+    """Return the numbers (N, K, n) of a kernel of contact, as a view of those of a system."""
+    numbers = system.p[system.of.equations.numbers_of(kernel)]
+    return numbers.reshape(system.of.elements, system.of.form.contacts, -1)
 
 
 def forces(system: System, states: Array) -> Array:
@@ -148,39 +141,29 @@ def second(system: System, states: Array) -> Array:
     return np.asarray(states[system.of.touches[:, :, 1]])
 
 
-def resultants(system: System, states: Array, touches: Touches) -> Array:
+def resultants(system: System, states: Array) -> Array:
     """Return the forces with which obstacles press at the nodes (N + 1, K) [N].
 
     Of a pressure that is linear between nodes what falls to each by the lever rule.
     """
-    p = second(system, states) * touches.pressing
-    before, here, beyond = pressure_shares(system, touches.lies)
-    total = forces(system, states) * touches.held + here * p
-    total[1:] += before[1:] * p[:-1]
-    total[:-1] += beyond[:-1] * p[1:]
-    return total
+    touches = Touches.of(system)
+    p, thirds = second(system, states) * touches.pressing, np.diff(system.mesh.s)[:, None] / 3
+    total = forces(system, states) * touches.held
+    total[:-1] += thirds * touches.lies * (p[:-1] + p[1:] / 2)
+    total[1:] += thirds * touches.lies * (p[:-1] / 2 + p[1:])
+    return np.asarray(total)
 
 
-def pressure_shares(system: System, lies: Mask) -> tuple[Array, Array, Array]:
-    """Return how much of the pressures before, at and beyond each node falls to it (N + 1, K) [m].
-
-    By the lever rule, of elements that lie (N, K).
-    """
-    h, none = np.diff(system.mesh.s)[:, None] * lies, np.zeros((1, lies.shape[1]))
-    before, beyond = np.vstack([none, h]) / 6, np.vstack([h, none]) / 6
-    return before, 2 * (before + beyond), beyond
-
-
-def frictions(system: System, states: Array, touches: Touches) -> Array:
+def frictions(system: System, states: Array) -> Array:
     """Return the friction at each node from each obstacle (N + 1, K, 3) [N], 0 without any.
 
     Of the traction between nodes as much falls to each as of the pressure.
     """
-    of = system.of
+    of, touches = system.of, Touches.of(system)
     if not of.form.contact_friction:
         return np.zeros((of.elements + 1, of.form.contacts, 3))
     p = second(system, states) * touches.pressing
-    spread = resultants(system, states, touches) - forces(system, states) * touches.held
+    spread = resultants(system, states) - forces(system, states) * touches.held
     length = np.divide(spread, p, out=np.zeros_like(p), where=p > 0)
     frames = matrices(system.poses(states)[:, :4])
     tau = np.einsum("nij,nkj->nki", frames, states[of.tractions])
@@ -196,14 +179,13 @@ def mesh_with(base: System, fixed: Array, places: Places) -> Mesh | None:
     at = np.array([s for place in places for s in (place.start, place.end)])
     if not (np.isfinite(at) & (at > 0) & (at <= base.arm.length)).all():
         return None
-    nodes, anchors = base.mesh.s, None
-    while anchors is None:
-        anchors = _anchors(nodes, fixed, places)
-        order = np.arange(nodes.size)
-        if anchors is None:
-            nodes = np.interp(np.arange(2 * nodes.size - 1) / 2, order, nodes)
-    nodes_there = sorted(anchors)
-    return with_nodes(base.arm, np.interp(order, nodes_there, [anchors[k] for k in nodes_there]))
+    nodes = base.mesh.s
+    while (anchors := _anchors(nodes, fixed, places)) is None:
+        nodes = np.interp(np.arange(2 * nodes.size - 1) / 2, np.arange(nodes.size), nodes)
+    numbers = sorted(anchors)
+    return with_nodes(
+        base.arm, np.interp(np.arange(nodes.size), numbers, [anchors[k] for k in numbers])
+    )
 
 
 def _anchors(nodes: Array, fixed: Array, places: Places) -> dict[int, float] | None:
@@ -227,28 +209,29 @@ def _anchors(nodes: Array, fixed: Array, places: Places) -> dict[int, float] | N
     return anchors
 
 
-def touches_at(mesh: Mesh, places: Places, obstacles: int, sheared: bool) -> Touches:
-    """Return how the nodes of a mesh touch at places.
+def touches_at(system: System, places: Places, sheared: bool) -> Touches:
+    """Return how the nodes of a system touch at places.
 
     Parts of an arm that is `sheared` have no forces at their ends.
     """
-    touches = Touches.none(mesh.steps, obstacles)
+    touches, mesh = Touches.none(system), system.mesh
     for place in places:
         first, last, j = mesh.node(place.start), mesh.node(place.end), place.obstacle
         if not place.lies:
-            touches.point[first, j] = True
+            touches.held[first, j] = 1
             continue
-        (touches.inside if sheared else touches.end)[[first, last], j] = True
-        touches.inside[first + 1 : last, j] = touches.lies[first:last, j] = True
+        for flags in (touches.inside,) if sheared else (touches.held, touches.end):
+            flags[[first, last], j] = 1
+        touches.inside[first + 1 : last, j] = touches.lies[first:last, j] = 1
     return touches
 
 
 def places_of(system: System) -> Places:
     """Return the places that are set on a system."""
     s, touches, places = system.mesh.s, Touches.of(system), list[Place]()
-    for j in range(touches.point.shape[1]):
-        places += [point(j, at) for at in s[touches.point[:, j]].tolist()]
-        edges = np.diff(touches.lies[:, j].astype(int), prepend=0, append=0)
+    for j in range(system.of.form.contacts):
+        places += [point_at(j, at) for at in s[touches.points[:, j]].tolist()]
+        edges = np.diff(touches.lies[:, j], prepend=0, append=0)
         pairs = zip(s[edges > 0].tolist(), s[edges < 0].tolist(), strict=True)
         places += [Place(j, a, b) for a, b in pairs]
     return tuple(sorted(places))

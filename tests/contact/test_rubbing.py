@@ -161,11 +161,11 @@ def strip(refinement: int) -> Capstan:
         for mu in (0.0, MU)
     )
     rest = smooth.equilibrium(NONE)
-    here = rough.led(np.full(4, PULL), rest).settled.here
+    here = rough.led(np.full(4, PULL), rest).point
     system, states = here.system, here.states
     touches = Touches.of(system)
-    k = np.flatnonzero((touches.held | touches.inside)[:, 0])
-    N, Q = resultants(system, states, touches)[k, 0], frictions(system, states, touches)[k, 0]
+    k = np.flatnonzero(touches.some[:, 0])
+    N, Q = resultants(system, states)[k, 0], frictions(system, states)[k, 0]
     assert np.linalg.norm(Q, axis=1) == pytest.approx(MU * N, rel=1e-9)
     places = system.poses(states)[:, 4::2]
     angles = np.arctan2(*(places[k] - CENTRE).T)
@@ -291,9 +291,9 @@ def test_a_place_that_slips_moves_with_tensions_as_all_of_its_way_does() -> None
     def tip(here: Linearised) -> np.ndarray:
         return here.states[here.system.of.nodes[-1, 4:7]]
 
-    here, h = way(T).settled.here, 1e-5
+    here, h = way(T).point, 1e-5
     by_tensions = path_sensitivities(way(T).path)
-    ends = [tip(way(T + sign * h * np.eye(4)[1]).settled.here) for sign in (1, -1)]
+    ends = [tip(way(T + sign * h * np.eye(4)[1]).point) for sign in (1, -1)]
     slope = (ends[0] - ends[1]) / (2 * h)
     off = by_tensions[here.system.of.nodes[-1, 4:7], 1] - slope
     assert np.abs(off).max() < 0.02 * np.abs(slope).max()

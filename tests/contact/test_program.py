@@ -6,8 +6,8 @@ import pytest
 from model import Scene, settle
 from model.effects import Contact, ExactTendons, Extension
 from model.obstacles import Capsule
-from planner.contact.optimum import Equilibria
-from planner.contact.reduced import Reduced
+from planner.contact.equilibria import Equilibria
+from planner.contact.program import Program
 from planner.program.limits import Limits
 from planner.program.statement import Statement
 from planner.solve.task import Task
@@ -25,10 +25,10 @@ def test_derivatives_of_targets_grip_and_stability_are_those_of_settled_shapes()
     targets = (TipPosition(tip), Hold(ROD, (0.01, 0.0, -0.05, 0.0, 1e-4, 0.0), 0.5))
     limits = Limits((0.0,) * 4, (5.0,) * 4, 9.0)
     task = Task(ARM, targets, SCENE, limits, Statement(limited=True), 1e-6)
-    equilibria = Equilibria(task, 2)
-    here = equilibria.settled(T)
-    program = Reduced(task, equilibria.near(here), least=0.1)
-    y = program.start(here)
+    equilibria = Equilibria(task)
+    begin = equilibria.settled(T)
+    program = Program(task, equilibria.near(begin), begin, least=0.1)
+    y = program.start
     assert y.size > ARM.n_tendons
     y[ARM.n_tendons :] += 0.1
     rows, h = program.rows(y), 1e-4

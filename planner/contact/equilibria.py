@@ -1,0 +1,96 @@
+"""Equilibria of a plan's arm in contact: along load paths, and near each other with derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from model.contact.contacts import touches_of
+from model.contact.forward import TouchingMap
+from model.contact.friction import Path, path_sensitivities
+from model.contact.touches import Touches, forces
+from model.equilibrium.equilibrium import Collocated, check_stretch
+from model.equilibrium.forward import STAGES
+from model.equilibrium.linearised import Linearised
+from model.paths import Array
+from model.time_limit import check_time
+from planner.contact.grasp import Grasp
+from planner.contact.load_path import LoadPath, rubs
+from planner.program.limits import natural_tensions
+from planner.program.terms import stations_of
+from planner.solve.task import Task
+from planner.targets.hold import Hold
+
+# The mesh of plans, and forces that do not press, over what bends the arm by 1 rad.
+REFINEMENT, _PRESSED = 2, 1e-8
+
+# Tensions (n_tendons,) -> the equilibrium, derivatives (n_states, n_tendons) of its states.
+Settle = Callable[[Array], tuple[Linearised, Array]]
+
+
+class Equilibria:
+    """Equilibria of a task's arm under tensions."""
+
+    def __init__(self, task: Task) -> None:
+        self.task = task
+        at = stations_of(task.arm, task.targets)
+        self.map = TouchingMap(task.arm, task.scene, STAGES, REFINEMENT, at, task.machine_code)
+
+    def settled(self, tensions: Array, near: Linearised | None = None) -> Linearised:
+        """Return the equilibrium from rest, or next to another; raises what settling does."""
+        begin = None if near is None else Collocated(near, REFINEMENT)
+        point = self.map.led(tensions, begin, jumps=False).point
+        check_stretch(Collocated(point, REFINEMENT))
+        return point
+
+    def along(self, load_path: LoadPath) -> Linearised:
+        """Return the equilibrium at the end of a load path; raises what settling does.
+
+        Friction acts beyond the first tensions.
+        """
+        first, *others = (np.array(T) for T in load_path)
+        point = self.map.without_friction.led(first, None).point
+        for T in others:
+            check_time()
+            point = self.settled(T, point)
+        return point
+
+    def near(self, point: Linearised) -> Settle:
+        """Return how shapes are settled near one: each from the last, or with friction from there.
+
+        In a straight line of tensions then, against which friction acts all along.
+        """
+        begin = Collocated(point, REFINEMENT)
+        last, rubbing = point, rubs(self.task.scene)
+        path: Path = ()
+
+        def settle(tensions: Array) -> tuple[Linearised, Array]:
+            nonlocal last, path
+            if rubbing and not (path and np.array_equal(tensions, last.tensions)):
+                end = self.map.led(tensions, begin, jumps=False)
+                last, path = end.point, end.path
+            elif not np.array_equal(tensions, last.tensions):
+                last = self.settled(tensions, last)
+            return last, path_sensitivities(path) if path else self._released(last).by_tensions
+
+        return settle
+
+    def _released(self, point: Linearised) -> Linearised:
+        """Return an equilibrium whose points that do not press count as free; itself without."""
+        touches, force = Touches.of(point.system), forces(point.system, point.states)
+        least = _PRESSED * float(np.max(natural_tensions(self.task.arm)))
+        light = touches.points & (force <= least)
+        if not light.any():
+            return point
+        for flags in (touches.held, touches.moves, touches.curve):
+            flags[light] = 0
+        return Linearised(touches.on(point.system), point.x)
+
+    def wrench_left(self, point: Linearised) -> float:
+        """Return what is left of the wrenches of holds, over their sizes."""
+        arm, left = self.task.arm, 0.0
+        for hold in (target for target in self.task.targets if isinstance(target, Hold)):
+            grasp = Grasp.of(arm, touches_of(point), hold)
+            left += float(np.linalg.norm(grasp.scaled(grasp.left(grasp.best()))) / hold.size(arm))
+        return left
