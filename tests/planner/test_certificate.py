@@ -79,11 +79,6 @@ def test_a_plan_travels_by_pickle_and_stays_equal() -> None:
     assert copy != replace(PLAN, tensions=PLAN.tensions * 1.1)
 
 
-def test_the_same_question_gives_the_same_digits() -> None:
-    again = plan(ARM, PLAN.targets, PAPER, 20.0)
-    assert np.array_equal(again.tensions, PLAN.tensions)
-
-
 SOUND = replace(PLAN.certificate, on_request=OnRequest())
 EACH_CHECK = {
     "target residual": lambda v: {"equality": {"tip position": v * 1e-6}},
@@ -127,20 +122,6 @@ def test_too_little_stability_is_told_apart_from_none(
 ) -> None:
     told = replace(SOUND, stability=stability, stability_margin=margin)
     assert told.lacks_stability is lacks
-
-
-@pytest.mark.parametrize(
-    ("load_factor", "words"),
-    [
-        (1.0249, "yields at 1.02 times its loads"),
-        (np.inf, "bears at least 3 times its loads"),
-        (None, ""),
-    ],
-)
-def test_how_many_times_its_loads_an_arm_bears_is_told_with_digits(
-    load_factor: float | None, words: str
-) -> None:
-    assert replace(SOUND, on_request=OnRequest(dict, lambda: load_factor)).bears == words
 
 
 @pytest.mark.parametrize(

@@ -24,8 +24,7 @@ from model.effects import (
     Weight,
 )
 from planner import Limits, Problem, Statement
-from planner.solve.ipopt import TOGETHER, WARM
-from planner.solve.side_by_side import Part, SideBySide, joined
+from planner.solve.side_by_side import Part, SideBySide
 from planner.targets import Backbone, TipPosition
 from tests.differences import Array, all_of, dense, fourth_order
 
@@ -123,22 +122,6 @@ def _program() -> SideBySide:
         return parts, Part(z**2, 2 * z, both @ at.x, ca.MX(both), 2 * at.sigma)
 
     return SideBySide([1, 1], [1, 1], 1, 1, 2, state)
-
-
-@pytest.mark.parametrize("most", [100.0, 3.0])
-def test_the_optimum_is_that_of_the_closed_form(most: float) -> None:
-    """With t = z^2 the objective is sum (t - p_k)^2 + t, least at t = (2 sum p - 1) / 4."""
-    program, no_bounds = _program(), (np.full(1, -np.inf), np.full(1, np.inf))
-    each = [(*no_bounds, np.zeros(1), np.zeros(1))] * 2
-    bounds = joined(each, no_bounds, (np.full(1, -np.inf), np.full(1, most)))
-    cold = program.solve(TOGETHER, np.ones(3), WANTED, bounds)
-    warm = program.solve(WARM, cold.x, WANTED, bounds, (cold.lam_x, cold.lam_g))
-    t = min((2 * WANTED.sum() - 1) / 4, most / 2)
-    assert warm.met
-    assert warm.x == pytest.approx([t, t, np.sqrt(t)], abs=1e-8)
-    assert warm.f == pytest.approx(float(np.square(t - WANTED).sum() + t))
-    assert warm.iterations < cold.iterations
-    assert [part.tolist() for part in program.split(np.arange(3.0))] == [[0.0], [1.0], [2.0]]
 
 
 def test_derivatives_are_those_of_differences() -> None:

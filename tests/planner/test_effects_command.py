@@ -122,35 +122,3 @@ def test_figure_and_result_are_written_whole(
     assert {path.name for path in out.iterdir()} == {"effects.json", "effects.png"}
     assert (out / "effects.png").stat().st_size > 10_000
     assert json.loads((out / "effects.json").read_text()) == json.loads(capsys.readouterr().out)
-
-
-def test_a_scene_that_does_not_settle_returns_1(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    text = "tensions = [0, 0, 0, 0]\n" + ARM + "[effects]\nweight = { g = [-9.81, 0, 0] }\n"
-    out = tmp_path / "out"
-    assert main(["effects", _scene(tmp_path, text), "--out", str(out)]) == 1
-    captured = capsys.readouterr()
-    assert "it buckles" in captured.err
-    assert captured.out == ""
-    assert not out.exists()
-
-
-def test_no_scene_file_and_no_folder_to_write_to_return_2(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["effects", str(tmp_path / "nowhere.toml")]) == 2
-    assert "nowhere.toml" in capsys.readouterr().err
-    (tmp_path / "file").write_text("")
-    scene = _scene(tmp_path, "tensions = [0, 0, 0, 0]\naccuracy = 1e-2\n" + ARM)
-    assert main(["effects", scene, "--out", str(tmp_path / "file")]) == 2
-    assert "--out" in capsys.readouterr().err
-
-
-def test_fewer_unknowns_are_explained(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    in_water = "[effects]\nextension = true\nweight = {}\nbuoyancy = {}\n"
-    assert main(["effects", _scene(tmp_path, BENT + ARM + in_water)]) == 0
-    shown = capsys.readouterr().out
-    row = next(re.split(r" {2,}", x) for x in shown.splitlines() if x.startswith("Buoyancy "))
-    assert int(row[4]) < 0
-    assert "Fewer unknowns with Buoyancy: a coarser mesh is as accurate there." in shown

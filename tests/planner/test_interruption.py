@@ -17,10 +17,8 @@ from model.equilibrium.forward import Collocation
 from model.equilibrium.newton import newton
 from model.time_limit import OutOfTime, time_limit
 from planner import cli, plan
-from planner.initial_guess.fitting import least_squares
 from planner.sweeps import points
 from planner.targets import TipPosition
-from tests.oracles import Array
 
 ARM = Arm.from_paper("table-4")
 TARGET = TipPosition((0.2, 0.1, 0.1))
@@ -190,16 +188,6 @@ def test_a_sweep_that_is_stopped_keeps_what_is_finished(
     assert len(list((tmp_path / "sweep.nc.chunks").iterdir())) == 1
     assert cli.main(["sweep", str(file)]) == 0
     assert "2 of 2 points" in capsys.readouterr().out
-
-
-def far_off(points: Array) -> Array:
-    return np.asarray(1 + points**2)
-
-
-def test_least_squares_of_initial_guesses_look_at_the_clock() -> None:
-    """Used to go on for 4 s after a limit of half a second."""
-    with time_limit(1e-9), pytest.raises(OutOfTime):
-        least_squares(far_off, np.ones((3, 2)))
 
 
 @pytest.mark.parametrize("name", ["water", "an absurd payload"])

@@ -7,7 +7,7 @@ import pytest
 
 from model import Arm, Scene, settle
 from planner import plan
-from planner.targets import BendingPlane, Fetch, TipPose, TipPosition
+from planner.targets import BendingPlane, TipPosition
 from tests.planner.cases import PAPER, moderate, paper_tip
 
 ARM = Arm.from_paper("table-4")
@@ -49,29 +49,20 @@ def test_tendons_with_a_maximum_of_zero_stay_slack() -> None:
     assert not found.tensions[0].any()
 
 
-def test_no_maximum_is_a_maximum_that_never_holds() -> None:
-    assert plan(ARM, TARGET, PAPER).effort == pytest.approx(plan(ARM, TARGET, PAPER, 20.0).effort)
-
-
-@pytest.mark.quick("1e+308")
-@pytest.mark.parametrize("most", [1e308, [np.inf] * 12, [[20.0, np.inf, 1e9, 1e25]] * 3])
-def test_maxima_of_any_size_that_never_hold_do_not_matter(most: Any) -> None:
+@pytest.mark.quick("most0", "most1")
+@pytest.mark.parametrize(
+    "most", [(), (1e308,), ([np.inf] * 12,), ([[20.0, np.inf, 1e9, 1e25]] * 3,)]
+)
+def test_maxima_of_any_size_that_never_hold_do_not_matter(most: tuple[Any, ...]) -> None:
     free = plan(ARM, TARGET, PAPER, 20.0)
-    assert plan(ARM, TARGET, PAPER, most).effort == pytest.approx(free.effort)
+    assert plan(ARM, TARGET, PAPER, *most).effort == pytest.approx(free.effort)
 
 
-@pytest.mark.parametrize("most", [1e-9, 1e-100, 5e-324])
+@pytest.mark.parametrize("most", [1e-9, 1e-100, 5e-324, 0.0])
 def test_maxima_that_do_nothing_hold_everything_back(most: float) -> None:
     found = plan(ARM, TARGET, PAPER, most)
     assert not found.reached and found.tensions.max() <= most
-    assert "at its maximum" in found.outcome
-
-
-def test_what_holds_everything_back_at_zero_is_said() -> None:
-    found = plan(ARM, TARGET, PAPER, 0.0)
-    assert not found.reached
-    assert not found.tensions.any()
-    assert found.outcome.startswith("Not reached")
+    assert ("at its maximum" if most else "Not reached") in found.outcome
 
 
 def test_starts_are_counted_and_their_agreement_too() -> None:
@@ -79,15 +70,6 @@ def test_starts_are_counted_and_their_agreement_too() -> None:
     assert 1 <= found.agreed <= len(found.starts) <= 8
     for count in (1, 8, 11):
         assert len(plan(ARM, TARGET, PAPER, 20.0, starts=count).starts) == count
-
-
-def test_a_point_beyond_the_arm_gives_the_straight_way_towards_it() -> None:
-    found = plan(ARM, TipPosition((0.5, 0.0, 0.0)), PAPER, 20.0)
-    assert not found.certificate.passed
-    assert found.mode == "nearest"
-    assert found.outcome.startswith("Not reached")
-    assert "50 mm" in found.outcome
-    assert found.tensions.max() < 1e-3
 
 
 def test_a_tension_limit_that_holds_is_named() -> None:
@@ -118,19 +100,6 @@ def test_too_much_bend_keeps_the_plane_and_bends_as_far_as_it_goes() -> None:
     assert not found.reached
     assert found.certificate.equality["bending plane"] < 1e-6
     assert found.tensions[2].tolist() == pytest.approx([0, 5, 0, 0])
-
-
-def test_a_pose_that_cannot_be_had_is_no_exception() -> None:
-    found = plan(ARM, TipPose((0.46, 0.0, 0.0), -np.eye(3)[:, [0, 2, 1]]), PAPER, 5.0)
-    assert not found.certificate.passed
-    assert found.outcome
-
-
-@pytest.mark.slow
-def test_bends_that_cannot_be_had_are_said_to_lack() -> None:
-    found = plan(ARM, Fetch.reach((0.1, 0.1, 0.0), np.radians(60)), PAPER, 0.05)
-    assert not found.certificate.passed
-    assert "least bend" in found.outcome
 
 
 def test_a_bare_arm_bends_where_an_arm_with_extension_would_be_crushed() -> None:

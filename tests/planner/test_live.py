@@ -201,23 +201,6 @@ def test_tendons_are_told_with_tension_and_stroke() -> None:
     assert f"{1e3 * hand.shape.tip[1]:.1f}" in places(hand)  # type: ignore[union-attr]
 
 
-@pytest.mark.parametrize(
-    "target",
-    [
-        TipPosition((0.2, 0.1, -0.1)),
-        TipPose((0.2, 0.1, -0.1), ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))),
-        BendingPlane(np.radians(135), np.radians(80), 1),
-        BendingPlane(np.radians(-20), np.radians(170), 2),
-    ],
-)
-def test_a_handle_begins_where_its_target_is(target: Any) -> None:
-    handle = handle_of(ARM, (target,))
-    found = handle.target(handle.start)
-    assert type(found) is type(target)
-    assert found.parameters(ARM) == pytest.approx(target.parameters(ARM), abs=1e-12)
-    assert found.structure(ARM) == target.structure(ARM)
-
-
 def test_the_surface_is_closed_and_a_radius_off_the_midline() -> None:
     shape = settle(ARM, T, PAPER)
     seen = picture(shape, np.full(12, 20.0))

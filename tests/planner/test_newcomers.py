@@ -122,6 +122,15 @@ FILES: dict[str, tuple[str, str]] = {
         "targets[1]: got 'another tip position', allowed is one target for it, not two: "
         "targets[0] prescribes it",
     ),
+    **{
+        f"an angle of {angle}": (
+            ARM
+            + f"[target]\ntype = 'bending-plane'\nangle_deg = {angle}\nbend_deg = 30\n"
+            + LIMITS,
+            "angle",
+        )
+        for angle in ("inf", "-inf", "nan", "1e308")
+    },
     "a section that is not there": (
         ARM + "[target]\ntype = 'bending-plane'\nangle_deg = 1\nbend_deg = 2\nsection = 4",
         "got 4, allowed is a whole number from 1 to 3",
@@ -132,6 +141,10 @@ FILES: dict[str, tuple[str, str]] = {
         "normal: got [0.6, 0.8, 0.0], allowed is a vector at right angles to [1.0, 0.0, 0.0]",
     ),
     "an accuracy of 1": ("accuracy = 1\n" + ARM, "accuracy: got 1, allowed is a number up to 0.1"),
+    "a time limit below 0": (
+        "time_limit_s = -3\n" + ARM,
+        "time_limit_s: got -3, allowed is a number above 0",
+    ),
     "limits crossed": (ARM + TARGET + LIMITS + "tension_min = 30", "T_11"),
     "an effect by another name": (ARM + "[effects]\ngravity = true", "shear, tip_load, weight"),
     "a switch in place of a table": (
@@ -289,6 +302,10 @@ LINES: dict[str, tuple[list[str], str]] = {
     "a schema misspelt": (["schema", "scen"], 'Did you mean "scene"?'),
     "jobs in words": (["sweep", "mine.toml", "--jobs", "two"], 'unable to convert "two" into int'),
     "no folder": (["plan", "mine.toml", "--out"], "--out requires an argument"),
+    "a figure without a folder": (
+        ["settle", "mine.toml", "--figure", "pdf"],
+        "--figure pdf with --out DIR",
+    ),
     "a figure of svg": (
         ["settle", "mine.toml", "--figure", "svg"],
         '"svg" for --figure. Choose from: "png", "pdf"',

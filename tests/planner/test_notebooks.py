@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,10 +12,11 @@ from matplotlib.figure import Figure
 from model import Arm, Scene, settle
 from model.effects import Extension
 from planner import Measured, Unknown, calibrate, plan, stiffness, trajectory
-from planner.targets import BendingPlane, TipPosition
+from planner.targets import TipPosition
 
 ARM = Arm.from_paper("table-4")
 SCENE = Scene(Extension())
+PLAN = plan(ARM, TipPosition((0.3, 0.1, -0.1)), SCENE, 20.0)
 T = np.array([[0, 0, 0.5, 0], [1.0, 0, 0, 0], [0, 2.0, 0, 0]])
 
 
@@ -24,7 +26,7 @@ def figure_in(html: str) -> bytes:
 
 
 def test_a_plan_fits_a_screen_and_prints_its_certificate() -> None:
-    found = plan(ARM, BendingPlane(2.0, 1.0), SCENE, 20.0)
+    found = PLAN
     lines = repr(found).splitlines()
     assert lines[0] == found.outcome
     assert len(lines) <= 28
@@ -56,24 +58,19 @@ def test_shapes_and_arms_bring_their_figure() -> None:
 
 
 def test_every_line_of_a_certificate_has_a_unit() -> None:
-    found = plan(ARM, TipPosition((0.3, 0.1, -0.1)), SCENE, 20.0)
-    rows = str(found.certificate).splitlines()[1:]
+    rows = str(PLAN.certificate).splitlines()[1:]
     assert rows
     assert all("[" in row and "]" in row for row in rows)
     assert rows[0].split()[:3] == ["tip", "position", "[L]"]
 
 
 def test_a_plan_that_does_not_settle_is_still_shown() -> None:
-    from dataclasses import replace
-
-    found = plan(ARM, BendingPlane(2.0, 1.0), SCENE, 20.0)
-    crushed = replace(found, tensions=np.full((3, 4), 1e4))
+    crushed = replace(PLAN, tensions=np.full((3, 4), 1e4))
     assert "Not certified" in repr(crushed)
 
 
 def test_scenes_certificates_and_fits_are_tables() -> None:
-    found = plan(ARM, TipPosition((0.3, 0.1, -0.1)), SCENE, 20.0)
-    shown = found.certificate._repr_html_()
+    shown = PLAN.certificate._repr_html_()
     assert "<b>PASSED</b>" in shown and ">tip position [L]</td>" in shown
     assert ">Extension</td>" in SCENE._repr_html_()
     measured = [Measured(tensions=T, tip=settle(ARM, T, SCENE).tip)]

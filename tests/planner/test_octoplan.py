@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -70,14 +72,6 @@ def test_stiffness_is_that_of_a_script(
     assert shown["hold"] == "length"
     assert shown["slack"] == ["T_13"]
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"stiffness.json", "stiffness.png"}
-
-
-def test_stiffness_is_shown_to_people(calm: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["stiffness", calm]) == 0
-    shown = capsys.readouterr().out
-    assert "compliance of s = 135 mm, lengths locked" in shown
-    assert "softest" in shown
-    assert "left slack (release=False locks them): T_13" in shown
 
 
 def test_a_new_scene_is_planned_at_once_and_never_written_over(
@@ -201,3 +195,117 @@ def test_settle_writes_a_table_of_the_shape(tmp_path: Path, calm: str) -> None:
     q = read(CALM.encode())
     tip = settle(q.arm, q.tensions, q.scene, 1e-4).tip
     assert np.array_equal([table["x_m"][-1], table["y_m"][-1], table["z_m"][-1]], tip)
+
+
+SCENE = """
+tensions = [[0.3, 0.2, 0.0, 0.1]]
+accuracy = 1e-4
+[arm]
+preset = "section-5.2"
+[effects]
+extension = true
+"""
+REACH = """
+[target]
+type = "tip-position"
+position_mm = [300, 0, 900]
+[limits]
+tension_max = 2.0
+"""
+
+
+def written(folder: Path, text: str, name: str = "scene.toml") -> str:
+    (folder / name).write_text(text)
+    return str(folder / name)
+
+
+def said(capsys: pytest.CaptureFixture[str], argv: list[str], code: int = 2) -> str:
+    assert main(argv) == code
+    return capsys.readouterr().err.strip()
+
+
+def test_a_compiler_that_is_not_there_is_bad_input(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC", "nowhere")
+    scene = "compile = true\narm = { preset = 'table-4' }\ntensions = [0,0,0,0,0,0,0,0,0,0,0,1]"
+    for command in (
+        ["settle", written(tmp_path, scene)],
+        ["plan", BENDING, "--compile"],
+    ):
+        assert main(command) == 2
+        assert "C compiler" in capsys.readouterr().err
+
+
+def test_a_full_disk_is_told_and_leaves_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, out = written(tmp_path, SCENE), tmp_path / "out"
+
+    def full(self: Path, data: bytes) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    message = said(capsys, ["settle", scene, "--out", str(out)])
+    assert (
+        message == f"octoplan: {out}: no file was written in this folder: no space left on device"
+    )
+    assert not out.exists()
+
+
+def test_two_exports_do_not_share_a_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = SCENE.replace("accuracy = 1e-4", "accuracy = 1e-3")
+    one, other = written(tmp_path, text, "one.toml"), written(tmp_path, text, "other.toml")
+    to = tmp_path / "c"
+    assert main(["export", one, "--to", str(to)]) == 0
+    before = {path.name: path.read_bytes() for path in to.iterdir()}
+    assert main(["export", one, "--to", str(to)]) == 0
+    message = said(capsys, ["export", other, "--to", str(to)])
+    assert f"{to}: another export is there" in message
+    assert str(to / "other") in message
+    assert {path.name: path.read_bytes() for path in to.iterdir()} == before
+
+
+# What is in the file, the command, and what is said of it with exit code 1.
+UNSOLVED: dict[str, tuple[str, list[str], str]] = {
+    "tensions that crush the arm": (
+        SCENE.replace("[[0.3, 0.2, 0.0, 0.1]]", str([9] * 4)),
+        ["settle"],
+        "crushed",
+    ),
+    "effects of what does not settle": (
+        SCENE.replace("[[0.3, 0.2, 0.0, 0.1]]", "[0, 0, 0, 0]").replace(
+            "extension = true", "weight = { g = [-9.81, 0, 0] }"
+        ),
+        ["effects", "--out", "out"],
+        "it buckles",
+    ),
+    "a target out of reach": (
+        SCENE + REACH.replace("2.0", "1e3"),
+        ["plan", "--accuracy", "1e-3"],
+        "Not reached: the nearest attainable shape is off in tip position by",
+    ),
+    "a limit of time in the file": (
+        "time_limit_s = 1e-9\n" + SCENE + REACH,
+        ["plan"],
+        "Stopped at the time limit",
+    ),
+}
+
+
+@pytest.mark.parametrize(("text", "argv", "told"), UNSOLVED.values(), ids=UNSOLVED)
+def test_what_is_not_solved_is_told_with_1(
+    text: str,
+    argv: list[str],
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main([argv[0], written(tmp_path, text), *argv[1:]]) == 1
+    shown = capsys.readouterr()
+    assert told in shown.out + shown.err
+    assert not Path("out").exists()

@@ -21,14 +21,15 @@ from planner import Plan, plan, plan_many
 from planner.certificate import COMPLEMENTARY
 from planner.plots.arm import draw_arm
 from planner.plots.motion import plot_motion, save_motion
-from planner.plots.plan import broken_strains, plot_plan, plot_shape, plot_strains, save
+from planner.plots.plan import plot_plan, plot_shape, plot_strains, save
 from planner.program.limits import Limits
-from planner.targets import Backbone, BendingPlane, Fetch, Target, TipPose, TipPosition
+from planner.targets import Backbone, BendingPlane, Fetch, Target, TipPointing, TipPose, TipPosition
 from tests.planner.cases import PAPER, barrel_arm, figure_15
 
 MARKED = {
     "position": "tip wanted",
     "pose": "tip wanted",
+    "pointing": "direction wanted",
     "backbone": "points to follow",
     "plane": "bending plane",
     "bends": "tangents wanted",
@@ -46,6 +47,7 @@ def target(kind: str, arm: Arm) -> Target:
     return {
         "position": TipPosition(tip),
         "pose": TipPose(tip, tuple(map(tuple, shape.tip_frame.tolist()))),
+        "pointing": TipPointing(tip, tuple(shape.tip_frame[:, 0].tolist())),
         "backbone": Backbone(tuple(map(tuple, points))),
         "plane": BendingPlane(np.radians(135), np.radians(40)),
         "bends": Fetch((0.6, quarter), (0.5, -quarter), (0.6, 0.0)),
@@ -90,6 +92,7 @@ def legend(ax: Any) -> set[str]:
 @pytest.mark.quick(
     "position-table-2",
     "backbone-table-2",
+    "pointing-table-2",
     "plane-table-2",
     "reach in a plane-table-2",
 )
@@ -232,33 +235,6 @@ def test_an_arm_that_leans_is_not_drawn_as_passing_through(scene: Scene) -> None
     assert legend(ax) == {"leans on it"}
 
 
-def test_a_kind_of_target_that_is_unknown_leaves_the_arm_drawn(shape: Shape) -> None:
-    ax = three_d()
-    assert np.all(np.isfinite(draw_arm(shape, ax, (object(),))))
-    assert not legend(ax) - {"passes through the far side of its base plane"}
-    assert ax.has_data()
-
-
-def test_a_second_arm_in_the_same_axes_leaves_the_first_in_sight(shape: Shape) -> None:
-    ax = three_d()
-    straight = settle(shape.arm, np.zeros(12), PAPER)
-    plot_shape(straight, ax)
-    plot_shape(shape, ax)
-    assert ax.get_xlim()[1] > 1e3 * straight.tip[0]
-    assert ax.get_ylim()[0] < 1e3 * shape.position(shape.s)[:, 1].min()
-
-
-def test_curves_break_at_anchorages_with_both_sides_exact(shape: Shape) -> None:
-    s, strain = broken_strains(shape)
-    gaps = np.flatnonzero(np.isnan(strain[:, 0]))
-    assert s[gaps].tolist() == [section.at for section in shape.arm.sections[:0:-1]]
-    for gap in gaps:
-        assert np.allclose(strain[gap - 1], shape.strain(s[gap]))
-        assert np.allclose(strain[gap + 1], shape.strain(s[gap] + 1e-6), rtol=1e-3)
-    jump = np.abs(strain[gaps[0] + 1] - strain[gaps[0] - 1])
-    assert jump[1] > 40
-
-
 def test_torsion_is_drawn_only_where_there_is_any(shape: Shape) -> None:
     ax = Figure().add_subplot()
     plot_strains(shape, ax)
@@ -293,21 +269,3 @@ def test_the_arm_moves_from_rest_to_the_last_plan(plans: list[Plan], tmp_path: P
             film.seek(i)
             frames.append(film.convert("RGB"))
     assert all(ImageChops.difference(a, frames[0]).getbbox() for a in frames[1:])
-
-
-def test_axes_given_hold_what_a_frame_shows_and_every_frame_in_one_box(plans: list[Plan]) -> None:
-    figure = Figure()
-    ax = figure.add_subplot(projection="3d")
-    motion = plot_motion(plans, ax, frames=2)
-    figure.draw_without_rendering()
-    motion._func(0)
-    box = ax.get_xlim(), ax.get_ylim(), ax.get_zlim()
-    assert ax.get_title() == "plan 1 of 2"
-    motion._func(4)
-    assert ax.get_title() == "plan 2 of 2"
-    assert (ax.get_xlim(), ax.get_ylim(), ax.get_zlim()) == box
-    tension = np.ravel(plans[1].tensions)
-    assert np.allclose(ax.collections[-1].get_array(), tension[tension > 0])
-    for p in plans:
-        x = 1e3 * p.shape.tip
-        assert all(low < value < high for value, (low, high) in zip(x, box, strict=True))

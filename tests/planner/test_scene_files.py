@@ -47,6 +47,7 @@ from planner.targets import (
     Softest,
     Stiffest,
     Target,
+    TipPointing,
     TipPose,
     TipPosition,
 )
@@ -65,6 +66,10 @@ TARGETS: dict[str, tuple[str, Target]] = {
     "pose": (
         "type = 'tip-pose'\nposition_mm = [0, 0, 1]\ntangent = [0, 1, 0]\nnormal = [1, 0, 0]",
         TipPose((0.0, 0.0, 1e-3), ((0, 1, 0), (1, 0, 0), (0, 0, -1))),
+    ),
+    "pointing": (
+        "type = 'tip-pointing'\nposition_mm = [1, 2, 4]\ndirection = [3, 0, -4]\nweights = [2, 1]",
+        TipPointing((1e-3, 2e-3, 4e-3), (0.6, 0, -0.8), (2.0, 1.0)),
     ),
     "backbone": (
         "type = 'backbone'\npoints_mm = [[100, 0, 0], [200, 0, 8]]\ns_mm = [125, 250]\n"
@@ -124,6 +129,11 @@ EFFECTS: dict[str, tuple[str, tuple[Effect, ...]]] = {
         (Extension(), ExactTendons(), NeoHookean(True)),
     ),
     "as printed": ("as_printed = true", (Extension(), PrintedStatics())),
+    "silicone": ("silicone = true\nweight = {}", Scene.silicone(Weight()).effects),
+    "silicone, anticlastic": (
+        "silicone = true\nanticlastic = true",
+        Scene.silicone(NeoHookean(anticlastic=True)).effects,
+    ),
     "shear": ("shear = {}", (Shear(),)),
     "shear, corrected": ("shear = { k_s = 0.9 }", (Shear(0.9),)),
     "weight": ("weight = {}", (Weight(),)),
@@ -168,13 +178,6 @@ EFFECTS: dict[str, tuple[str, tuple[Effect, ...]]] = {
 @pytest.mark.parametrize(("table", "effects"), EFFECTS.values(), ids=EFFECTS)
 def test_a_table_of_a_scene_file_is_an_effect(table: str, effects: tuple[Effect, ...]) -> None:
     assert read((TABLE_2 + "[effects]\n" + table).encode()).scene == Scene(*effects)
-
-
-def test_tables_of_all_effects_together_are_a_scene() -> None:
-    loads = ("shear", "buoyancy in brine", "tip load", "current", "friction", "rubber")
-    text = "\n".join(EFFECTS[name][0] for name in (*loads, "point loads"))
-    wanted = [effect for name in (*loads, "point loads") for effect in EFFECTS[name][1]]
-    assert read((TABLE_2 + "[effects]\n" + text).encode()).scene == Scene(*wanted)
 
 
 def test_targets_combine() -> None:

@@ -6,12 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.linalg import eigvals
 
 from model import Arm, Scene, settle
 from model.effects import Extension, TipLoad, Weight
-from model.equilibrium.forward import Collocation
-from model.equilibrium.stability import least_modes, rest_stiffness, stability
 from planner import Limits, Plan, Problem, Statement, load_plan, plan
 from planner.targets import TipPosition
 from tests.differences import check_derivatives, whole
@@ -45,23 +42,6 @@ def test_a_margin_is_held_and_costs_effort() -> None:
     assert held.effort > free.effort
     assert "stability, at its margin" in "; ".join(held.holding())
     assert held.shape.stability >= stability + 0.1 - 1e-3
-
-
-def test_unknowns_are_carried_to_another_mesh_as_they_are() -> None:
-    """Their states are an equilibrium under their tensions, whatever these are."""
-    limits, accuracies = Limits.of(ARM, 20.0), []
-    coarse = Problem(ARM, AIR, (TARGET,), limits, Statement(refinement=2))
-    fine = coarse.but(Statement(refinement=4))
-    held = coarse.but(Statement(refinement=2, modes=1))
-    x = coarse.settled(T)
-    moded = held.carried(x, coarse)
-    np.testing.assert_array_equal(held.states_of(moded), coarse.states_of(x))
-    y = fine.carried(x, coarse)
-    for problem, unknowns in ((coarse, x), (fine, y)):
-        balance = problem.constraints(unknowns, problem.parameters())[problem.n_outer :]
-        accuracies.append(float(np.abs(balance).max()))
-    assert accuracies[0] < 1e-8
-    assert accuracies[1] < 1e-2
 
 
 def test_a_target_is_not_missed_for_a_margin_that_is_not_asked_for() -> None:
@@ -143,20 +123,3 @@ def test_optima_that_stand_where_the_arm_does_not_come_to_from_rest_are_left(
     shape = settle(ARM, found.tensions, scene)
     assert shape.tip == pytest.approx(tip, abs=1e-6)
     assert shape.stability > 0
-
-
-def test_modes_are_those_of_the_equations_jacobian() -> None:
-    here = Collocation(ARM, AIR, 3, 1).solve(T)
-    n = here.system.of.n_states
-    J = np.array([here.times(column) for column in np.eye(n)]).T
-    B = np.zeros((n, n))
-    places = here.system.of.stages.ravel()
-    B[places, places] = rest_stiffness(here.system)[1]
-    found = eigvals(J, B)
-    finite = np.sort(found[np.isfinite(found) & (np.abs(found) < 1e6)].real)
-    values, y = least_modes(here, 2)
-    assert values == pytest.approx(finite[:2], rel=1e-8)
-    assert stability(here) == pytest.approx(finite[0], rel=1e-8)
-    for value, mode in zip(values, y.T, strict=True):
-        gap = J @ mode - value * (B @ mode)
-        assert np.abs(gap).max() <= 1e-9 * np.abs(B @ mode).max()
