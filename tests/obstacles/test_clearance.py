@@ -105,8 +105,8 @@ def test_a_straight_arm_is_as_far_from_a_ball_as_geometry_says() -> None:
     # Of the cone u = (s, 0, 0), r = 15 mm - taper s, from a ball above s = 0.2 m.
     at = 0.2 - height * taper / np.sqrt(1 - taper**2)
     true = np.hypot(at - 0.2, height) - (15e-3 - taper * at) - 0.03
-    for gap in (clearance(shape, Sphere((0.2, 0.0, height), 0.03)).gap,):
-        assert true - 1e-2 * true - 1e-5 <= gap <= true + 1e-9
+    gap = clearance(shape, Sphere((0.2, 0.0, height), 0.03)).gap
+    assert true - 1e-2 * true - 1e-5 <= gap <= true + 1e-9
 
 
 def _coil(turns: float, radius: float) -> Centreline:

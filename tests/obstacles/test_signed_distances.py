@@ -83,14 +83,6 @@ def test_derivatives_are_those_of_differences(name: str) -> None:
     np.testing.assert_allclose(np.linalg.norm(obstacle.gradient(points), axis=1), 1, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ROUND)
-def test_distances_are_convex_and_change_no_faster_than_places(name: str) -> None:
-    a, b = _points(300, 3), _points(300, 4)
-    ends, middle = [ROUND[name].distance(x) for x in (a, b)], ROUND[name].distance((a + b) / 2)
-    assert (middle <= (ends[0] + ends[1]) / 2 + 1e-12).all()
-    assert (np.abs(ends[0] - ends[1]) <= np.linalg.norm(a - b, axis=1) + 1e-12).all()
-
-
 def test_numbers_are_finite_where_there_is_no_derivative() -> None:
     at = {"sphere": (0.1, -0.02, 0.05), "capsule": (0.15, 0.015, -0.05), "box": (0.1, 0.05, -0.02)}
     for name, center in at.items():

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from model import Arm, InputError, Scene
+from model import Arm, Scene
 from model.centreline import Centreline
 from model.clearance.bisection import Around, closest
-from model.clearance.intervals import Bounded, Interval
 from model.clearance.lines import Lines
 from model.clearance.nearest import BASE, ITSELF, around
 from model.clearance.way import Moving
@@ -163,21 +161,6 @@ def test_strains_keep_to_the_bounds_that_are_proven_of_them() -> None:
                     assert (apart <= off + 1e-9 * np.abs(own).max()).all()
 
 
-def test_bounds_of_a_function_hold_in_all_of_a_box() -> None:
-    rng, x = np.random.default_rng(0), ca.SX.sym("x", 3)
-    f = x[0] / (2 + x[1] ** 2) - ca.sqrt(3 + x[1] * x[2]) + 2 * x[2] / x[1]
-    function = ca.Function("f", [x], [f])
-    low = rng.uniform(0.2, 1.0, (50, 3))
-    high = low + rng.uniform(0.0, 0.5, (50, 3))
-    found = Bounded(function)(Interval(low, high))
-    for share in rng.uniform(size=(200, 50, 3)):
-        values = np.array(function((low + share * (high - low)).T)).ravel()
-        assert (found.low[:, 0] <= values).all()
-        assert (values <= found.high[:, 0]).all()
-    everywhere = Bounded(function)(Interval(low - 2, high))
-    assert np.isinf(everywhere.high).all()
-
-
 def test_an_arm_that_jumps_on_its_way_is_not_verified() -> None:
     T = np.zeros((2, 12))
     T[1, 4] = 4.0
@@ -199,11 +182,6 @@ def test_an_arm_that_jumps_on_its_way_is_not_verified() -> None:
         near = _still(Capsule((0.3, 0.1, 0.0), (0.3, 0.2, 0.0), 0.05))
         assert closest(Failing(lines, smooth._tensions), 1, near).bound[0] == -np.inf
         assert closest(smooth, 1, far).bound[0] > 3.0
-
-
-def test_motions_as_printed_are_refused_and_not_cleared_for_another_shape() -> None:
-    with pytest.raises(InputError, match="motions as printed are not cleared"):
-        Lines(ARM, Scene.as_printed(), 2, (), False)
 
 
 def test_a_way_of_which_nothing_can_be_proven_is_told_as_not_verified() -> None:

@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, settle
+from model import Arm, Scene, settle
 from model.effects import Extension
 from planner import trajectory
 from planner.targets import TipPosition
 from planner.trajectory.question import Rates
-from planner.trajectory.time_law import Stretch, TimeLaw, fastest
+from planner.trajectory.time_law import Stretch, fastest
 from tests.oracles import Array
 
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())
@@ -80,14 +80,6 @@ def test_accelerations_alone_limit_a_motion() -> None:
     assert 2 * np.sqrt(moved / 0.2) <= tr.duration <= 1.1 * 2 * np.sqrt(moved / 0.2)
 
 
-def test_times_that_accelerations_do_not_allow_are_refused_with_what_would_do() -> None:
-    with pytest.raises(InputError, match=r"times\[0\].*s after the target before"):
-        trajectory(ARM, TARGETS[:1], SCENE, 20.0, stroke_acceleration_max=0.2, times=[0.1])
-    for wrong in (0.0, -1.0, np.nan):
-        with pytest.raises(InputError, match="stroke_acceleration_max"):
-            trajectory(ARM, TARGETS[:1], SCENE, 20.0, stroke_acceleration_max=wrong)
-
-
 def test_the_tip_alone_takes_the_time_of_bang_bang_along_a_line() -> None:
     """From rest to rest over D: 2 sqrt(D / a), in whatever direction."""
     way = np.array([0.2, -0.1, 0.2])
@@ -130,41 +122,8 @@ def test_a_quasi_static_motion_accelerates_its_tip_by_a_tenth_of_gravity(scene: 
     assert tr.duration >= (2 * np.sqrt(steps / 0.981)).sum()
 
 
-def test_an_acceleration_of_the_tip_beside_given_times_is_certified_or_refused() -> None:
+def test_an_acceleration_of_the_tip_beside_given_times_is_certified() -> None:
     given = {"tip_acceleration_max": 2.0}
     tr = trajectory(ARM, TARGETS, SCENE, 20.0, times=[3.0, 6.0], **given)
     assert tr.certificate.passed, tr.outcome
     assert tr.inertia == pytest.approx(2.0 / 9.81 * tr.certificate.tip_acceleration, rel=1e-9)
-    with pytest.raises(InputError, match=r"times\[0\].*s after the target before"):
-        trajectory(ARM, TARGETS, SCENE, 20.0, times=[0.1, 6.0], **given)
-
-
-@pytest.mark.parametrize(
-    ("given", "field"),
-    [
-        ({"tip_acceleration_max": 0.0}, "tip_acceleration_max"),
-        ({"tip_acceleration_max": np.nan}, "tip_acceleration_max"),
-        ({"quasi_static": 1}, "quasi_static"),
-        ({"quasi_static": True, "tip_acceleration_max": 1.0}, "tip_acceleration_max"),
-    ],
-)
-def test_accelerations_of_the_tip_that_are_none_are_refused(
-    given: dict[str, object], field: str
-) -> None:
-    with pytest.raises(InputError, match=field):
-        trajectory(ARM, TARGETS, SCENE, 20.0, **given)  # type: ignore[arg-type]
-
-
-def test_four_times_an_acceleration_takes_twice_the_time_and_four_times_a_rate_four_times() -> None:
-    """Half of the way at a share of 1 /s2, half back to rest, of strokes of 3 m by the share."""
-    stretch = Stretch(np.array([[1.5, 0.0, 0.0, 0.0], [1.5, 0.0, 0.0, 0.0]]))
-    law, way = TimeLaw(np.array([0.0, 1, 2]), np.array([0, 0.5, 1]), np.array([0.0, 1, 0])), [0.0]
-    rate, acceleration, _ = law.largest(stretch)
-    assert (rate, acceleration) == pytest.approx((3.0, 3.0))
-    for rates, times in (
-        (Rates((np.inf,), acceleration=0.75), 2.0),
-        (Rates((np.inf,), stroke=0.75), 4.0),
-    ):
-        assert law.used(stretch, np.array(way), rates) == pytest.approx(times)
-        slower = law.slower(times).largest(stretch)
-        assert slower == pytest.approx((rate / times, acceleration / times**2, 0.0))

@@ -107,17 +107,3 @@ path_s_mm = [[0, 0, 0, 0], [2, 0, 50, 0]]
     assert found.at(1.0).distance((0.25, 0.025, 0.1)) == pytest.approx(-0.02)
     with pytest.raises(InputError, match=r"obstacles\[0\].*trajectory"):
         plan(ARM, TARGETS[0], SCENE, 20.0, obstacles=[found])
-
-
-@pytest.mark.parametrize(
-    ("given", "told"),
-    [
-        (((0.0, 0.0), ((0, 0, 0), (1, 0, 0))), "times"),
-        (((0.0,), ((0, 0, 0),)), "times"),
-        (((0.0, 1.0), ((0, 0, 0),)), "path"),
-        (((0.0, 1.0), ((0, 0, 0), (np.nan, 0, 0))), "path"),
-    ],
-)
-def test_paths_of_obstacles_that_are_none_are_refused(given: tuple[object, ...], told: str) -> None:
-    with pytest.raises(InputError, match=told):
-        Moving(Sphere((0, 0, 1), 0.1), *given)  # type: ignore[arg-type]
