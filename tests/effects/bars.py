@@ -111,6 +111,23 @@ def elastica(
     return at
 
 
+def euler(bar: Bar) -> float:
+    """The least load along a cantilever at which EJ w'' + F w = 0 has a solution [N]."""
+
+    def clamp(load: float) -> float:
+        def rate(s: float, y: Array) -> Array:
+            return np.array([y[1], -load * y[0] / bar.EJ(s)])
+
+        run = solve_ivp(rate, (bar.length, 0), [0.0, -1.0], "DOP853", rtol=1e-11, atol=1e-14)
+        return float(run.y[1, -1])
+
+    unit = bar.EJ(0.0) / bar.length**2
+    low, high = 0.05 * unit, 3 * unit
+    loads = np.linspace(low, high, 60)
+    first = next(b for b in loads if clamp(b) > 0)
+    return float(brentq(clamp, low, first, xtol=1e-14))
+
+
 def dead_elastica(alpha: float, s: Array, length: float) -> Array:
     """(x, y) of a bar under a dead force alpha EJ / L2 across it; Bisshopp and Drucker 1945."""
 

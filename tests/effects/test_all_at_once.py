@@ -130,7 +130,7 @@ NOTHING: dict[str, tuple[Effect, ...]] = {
 }
 
 
-@pytest.mark.quick("paper-tip load", "paper-current", "paper-weight", "paper-all")
+@pytest.mark.quick("paper-tip load", "paper-current", "paper-weight", "paper-friction", "paper-all")
 @pytest.mark.parametrize("name", NOTHING)
 @pytest.mark.parametrize(
     "kinds",

@@ -5,22 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model import Arm, OctoplanError, Scene, SnapError, settle
+from model import Arm, OctoplanError, Scene, settle
 from model.effects import (
     Buoyancy,
     Current,
     Effect,
     ExactTendons,
     Extension,
-    Friction,
     NeoHookean,
     PointLoad,
     Shear,
     TipLoad,
     Weight,
 )
-from model.mesh import graded
-from planner.effect_ablation import ProblemSize, Switch, problem_size, switch_effects, switch_on
+from planner.effect_ablation import Switch, switch_effects, switch_on
 from tests.effects.cases import EXACT, SILICONE
 
 ARM = Arm.from_paper("table-4")
@@ -163,81 +161,7 @@ def test_a_load_that_is_too_much_is_a_row_with_its_reason(load: TipLoad, told: s
     assert row.states_added == 7
 
 
-@pytest.mark.slow
-def test_a_scene_that_does_not_settle_itself_is_an_error() -> None:
-    with pytest.raises(SnapError):
-        switch_effects(ARM, NO_PULL, Scene(Extension(), UPRIGHT), repeats=1)
-
-
-def test_no_gravity_is_told_as_states_wasted() -> None:
-    switch = switched(Scene(Extension(), Weight((0.0, 0.0, 0.0))))["Weight"]
-    assert switch.enabled
-    assert not switch.matters
-    assert switch.tip_change < 1e-6
-    assert switch.states_added == 7
-    assert switch.sizes.unknowns > switch.sizes_without.unknowns == 0
-
-
 def test_several_effects_switched_on_together_are_named_by_the_first() -> None:
     row = switch_on(ARM, BENT, PAPER, (Weight(), Buoyancy()), 1e-4, repeats=1)
     assert row.effect == "Weight and Buoyancy"
     assert row.tip_change == pytest.approx(tip_change(PAPER, IN_WATER, 1e-4), rel=1e-12)
-
-
-POSE, MOMENT = 7, 3
-
-# From the barest to the richest, each with what the one before has: how many times as many
-# instructions its function may have at most. Steps of an iteration make the third one long.
-# Small, so that they call for no elements but those of the arm's taper, anchorages and points.
-G, F = (0.0, 0.0, -0.05), (0.0, 0.0, -1e-6)
-LOADS: dict[str, tuple[Effect, ...]] = {
-    "weight": (Weight(G),),
-    "weight in water": (Weight(G), Buoyancy()),
-    "tip load": (TipLoad(F),),
-    "follower": (TipLoad(F, follower=True),),
-    "point load": (PointLoad(0.225, F),),
-    "current": (Current((0.0, 0.0, -0.01)),),
-    "friction": (Friction(0.1),),
-    "shear": (Shear(),),
-    "all": (
-        Shear(),
-        Weight(G),
-        Buoyancy(),
-        TipLoad(F, follower=True),
-        PointLoad(0.225, F),
-        Current((0.0, 0.0, -0.001)),
-        Friction(0.1),
-    ),
-}
-# What an effect adds to the nodes besides pose and moment, and to the strains of a cross-section.
-FORCE = {"follower": 3, "current": 3, "all": 3}
-ANGLES = {"friction": ARM.n_tendons, "all": ARM.n_tendons}
-SHEARS = {"shear": 2, "all": 2}
-POINTS = {"point load": (0.225,), "all": (0.225,)}
-STRAINS = {"bending alone": 3, "paper": 4, "exact": 4, "silicone": 4}
-GROUNDS = {"bending alone": Scene(), "paper": PAPER, "exact": EXACT, "silicone": SILICONE}
-STAGES = 3
-
-
-def over(ground: Scene, *loads: Effect) -> Scene:
-    return Scene(*ground.effects, *loads)
-
-
-def check_total(found: ProblemSize, node: int, stage: int, elements: int) -> None:
-    """Hold unknowns and constraints to those of nodes, and of stages of the elements between."""
-    assert found.unknowns == elements * (node + STAGES * stage) + node
-    assert found.constraints == found.unknowns
-
-
-@pytest.mark.parametrize("name", LOADS)
-@pytest.mark.parametrize("ground", GROUNDS)
-def test_a_load_adds_the_states_that_it_says_and_as_many_constraints_as_unknowns(
-    ground: str, name: str
-) -> None:
-    found = problem_size(ARM, over(GROUNDS[ground], *LOADS[name]))
-    node = POSE + MOMENT + FORCE.get(name, 0) + ANGLES.get(name, 0)
-    strains = STRAINS[ground] + SHEARS.get(name, 0)
-    assert found.states == node + strains
-    # With friction the strains' rates are unknown too.
-    stage = strains * (2 if name in ANGLES else 1)
-    check_total(found, node, stage, graded(ARM, 1, POINTS.get(name, ())).steps)

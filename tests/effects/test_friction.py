@@ -11,7 +11,7 @@ from numpy.polynomial import Chebyshev
 from scipy.integrate import solve_ivp
 
 from model import Anchorage, Arm, Linear, Scene, Shape, settle
-from model.effects import ExactTendons, Extension, Friction, NeoHookean, TipLoad, Weight
+from model.effects import ExactTendons, Extension, Friction, TipLoad, Weight
 from tests.effects.cases import Array
 
 E, L = 110e3, 0.3
@@ -234,42 +234,6 @@ def test_pulling_in_and_paying_out_make_a_loop_that_opens_with_roughness() -> No
         areas.append(np.trapezoid(back - out, pulls))
     assert np.all(np.diff(areas) > 0)
     assert areas[2] / areas[1] == pytest.approx(3, rel=0.1)
-
-
-FEW = Arm.from_paper("table-2")
-
-
-def on_table_2(T: float) -> Array:
-    pulls = np.zeros((3, 4))
-    pulls[0, :2] = T, 0.7 * T
-    return pulls
-
-
-@pytest.mark.parametrize(
-    "others",
-    [
-        pytest.param((Extension(),), id="paper"),
-        pytest.param((), id="bending", marks=pytest.mark.slow),
-        pytest.param(
-            (Extension(), ExactTendons(), NeoHookean()), id="silicone", marks=pytest.mark.slow
-        ),
-    ],
-)
-def test_without_roughness_friction_is_not_there(others: tuple[Any, ...]) -> None:
-    arm = two_sections()
-    smooth = settle(arm, PULLS, Scene(*others), 1e-11)
-    rough = settle(arm, PULLS, Scene(*others, Friction(0.0)), 1e-11)
-    assert np.allclose(rough.tip, smooth.tip, rtol=0, atol=2e-11 * LENGTH)
-    assert np.allclose(rough.tip_frame, smooth.tip_frame, rtol=0, atol=1e-9)
-    assert np.allclose(rough.tension(0.1), np.ravel(PULLS), rtol=1e-12, atol=0)
-
-
-@pytest.mark.slow
-def test_without_roughness_no_pull_is_special() -> None:
-    for T in np.linspace(0, 0.8, 6):
-        smooth = settle(FEW, on_table_2(T), Scene(Extension()), 1e-8).tip
-        rough = settle(FEW, on_table_2(T), Scene(Extension(), Friction(0.0)), 1e-8).tip
-        assert np.allclose(rough, smooth, rtol=0, atol=2e-8 * FEW.length)
 
 
 @pytest.mark.slow

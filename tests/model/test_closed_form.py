@@ -37,12 +37,7 @@ def test_strains_balance_every_cross_section(seed: int) -> None:
     assert np.all(np.linalg.norm(found - wanted, axis=1)[bend == 0] == 0)
     assert np.all(np.linalg.norm((found - wanted)[:, :3], axis=1) <= 1e-9 * bend)
     assert np.all(np.abs((found - wanted)[:, 3]) <= 1e-9 * np.abs(wanted[:, 3]))
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_no_torsion_arises_without_loads(seed: int) -> None:
-    rod, _, _, shape = drawn(seed)
-    assert np.all(shape.strain(places(rod, 40))[:, 0] == 0)
+    assert np.all(found[:, 0] == 0), "no torsion without loads"
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -76,11 +71,3 @@ def test_other_schemes_read_the_same_between_their_nodes(seed: int, scheme: str)
     bend = np.linalg.norm(wanted.strain(s), axis=1)
     assert gap.max() <= 1e-7 * rod.length
     assert np.linalg.norm(shape.strain(s) - wanted.strain(s), axis=1).max() <= 1e-6 * bend.max()
-
-
-def test_random_arms_cover_what_an_arm_can_be() -> None:
-    rods = [random_rod(np.random.default_rng(seed)) for seed in SEEDS]
-    assert len({len(rod.sections) for rod in rods}) >= 5
-    assert {len(x.angles) for rod in rods for x in rod.sections} == {1, 2, 3, 4, 5}
-    assert 2 <= sum(rod.radius.x.size > 2 for rod in rods) <= 18
-    assert 2 <= sum(rod.sections[0].at < rod.length for rod in rods) <= 18

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from model import Arm, InputError, Scene, settle
-from model.effects import ExactTendons, Extension, Weight
+from model.effects import Extension, Weight
 from model.forward import check_scheme, equilibrium_on, forward_map, schemes_of
 from model.unloaded.marched import Marched
 from tests.effects.cases import RODS, fem_arm, fem_cases, name_of
@@ -117,32 +117,3 @@ def test_strain_error_falls_at_the_order_of_the_scheme(
 
 def test_every_scheme_of_a_scene_is_measured() -> None:
     assert {*schemes_of(Scene()), *schemes_of(Scene.as_printed())} == set(ORDERS)
-
-
-STATICS = {
-    "bare": Scene(),
-    "extension": Scene(Extension()),
-    "as_printed": Scene.as_printed(),
-    "exact": Scene(Extension(), ExactTendons()),
-    "silicone": Scene.silicone(),
-}
-BENDING = np.array([0, 0.1, 0.2, 0, 1, 0, 0, 0.5, 0, 0, 2, 1])
-ARM = Arm.from_paper("table-4")
-EACH_SCHEME = [
-    pytest.param(scene, scheme, id=f"{key}-{scheme}")
-    for key, scene in STATICS.items()
-    for scheme in schemes_of(scene)
-]
-
-
-def gap(frames: Array) -> float:
-    """Return how far frames (N, 3, 3) are from right-handed orthonormal ones."""
-    skew = np.abs(np.swapaxes(frames, 1, 2) @ frames - np.eye(3)).max()
-    return float(max(skew, np.abs(np.linalg.det(frames) - 1).max()))
-
-
-@pytest.mark.parametrize(("scene", "scheme"), EACH_SCHEME)
-def test_frames_are_orthonormal_at_coarse_accuracy(scene: Scene, scheme: str) -> None:
-    shape = settle(ARM, BENDING, scene, 1e-2, scheme)
-    assert gap(shape.tip_frame[None]) <= 1e-13
-    assert gap(shape.frame(np.linspace(0, ARM.length, 37))) <= 1e-13

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import casadi as ca
 import numpy as np
 import pytest
 
-from model import Arm, Linear, Material, Scene, settle
+from model import Arm, Scene, settle
 from model.effects import (
     Buoyancy,
     Current,
@@ -117,15 +115,3 @@ def test_what_verifies_an_equilibrium_corrects_a_coarse_one(name: str, arm: str)
     assert np.linalg.norm(coarse - wanted) > 5e-7 * given.length
     assert np.linalg.norm(fine - coarse) > 5e-7 * given.length
     assert np.linalg.norm(fine - wanted) < 1e-7 * given.length
-
-
-def test_another_body_in_other_loads_builds_nothing() -> None:
-    soft = replace(ARM, material=Material(5e4, 0.4, 1200.0), radius=Linear(0.0151, 0.0021))
-    for arm in (ARM, soft):
-        for weak in (1e-3, 2e-3):
-            scene = Scene(Extension(), Weight((weak, 0.0, 0.0)), TipLoad((0.0, weak / 1e3, 0.0)))
-            here = system(arm, scene, 3, 2)
-            first = system(ARM, Scene(Extension(), Weight((0.0, 0.0, 1e-3))), 3, 2)
-            assert here.of is first.of
-            assert here.of.equations is first.of.equations
-            assert not np.array_equal(here.p, first.p)

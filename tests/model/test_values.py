@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from model import Anchorage, Arm, Linear, Material, Sampled, Scene, settle, settle_many
 from model.effects import Extension
-from model.value import converter, value
+from model.value import value
 from tests.model.cases import paper_tensions
 from tests.refusals import check_refusal
 
@@ -130,15 +130,6 @@ def test_sections_may_have_different_numbers_of_tendons() -> None:
 ARMS = ("table-2", "table-4", "section-5.1", "section-5.2")
 
 
-@pytest.mark.parametrize("name", ARMS)
-def test_arms_of_the_paper_are_equal_by_value(name: str) -> None:
-    first, second = Arm.from_paper(name), Arm.from_paper(name)
-    assert first is not second
-    assert first == second
-    assert hash(first) == hash(second)
-    assert all(first != Arm.from_paper(other) for other in ARMS if other != name)
-
-
 @pytest.mark.parametrize("arm", [curved(), *map(Arm.from_paper, ARMS)], ids=["curved", *ARMS])
 def test_arms_pickle(arm: Arm) -> None:
     there = pickle.loads(pickle.dumps(arm))
@@ -208,10 +199,3 @@ def test_arguments_are_named_as_in_any_function() -> None:
         _Probe(*range(8))
     with pytest.raises(dataclasses.FrozenInstanceError):
         _Probe().number = 2.0  # type: ignore[misc]
-
-
-def test_an_annotation_that_says_too_little_is_an_error() -> None:
-    with pytest.raises(TypeError, match="does not say how"):
-        converter(list[float])
-    with pytest.raises(TypeError, match="cannot be told"):
-        converter(float | str)

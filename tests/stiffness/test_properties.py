@@ -92,15 +92,6 @@ def test_stretchy_tendons_hold_their_tensions_and_stiff_ones_their_lengths(scene
         assert gaps[1] == pytest.approx(gaps[0] / 100, rel=0.02, abs=1e-9)
 
 
-def test_tendons_without_tension_are_slack_unless_locked_and_that_is_told() -> None:
-    some, scene = T * (np.arange(12) % 3 > 0), STATICS["exact"]
-    found = stiffness(ARM, some, scene, "length")
-    assert found.locked == tuple(np.flatnonzero(some).tolist())
-    assert "left slack (release=False locks them): T_11, T_14, T_23, T_32" in repr(found)
-    locked = stiffness(ARM, some, scene, "length", release=False)
-    assert "locked, though they could only pull: T_11, T_14, T_23, T_32" in repr(locked)
-
-
 def test_nothing_is_locked_where_tensions_hold_or_all_are_slack() -> None:
     free = stiffness(ARM, T, STATICS["exact"])
     assert free.hold == "tension"
@@ -233,6 +224,9 @@ def test_slack_tendons_are_named_and_can_be_released() -> None:
     names = tuple(ARM.tendon_name(j) for j in range(0, 12, 3))
     assert held.slack == released.slack == names == ("T_11", "T_14", "T_23", "T_32")
     assert held.locked == tuple(range(12))
+    assert "left slack (release=False locks them): T_11, T_14, T_23, T_32" in repr(released)
+    assert "locked, though they could only pull: T_11, T_14, T_23, T_32" in repr(held)
+    assert stiffness(ARM, some, scene, "length").locked == released.locked
     assert released.locked == tuple(np.flatnonzero(some).tolist())
     assert not released.tension_response[::3].any()
     assert held.tension_response[::3].any()
