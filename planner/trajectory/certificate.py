@@ -17,7 +17,7 @@ from planner.certify import certify, tension_excess
 from planner.targets.base import Target
 from planner.trajectory.clear import between
 from planner.trajectory.question import Question
-from planner.trajectory.timed import Timed
+from planner.trajectory.time_law import Timed
 
 # Rounding, over a limit.
 _ROUNDING = 1e-9
@@ -52,7 +52,7 @@ class MotionCertificate:
         Largest rate of tension over its limit; exact, as tensions are linear in between.
     stroke_rate, stroke_acceleration, tip_acceleration : float
         Largest rate and acceleration of a stroke, and acceleration of the tip, over their limits,
-        of the settled arm at 200 instants or more from each waypoint to the next.
+        of the settled arm at 320 instants from each waypoint to the next.
     clearance : float
         What is kept of the clearance asked for, at waypoints and between them [m]; a lower bound,
         refined until it is 0 or more or close to the truth, below 0 where it is not kept, and

@@ -28,15 +28,13 @@ from planner.targets.base import Target
 from planner.tendon_lengths import zeroed_at
 from planner.trajectory.clear import cleared
 from planner.trajectory.question import (
-    GRAVITY,
-    QUASI_STATIC,
     Question,
     Rates,
     checked_times,
     waypoints_of,
 )
 from planner.trajectory.result import Trajectory
-from planner.trajectory.timed import Timed
+from planner.trajectory.time_law import Timed
 from planner.trajectory.touching import check_touching, planned_touching
 
 # What durations may exceed given times by, over these: rounding.
@@ -131,8 +129,8 @@ def trajectory(
     limits = checked_limits(arm, tension_max, tension_min, total_pull, strokes)
     limits = replace(limits, stroke_zero=zeroed_at(arm, scene, stroke_zero))
     sequence = _checked(arm, path)
-    tip = _tip_acceleration(quasi_static, tip_acceleration_max)
-    rates = Rates.of(arm, rate_max, stroke_rate_max, stroke_acceleration_max, tip)
+    accelerations = stroke_acceleration_max, tip_acceleration_max
+    rates = Rates.of(arm, rate_max, stroke_rate_max, *accelerations, quasi_static)
     instants = checked_times(times, len(sequence))
     if instants is None and not rates.limited:
         allowed = (
@@ -158,16 +156,6 @@ def trajectory(
         timed = Timed.of(question, tensions, met)
         _check_durations(question, timed, met)
         return Trajectory(question, timed, met)
-
-
-def _tip_acceleration(quasi_static: Any, most: Any) -> Any:
-    """Return the most that the tip may accelerate [m/s2], None without a limit."""
-    if not isinstance(quasi_static, bool | np.bool_):
-        raise InputError("quasi_static", quasi_static, "True or False")
-    if quasi_static and most is not None:
-        allowed = "None beside quasi_static=True, which sets it"
-        raise InputError("tip_acceleration_max", most, allowed)
-    return QUASI_STATIC * GRAVITY if quasi_static else most
 
 
 def _checked(arm: Arm, path: Iterable[Any]) -> tuple[tuple[Target, ...], ...]:

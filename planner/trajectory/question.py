@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
+from model.time_limit import OutOfTime
 from model.units import STROKE, warn_unusual
 from planner.avoidance.rows import Avoidance
 from planner.avoidance.surroundings import Surroundings
@@ -59,25 +60,35 @@ class Rates:
 
     @classmethod
     def of(
-        cls, arm: Arm, tension: Any, stroke: Any, acceleration: Any = None, tip: Any = None
+        cls,
+        arm: Arm,
+        tension: Any,
+        stroke: Any,
+        acceleration: Any = None,
+        tip: Any = None,
+        quasi_static: Any = False,
     ) -> Rates:
         """Return the rates of an arm; None is no limit. InputError for what is none."""
-        if tension is None:
-            tension = np.full(arm.n_tendons, np.inf)
-        elif np.ndim(tension) == 0:
-            tension = np.full(arm.n_tendons, positive("rate_max", tension))
-        else:
-            tension = arm.flat(tension, "rate_max")
-            if not tension.min() > 0:
-                raise InputError("rate_max", tension.tolist(), "numbers above 0 N/s")
+        if not isinstance(quasi_static, bool | np.bool_):
+            raise InputError("quasi_static", quasi_static, "True or False")
+        if quasi_static and tip is not None:
+            allowed = "None beside quasi_static=True, which sets it"
+            raise InputError("tip_acceleration_max", tip, allowed)
+        each = np.full(arm.n_tendons, np.inf)
+        if np.ndim(tension) > 0:
+            each = arm.flat(tension, "rate_max")
+        elif tension is not None:
+            each[:] = positive("rate_max", tension)
+        if not each.min() > 0:
+            raise InputError("rate_max", each.tolist(), "numbers above 0 N/s")
         options = {
             "stroke_rate_max": stroke,
             "stroke_acceleration_max": acceleration,
-            "tip_acceleration_max": tip,
+            "tip_acceleration_max": QUASI_STATIC * GRAVITY if quasi_static else tip,
         }
         most = [np.inf if limit is None else positive(key, limit) for key, limit in options.items()]
         warn_unusual("stroke_rate_max", [most[0] / arm.length], STROKE)
-        return cls(tuple(np.asarray(tension).tolist()), *most)
+        return cls(tuple(each.tolist()), *most)
 
     @property
     def of_strokes(self) -> bool:
@@ -136,13 +147,30 @@ class Question:
             return surroundings
         return replace(surroundings, clearance=surroundings.clearance + _SPARE * self.arm.length)
 
-    def planned(
-        self, targets: tuple[Target, ...], near: Plan | None, starts: int | None = None
-    ) -> Plan:
-        """Return the plan for targets by themselves, as clear of what stands still as waypoints."""
-        return plan(
+    def planned(self, i: int, near: Plan | None = None, starts: int | None = None) -> Plan:
+        """Return the plan that meets a target alone, as clear of what stands still as waypoints.
+
+        Raises InputError, with the targets after it that are missed as well, if there is none.
+        """
+        last = i
+        try:
+            result = self._plan(i, near, starts)
+            if result.mode == "exact":
+                return result
+            while near is None and last + 1 < len(self.targets):
+                if self._plan(last + 1).mode == "exact":
+                    break
+                last += 1
+        except InputError as reason:
+            name = f"targets[{i}]: {reason.field}"
+            raise InputError(name, reason.given, reason.allowed) from None
+        place = f"targets[{i}]" + (last > i) * f" to [{last}]"
+        raise InputError(place, "out of reach", f"targets that can be met: {result.outcome}")
+
+    def _plan(self, i: int, near: Plan | None = None, starts: int | None = None) -> Plan:
+        result = plan(
             self.arm,
-            targets,
+            self.targets[i],
             self.scene,
             accuracy=self.accuracy,
             starts=starts,
@@ -151,6 +179,9 @@ class Question:
             **self.limits.keywords,
             **self.wider.keywords,
         )
+        if result.stopped:
+            raise OutOfTime
+        return result
 
     def shape(self, T: Array, near: Shape | None = None) -> Shape:
         """Return the settled shape under tensions (n_tendons,), near another if one is given."""
@@ -161,6 +192,20 @@ class Question:
         """Return centrelines by tensions, under loads each near the one before."""
         places = tuple(Avoidance(()).stations(self.arm))
         return Lines(self.arm, self.scene, _MESH, places, self.machine_code)
+
+    def places(self) -> Callable[[Array], Array]:
+        """Return lengths of the tendons and the tip's place by tensions (n_tendons + 3,) [m].
+
+        NaN where the arm does not settle.
+        """
+        lines = self.lines()
+
+        def places(T: Array) -> Array:
+            line = lines(T)
+            tip = np.full(3, np.nan) if line is None else line.poses[-1, 4:]
+            return np.concatenate([lines.lengths(T), tip])
+
+        return places
 
 
 def waypoints_of(path: Any, count: int) -> tuple[list[Any], Array | None]:
@@ -201,17 +246,17 @@ def _read(path: Path) -> tuple[list[Any], Array | None]:
         raise FileError(str(path), "", f"cannot be read: {reason}") from None
     if not rows:
         raise FileError(str(path), "", f"no lines below a heading {', '.join(_AXES)}")
-    timed = "t_s" in rows[0]
-    names = [*_AXES, *["t_s"] * timed]
+    names = [*_AXES, *["t_s"] * ("t_s" in rows[0])]
     numbers = np.zeros((len(rows), len(names)))
-    for i, row in enumerate(rows):
-        for k, name in enumerate(names):
-            try:
-                numbers[i, k] = float(row.get(name) or "")
-            except ValueError:
-                problem = f"got {row.get(name)!r}, allowed is a number"
-                raise FileError(str(path), f"line {i + 2}, {name}", problem) from None
-    return [TipPosition(tuple(row[:3])) for row in numbers], numbers[:, 3] if timed else None
+    for (i, k), _ in np.ndenumerate(numbers):
+        text = rows[i].get(names[k])
+        try:
+            numbers[i, k] = float(text or "")
+        except ValueError:
+            problem = f"got {text!r}, allowed is a number"
+            raise FileError(str(path), f"line {i + 2}, {names[k]}", problem) from None
+    times = numbers[:, 3] if len(names) > 3 else None
+    return [TipPosition(tuple(row[:3])) for row in numbers], times
 
 
 def checked_times(times: Any, count: int) -> Array | None:

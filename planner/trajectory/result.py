@@ -21,7 +21,7 @@ from model.text import in_notebook, plotted
 from planner.io.files import write_named
 from planner.trajectory.certificate import SAMPLED, MotionCertificate, certify_motion
 from planner.trajectory.question import GRAVITY, QUASI_STATIC, Question
-from planner.trajectory.timed import Timed
+from planner.trajectory.time_law import Timed
 from planner.trajectory.touching import shapes_along
 
 # Places along the arm where its mass is summed.
@@ -56,7 +56,7 @@ class Trajectory:
         """
         return self.way.knots
 
-    @cached_property
+    @property
     def flat(self) -> Array:
         """Tensions (N + 1, n_tendons) at the times [N]."""
         return self.way.at(self.times)
@@ -72,7 +72,7 @@ class Trajectory:
         """The arm."""
         return self.question.arm
 
-    @cached_property
+    @property
     def tensions(self) -> Array:
         """Tensions (N + 1, n_sections, n), or (N + 1, n_tendons), at the times [N]."""
         return np.array([self.arm.by_section(T) for T in self.flat])
@@ -87,7 +87,7 @@ class Trajectory:
         """The settled shapes at the waypoints, each near the one before."""
         return shapes_along(self.question, self.way.tensions)
 
-    @cached_property
+    @property
     def lengths(self) -> Array:
         """Lengths of the tendons (N + 1, n_tendons) at the times [m]."""
         return np.array([shape.tendon_lengths for shape in self.shapes])
@@ -107,12 +107,12 @@ class Trajectory:
         """Whether each target is met, by the certificate."""
         return self.certificate.reached
 
-    @cached_property
+    @property
     def period(self) -> float:
         """The slowest period of the arm on its way [s]: what is much slower is quasi-static."""
         return max(slowest_period(self.shapes[stop]) for stop in (0, *self.stops))
 
-    @cached_property
+    @property
     def inertia(self) -> float:
         """The tip's largest acceleration over gravity; an estimate where it has no limit.
 
@@ -124,7 +124,7 @@ class Trajectory:
         steps = np.linalg.norm(np.diff(tips, axis=0), axis=1)
         return float((4 * steps / np.diff(self.times) ** 2).max() / GRAVITY)
 
-    @property
+    @cached_property
     def outcome(self) -> str:
         """What happened, and what to try: a sentence or two."""
         result, certificate = (

@@ -1,7 +1,8 @@
-"""How fast a motion may go along its way where accelerations of strokes or of the tip are limited.
+"""When the arm is where on its way: the least time that rates and accelerations allow.
 
-The way is straight in the tensions from waypoint to waypoint, so that each is met at rest. On a
-stretch with share u of time, lengths l(u), the tip's place x(u) and b = (du/dt)^2 the limits are
+The way is straight in the tensions from waypoint to waypoint. Where accelerations of strokes or of
+the tip are limited each is met at rest. On a stretch with share u of time, lengths l(u), the tip's
+place x(u) and b = (du/dt)^2 the limits are
 
     |T'| sqrt(b) <= rate      |l'| sqrt(b) <= stroke rate      |l' b' / 2 + l'' b| <= acceleration
                                                                |x' b' / 2 + x'' b| <= acceleration
@@ -17,18 +18,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy
 from numpy.polynomial import chebyshev
-from scipy.sparse import csr_array, diags_array, vstack
+from scipy.sparse import csr_array, diags_array, eye_array, vstack
 
 from model.errors import ConvergenceError
 from model.paths import Array
-from planner.trajectory.question import Rates
+from planner.trajectory.question import Question, Rates
 
-# Knots of a stretch; between two knots, and at least, so many instants are looked at.
-_KNOTS, _BETWEEN, _LEAST = 80, 4, 200
+# Knots of a stretch, and instants at which it is looked at.
+_KNOTS, _INSTANTS = 80, 320
 # What b is at most where nothing limits it, in units of acceleration over change.
 _FREE = 1e6
 # Directions of the half polygon: outside of the disc by 2 % at most.
@@ -37,6 +39,8 @@ _DIRECTIONS = np.linspace(0.0, np.pi, 9)
 _DEGREES, _ROUNDING = (8, 16, 32, 64, 128), 1e-8
 _REMEDY = "somewhere between two waypoints it snaps: put waypoints where it does not"
 _TINY = 1e-12
+# What a stretch takes on which nothing limits the pace [s].
+_INSTANT = 1e-9
 # Tensions (n_tendons,) -> lengths of the tendons, place of the tip: (n_tendons + 3,) [m].
 Places = Callable[[Array], Array]
 
@@ -67,7 +71,7 @@ class Stretch:
             x = chebyshev.chebpts1(degree + 1)
             values = np.array([places(start + (1 + u) / 2 * (end - start)) for u in x])
             if not np.all(np.isfinite(values)):
-                raise ConvergenceError(_ROUNDING, np.inf, _REMEDY)
+                break
             fitted = chebyshev.chebfit(x, values, degree)
             if np.abs(fitted[-2:]).max() <= _ROUNDING * np.abs(fitted[1:]).max() + _TINY:
                 return cls(fitted)
@@ -98,8 +102,15 @@ class TimeLaw:
     shares: Array
     speeds: Array
 
+    @classmethod
+    def steady(cls, duration: float) -> TimeLaw:
+        """Return the law of a steady pace, without regard to accelerations."""
+        ends = np.array([0.0, 1.0])
+        return cls(duration * ends, ends, np.full(2, 1 / duration))
+
     def slower(self, factor: float) -> TimeLaw:
-        """Return the law that takes so many times as long."""
+        """Return the law that takes so many times as long, no less."""
+        factor = max(factor, 1.0)
         return TimeLaw(factor * self.times, self.shares, self.speeds / factor)
 
     def at(self, t: Array) -> tuple[Array, Array, Array]:
@@ -109,21 +120,13 @@ class TimeLaw:
         speed = self.speeds[k] + rise[k] * passed
         return self.shares[k] + (self.speeds[k] + speed) / 2 * passed, speed, rise[k]
 
-    @classmethod
-    def steady(cls, duration: float) -> TimeLaw:
-        """Return the law of a steady pace, without regard to accelerations."""
-        ends = np.array([0.0, 1.0])
-        return cls(duration * ends, ends, np.full(2, 1 / duration))
-
     def largest(self, stretch: Stretch) -> tuple[float, float, float]:
         """Return the largest stroke rate [m/s], and accelerations of strokes and tip [m/s2].
 
         At many instants.
         """
-        count = max(_BETWEEN * (self.times.size - 1), _LEAST)
-        inside = (np.arange(count) + 0.5) / count * (self.times.size - 1)
-        k, passed = inside.astype(int), inside % 1
-        t = self.times[k] + passed * np.diff(self.times)[k]
+        inside = (np.arange(_INSTANTS) + 0.5) / _INSTANTS * (self.times.size - 1)
+        t = np.interp(inside, np.arange(self.times.size), self.times)
         share, speed, rise = self.at(np.concatenate([self.times[:1], t, self.times[1:]]))
         first, second = stretch.derivatives(share), stretch.derivatives(share, 2)
         strokes, tip = (
@@ -147,23 +150,27 @@ class TimeLaw:
 def fastest(stretch: Stretch, way: Array, rates: Rates) -> TimeLaw:
     """Return the law of the least time from rest to rest along a way (n_tendons,) [N]."""
     u = np.linspace(0.0, 1.0, _KNOTS + 1)
-    lengths, _ = stretch.derivatives(u)
     first, second = _limited(stretch, u, rates)
     size = max(float(np.abs(first).max()), _TINY)
-    A = _accelerations(first / size, second / size)
-    rate = (np.abs(way) / rates.tension).max()
-    stroke = np.maximum(np.abs(lengths).max(axis=1), _TINY)
-    most = np.minimum((rates.stroke / stroke) ** 2, 1 / rate**2 if rate > 0 else np.inf) * size
+    # What b at the knots gives at both ends of each interval.
+    start, end = (eye_array(_KNOTS, _KNOTS + 1, k=k) for k in (0, 1))
+    slope = (end - start) * (_KNOTS / 2)
+    pairs = list(zip((first / size).T, (second / size).T, strict=True))
+    A = [diags_array(one[:-1]) @ slope + diags_array(two[:-1]) @ start for one, two in pairs]
+    A += [diags_array(one[1:]) @ slope + diags_array(two[1:]) @ end for one, two in pairs]
+    limited = csr_array(vstack([*A, *(-each for each in A)]))
+    stroke = np.abs(stretch.derivatives(u)[0]).max(axis=1) / rates.stroke
+    fast = np.maximum(stroke, (np.abs(way) / rates.tension).max())
+    most = np.minimum(size / np.maximum(fast, _TINY) ** 2, _FREE)
     most[[0, -1]] = 0.0
-    ends = np.column_stack([np.zeros(u.size), np.minimum(most, _FREE)])
-    solution = scipy.optimize.linprog(
-        -np.ones(u.size), csr_array(vstack([A, -A])), np.ones(2 * A.shape[0]), bounds=ends
-    )
+    bounds = np.column_stack([np.zeros(u.size), most])
+    ones = np.ones(limited.shape[0])
+    solution = scipy.optimize.linprog(-np.ones(u.size), limited, ones, bounds=bounds)
     speeds = np.sqrt(np.maximum(solution.x, 0.0) / size)
     times = np.concatenate([[0.0], np.cumsum(2 / _KNOTS / (speeds[1:] + speeds[:-1]))])
     law = TimeLaw(times, u, speeds)
     # Between knots a limit may be passed by a little.
-    return law.slower(max(law.used(stretch, way, rates), 1.0))
+    return law.slower(law.used(stretch, way, rates))
 
 
 def _limited(stretch: Stretch, u: Array, rates: Rates) -> tuple[Array, Array]:
@@ -182,16 +189,87 @@ def _limited(stretch: Stretch, u: Array, rates: Rates) -> tuple[Array, Array]:
     return np.hstack(first), np.hstack([bent / rates.acceleration, whole / rates.tip_acceleration])
 
 
-def _accelerations(first: Array, second: Array) -> csr_array:
-    """Return what b at the knots (K + 1,) gives at both ends of each interval.
+@dataclass(frozen=True, eq=False)
+class Timed:
+    """Waypoints, straight ways between them, and the pace on each. Numbers only.
 
-    By derivatives (K + 1, m) by the share there.
+    Attributes
+    ----------
+    tensions : (N + 1, n_tendons)
+        At the waypoints [N], the first of which is where the motion begins.
+    laws : tuple of N TimeLaw
+    stretches : tuple of N Stretch
+        Where strokes or accelerations are limited; else none.
     """
-    parts, shape = [], (_KNOTS, _KNOTS + 1)
-    for own1, own2 in zip(first.T * _KNOTS / 2, second.T, strict=True):
-        for before, after in (
-            (own2[:-1] - own1[:-1], own1[:-1]),
-            (-own1[1:], own1[1:] + own2[1:]),
-        ):
-            parts.append(diags_array([before, after], offsets=[0, 1], shape=shape))
-    return csr_array(vstack(parts))
+
+    tensions: Array
+    laws: tuple[TimeLaw, ...]
+    stretches: tuple[Stretch, ...] = ()
+
+    @classmethod
+    def of(cls, question: Question, tensions: Array, met: tuple[int, ...]) -> Timed:
+        """Return the way at the pace that limits allow, whose targets are met at some waypoints.
+
+        Where times are given, the stretches up to a target share its time in proportion to the
+        least that they take, or to how tensions change where nothing limits that.
+        """
+        rates, ways, stretches = question.rates, np.diff(tensions, axis=0), list[Stretch]()
+        change = np.abs(ways).max(axis=1)
+        free = _INSTANT * np.maximum(change / max(float(change.max()), _INSTANT), 1e-3)
+        least = np.maximum((np.abs(ways) / rates.tension).max(axis=1), free)
+        laws = [TimeLaw.steady(duration) for duration in least]
+        if rates.of_strokes or rates.at_rest:
+            places = question.places()
+            stretches = [Stretch.of(places, *ends) for ends in pairwise(tensions)]
+            laws = [
+                fastest(stretch, way, rates)
+                if rates.at_rest
+                else law.slower(law.used(stretch, way, rates))
+                for law, stretch, way in zip(laws, stretches, ways, strict=True)
+            ]
+        if question.steps is not None:
+            taken = np.array([law.times[-1] for law in laws])
+            group = np.searchsorted(met, np.arange(1, taken.size + 1))
+            spare = question.steps / np.bincount(group, taken)
+            laws = [law.slower(spare[k]) for law, k in zip(laws, group, strict=True)]
+        return cls(tensions, tuple(laws), tuple(stretches))
+
+    @property
+    def steady(self) -> Timed:
+        """The same way with a second for each stretch."""
+        return Timed(self.tensions, (TimeLaw.steady(1.0),) * len(self.laws))
+
+    @property
+    def largest(self) -> Array:
+        """The largest stroke rate [m/s], accelerations of strokes and of the tip [m/s2] (3,).
+
+        0 where none of these is limited.
+        """
+        pairs = zip(self.laws, self.stretches, strict=False)
+        each = np.array([law.largest(stretch) for law, stretch in pairs]).reshape(-1, 3)
+        return np.asarray(each.max(axis=0, initial=0.0))
+
+    @property
+    def starts(self) -> Array:
+        """When each waypoint is reached (N + 1,) [s], from 0."""
+        return np.concatenate([[0.0], np.cumsum([law.times[-1] for law in self.laws])])
+
+    @property
+    def knots(self) -> Array:
+        """The times of waypoints and, where the pace changes on the way, between them (K,) [s]."""
+        parts = [start + law.times[1:] for start, law in zip(self.starts, self.laws, strict=False)]
+        return np.concatenate([[0.0], *parts])
+
+    def at(self, t: Array) -> Array:
+        """Return the tensions (M, n_tendons) at times (M,) [s]."""
+        which = np.clip(np.searchsorted(self.starts, t, side="right") - 1, 0, len(self.laws) - 1)
+        share = np.zeros((t.size, 1))
+        for k in np.unique(which):
+            values = which == k
+            share[values, 0] = self.laws[k].at(t[values] - self.starts[k])[0].clip(0.0, 1.0)
+        return np.asarray(self.tensions[which] + share * np.diff(self.tensions, axis=0)[which])
+
+    def reaches(self, k: int, share: float) -> float:
+        """Return when a share of a stretch is passed [s]."""
+        law = self.laws[k]
+        return float(self.starts[k] + np.interp(share, law.shares, law.times))

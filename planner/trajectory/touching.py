@@ -9,6 +9,8 @@ tensions.
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 
 from model.errors import InputError
@@ -16,10 +18,8 @@ from model.mesh import FINEST_ACCURACY
 from model.paths import Array
 from model.progress import reported, tell
 from model.shape import Shape
-from model.time_limit import OutOfTime
 from planner.contact.load_path import from_rest, is_same, rubs, settled_along
 from planner.plan import HeldPlan
-from planner.targets.base import Target
 from planner.trajectory.question import Question
 
 
@@ -46,14 +46,9 @@ def planned_touching(question: Question) -> tuple[Array, tuple[int, ...]]:
     Waypoints are the targets, and what plans for these are come to by.
     """
     tensions, met, near = [question.start], list[int](), _begin(question)
-    for k, targets in enumerate(question.targets):
+    for k in range(len(question.targets)):
         tell("waypoints", k, len(question.targets))
-        planned = _planned(question, targets, near)
-        if planned.mode != "exact":
-            if planned.stopped:
-                raise OutOfTime
-            allowed = f"targets that can be met: {planned.outcome}"
-            raise InputError(f"targets[{k}]", "out of reach", allowed)
+        planned = _planned(question, k, near)
         before = () if near is None else (*near.load_path, tuple(np.ravel(near.tensions).tolist()))
         follows = planned.load_path[: len(before)] == before
         tensions += [np.array(T) for T in planned.load_path[len(before) * follows :]]
@@ -71,12 +66,13 @@ def _begin(question: Question) -> HeldPlan | None:
     return None
 
 
-def _planned(question: Question, targets: tuple[Target, ...], near: HeldPlan | None) -> HeldPlan:
+def _planned(question: Question, k: int, near: HeldPlan | None) -> HeldPlan:
     """Return the plan that is come to from the one before; from any start where that misses."""
-    for starts in (1, None) if near is not None else (None,):
-        plan = question.planned(targets, near, starts)
-        if plan.mode == "exact":
-            break
+    plan = None
+    if near is not None:
+        with suppress(InputError):
+            plan = question.planned(k, near, 1)
+    plan = plan or question.planned(k, near)
     assert isinstance(plan, HeldPlan)
     return plan
 
