@@ -19,11 +19,9 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from model.arm import Arm
-from model.contact.forward import Touching, TouchingMap
-from model.equilibrium.equilibrium import Collocated, Equilibrium
-from model.equilibrium.forward import Collocation
-from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import newton
+from model.contact.forward import TouchingMap
+from model.equilibrium.linearised import Equilibrium, Linearised
+from model.equilibrium.newton import NEAR, Collocation, newton
 from model.errors import CollapsedError, UnsettledSectionError
 from model.forward import ForwardMap, equilibrium_on
 from model.least_energy import ROUNDS, STAGES, LeastEnergy, Minimum
@@ -259,15 +257,15 @@ class GivenLengths:
         """
         if not (is_loaded(self.scene) and isinstance(forward, Collocation)):
             return equilibrium_on(forward, self._unloaded)
-        return _of(forward, self._loaded(forward, near))
+        return self._loaded(forward, near)
 
     def finished(self, forward: ForwardMap, end: Equilibrium) -> Equilibrium:
         """Return an equilibrium that is accepted, its tensions found to rounding."""
-        point = end.states
-        if point is None or not (is_loaded(self.scene) and isinstance(forward, Collocation)):
+        if not (isinstance(end, Linearised) and isinstance(forward, Collocation)):
             return end
-        tight = tightened(point, self.winches, _beside(forward), self.arm)
-        return end if tight is None else _of(forward, tight)
+        if not is_loaded(self.scene):
+            return end
+        return tightened(end, self.winches, _beside(forward), self.arm) or end
 
     def _loaded(self, forward: Collocation, near: Equilibrium | None) -> Linearised:
         begins, beside = self._begins(forward, near), _beside(forward)
@@ -280,12 +278,12 @@ class GivenLengths:
     def _begins(
         self, forward: Collocation, near: Equilibrium | None
     ) -> Iterator[Linearised | None]:
-        if near is not None and near.states is not None:
+        if isinstance(near, Linearised):
             T = np.where(self.winches.held, near.tensions, self.winches.tensions)
             if isinstance(forward, TouchingMap):
-                yield forward.equilibrium(T, near).point
+                yield forward.solve(T, near)
             else:
-                yield forward.near(T, near.states)
+                yield newton(forward.system, T, 1.0, forward.carried(T, near), NEAR)
         if isinstance(forward, TouchingMap):
             yield forward.by_lengths(self.winches)
             return
@@ -299,11 +297,6 @@ class GivenLengths:
         """Tensions of the arm without loads, found once: no mesh is asked for."""
         lengths = UnloadedLengths(self.arm, self.scene, self.winches, self.machine_code)
         return lengths.tensions(self.near)
-
-
-def _of(forward: Collocation, point: Linearised) -> Equilibrium:
-    values = Touching if isinstance(forward, TouchingMap) else Collocated
-    return values(point, forward.refinement)
 
 
 def _beside(forward: Collocation) -> Callable[[Linearised, Array], Linearised | None]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from model.arm import Arm
 from model.cross_section.law import CrossSection, kinematics
 from model.effects import NeoHookean
-from model.equilibrium.forward import STAGES
+from model.equilibrium.newton import STAGES
 from model.machine.buffered import Mapped
 from model.paths import Array
 from model.rotations import half_turn, multiply, unit_matrix

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from model.cross_section import cross_section_of
 from model.cross_section.law import strains_of
 from model.cross_section.sections import Sections
-from model.equilibrium.forward import STAGES
+from model.equilibrium.newton import STAGES
 from model.equilibrium.sensitivities import Sensitivities
 from model.errors import ConvergenceError
 from model.forward import by_collocation, explicit_map
@@ -92,7 +92,7 @@ def at_nodes(shape: Shape, nodes: Sequence[int]) -> list[Response]:
     point = shape.equilibrium
     if isinstance(point, Marched):
         return [MarchDerivative(point, node) for node in nodes]
-    return [Sensitivities(point.states, node) for node in nodes]
+    return [Sensitivities(point, node) for node in nodes]
 
 
 def _first_pair(shape: Shape, accuracy: float) -> tuple[int, int]:

@@ -9,9 +9,8 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import positive
-from model.equilibrium.forward import STAGES
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import Followed, follow_on
+from model.equilibrium.newton import STAGES, Followed, follow_on
 from model.errors import InputError
 from model.forward import by_collocation
 from model.loads import check_loads, is_loaded

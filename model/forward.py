@@ -12,8 +12,8 @@ import numpy as np
 from model.arm import Arm
 from model.contact.forward import TouchingMap
 from model.effects import Friction, PrintedStatics
-from model.equilibrium.equilibrium import Equilibrium
-from model.equilibrium.forward import Collocation, collocation_order
+from model.equilibrium.linearised import Equilibrium
+from model.equilibrium.newton import Collocation, collocation_order
 from model.errors import InputError
 from model.integrators import MAGNUS2, MAGNUS4, MAGNUS6, RK4, RK6, RK8
 from model.loads import contacts, is_loaded
@@ -188,5 +188,5 @@ def equilibrium_on(
     SnapError, UnsettledContactError and UnsettledSectionError.
     """
     if isinstance(forward, Collocation):
-        return forward.equilibrium(tensions, near)
+        return forward.solve(tensions, near)
     return Marched.under(forward, tensions)

@@ -44,10 +44,9 @@ from model.rotations import half_turn, unit_matrix
 from model.stations import base_pose, stations, tendon_paths
 from model.transcription.collocation import gauss, rotation_vectors
 from model.transcription.element import Form, element, run
-from model.transcription.kernel import Kernel
+from model.transcription.equations import Equations, Kernel, Sum, Term, built
 from model.transcription.layout import POSE, Layout, layout
 from model.transcription.system import System
-from model.transcription.terms import Equations, Sum, Term
 from model.winches import Winches
 
 
@@ -87,7 +86,7 @@ def off_midline() -> Kernel:
 
 def kinematics(law: CrossSection, m: int) -> Kernel:
     """Return the kernel of an element's kinematics: the residuals of the pose at its end."""
-    whole = element(Form(law, m, loaded=False))
+    whole = built(element, Form(law, m, loaded=False))
     return Kernel("kinematics", whole.y, whole.c, whole.r[-POSE:])
 
 
@@ -336,7 +335,7 @@ def _energy(of: Layout) -> Equations:
     assert isinstance(law, EnergySection)
     terms = [
         (body_energy(law), v),
-        (run(law), v[:, of.crossings[0]]),
+        (built(run, law), v[:, of.crossings[0]]),
         (dead_loads(law, m), np.vstack([nodes[:-1, :4].T, of.inside])),
         (off_midline(), nodes[list(of.levers), :4].T),
         (stretched(), n + np.arange(of.n_tendons)[None]),
@@ -354,7 +353,7 @@ def _rows(of: Layout, obstacles: int) -> Equations:
     places = np.vstack([nodes[:-1].T, of.inside, nodes[1:].T])
     terms = [
         Term(kinematics(law, of.form.stages), places, poses),
-        Term(run(law), of.stages.T[:, stage], lengths[:, tendon]),
+        Term(built(run, law), of.stages.T[:, stage], lengths[:, tendon]),
         Term(longer(), n + tendons, lengths),
         Term(node_gap(), np.repeat(nodes[1:, 4:], obstacles, axis=0).T, gaps),
     ]

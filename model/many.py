@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.checks import finite_array
-from model.equilibrium.equilibrium import check_stretch
-from model.equilibrium.forward import Collocation
+from model.equilibrium.linearised import check_stretch
+from model.equilibrium.newton import Collocation
 from model.errors import ConvergenceError, InputError, OctoplanError, UnsettledSectionError
 from model.forward import Maps, maps_of
 from model.loads import is_loaded

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -12,12 +12,17 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import within
+from model.errors import InputError
+from model.loads import places
 from model.paths import Array, Linear, Path
+from model.scene import Scene
 from model.stations import Counts
 
 _FINE = 64
 # Growth, as an exponent, that costs half an element, and the most halves that a stretch may cost.
 _GROWTH, _MOST = 3.0, 0.5
+# Places nearer to each other, over the arm's length, are one.
+_SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,9 +88,9 @@ def graded(
     total = np.zeros(fine.shape)
     np.cumsum(weight, axis=1, out=total[:, 1:])
     nodes = [breaks[:1]]
-    for each, places, right in zip(total, fine, breaks[1:], strict=True):
+    for each, inside, right in zip(total, fine, breaks[1:], strict=True):
         count = refinement * max(1, int(np.ceil(2 * each[-1])))
-        inner = np.interp(each[-1] * np.arange(1, count + 1) / count, each, places)
+        inner = np.interp(each[-1] * np.arange(1, count + 1) / count, each, inside)
         inner[-1] = right
         nodes.append(inner)
     return with_nodes(arm, np.concatenate(nodes))
@@ -131,6 +136,36 @@ def _breaks(arm: Arm, at: Iterable[float]) -> Array:
         if 0 < s < arm.length and min(abs(s - other) for other in result) > 1e-9 * arm.length:
             result.append(s)
     return np.array(sorted(result))
+
+
+def mesh_through(mesh: Mesh, before: Array, new: Array) -> Mesh:
+    """Return a mesh with landmarks (n,) [m] as it fits their new places, node by node.
+
+    Raises InputError where landmarks that coincide would part, or pass each other.
+    """
+    if np.array_equal(before, new):
+        return mesh
+    if before.size != new.size:
+        allowed = f"as many knots and loads as before, {before.size}"
+        raise InputError("places along the arm", new.size, allowed)
+    order, room = np.argsort(before, kind="stable"), _SAME * mesh.s[-1]
+    before, after = before[order], new[order]
+    apart, ahead = np.diff(before) > room, np.diff(after)
+    parted, passed = ~apart & (np.abs(ahead) > 2 * room), apart & (ahead <= room)
+    for wrong, allowed in (
+        (parted, "to move all that is there together: tie their keys in one unknown"),
+        (passed, "to stay on its side of its neighbour"),
+    ):
+        if wrong.any():
+            raise InputError("a place along the arm", float(before[:-1][wrong][0]), allowed)
+    kept = np.concatenate([[True], apart])
+    return Mesh(np.interp(mesh.s, before[kept], after[kept]), mesh.active)
+
+
+def landmarks(arm: Arm, scene: Scene, at: Sequence[float] = ()) -> Array:
+    """Return the arc lengths that a mesh has nodes at [m], in an order that stays."""
+    knots = [s for path in arm.along for s in path.knots() if 0 < s < arm.length]
+    return np.array([0.0, arm.length, *arm.anchorages, *knots, *places(arm, scene), *at])
 
 
 LOOSEST, FINEST_ACCURACY = 0.1, 1e-12

@@ -17,7 +17,7 @@ from model.checks import kind, positive
 from model.contact.forward import Touching
 from model.contact.self_contact import pressed_on_itself
 from model.effects import PrintedStatics, SelfContact
-from model.equilibrium.equilibrium import Equilibrium, check_sections, check_stretch
+from model.equilibrium.linearised import Equilibrium, check_sections, check_stretch
 from model.errors import (
     CollapsedError,
     ConvergenceError,
@@ -288,7 +288,7 @@ def _settled(
                 if isinstance(value, GivenLengths):
                     point, winches = value.finished(forward, point), value.winches
                 check_stretch(point)
-                return Shape(maps.arm, maps.scene, error, point, winches, snaps)
+                return Shape(maps.arm, maps.scene, error, point, refinement, winches, snaps)
         before, last = (refinement, tip), refinement
         finer = fine if last == coarse else 0
         refinement = finer or next_refinement(last, error, accuracy, maps.least_order)

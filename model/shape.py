@@ -16,9 +16,8 @@ from model.clearance.nearest import ITSELF, clearances
 from model.contact.contacts import Touch, touches_of
 from model.contact.forward import Touching
 from model.effects import ExactTendons, PrintedStatics
-from model.equilibrium.equilibrium import Equilibrium
-from model.equilibrium.forward import STAGES
-from model.equilibrium.linearised import Linearised
+from model.equilibrium.linearised import Equilibrium, Linearised
+from model.equilibrium.newton import STAGES
 from model.equilibrium.stability import stability
 from model.errors import InputError
 from model.forward import by_collocation
@@ -49,6 +48,8 @@ class Shape:
         Estimated tip error over arm length [-].
     equilibrium : Equilibrium
         The equations and their solution on the mesh that is accurate enough: what is read off.
+    refinement : int
+        Of that mesh.
     winches : Winches or None
         What held the tendons, if lengths were given.
     snaps : tuple of float
@@ -62,6 +63,7 @@ class Shape:
     scene: Scene
     error: float
     equilibrium: Equilibrium
+    refinement: int
     winches: Winches | None = None
     snaps: tuple[float, ...] = ()
     on_itself: tuple[Touch, ...] = ()
@@ -75,11 +77,6 @@ class Shape:
     def scheme(self) -> str:
         """The integrator that was used."""
         return self.equilibrium.scheme
-
-    @property
-    def refinement(self) -> int:
-        """The refinement of the mesh that was used."""
-        return self.equilibrium.refinement
 
     @property
     def machine_code(self) -> bool:
@@ -251,7 +248,7 @@ class Shape:
 
     def _linearised(self, loaded: bool) -> Linearised:
         """Return its equations by collocation, with wrenches as unknowns where it is `loaded`."""
-        point = self.equilibrium.states
+        point = self.known
         if point is not None and point.system.of.form.loaded == loaded:
             return point
         mesh = STAGES, self.refinement, (), loaded, self.machine_code
@@ -261,14 +258,14 @@ class Shape:
     def contacts(self) -> tuple[Touch, ...]:
         """What it leans on, from base to tip: obstacle, s [m], force (3,) [N] on it, gap [m]."""
         point = self.equilibrium
-        if not isinstance(point, Touching):
+        if not (isinstance(point, Linearised) and point.system.of.form.contacts):
             return self.on_itself
-        return touches_of(point.point, point.before)
+        return touches_of(point, point.before if isinstance(point, Touching) else None)
 
     @property
     def known(self) -> Linearised | None:
-        """The equations and their solution, for other meshes to begin with; see Equilibrium."""
-        return self.equilibrium.states
+        """The equations by collocation and their solution, for other meshes to begin with."""
+        return self.equilibrium if isinstance(self.equilibrium, Linearised) else None
 
     def _at(self, s: Any, read: Any, strains: bool = False) -> Array:
         wanted = finite_array("s", np.atleast_1d(s), (None,))

@@ -12,11 +12,11 @@ from model.arm import Arm
 from model.centreline import Centreline
 from model.clearance import KINDS, Clearance, clearances
 from model.effects import PrintedStatics
-from model.equilibrium.forward import STAGES, Collocation
+from model.equilibrium.integration import SCHEME
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import LEAST_STEP, Followed, follow_on
+from model.equilibrium.newton import LEAST_STEP, STAGES, Collocation, Followed, follow_on
 from model.equilibrium.stability import stability
-from model.equilibrium.verification import SCHEME, verified
+from model.equilibrium.verification import verified
 from model.errors import OctoplanError
 from model.forward import by_collocation
 from model.loads import contacts, is_loaded

@@ -11,8 +11,7 @@ from model.arm import Arm
 from model.centreline import Centreline
 from model.cross_section.sections import Sections
 from model.effects import PrintedStatics
-from model.equilibrium.forward import STAGES, Collocation
-from model.equilibrium.newton import newton
+from model.equilibrium.newton import STAGES, Collocation, newton
 from model.errors import InputError, OctoplanError
 from model.forward import explicit_map
 from model.loads import is_loaded

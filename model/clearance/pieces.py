@@ -26,7 +26,7 @@ import numpy as np
 from model.centreline import Centreline, Counts
 from model.clearance.strain_bounds import Mask, Spread
 from model.effects import NeoHookean
-from model.equilibrium.forward import STAGES
+from model.equilibrium.newton import STAGES
 from model.paths import Array
 from model.transcription.collocation import gauss
 

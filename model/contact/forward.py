@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -13,16 +14,14 @@ from model.contact.newton import newton
 from model.contact.path import Continuation, by_lengths, close, follow
 from model.contact.sharp import Request, sharpened
 from model.contact.touches import places_of
-from model.equilibrium.equilibrium import Collocated, Equilibrium
-from model.equilibrium.forward import Collocation
-from model.equilibrium.linearised import Linearised
+from model.equilibrium.linearised import Equilibrium, Linearised
+from model.equilibrium.newton import Collocation
 from model.errors import InputError, SnapError, UnsettledContactError
 from model.loads import contacts, growth, places, without_friction
-from model.mesh import Mesh, graded
+from model.mesh import Mesh, graded, landmarks
 from model.obstacles import numbers_of
 from model.paths import Array
 from model.scene import Scene
-from model.transcription.neighbours import landmarks
 from model.transcription.system import System
 from model.winches import Winches
 
@@ -32,7 +31,7 @@ _FINER, _LONGEST, _SHORTEST = 2, 1 / 16, 1 / 100
 
 
 @dataclass(frozen=True, eq=False)
-class Touching(Collocated):
+class Touching(Linearised):
     """An equilibrium with contact, whose equations know what touches on their mesh.
 
     Attributes
@@ -45,6 +44,9 @@ class Touching(Collocated):
 
     snaps: tuple[float, ...] = ()
     before: Linearised | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Touching, (self.system, self.x, None, None, self.snaps, self.before)
 
 
 class TouchingMap(Collocation):
@@ -60,8 +62,7 @@ class TouchingMap(Collocation):
         machine_code: bool = False,
     ) -> None:
         base = mesh_with_contact(arm, scene, refinement, at)
-        self._form = stages, at, machine_code
-        self.refinement = refinement
+        self._form = stages, refinement, at, machine_code
         self._state(System(arm, scene, base, stages, True, machine_code))
         self._fixed = np.unique(landmarks(arm, scene, at))
         none = np.zeros(arm.n_tendons)
@@ -69,17 +70,13 @@ class TouchingMap(Collocation):
         self._at_rest = Linearised(self.system, x)
         check_outside(self.system, self._at_rest.states)
 
-    def equilibrium(self, tensions: Array, near: Equilibrium | None = None) -> Touching:
+    def solve(self, tensions: Array, near: Equilibrium | None = None) -> Touching:
         """Return the equilibrium under tensions from rest, or from another; see led."""
-        end = self.led(tensions, near if isinstance(near, Collocated) else None)
-        return Touching(end.point, self.refinement, end.snaps, end.before)
+        end = self.led(tensions, near if isinstance(near, Linearised) else None)
+        at = end.point
+        return Touching(at.system, at.x, at.near, at.jacobian, end.snaps, end.before)
 
-    def solve(self, tensions: Array, known: Linearised | None = None) -> Linearised:
-        """Return the equilibrium under tensions, near one that another mesh has, if any does."""
-        near = None if known is None else Collocated(known, self.refinement)
-        return self.equilibrium(tensions, near).point
-
-    def led(self, tensions: Array, near: Collocated | None, jumps: bool = True) -> Continuation:
+    def led(self, tensions: Array, near: Linearised | None, jumps: bool = True) -> Continuation:
         """Return the equilibrium that the arm comes to from another one or from rest, and how.
 
         Friction acts against the steps from there; an arm without that history has an equilibrium
@@ -91,16 +88,16 @@ class TouchingMap(Collocation):
             if rubs:
                 return self._untouched(tensions)
             return follow(request, 0 * tensions, 0.0, self._at_rest)
-        before, stays = near.point, np.array_equal(tensions, near.tensions)
+        stays = np.array_equal(tensions, near.tensions)
         if rubs:
             past = near.before if isinstance(near, Touching) and stays else None
-            request = replace(request, before=past or before)
+            request = replace(request, before=past or near)
         if stays or not rubs:
-            there = sharpened(request, before, places_of(before.system))
-            if there is not None and close(before, there):
+            there = sharpened(request, near, places_of(near.system))
+            if there is not None and close(near, there):
                 path = ((request.before, 0.0), (there, 1.0)) if request.before else ()
                 return Continuation(there, (), path)
-        return follow(request, before.tensions, 1.0, before, jumps)
+        return follow(request, near.tensions, 1.0, near, jumps)
 
     def by_lengths(self, winches: Winches) -> Linearised | None:
         """Return the equilibrium about where winches hold the tendons; None if none is found."""
@@ -112,7 +109,7 @@ class TouchingMap(Collocation):
     def beside(self, at: Linearised, tensions: Array) -> Linearised | None:
         """Return the equilibrium under tensions near those of another; None where it jumps."""
         try:
-            return self.led(tensions, Collocated(at, self.refinement), False).point
+            return self.led(tensions, at, False).point
         except (SnapError, UnsettledContactError):
             return None
 
@@ -136,8 +133,7 @@ class TouchingMap(Collocation):
         if not self.system.of.form.contact_friction:
             return self
         arm, smooth = self.system.arm, without_friction(self.system.scene)
-        stages, at, machine_code = self._form
-        return TouchingMap(arm, smooth, stages, self.refinement, at, machine_code)
+        return TouchingMap(arm, smooth, *self._form)
 
     def _request(self, tensions: Array) -> Request:
         return Request(self.system, self._fixed, tensions)

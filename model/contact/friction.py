@@ -19,7 +19,7 @@ import scipy
 
 from model.contact.touches import Touches, told
 from model.cross_section.law import kinematics
-from model.equilibrium.dense import poses_and_strains
+from model.equilibrium.integration import poses_and_strains
 from model.equilibrium.linearised import Index, Linearised
 from model.paths import Array
 from model.rotations import matrices

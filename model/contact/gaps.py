@@ -10,7 +10,7 @@ import numpy as np
 from model.centreline import Centreline
 from model.contact.touches import SAME, Places
 from model.cross_section.law import CrossSection, size
-from model.equilibrium.dense import poses_and_strains
+from model.equilibrium.integration import poses_and_strains
 from model.equilibrium.linearised import Index
 from model.errors import InputError
 from model.loads import contacts

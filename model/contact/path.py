@@ -29,8 +29,8 @@ from model.contact.touches import (
     places_of,
     point_at,
 )
-from model.equilibrium.forward import carried_strains
 from model.equilibrium.linearised import Linearised
+from model.equilibrium.newton import carried_strains
 from model.equilibrium.stability import unstable_mode
 from model.errors import SnapError, UnsettledContactError
 from model.least_energy import LeastEnergy

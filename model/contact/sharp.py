@@ -28,8 +28,8 @@ from model.contact.touches import (
     touches_at,
 )
 from model.effects import NeoHookean, Shear
-from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised
+from model.equilibrium.newton import Collocation
 from model.loads import contacts
 from model.mesh import Mesh
 from model.paths import Array

@@ -24,7 +24,7 @@ TINY = 1e-24
 _STILL = 1e-30
 
 
-# Names a quantity that an expression is computed by; see model.transcription.kernel.
+# Names a quantity that an expression is computed by; see model.transcription.equations.
 Name = Callable[[ca.SX], ca.SX]
 
 

@@ -1,7 +1,9 @@
-"""The equations of equilibrium linearised at a point, and their factorisation.
+"""An arm in equilibrium on one mesh, as a value: what a settled shape holds and reads.
 
-One factorisation serves Newton's steps, and by the implicit function theorem all derivatives of the
-equilibrium. The states stand in the order of the arm, so the matrix is a narrow band.
+By collocation it is the equations linearised at their solution; or the arm is marched where nothing
+couples its cross-sections. One factorisation serves Newton's steps, and by the implicit function
+theorem all derivatives of the equilibrium. The states stand in the order of the arm, so the matrix
+is a narrow band.
 """
 
 from __future__ import annotations
@@ -14,10 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgbtrf, dgbtrs
 
-from model.errors import SingularError
+from model.cross_section.law import reported
+from model.equilibrium.integration import poses_and_strains, sliding_tensions
+from model.errors import CollapsedError, SingularError, UnsettledSectionError
+from model.mesh import Mesh
 from model.paths import Array
+from model.transcription.collocation import gauss
+from model.transcription.equations import Places
 from model.transcription.layout import Layout
 from model.transcription.system import System
+from model.unloaded.marched import Marched
+from model.unloaded.sections import LEAST_STRETCH
 
 Index = NDArray[np.int64]
 
@@ -91,7 +100,7 @@ class Linearised:
     def __reduce__(self) -> tuple[Any, ...]:
         return Linearised, (self.system, self.x)
 
-    @cached_property
+    @property
     def residual(self) -> Array:
         """The residuals of the equations (n_states,)."""
         return self.system.residual(self.x)
@@ -158,12 +167,13 @@ class Linearised:
 
         There is none where the equations are singular or no numbers.
         """
-        if not np.isfinite(self.residual).all():
+        residual = self.residual
+        if not np.isfinite(residual).all():
             return None
         if self.near is None and not np.isfinite(self.nonzeros).all():
             return None
         try:
-            change = -self.solve(self.residual)
+            change = -self.solve(residual)
         except SingularError:
             return None
         return change if np.isfinite(change).all() else None
@@ -196,12 +206,12 @@ class Linearised:
         except SingularError:
             return np.full_like(right, np.nan)
 
-    @cached_property
+    @property
     def lengths(self) -> Array:
         """The lengths of the tendons (n_tendons,) [m]."""
         return self.system.lengths(self.x)
 
-    @cached_property
+    @property
     def length_jacobian(self) -> Array:
         """Their derivatives by the states (n_tendons, n_states)."""
         return self.near.length_jacobian if self.near else self.system.length_jacobian(self.x)
@@ -210,3 +220,90 @@ class Linearised:
     def length_tension(self) -> Array:
         """Their derivatives by the tensions (n_tendons, n_tendons) [m/N]."""
         return np.asarray(self.length_jacobian @ self.by_tensions)
+
+    @property
+    def mesh(self) -> Mesh:
+        """The mesh of N elements."""
+        return self.system.mesh
+
+    @property
+    def poses(self) -> Array:
+        """Quaternions and positions [m] at the nodes (N + 1, 7)."""
+        return self.system.poses(self.states)
+
+    @property
+    def _strains(self) -> Array:
+        """The strains at the stages (N stages, 4 or 6) as `at` has them."""
+        return reported(self.system.of.form.law, self.system.strains(self.states))
+
+    @property
+    def stretch_at(self) -> Array:
+        """Arc lengths (K,) of the stages, then of both ends of the elements [m]."""
+        s = self.mesh.s
+        return np.concatenate([self.system.s, s[:-1], s[1:]])
+
+    @property
+    def stretch(self) -> Array:
+        """The stretch 1 + q (K,) at `stretch_at`."""
+        m, stages = self.system.of.form.stages, self._strains[:, 3] + 1
+        ends = stages.reshape(-1, m) @ gauss(m).at(np.array([0.0, 1.0])).T
+        return np.concatenate([stages, ends.T.ravel()])
+
+    @property
+    def bend(self) -> float:
+        """Curvature times the body's radius, at most, at the stages."""
+        arm, v = self.system.arm, self._strains
+        radius = arm.radius.evaluate(self.system.s, arm.length)[0]
+        return float((radius * np.hypot(v[:, 1], v[:, 2])).max())
+
+    @property
+    def scheme(self) -> str:
+        """The name of the scheme."""
+        return f"gauss{2 * self.system.of.form.stages}"
+
+    @property
+    def machine_code(self) -> bool:
+        """Whether compiled kernels solve it."""
+        return self.system.of.form.machine_code
+
+    def at(self, s: Array) -> tuple[Array, Array]:
+        """Return poses (K, 7) and strains at arc lengths s (K,) [m], on their base side.
+
+        Strains (K, 4) are tau, xi, k, q; with nu_n, nu_b (K, 6) where sections may shear.
+        """
+        poses, v = poses_and_strains(self.system, self.x, s)
+        nodes = np.minimum(np.searchsorted(self.mesh.s, s), self.mesh.steps)
+        exact = (self.mesh.s[nodes] == s)[:, None]
+        return np.where(exact, self.poses[nodes], poses), reported(self.system.of.form.law, v)
+
+    def tensions_at(self, s: Array, place: Places, tendon: Places) -> Array:
+        """Return the tensions (P,) of tendons where they cross arc lengths s[place] [N].
+
+        With friction they fall along the arm.
+        """
+        return sliding_tensions(self.system, self.x, s, place, tendon)
+
+
+Equilibrium = Linearised | Marched
+
+
+def check_sections(at: Equilibrium, which: str = "") -> None:
+    """Refuse an equilibrium whose 1 + q is not a number where a section has no equilibrium.
+
+    `which` says which of many it is. Raises UnsettledSectionError.
+    """
+    lost = int(at.stretch.argmin())  # what is no number is the least
+    if np.isnan(at.stretch[lost]):
+        raise UnsettledSectionError(float(at.stretch_at[lost]), which)
+
+
+def check_stretch(at: Equilibrium, which: str = "") -> None:
+    """Refuse an equilibrium whose 1 + q is not above 0 somewhere.
+
+    Raises CollapsedError, and as check_sections does.
+    """
+    check_sections(at, which)
+    stretch = at.stretch
+    worst = int(stretch.argmin())
+    if not stretch[worst] > LEAST_STRETCH:
+        raise CollapsedError(float(at.stretch_at[worst]), float(stretch[worst]), which)

@@ -1,26 +1,31 @@
-"""Newton's method on the equations of equilibrium, and continuation in the load factor.
+"""Tensions to equilibria by collocation: Newton's method, and load stepping from rest.
 
-Steps are bounded and have to contract; the branch of the arm without loads is followed up to the
-full loads, in one step if that is safe.
+Newton's steps are bounded and have to contract; the branch of the arm without loads is followed up
+to the full loads, in one step if that is safe.
 """
 
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from model.equilibrium.linearised import Linearised
+from model.arm import Arm
+from model.equilibrium.linearised import Equilibrium, Linearised
 from model.equilibrium.stability import stands
+from model.errors import SnapError, UnsettledSectionError
+from model.loads import is_loaded
 from model.paths import Array
 from model.progress import tell
+from model.scene import Scene
 from model.time_limit import check_time
-from model.transcription.kernel import Places
-from model.transcription.layout import Layout
-from model.transcription.system import System
+from model.transcription.collocation import gauss
+from model.transcription.system import System, system
+from model.unloaded.sections import unloaded_sections
 
+# Of an element, unless a scheme asks for fewer.
+STAGES = 3
 STEPS = 14
 # The size of the last step: larger where its factorisation is of the same point, as the next one
 # would be its square.
@@ -91,18 +96,12 @@ def step_sizes(system: System, step: Array, states: Array) -> tuple[float, float
 
     And its size, of that and of strains relative to these, curvatures to 1 / L at least.
     """
-    quaternions, strains, units = _measured(system.of, system.arm.length)
-    rotation = float(np.abs(step[quaternions]).max())
-    changes = np.abs(step[strains]) / (units + np.abs(states[strains]))
-    return rotation, max(rotation, float(changes.max()))
-
-
-@lru_cache(maxsize=32)
-def _measured(of: Layout, length: float) -> tuple[Places, Places, Array]:
-    """Return the places of quaternions and of strains among the states, and units of the latter."""
+    of = system.of
+    rotation = float(np.abs(step[of.nodes[:, :4]]).max())
     curvatures = np.arange(of.form.strains) < 2 + of.form.law.torsion
-    units = np.tile(np.where(curvatures, 1 / length, 1.0), len(of.stages))
-    return of.nodes[:, :4].ravel(), of.stages.ravel(), units
+    units = np.where(curvatures, 1 / system.arm.length, 1.0)
+    changes = np.abs(step[of.stages]) / (units + np.abs(states[of.stages]))
+    return rotation, max(rotation, float(changes.max()))
 
 
 # The least step in the load factor over what is reached; before the first step, over a millionth.
@@ -155,3 +154,106 @@ def is_near(system: System, before: Array, after: Array) -> bool:
     """Return whether no frame rotates by more than is followed in one step."""
     places = system.of.nodes[:, :4]
     return bool(np.abs((before[places] * after[places]).sum(axis=1)).min() > np.cos(FOLLOWED / 2))
+
+
+# Where a tendon has no length left any load moves it by many times the width that keeps its root
+# smooth: steps in the loads shrink with that, and come to an end in a few or not at all.
+_SOON_IF_CRUSHED = 30
+
+
+def collocation_order(stages: int, friction: bool) -> int:
+    """Return the order that error estimates count on.
+
+    One less with friction, where a fine mesh is needed to see it.
+    """
+    return 2 * stages - friction
+
+
+class Collocation:
+    """The equations of an arm on a mesh, which settle tensions to equilibria.
+
+    Attributes
+    ----------
+    system : System
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        scene: Scene,
+        stages: int,
+        refinement: int,
+        at: tuple[float, ...] = (),
+        loaded: bool = True,
+        machine_code: bool = False,
+    ) -> None:
+        self._state(system(arm, scene, stages, refinement, at, loaded, machine_code))
+
+    @classmethod
+    def on(cls, stated: System) -> Collocation:
+        """Return the forward map of equations that are stated already."""
+        result = cls.__new__(cls)
+        result._state(stated)
+        return result
+
+    def _state(self, stated: System) -> None:
+        self.system, self.mesh = stated, stated.mesh
+
+    def solve(self, tensions: Array, near: Equilibrium | None = None) -> Linearised:
+        """Return the equilibrium under tensions (n_tendons,), near that of another mesh if any is.
+
+        Else the one from rest; raises what `from_rest` does.
+        """
+        if isinstance(near, Linearised) and is_loaded(self.system.scene):
+            point = newton(self.system, tensions, 1.0, self.carried(tensions, near), NEAR)
+            if point is not None:
+                return point
+        return self.from_rest(tensions)
+
+    def from_rest(self, tensions: Array, looser: float = 1.0) -> Linearised:
+        """Return the equilibrium that the unloaded arm comes to under tensions (n_tendons,).
+
+        Without loads the states that loads would begin from are the equilibrium. The last steps of
+        Newton's method may be so many times `looser` than elsewhere. Raises SnapError,
+        which says where its branch ends or loses its stability, and UnsettledSectionError where a
+        section has none, or tensions that leave a tendon no length keep loads from being applied in
+        steps.
+        """
+        at, loaded = self.system, is_loaded(self.system.scene)
+        point = Linearised(at, at.x(tensions, 1.0 - loaded, self.without_loads(tensions)))
+        if not loaded:
+            return point
+        crushed = unloaded_sections(at).crushed(at.strains(point.states))
+        steps = _SOON_IF_CRUSHED if crushed else np.inf
+        end = follow_on(Followed(point, 0.0, ""), 1.0, LEAST_STEP, steps, looser)
+        if end.load >= 1:
+            return end.point
+        if crushed:
+            raise UnsettledSectionError(crushed.s)
+        raise SnapError(end.load, end.why or SNAPS)
+
+    def without_loads(self, tensions: Array) -> Array:
+        """Return the states under tensions without loads; raises UnsettledSectionError."""
+        return self.system.start(tensions, unloaded_sections(self.system).strains(tensions))
+
+    def carried(self, tensions: Array, near: Linearised) -> Array:
+        """Return the states of this mesh by the polynomials of another's strains.
+
+        Where tensions differ, of the states at these by its derivatives.
+        """
+        before, states = near.system, near.states
+        if not np.array_equal(tensions, near.tensions):
+            states = states + near.by_tensions @ (tensions - near.tensions)
+        if before.of is self.system.of and np.array_equal(before.mesh.s, self.mesh.s):
+            return states
+        strains = carried_strains(before, before.strains(states), self.system)
+        return self.system.start(tensions, strains, 1.0)
+
+
+def carried_strains(before: System, strains: Array, after: System) -> Array:
+    """Return the strains (N stages, ...) at the stages of a mesh by those of another's stages."""
+    mesh, m = before.mesh, before.of.form.stages
+    step = np.clip(np.searchsorted(mesh.s, after.s) - 1, 0, mesh.steps - 1)
+    x = (after.s - mesh.s[step]) / np.diff(mesh.s)[step]
+    by_element = strains.reshape(mesh.steps, m, *strains.shape[1:])
+    return np.asarray(np.einsum("nm,nm...->n...", gauss(m).at(x), by_element[step]))

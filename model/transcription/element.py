@@ -16,14 +16,13 @@ moments at the tip. Dead loads enter by their resultant beyond each stage, whose
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import casadi as ca
 
 from model.cross_section.law import CrossSection, body_size, join, size
 from model.rotations import half_angle, multiply, unit_matrix
 from model.transcription.collocation import gauss, rotation_vectors, weighted_sum
-from model.transcription.kernel import Kernel, Steps
+from model.transcription.equations import Kernel, Steps
 
 # Under the root of a stream's speed, which may vanish.
 _TINY = 1e-30
@@ -112,7 +111,6 @@ class ElementSymbols:
         self.numbers = ca.vertcat(self.h, *loads, ca.vec(self.spread))
 
 
-@lru_cache(maxsize=64)
 def element(form: Form) -> Kernel:
     """Return the kernel of an element.
 
@@ -209,14 +207,12 @@ def drag_force(t: ca.SX, nu: ca.SX, drag: ca.SX, velocity: ca.SX) -> ca.SX:
     return drag * nu[0] * ca.sqrt(ca.sumsqr(across) + _TINY) * across
 
 
-@lru_cache(maxsize=64)
 def body(law: CrossSection) -> Kernel:
     """Return the kernel of the body of a cross-section: strains; numbers of it -> wrench."""
     v, numbers = ca.SX.sym("v", size(law)), ca.SX.sym("body", body_size(law))
     return Kernel("body", v, numbers, law.body(v, numbers))
 
 
-@lru_cache(maxsize=64)
 def tendon(law: CrossSection) -> Kernel:
     """Return the kernel of a tendon in a cross-section: tension, strains; its path -> wrench."""
     T, v, path = ca.SX.sym("T"), ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
@@ -225,7 +221,6 @@ def tendon(law: CrossSection) -> Kernel:
     return Kernel("tendon", ca.vertcat(T, v), path, wrench, through)
 
 
-@lru_cache(maxsize=64)
 def run(law: CrossSection) -> Kernel:
     """Return the kernel of a tendon's length: strains; its path, a weight -> weight |u_c'|."""
     v, numbers = ca.SX.sym("v", size(law)), ca.SX.sym("numbers", 5)

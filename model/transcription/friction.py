@@ -13,21 +13,18 @@ tangents on both sides.
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import casadi as ca
 import numpy as np
 
 from model.cross_section.law import CrossSection, body_size, size, turning_rate
 from model.paths import Array
 from model.transcription.collocation import gauss, weighted_sum
-from model.transcription.kernel import Kernel
+from model.transcription.equations import Kernel
 
 # Under square roots whose argument may vanish, so that their derivatives are not NaN there.
 _TINY = 1e-30
 
 
-@lru_cache(maxsize=32)
 def body_rates(law: CrossSection) -> Kernel:
     """Return the kernel of the body and of its derivative along s.
 
@@ -62,7 +59,6 @@ class TendonSymbols:
         self.turning = [turning_rate(law, *stage) for stage in stages]
 
 
-@lru_cache(maxsize=32)
 def sliding_tendon(law: CrossSection, m: int) -> Kernel:
     """Return the kernel of a tendon that slides through an element; see TendonSymbols.
 
@@ -81,14 +77,12 @@ def sliding_tendon(law: CrossSection, m: int) -> Kernel:
     return Kernel("sliding_tendon", x.unknowns, x.numbers, ca.vertcat(*rows))
 
 
-@lru_cache(maxsize=32)
 def turning_function(law: CrossSection, m: int) -> ca.Function:
     """Return (unknowns, numbers) -> Theta' at the stages (m,); see TendonSymbols."""
     x = TendonSymbols(law, m)
     return ca.Function("turning", [x.unknowns, x.numbers], [ca.vertcat(*x.turning)])
 
 
-@lru_cache(maxsize=32)
 def kink(law: CrossSection, m: int) -> Kernel:
     """Return the kernel of a tendon's kink between two elements: by how much Theta grows there.
 

@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.transcription.element import Form, body, clamp, element, lever, run, tendon, tip
+from model.transcription.equations import Equations, Places, Term, built
 from model.transcription.friction import body_rates, idle_tendon, kink, motor, sliding_tendon
-from model.transcription.kernel import Places
-from model.transcription.terms import Equations, Term
 from model.transcription.touch import contact_friction, no_touch, pressure, touch
 
 POSE = 7
@@ -107,7 +106,7 @@ class Layout:
     def lengths(self) -> Equations:
         """The lengths of the tendons [m]."""
         stage, number = self.crossings
-        term = Term(run(self.form.law), self.first + self.stages[stage].T, number[None, :])
+        term = Term(built(run, self.form.law), self.first + self.stages[stage].T, number[None, :])
         return Equations(self.n_x, self.n_tendons, [term], self.form.machine_code)
 
     def _terms(self) -> list[Term]:
@@ -120,7 +119,7 @@ class Layout:
         rows = np.vstack([nodes[:-1, POSE:].T, self.inside, nodes[1:, :POSE].T])
         terms = [
             Term(clamp(), at + nodes[:1, :POSE].T, nodes[:1, :POSE].T),
-            Term(element(form), unknowns, rows),
+            Term(built(element, form), unknowns, rows),
         ]
         if form.loaded:
             last = nodes[-1]
@@ -149,7 +148,7 @@ class Layout:
         none = touches[0].reshape(1, -1)
         terms = [
             Term(
-                touch(law, m),
+                built(touch, law, m),
                 at + np.hstack([inside, after, here]).T,
                 np.hstack([wrench[K:], here]).T,
             ),
@@ -160,7 +159,7 @@ class Layout:
             rubbed = np.concatenate([self.tractions[:-1], self.tractions[1:]], axis=2)
             both = np.hstack([both, rubbed.reshape(len(both), -1)])
             unknowns = at + np.hstack([before, inside, both]).T
-            kernel = pressure(law, m, form.contact_friction)
+            kernel = built(pressure, law, m, form.contact_friction)
             terms.append(Term(kernel, unknowns, np.hstack([wrench[:-K], inside]).T))
         if form.contact_friction:
             # No part begins at the tip, so that what is beyond it does not matter.
@@ -170,7 +169,7 @@ class Layout:
             Q = self._frictions[1:].reshape(-1, 6)
             unknowns = np.hstack([inside, after, here, near.reshape(-1, 8), Q]).T
             terms.append(
-                Term(contact_friction(law, m), at + unknowns, np.hstack([wrench[K:], Q]).T)
+                Term(built(contact_friction, law, m), at + unknowns, np.hstack([wrench[K:], Q]).T)
             )
             none = self._frictions[0].reshape(1, -1)
             terms.append(Term(no_touch(), at + none, none))
@@ -182,8 +181,8 @@ class Layout:
         stage, number = self.crossings
         unknowns = np.vstack([number, self.first + strains[:, stage]])
         return [
-            Term(body(law), self.first + strains, strains),
-            Term(tendon(law), unknowns, strains[:, stage]),
+            Term(built(body, law), self.first + strains, strains),
+            Term(built(tendon, law), unknowns, strains[:, stage]),
         ]
 
     def _sliding(self) -> list[Term]:
@@ -195,7 +194,7 @@ class Layout:
         inside = self.inside[:, k]
         unknowns = [np.full(j.size, self.n_tendons), j, at + turned[k, j], at + turned[k + 1, j]]
         slides = Term(
-            sliding_tendon(law, m),
+            built(sliding_tendon, law, m),
             np.vstack([*unknowns, at + inside]),
             np.vstack([inside, turned[k + 1, j]]),
         )
@@ -205,9 +204,9 @@ class Layout:
         # Beyond its end a tendon turns no further.
         held = np.vstack([at + turned[idle], at + turned[idle[0] + 1, idle[1]]])
         return [
-            Term(body_rates(law), at + both, both),
+            Term(built(body_rates, law), at + both, both),
             slides,
-            Term(kink(law, m), bends, turned[k + 1, j][None, :]),
+            Term(built(kink, law, m), bends, turned[k + 1, j][None, :]),
             Term(motor(), at + turned[:1], turned[:1]),
             Term(idle_tendon(), held, turned[idle[0] + 1, idle[1]][None, :]),
         ]

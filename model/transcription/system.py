@@ -5,6 +5,7 @@ States S are an arm's unknowns but for tensions and load factor; see model.trans
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from functools import lru_cache, partial
@@ -19,12 +20,13 @@ from model.effects import Current, Friction, TipLoad
 from model.loads import contacts, growth, is_loaded, levers, places
 from model.machine.buffered import Buffered, mapped
 from model.machine.compiled import kernel
-from model.mesh import Mesh, graded
+from model.mesh import Mesh, graded, landmarks, mesh_through
 from model.paths import Array
 from model.rotations import matrices
 from model.scene import Scene
 from model.transcription.collocation import gauss
 from model.transcription.element import Form, element
+from model.transcription.equations import built
 from model.transcription.layout import POSE, Layout, layout
 from model.transcription.numbers import numbers
 
@@ -189,7 +191,7 @@ class System:
 
     def marched(self, strains: Array) -> Array:
         """Return the poses at the nodes (N + 1, 7) of strains at the stages (N stages, strains)."""
-        call = _march(self.of.form, self.mesh.steps)
+        call = built(_march, self.of.form, self.mesh.steps)
         (result,) = call(self.base, strains.ravel(), np.diff(self.mesh.s))
         return np.vstack([self.base, result])
 
@@ -253,10 +255,9 @@ def system(
     return System(arm, scene, mesh, stages, loaded, machine_code)
 
 
-@lru_cache(maxsize=64)
 def _march(form: Form, N: int) -> Buffered:
     """Return (pose, strains of each of N elements, h (1, N)) -> pose at the end of each."""
-    values = element(replace(form, friction=False))
+    values = built(element, replace(form, friction=False))
     g, v, h = ca.SX.sym("g", POSE), ca.SX.sym("v", form.stages * form.strains), ca.SX.sym("h")
     none = ca.SX.zeros(form.wrench)
     y = ca.vertcat(ca.SX.zeros(int(form.loaded)), g, none, v, ca.SX.zeros(POSE), none)
@@ -264,3 +265,23 @@ def _march(form: Form, N: int) -> Buffered:
     after = -values.value(y, numbers_of)[-POSE:]
     step = ca.Function("march", [g, v, h], [after], {"cse": True})
     return Buffered(kernel(step, form.machine_code).mapaccum(N))
+
+
+def neighbour(
+    system: System,
+    arm: Arm,
+    scene: Scene,
+    before: Sequence[float] = (),
+    after: Sequence[float] = (),
+) -> System:
+    """Return the equations of an arm in a scene near those of another, node by node.
+
+    Nodes that were at arc lengths `before` are now at `after` [m]. Raises what mesh_through does.
+    """
+    form, old = system.of.form, landmarks(system.arm, system.scene, before)
+    mesh = mesh_through(system.mesh, old, landmarks(arm, scene, after))
+    result = System(arm, scene, mesh, form.stages, form.loaded, form.machine_code)
+    # A quaternion has either sign.
+    if result.base[:4] @ system.base[:4] < 0:
+        result.base[:4] *= -1
+    return result

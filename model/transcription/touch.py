@@ -17,8 +17,6 @@ derivative of the deflection, with as many values as nodes and four conditions a
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import casadi as ca
 import numpy as np
 
@@ -27,7 +25,7 @@ from model.cross_section.law import CrossSection, join, size
 from model.obstacles.base import SIZE, with_gradient
 from model.rotations import half_turn, multiply, unit_matrix
 from model.transcription.collocation import gauss, rotation_vectors, weighted_sum
-from model.transcription.kernel import Kernel
+from model.transcription.equations import Kernel
 
 # Numbers of a touch: the obstacle's, radius, its slope, h, and what its rows are told; see touch.
 TOLD = 5
@@ -43,7 +41,6 @@ def swelling(law: CrossSection, v: ca.SX) -> tuple[ca.SX, ca.SX]:
     return width, jacobian
 
 
-@lru_cache(maxsize=32)
 def touch(law: CrossSection, m: int) -> Kernel:
     """Return the kernel of a node that may touch an obstacle.
 
@@ -87,7 +84,6 @@ def no_touch() -> Kernel:
     return Kernel("no_touch", P, ca.SX(0, 1), P)
 
 
-@lru_cache(maxsize=32)
 def pressure(law: CrossSection, m: int, friction: bool = False) -> Kernel:
     """Return the kernel of an element that may lie on an obstacle.
 
@@ -130,7 +126,6 @@ FRICTION = SIZE + SCALES + FRICTION_TOLD + BEFORE
 _TINY, _LEAST = 1e-60, 1e-30
 
 
-@lru_cache(maxsize=32)
 def contact_friction(law: CrossSection, m: int) -> Kernel:
     """Return the kernel of a node that may slip along an obstacle.
 

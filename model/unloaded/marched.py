@@ -21,7 +21,7 @@ from model.mesh import Mesh, graded
 from model.paths import Array
 from model.scene import Scene
 from model.transcription.collocation import gauss
-from model.transcription.kernel import Places
+from model.transcription.equations import Places
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.printed import PrintedMap
 from model.unloaded.sections import UnloadedSections, unloaded
@@ -95,7 +95,7 @@ March = ClosedForm | PrintedMap
 
 @dataclass(frozen=True, eq=False)
 class Marched:
-    """An equilibrium marched along the arm; see model.equilibrium.equilibrium.Collocated.
+    """An equilibrium marched along the arm; see model.equilibrium.linearised.Linearised.
 
     Attributes
     ----------
@@ -123,54 +123,54 @@ class Marched:
 
     @property
     def poses(self) -> Array:
-        """See Collocated."""
+        """See Linearised."""
         return self.rows[:, :7]
 
     @property
     def mesh(self) -> Mesh:
-        """See Collocated."""
+        """See Linearised."""
         return self.march.mesh
 
     @property
     def stretch_at(self) -> Array:
-        """See Collocated."""
+        """See Linearised."""
         return self.march.stretch_at
 
     @property
     def refinement(self) -> int:
-        """See Collocated."""
+        """See Linearised."""
         return self.march.refinement
 
     @property
     def scheme(self) -> str:
-        """See Collocated."""
+        """See Linearised."""
         return self.march.name
 
     @property
     def bend(self) -> float:
-        """See Collocated."""
+        """See Linearised."""
         return self.march.bend(self.strains)
 
     @property
     def machine_code(self) -> bool:
-        """See Collocated."""
+        """See Linearised."""
         return self.march.machine_code
 
     @property
     def states(self) -> None:
-        """See Collocated: a march has no unknowns."""
+        """See Linearised: a march has no unknowns."""
 
     def at(self, s: Array) -> tuple[Array, Array]:
-        """See Collocated: a step from the nodes beside s."""
+        """See Linearised: a step from the nodes beside s."""
         return self.march.dense(self.tensions, self.rows, s)
 
     def tensions_at(self, s: Array, place: Places, tendon: Places) -> Array:
-        """See Collocated: the same all along."""
+        """See Linearised: the same all along."""
         return np.asarray(self.tensions[tendon])
 
     @cached_property
     def lengths(self) -> Array:
-        """See Collocated: the integral of ``|du_c/ds|`` by Gauss quadrature."""
+        """See Linearised: the integral of ``|du_c/ds|`` by Gauss quadrature."""
         arm, scene, mesh = self.march.arm, self.march.scene, self.mesh
         if not scene.has(PrintedStatics):
             return tendon_lengths(arm, scene, self.machine_code)(self.tensions).lengths

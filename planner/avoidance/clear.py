@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from model.centreline import Centreline
-from model.equilibrium.forward import STAGES, Collocation
+from model.equilibrium.newton import STAGES, Collocation
 from model.errors import OctoplanError
 from model.obstacles.bodies import Bodies
 from model.paths import Array

@@ -21,9 +21,8 @@ from model.mesh import graded
 from model.obstacles.base import SIZE, signed_distance
 from model.paths import Array
 from model.rotations import matrix
-from model.transcription.kernel import Kernel
+from model.transcription.equations import Equations, Kernel, Term
 from model.transcription.layout import POSE
-from model.transcription.terms import Equations, Term
 from planner.targets.base import Free, Target, Terms, View
 
 # Slots of an element come so many at a time, and every element has some: that makes one program of

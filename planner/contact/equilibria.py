@@ -10,9 +10,8 @@ from model.contact.contacts import touches_of
 from model.contact.forward import TouchingMap
 from model.contact.friction import Path, path_sensitivities
 from model.contact.touches import Touches, forces
-from model.equilibrium.equilibrium import Collocated, check_stretch
-from model.equilibrium.forward import STAGES
-from model.equilibrium.linearised import Linearised
+from model.equilibrium.linearised import Linearised, check_stretch
+from model.equilibrium.newton import STAGES
 from model.paths import Array
 from model.time_limit import check_time
 from planner.contact.grasp import Grasp
@@ -39,9 +38,8 @@ class Equilibria:
 
     def settled(self, tensions: Array, near: Linearised | None = None) -> Linearised:
         """Return the equilibrium from rest, or next to another; raises what settling does."""
-        begin = None if near is None else Collocated(near, REFINEMENT)
-        point = self.map.led(tensions, begin, jumps=False).point
-        check_stretch(Collocated(point, REFINEMENT))
+        point = self.map.led(tensions, near, jumps=False).point
+        check_stretch(point)
         return point
 
     def along(self, load_path: LoadPath) -> Linearised:
@@ -61,8 +59,8 @@ class Equilibria:
 
         In a straight line of tensions then, against which friction acts all along.
         """
-        begin = Collocated(point, REFINEMENT)
-        last, rubbing = point, rubs(self.task.scene)
+        begin = last = point
+        rubbing = rubs(self.task.scene)
         path: Path = ()
 
         def settle(tensions: Array) -> tuple[Linearised, Array]:

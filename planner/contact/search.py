@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from model.contact.forward import TouchingMap
-from model.equilibrium.forward import STAGES
+from model.equilibrium.newton import STAGES
 from model.equilibrium.stability import stability
 from model.errors import InputError, OctoplanError
 from model.loads import contacts, without_friction

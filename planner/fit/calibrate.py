@@ -12,7 +12,7 @@ import numpy as np
 from model import Arm, InputError, Scene
 from model.checks import kind
 from model.effects import Friction, PrintedStatics
-from model.equilibrium.forward import STAGES, collocation_order
+from model.equilibrium.newton import STAGES, collocation_order
 from model.errors import OctoplanError, SnapError, TimeLimitError
 from model.loads import contacts
 from model.machine.compiled import Compile, checked_compile

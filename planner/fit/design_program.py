@@ -21,13 +21,12 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.equilibrium.forward import Collocation
+from model.equilibrium.newton import Collocation
 from model.errors import InputError
 from model.paths import Array
 from model.scene import Scene
 from model.time_limit import check_time
-from model.transcription.neighbours import neighbour
-from model.transcription.system import System
+from model.transcription.system import System, neighbour
 from planner.fit.making import Making, Objective, Reach
 from planner.fit.unknowns import Parameters
 from planner.program.limits import Limits
@@ -252,7 +251,7 @@ def _part(
     n); the chain rule takes them to (x, z).
     """
     program, (numbers, by_z, curved) = problem.program, closed
-    values, equations, K = program, program.equations.in_numbers, by_z.size2()
+    values, equations, K = program, program.equations.in_numbers(), by_z.size2()
     whole, scale = ca.DM(program.scale_at(p)), ca.DM(p[program.parts.row_scale])
     arguments, m, n = [values.x, values.p], values.outer.numel(), program.size
     first = [values.f, values.gradient, values.outer, values.outer_jacobian]

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 
 from model import Arm, Scene
-from model.equilibrium.forward import STAGES
+from model.equilibrium.newton import STAGES
 from model.paths import Array
 from model.text import counted
 from planner.fit.least_squares import (

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from model import OctoplanError
-from model.equilibrium.forward import Collocation
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import CLOSE, newton
+from model.equilibrium.newton import CLOSE, Collocation, newton
 from model.equilibrium.sensitivities import ByNumbers, along, displaced
 from model.paths import Array
 from model.rotations import matrices

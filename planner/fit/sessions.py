@@ -19,14 +19,12 @@ from numpy.typing import NDArray
 
 from model import Arm, InputError, OctoplanError, Scene, settle
 from model.by_lengths import equilibrium_beside, tightened
-from model.equilibrium.equilibrium import Collocated, check_stretch
-from model.equilibrium.forward import Collocation
-from model.equilibrium.linearised import Linearised
-from model.equilibrium.sensitivities import ByNumbers
+from model.equilibrium.linearised import Linearised, check_stretch
+from model.equilibrium.newton import Collocation
+from model.equilibrium.sensitivities import ByNumbers, NumberDerivatives
 from model.paths import Array
 from model.transcription.layout import POSE
-from model.transcription.neighbours import NumberDerivatives, neighbour
-from model.transcription.system import System, system
+from model.transcription.system import System, neighbour, system
 from model.winches import Winches, rest_lengths
 from planner.fit.measured import TIP, Measured
 from planner.fit.unknowns import MM, Parameters
@@ -175,7 +173,7 @@ class Equations:
         for i, shape in self.session.shapes.items():
             try:
                 here = on.from_rest(self.tensions(shape), looser)
-                check_stretch(Collocated(here, 0))
+                check_stretch(here)
                 reached[i] = self.held(i, here)
             except OctoplanError as reason:
                 reached[i] = reason

@@ -17,9 +17,7 @@ from scipy.optimize import lsq_linear
 
 from model.arm import Arm
 from model.compliance import at_nodes
-from model.equilibrium.equilibrium import Collocated
-from model.equilibrium.forward import Collocation
-from model.equilibrium.newton import newton
+from model.equilibrium.newton import Collocation, newton
 from model.equilibrium.stability import stability_slope, stands
 from model.errors import OctoplanError
 from model.loads import contacts, is_loaded
@@ -217,7 +215,7 @@ class Follower:
             return None
         if here is None or not stands(here):
             return None
-        return Shape(arm, scene, shape.error, Collocated(here, shape.refinement))
+        return Shape(arm, scene, shape.error, here, shape.refinement)
 
     def _merit(self, goal: Goal, shape: Shape) -> float:
         """Return what is missed beyond what counts as there, and the effort, squared."""

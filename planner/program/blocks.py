@@ -13,9 +13,8 @@ from typing import Protocol
 import casadi as ca
 
 from model.paths import Array
-from model.transcription.kernel import Kernel, Places
+from model.transcription.equations import Kernel, Places, Term
 from model.transcription.system import System
-from model.transcription.terms import Term
 
 
 class Block(Protocol):

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.paths import Array
-from model.transcription.kernel import Places
+from model.transcription.equations import Places, Term
 from model.transcription.layout import Layout
 from model.transcription.system import System
-from model.transcription.terms import Term
 from planner.program.blocks import scaled
 
 

@@ -8,9 +8,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from model.arm import Arm
-from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import newton
+from model.equilibrium.newton import STAGES, Collocation, newton
 from model.equilibrium.stability import stability
 from model.errors import OctoplanError
 from model.loads import is_loaded

@@ -26,10 +26,9 @@ from model.arm import Arm
 from model.errors import SingularError
 from model.machine.buffered import Buffered
 from model.paths import Array
-from model.transcription.kernel import Places
+from model.transcription.equations import Equations, Places
 from model.transcription.layout import POSE, Layout
 from model.transcription.system import System
-from model.transcription.terms import Equations
 from planner.program.blocks import Block
 from planner.program.least_mode import LeastMode
 from planner.program.lengths import Lengths

@@ -18,10 +18,9 @@ from model.arm import Arm
 from model.cross_section.law import CrossSection, size
 from model.paths import Array
 from model.transcription.element import run
-from model.transcription.kernel import Kernel, Places, tangent
+from model.transcription.equations import Kernel, Places, Term, built, tangent
 from model.transcription.layout import POSE
 from model.transcription.system import System
-from model.transcription.terms import Term
 from model.winches import least_compliance
 from planner.program.blocks import scaled
 from planner.program.states import States, numbers_of_terms
@@ -126,7 +125,7 @@ def _locked(law: CrossSection) -> Kernel:
 
     Strains, their changes, change of its tension; its path and a weight, 1 / E A of the tendon.
     """
-    kernel = run(law)
+    kernel = built(run, law)
     change, pull = ca.SX.sym("change", size(law)), ca.SX.sym("pull")
     compliance = ca.SX.sym("compliance")
     grows = ca.jtimes(kernel.r, kernel.y, change) - kernel.r * pull * compliance

@@ -13,10 +13,9 @@ import numpy as np
 
 from model.paths import Array
 from model.transcription.collocation import gauss
-from model.transcription.kernel import Places
+from model.transcription.equations import Places, Term
 from model.transcription.layout import POSE, Layout
 from model.transcription.system import System
-from model.transcription.terms import Term
 
 
 @dataclass(frozen=True)

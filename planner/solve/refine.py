@@ -20,7 +20,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.effects import Friction
-from model.equilibrium.forward import STAGES, collocation_order
+from model.equilibrium.newton import STAGES, collocation_order
 from model.errors import OctoplanError
 from model.loads import is_loaded
 from model.mesh import FINEST_ACCURACY, next_refinement

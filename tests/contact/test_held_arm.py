@@ -164,7 +164,7 @@ def test_a_scene_without_contact_costs_what_it_did_to_the_instruction() -> None:
         terms = system(ARM, Scene(Extension(), *effects), 3, 1).of.equations.terms
         found = {term.kernel.name: term.kernel for term in terms}
         return {
-            name: (instructions(kernel.value), instructions(kernel.jacobian[0]))
+            name: (instructions(kernel.value), instructions(kernel.derivative("jacobian")[0]))
             for name, kernel in found.items()
         }
 

@@ -14,8 +14,8 @@ from model.contact.friction import path_sensitivities
 from model.contact.path import Continuation
 from model.contact.touches import Touches, forces, frictions, resultants
 from model.effects import Contact, Effect, ExactTendons, Extension, NeoHookean, TipLoad
-from model.equilibrium.forward import STAGES
 from model.equilibrium.linearised import Linearised
+from model.equilibrium.newton import STAGES
 from model.errors import InputError
 from model.loads import without_friction
 from model.obstacles import Capsule, HalfSpace
@@ -64,7 +64,7 @@ def cone(shape: Shape, mu: float) -> float:
     """
     here = shape.equilibrium
     assert isinstance(here, Touching) and here.before is not None
-    was = replace(shape, equilibrium=Touching(here.before, here.refinement))
+    was = replace(shape, equilibrium=Touching(here.before.system, here.before.x))
     touches, L, off = shape.contacts, shape.arm.length, [0.0]
     most = max(float(np.linalg.norm(touch.force)) for touch in touches)
     for touch in touches:

@@ -9,7 +9,7 @@ import pytest
 
 from model import Anchorage, Arm, CollapsedError, InputError, Linear, Scene, settle, settle_many
 from model.effects import Buoyancy, ExactTendons, Extension, Friction, Weight
-from model.equilibrium.forward import Collocation
+from model.equilibrium.newton import Collocation
 from model.errors import UnsettledSectionError
 from model.unloaded.sections import unloaded_sections
 from tests.hard_cases.loads import Rubbed, planar

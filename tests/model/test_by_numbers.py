@@ -21,11 +21,11 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.equilibrium.forward import STAGES, Collocation
 from model.equilibrium.linearised import Linearised
+from model.equilibrium.newton import STAGES, Collocation
 from model.equilibrium.sensitivities import ByNumbers
 from model.rotations import matrices
-from model.transcription.neighbours import NumberDerivatives, neighbour
+from model.transcription.system import NumberDerivatives, neighbour
 from tests.differences import fourth_order
 from tests.oracles import Array
 

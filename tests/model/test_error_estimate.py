@@ -7,7 +7,7 @@ import pytest
 
 from model import Arm, ConvergenceError, Scene, settle
 from model.effects import ExactTendons, Extension
-from model.equilibrium.forward import STAGES, Collocation
+from model.equilibrium.newton import STAGES, Collocation
 from model.equilibrium.stability import stability
 from model.equilibrium.verification import Verified, verified
 from model.forward import equilibrium_on, forward_map, schemes_of

@@ -9,7 +9,7 @@ import pytest
 
 from model import Arm, Scene
 from model.effects import Extension
-from model.equilibrium.dense import poses_and_strains
+from model.equilibrium.integration import poses_and_strains
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import newton
 from model.equilibrium.verification import verified

@@ -10,7 +10,7 @@ from model.centreline import Centreline
 from model.clearance import clearance
 from model.clearance.nearest import BASE, ITSELF, clearances
 from model.effects import Buoyancy, Extension, Weight
-from model.equilibrium.forward import STAGES, Collocation
+from model.equilibrium.newton import STAGES, Collocation
 from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from tests.model.cases import paper_tensions
 from tests.oracles import Array

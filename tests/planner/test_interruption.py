@@ -13,8 +13,7 @@ import pytest
 
 from model import Arm, Scene, settle
 from model.effects import Buoyancy, Extension, TipLoad, Weight
-from model.equilibrium.forward import Collocation
-from model.equilibrium.newton import newton
+from model.equilibrium.newton import Collocation, newton
 from model.time_limit import OutOfTime, time_limit
 from planner import cli, plan
 from planner.sweeps import points
