@@ -9,51 +9,20 @@ import copy
 import difflib
 import re
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
+from functools import cache
+from typing import Any
 
-import msgspec
+from msgspec import inspect
 
 from model.errors import InputError
-from planner.io.annotations import hints_of, is_union, metas, unit_of_type
+from planner.io.annotations import hints_of, unit_of_type
 from planner.io.scene_tables import SceneTable
 
 Step = str | int
 _PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*|\[\d+\])*")
-_BOUNDS = ("gt", "ge", "lt", "le", "min_length")
-
-
-class Kind(NamedTuple):
-    """A type that may stand somewhere, and the bounds of its numbers or its length."""
-
-    type: Any
-    bounds: dict[str, float]
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """The keys of a table, none of what is no table."""
-        return self.type.__struct_fields__ if self.is_table else ()
-
-    @property
-    def is_table(self) -> bool:
-        """Whether a table is allowed."""
-        return isinstance(self.type, type) and issubclass(self.type, msgspec.Struct)
-
-    @property
-    def takes_any_key(self) -> bool:
-        """Whether a table may have further keys: those of other versions."""
-        return self.is_table and not self.type.__struct_config__.forbid_unknown_fields
-
-    @property
-    def size(self) -> int | None:
-        """How long a list has to be; None of one of any length, and of what is none."""
-        items = get_args(self.type) if get_origin(self.type) is tuple else (...,)
-        return None if items[-1] is Ellipsis else len(items)
-
-    @property
-    def tag(self) -> tuple[str, str] | None:
-        """The key by which a table is told from others, and what it holds."""
-        config = self.type.__struct_config__ if self.is_table else None
-        return None if config is None or config.tag is None else (config.tag_field, config.tag)
+described = cache(inspect.type_info)
+_SCALARS = (inspect.FloatType, inspect.IntType, inspect.StrType, inspect.BoolType)
+_ONE = (*_SCALARS, inspect.LiteralType)
 
 
 def steps(path: str) -> list[Step]:
@@ -72,14 +41,53 @@ def value_at(table: Any, path: list[Step]) -> Any:
     return table
 
 
-def kinds_at(root: Any, table: Any, path: list[Step]) -> list[Kind]:
-    """Return the types that are allowed at a path; a table's type chooses among tagged ones."""
-    kinds, seen = list(alternatives(root)), table
-    for step in path:
-        inside = [type_inside(kind, step) for kind in chosen(kinds, seen)]
-        kinds = [kind for item in inside for kind in alternatives(item)]
-        seen = value_at(seen, [step])
-    return chosen(kinds, seen)
+def alternatives(kind: inspect.Type) -> Iterator[inspect.Type]:
+    """Yield the members of a union but null, without annotations."""
+    if isinstance(kind, inspect.Metadata):
+        yield from alternatives(kind.type)
+    elif isinstance(kind, inspect.UnionType):
+        for item in kind.types:
+            yield from alternatives(item)
+    elif not isinstance(kind, inspect.NoneType):
+        yield kind
+
+
+def keys_in(kind: inspect.Type) -> dict[str, inspect.Type]:
+    """Return the keys of a table with their types; none of what is no table."""
+    if not isinstance(kind, inspect.StructType):
+        return {}
+    return {field.encode_name: field.type for field in kind.fields}
+
+
+def tag_of(kind: inspect.Type) -> tuple[str, Any] | None:
+    """Return the key by which a table is told from others, and what it holds."""
+    is_tagged = isinstance(kind, inspect.StructType) and kind.tag_field is not None
+    return (kind.tag_field, kind.tag) if is_tagged else None  # type: ignore[attr-defined]
+
+
+def _inside(kind: inspect.Type, step: Step) -> inspect.Type:
+    """Return the type of a table's key or a list's item."""
+    tag = tag_of(kind)
+    if isinstance(step, str):
+        inner = keys_in(kind).get(step, inspect.NoneType())
+        return inspect.LiteralType((tag[1],)) if tag and step == tag[0] else inner
+    if isinstance(kind, inspect.TupleType):
+        return kind.item_types[min(step, len(kind.item_types) - 1)]
+    is_list = isinstance(kind, inspect.ListType | inspect.VarTupleType)
+    return kind.item_type if is_list else inspect.NoneType()  # type: ignore[attr-defined]
+
+
+def kinds_at(root: Any, table: Any, path: Sequence[Step]) -> list[inspect.Type]:
+    """Return the types that are allowed at a path, of tables with a tag those that it chooses."""
+    kinds = list(alternatives(described(root)))
+    for i in range(len(path) + 1):
+        held = value_at(table, list(path[:i]))
+        if isinstance(held, dict):
+            tags = [(item, tag_of(item)) for item in kinds]
+            kinds = [item for item, tag in tags if tag and held.get(tag[0]) == tag[1]] or kinds
+        if i < len(path):
+            kinds = [each for kind in kinds for each in alternatives(_inside(kind, path[i]))]
+    return kinds
 
 
 def type_at(table: Any, path: list[Step], root: Any = SceneTable) -> Any:
@@ -87,54 +95,18 @@ def type_at(table: Any, path: list[Step], root: Any = SceneTable) -> Any:
     last = max((i for i, step in enumerate(path) if isinstance(step, str)), default=-1)
     if last < 0:
         return None
-    kinds, key = kinds_at(root, table, path[:last]), str(path[last])
-    return next((hints_of(item.type)[key] for item in kinds if key in item.keys), None)
+    key = str(path[last])
+    tables = (item for item in kinds_at(root, table, path[:last]) if key in keys_in(item))
+    return next((hints_of(item.cls)[key] for item in tables), None)  # type: ignore[attr-defined]
 
 
-def places(root: Any, key: str) -> list[str]:
-    """Return the tables, by their paths, that have a key; of tables in tables too."""
-    return list(dict.fromkeys(_places(root, key, "")))
-
-
-def _places(root: Any, key: str, path: str) -> Iterator[str]:
-    for kind in alternatives(root):
-        if key in kind.keys:
+def places(kind: inspect.Type, key: str, path: str = "") -> Iterator[str]:
+    """Yield the tables in a table, by their paths, that have a key."""
+    for item in alternatives(kind):
+        if key in keys_in(item):
             yield path
-        for name in kind.keys:
-            yield from _places(hints_of(kind.type)[name], key, f"{path}.{name}" if path else name)
-
-
-def alternatives(kind: Any) -> Iterator[Kind]:
-    """Yield the members of a union, each with its bounds."""
-    if is_union(kind):
-        for item in get_args(kind):
-            yield from alternatives(item)
-    elif get_origin(kind) is Annotated:
-        bounds = {key: getattr(meta, key) for meta in metas(kind) for key in _BOUNDS}
-        result = {key: item for key, item in bounds.items() if item is not None}
-        for inner, more in alternatives(kind.__origin__):
-            yield Kind(inner, more | result)
-    elif kind is not type(None):
-        yield Kind(kind, {})
-
-
-def type_inside(kind: Kind, step: Step) -> Any:
-    """Return the type of a table's key or a list's item."""
-    if isinstance(step, str) and step in kind.keys:
-        return hints_of(kind.type)[step]
-    if kind.tag and step == kind.tag[0]:
-        return Literal[kind.tag[1]]
-    if get_origin(kind.type) in (list, tuple) and isinstance(step, int):
-        items = get_args(kind.type)
-        return items[min(step, len(items) - 1)] if items[-1] is not Ellipsis else items[0]
-    return type(None)
-
-
-def chosen(kinds: list[Kind], table: Any) -> list[Kind]:
-    """Return the types, of tagged ones that alone whose tag the table has, if one has it."""
-    if not isinstance(table, dict):
-        return kinds
-    return [item for item in kinds if item.tag and table.get(item.tag[0]) == item.tag[1]] or kinds
+        for name, inner in keys_in(item).items():
+            yield from places(inner, key, f"{path}.{name}".removeprefix("."))
 
 
 def hint(value: Any, known: Sequence[Any]) -> str:
@@ -153,48 +125,37 @@ def checked_key(scene: dict[str, Any], key: str) -> str:
     if not _PATH.fullmatch(key):
         raise InputError("key", key, "a path such as arm.E_kPa, tensions[0][2], target.bend_deg")
     value: Any = scene
-    path = steps(key)
-    for i, step in enumerate(path):
-        text = _refused(value, step, _shown(path[:i]) or "the scene")
-        if text:
-            raise InputError("key", key, text)
+    path, here = steps(key), ""
+    for step in path:
+        refused = _refused(value, step, here or "the scene")
+        if refused:
+            raise InputError("key", key, refused)
         value = value[step]
+        here = f"{here}[{step}]" if isinstance(step, int) else f"{here}.{step}".removeprefix(".")
     if isinstance(value, dict | list):
-        inside = [f"{key}.{item}" for item in value] if isinstance(value, dict) else None
-        inside = inside or [f"{key}[{i}]" for i in range(len(value))]
+        ends = [f".{k}" for k in value] if isinstance(value, dict) else range(len(value))
+        inside = [f"{key}{end}" if isinstance(end, str) else f"{key}[{end}]" for end in ends]
         text = ", ".join(inside) or "none in it"
         raise InputError("key", key, f"a single value, not all of {key}: {text}")
-    kinds = [item.type for item in kinds_at(SceneTable, scene, path)]
-    if value is None and not any(k in _SCALARS or get_origin(k) is Literal for k in kinds):
+    if value is None and not any(isinstance(k, _ONE) for k in kinds_at(SceneTable, scene, path)):
         raise InputError("key", key, f"a value that the scene has; give it {key} first")
     return key
-
-
-_SCALARS = (float, int, str, bool)
 
 
 def _refused(value: Any, step: Step, here: str) -> str:
     """Return why a step leads nowhere; empty where it leads on."""
     if isinstance(value, dict):
         allowed = list(value)
-        return (
-            "" if step in value else f"in {here} one of {', '.join(allowed)}{hint(step, allowed)}"
-        )
+        text = f"in {here} one of {', '.join(allowed)}{hint(step, allowed)}"
+        return "" if step in value else text
     if isinstance(value, list):
         if isinstance(step, int) and step < len(value):
             return ""
-        return f"in {here} " + (f"[0] to [{len(value) - 1}]" if value else _NONE)
+        inside = f"[0] to [{len(value) - 1}]" if value else "nothing: the scene has none there"
+        return f"in {here} {inside}"
     if value is None:
         return f"a value that the scene has; give it {here} first"
     return f"{here}, which is a single value"
-
-
-_NONE = "nothing: the scene has none there"
-
-
-def _shown(path: Sequence[Step]) -> str:
-    text = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path)
-    return text.removeprefix(".")
 
 
 def changed(scene: dict[str, Any], keys: Sequence[str], values: Sequence[Any]) -> dict[str, Any]:

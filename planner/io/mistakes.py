@@ -11,25 +11,39 @@ import operator
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from typing import Any, Literal, get_args, get_origin
+from typing import Any
 
 import msgspec
 import numpy as np
+from msgspec import inspect
 
 from model.errors import FileError, InputError, as_given, shortened
 from model.units import UnitWarning, millimetres, warn
 from planner.io.annotations import ENDS, about_type
 from planner.io.codec import in_si
-from planner.io.key_paths import Kind, Step, hint, kinds_at, places, steps, type_at, value_at
+from planner.io.key_paths import (
+    Step,
+    described,
+    hint,
+    keys_in,
+    kinds_at,
+    places,
+    steps,
+    tag_of,
+    type_at,
+    value_at,
+)
 from planner.io.object_tables import KEYS
 
 _LONG = 60
 _NOTHING: Mapping[str, str] = {}
-_WORDS: dict[Any, str] = {
-    int: "a whole number",
-    float: "a number",
-    str: "text in quotes",
-    bool: "true or false",
+_WORDS: dict[type[inspect.Type], str] = {
+    inspect.IntType: "a whole number",
+    inspect.FloatType: "a number",
+    inspect.StrType: "text in quotes",
+    inspect.BoolType: "true or false",
+    inspect.ListType: "a list [...]",
+    inspect.VarTupleType: "a list [...]",
 }
 _SIGNS: dict[str, Any] = {
     "gt": (operator.gt, "above"),
@@ -76,16 +90,16 @@ def _mistake(name: str, table: Any, root: Any, path: str) -> FileError:
     """
     where = steps(path)
     value, kinds = value_at(table, where), kinds_at(root, table, where)
-    if isinstance(value, dict) and any(kind.is_table for kind in kinds):
-        return _wrong_keys(name, path, value, [kind for kind in kinds if kind.is_table], root)
-    options = [
-        item for kind in kinds if get_origin(kind.type) is Literal for item in get_args(kind.type)
-    ]
-    words = [f"one of {', '.join(map(str, options))}"] if options else []
-    words += [_words(kind, value) for kind in kinds if get_origin(kind.type) is not Literal]
+    tables = [kind for kind in kinds if isinstance(kind, inspect.StructType)]
+    if isinstance(value, dict) and tables:
+        return _wrong_keys(name, path, value, tables, root)
+    literals = [kind for kind in kinds if isinstance(kind, inspect.LiteralType)]
+    options = list(dict.fromkeys(item for kind in literals for item in kind.values))
+    words = [f"one of {', '.join(dict.fromkeys(map(str, options)))}"] if options else []
+    words += [_words(kind, value) for kind in kinds if kind not in literals]
     allowed = " or ".join(dict.fromkeys(words))
     about = about_type(type_at(table, where, root))
-    if any(_is_list(kind) for kind in kinds) and about:
+    if any("a list" in item for item in words) and about:
         allowed = f"{allowed}: {about}"
     text = f"got {shown(value)}, allowed is {allowed}{hint(value, options)}"
     return FileError(name, path or "the file", text)
@@ -97,54 +111,46 @@ def shown(value: Any) -> str:
     return text if len(text) <= _LONG else f"{text[: _LONG - 4]} ..."
 
 
-def _is_list(kind: Kind) -> bool:
-    return get_origin(kind.type) in (list, tuple)
-
-
-def _words(kind: Kind, value: Any) -> str:
+def _words(kind: inspect.Type, value: Any) -> str:
     """Return a type in words, of its bounds those that a value is not within."""
-    if kind.is_table:
-        return f"a table {{ ... }} of the keys {', '.join(kind.keys)}"
-    if _is_list(kind):
-        if kind.size is not None:
-            return f"a list of {kind.size}"
-        least = kind.bounds.get("min_length", 0)
-        is_short = isinstance(value, list) and len(value) < least
-        return f"a list of at least {least}" if is_short else "a list [...]"
-    result = _WORDS.get(kind.type, "something else")
-    for key, bound in kind.bounds.items():
-        holds, words = _SIGNS[key]
-        if isinstance(value, int | float) and not holds(value, bound):
+    if isinstance(kind, inspect.StructType):
+        return f"a table {{ ... }} of the keys {', '.join(keys_in(kind))}"
+    if isinstance(kind, inspect.TupleType):
+        return f"a list of {len(kind.item_types)}"
+    least = getattr(kind, "min_length", None) or 0
+    if isinstance(value, list) and len(value) < least:
+        return f"a list of at least {least}"
+    result = _WORDS.get(type(kind), "something else")
+    for key, (holds, words) in _SIGNS.items():
+        bound = getattr(kind, key, None)
+        if bound is not None and isinstance(value, int | float) and not holds(value, bound):
             result += f" {words} {bound if isinstance(bound, int) else f'{bound:g}'}"
     return result
 
 
 def _wrong_keys(
-    name: str, path: str, entries: dict[str, Any], tables: list[Kind], root: Any
+    name: str, path: str, entries: dict[str, Any], tables: list[inspect.StructType], root: Any
 ) -> FileError:
     """Return which key of a table is not known, or missing."""
-    tags = [item.tag for item in tables if item.tag]
-    allowed = list(
-        dict.fromkeys([*(tag[0] for tag in tags), *(k for item in tables for k in item.keys)])
-    )
-    strict = not any(item.takes_any_key for item in tables)
+    tags = [tag for tag in map(tag_of, tables) if tag]
+    allowed = dict.fromkeys([*(key for key, _ in tags), *(k for of in tables for k in keys_in(of))])
+    strict = all(item.forbid_unknown_fields for item in tables)
     unknown = next((key for key in entries if strict and key not in allowed), None)
     where = f"{path}.".removeprefix(".")
     if unknown is not None:
-        elsewhere = places(root, unknown)
+        elsewhere = list(dict.fromkeys(places(described(root), unknown)))
+        more = hint(unknown, list(allowed))
         if "" in elsewhere:
             more = "; it belongs at the top of the file, above the first [table]"
         elif len(elsewhere) == 1:
             more = f"; it belongs in [{elsewhere[0]}]"
-        else:
-            more = hint(unknown, allowed)
         text = f"no such key{more} (known here: {', '.join(allowed)})"
         return FileError(name, f"{where}{shortened(unknown)}", text)
     if tags and entries.get(tags[0][0]) is None:
-        text = f"missing, allowed is one of {', '.join(tag[1] for tag in tags)}"
+        text = f"missing, allowed is one of {', '.join(str(tag) for _, tag in tags)}"
         return FileError(name, f"{where}{tags[0][0]}", text)
-    required = (f for item in tables for f in msgspec.structs.fields(item.type) if f.required)
-    missing = next((item.name for item in required if item.name not in entries), "")
+    required = (field.name for item in tables for field in item.fields if field.required)
+    missing = next((key for key in required if key not in entries), "")
     text = f"missing; {f'[{path}]' if path else 'the file'} needs it"
     return FileError(name, f"{where}{missing}", text)
 
