@@ -6,28 +6,193 @@ import logging
 import os
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from copy import copy
+from dataclasses import dataclass, field, replace
+from functools import partial
+from importlib import import_module
 from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+from cyclopts import CycloptsError, Parameter
+from cyclopts.validators import Number
 
 from model import InputError, OctoplanError, UnitWarning
 from model.errors import CompilerError, MissingExtraError, TimeLimitError, shortened
+from model.machine.compiled import Compile
 from model.progress import progress_line, tell
-from model.time_limit import OutOfTime, time_limit
-from planner.commands.options import (
-    BAD_INPUT,
-    FIGURES,
-    GRACE,
-    NOT_REACHED,
-    OK,
-    Answer,
-    FileOptions,
-    Options,
-    UsageError,
-    figure,
-    parse,
-)
+from model.time_limit import OutOfTime, shorten, time_limit
+from octoplan.command_line import COMMANDS, app, printed
 from planner.io.files import to_json, why, write_together
+from planner.io.scene_file import Question, load
+
+OK, NOT_REACHED, BAD_INPUT = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a command computed, in the forms in which it can be handed out.
+
+    Attributes
+    ----------
+    code : int
+        The exit code.
+    text : function
+        Returns what people read.
+    record : msgspec.Struct or dict
+        What machines read.
+    name : str
+        Of the files, without suffix.
+    draw : function or None
+        Returns the figure.
+    tables : mapping
+        Functions that return the contents of further files, by name, such as "plan.csv".
+    """
+
+    code: int
+    text: Callable[[], str]
+    record: Any = None
+    name: str = ""
+    draw: Callable[[], Any] | None = None
+    tables: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
+
+
+def figure(module: str, function: str, *value: Any) -> Callable[[], Any]:
+    """Return what draws a figure by a function of planner.plots, which is loaded only then."""
+    return lambda: getattr(import_module(f"planner.plots.{module}"), function)(*value)
+
+
+# What a search that was stopped at the time limit has left to verify what it found [s].
+GRACE = 0.7
+FigureKind = Literal["png", "pdf"]
+FIGURES: tuple[FigureKind, ...] = get_args(FigureKind)
+
+
+def _check_folder(_: Any, folder: Path | None) -> None:
+    try:
+        if folder is not None and folder.exists() and not folder.is_dir():
+            raise ValueError("Allowed is a folder to write to, or one to make.")
+    except OSError as reason:
+        raise ValueError(f"Allowed is a folder to write to: {why(reason)}.") from None
+
+
+SceneFile = Annotated[Path, Parameter(help="Scene file, SCENE.toml.")]
+Folder = Annotated[Path, Parameter(validator=_check_folder)]
+Seconds = Annotated[float, Parameter(validator=Number(gt=0))]
+_ACCURACY = "Tip error over arm length; else the scene's."
+Accuracy = Annotated[float, Parameter(validator=Number(gte=1e-12, lte=0.1), help=_ACCURACY)]
+
+
+@Parameter(name="*")
+@dataclass
+class Options:
+    """What all commands have that compute something.
+
+    Attributes
+    ----------
+    json : bool
+        Print JSON, in SI units; `octoplan schema` tells its keys.
+    time_limit : float
+        Stop after so many seconds, with the best by then; else the scene's time_limit_s.
+    verbose : bool
+        Show the solver's own log on stderr.
+    """
+
+    json: bool = False
+    time_limit: Seconds | None = None
+    verbose: Annotated[bool, Parameter(alias="-v")] = False
+
+    def loaded(
+        self, scene: Path, accuracy: float | None = None, compiled: Compile = False
+    ) -> Question:
+        """Return the question of a scene file, with what these options have in place of its own.
+
+        The scene's time limit holds from here on where there is no --time-limit. Raises FileError.
+        """
+        question = load(scene)
+        if self.time_limit is None and question.time_limit is not None:
+            self.time_limit = question.time_limit
+            shorten(question.time_limit + GRACE)
+        accuracy = question.accuracy if accuracy is None else accuracy
+        compiled = compiled or question.compile
+        return replace(question, accuracy=accuracy, compile=compiled, time_limit=self.time_limit)
+
+
+@Parameter(name="*")
+@dataclass
+class FileOptions(Options):
+    """What commands have whose results are data and a figure.
+
+    Attributes
+    ----------
+    out : Path
+        Also write data and figure to this folder.
+    figure : "png" or "pdf"
+        Of which kind the figure in --out is (png).
+    """
+
+    out: Folder | None = None
+    figure: FigureKind | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a kind of figure without a folder that it goes to."""
+        if self.out is None and self.figure is not None:
+            allowed = f"--figure {self.figure} with --out DIR, the folder that it is written to"
+            raise InputError("--out", "nothing", allowed)
+
+
+@Parameter(name="*")
+@dataclass
+class SceneOptions(FileOptions):
+    """What commands have whose results are computed from a scene.
+
+    Attributes
+    ----------
+    compile : bool
+        Work by machine code, built by a C compiler and kept: the same digits, sooner.
+    """
+
+    accuracy: Accuracy | None = None
+    compile: bool = False
+
+    def question(self, scene: Path) -> Question:
+        """Return the question of a scene file; see loaded."""
+        return self.loaded(scene, self.accuracy, self.compile)
+
+
+class UsageError(OctoplanError):
+    """The command line is not one that the program knows."""
+
+
+def parse(argv: Sequence[str]) -> tuple[Callable[[], Any], Options]:
+    """Return what answers a command line, and the options that it has; raises UsageError.
+
+    What it returns is an Answer, or a text where help or versions are wanted.
+    """
+    if not argv:
+        raise UsageError("no command; to begin: octoplan new (see octoplan --help)")
+    if argv[0].endswith(".toml"):
+        raise UsageError(f"what to do with {argv[0]}? For example: octoplan plan {argv[0]}")
+    line = app()
+    try:
+        call, bound, _ = line.parse_args(
+            argv, exit_on_error=False, print_error=False, verbose=False
+        )
+    except CycloptsError as reason:
+        command = next((item for item in argv if item in COMMANDS), "")
+        where = " ".join(["octoplan", command]).strip()
+        raise UsageError(f"{reason} (see {where} --help)") from None
+    if call.__name__ not in COMMANDS:
+        return partial(printed, line, partial(call, *bound.args, **bound.kwargs)), Options()
+    bound.apply_defaults()
+    options = copy(bound.arguments.get("options", Options()))
+    if "options" in bound.arguments:
+        bound.arguments["options"] = options
+    return partial(call, *bound.args, **bound.kwargs), options
+
+
+# Run
 
 NO_OUTPUT, BROKEN_PIPE = 74, 141
 # Of messages, in characters.

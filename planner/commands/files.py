@@ -11,7 +11,7 @@ from cyclopts import Parameter
 
 from model import InputError, OctoplanError
 from model.time_limit import OutOfTime, time_limit
-from planner.commands.options import NOT_REACHED, OK, Answer, FileOptions, Options, figure
+from planner.cli import NOT_REACHED, OK, Answer, FileOptions, Options, figure
 from planner.fit.calibrate import calibrate as find_calibration
 from planner.fit.calibration import Calibration
 from planner.fit.design import Design

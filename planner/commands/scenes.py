@@ -17,7 +17,7 @@ from planner.bodies.files import What, export_shape
 from planner.c_code.export import TAKEN, Exported, export_plan
 from planner.c_code.export import export as export_map
 from planner.c_code.source import Precision
-from planner.commands.options import (
+from planner.cli import (
     NOT_REACHED,
     OK,
     Accuracy,

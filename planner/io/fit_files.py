@@ -27,12 +27,10 @@ from planner.fit.design import Design, design
 from planner.fit.making import Making, Objective, Reach
 from planner.fit.measured import Measured
 from planner.fit.unknowns import Unknown
-from planner.io.annotations import quantity
-from planner.io.arm_tables import VECTOR
-from planner.io.codec import Table, in_si, value_of
-from planner.io.decoding import bytes_of, read_toml
+from planner.io.codec import Table, in_si, quantity, value_of
+from planner.io.files import bytes_of, read_toml
 from planner.io.mistakes import checked, located
-from planner.io.object_tables import ObjectiveTable, TargetTable
+from planner.io.object_tables import VECTOR, ObjectiveTable, TargetTable
 from planner.io.scene_file import scene_beside, written_question
 from planner.io.scene_tables import SceneKey
 from planner.io.tables import Accuracy, table

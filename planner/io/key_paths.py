@@ -15,7 +15,7 @@ from typing import Any
 from msgspec import inspect
 
 from model.errors import InputError
-from planner.io.annotations import hints_of, unit_of_type
+from planner.io.codec import hints_of, unit_of_type
 from planner.io.scene_tables import SceneTable
 
 Step = str | int

@@ -19,8 +19,7 @@ from msgspec import inspect
 
 from model.errors import FileError, InputError, as_given, shortened
 from model.units import UnitWarning, millimetres, warn
-from planner.io.annotations import ENDS, about_type
-from planner.io.codec import in_si
+from planner.io.codec import ENDS, about_type, in_si
 from planner.io.key_paths import (
     Step,
     described,

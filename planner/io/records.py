@@ -22,8 +22,7 @@ from model.effects import PrintedStatics
 from model.errors import OctoplanError
 from model.time_limit import OutOfTime
 from planner.effect_ablation import ProblemSize
-from planner.io.annotations import hints_of
-from planner.io.codec import number_in
+from planner.io.codec import hints_of, number_in
 from planner.io.files import versions, write_named
 from planner.tendon_lengths import length_error, strokes
 

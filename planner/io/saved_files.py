@@ -16,7 +16,7 @@ from model.mesh import checked_accuracy
 from planner.avoidance.surroundings import surroundings
 from planner.fit.calibration import Calibration
 from planner.io.codec import read, value_of
-from planner.io.decoding import read_json
+from planner.io.files import read_json
 from planner.io.mistakes import checked, located, shown
 from planner.io.saved_records import AnswerRecord, CalibrationQuestion, FitRecord, QuestionRecord
 from planner.plan import HeldPlan, Plan

@@ -18,8 +18,7 @@ from planner.certificate import Certificate
 from planner.fit.fitted import Fitted, Start
 from planner.fit.measured import Measured
 from planner.fit.unknowns import Unknown
-from planner.io.annotations import arguments, choice, hints_of
-from planner.io.codec import WRITE, attributes_of, plain
+from planner.io.codec import WRITE, arguments, attributes_of, choice, hints_of, plain
 from planner.io.object_tables import TARGETS
 from planner.io.records import By, Floats, Matrix, Record, Rows, Schema, of_shape, record, records
 from planner.io.tables import Number, exact, exact_choices, struct

@@ -19,12 +19,11 @@ from model.machine.compiled import Compile
 from model.units import STROKE, length_text, warn_unusual
 from model.winches import Winches, rest_lengths
 from planner.avoidance.surroundings import surroundings
-from planner.io.arm_tables import ArmTable, arm_of
 from planner.io.codec import arguments_of, in_si, table_of, value_of, written
-from planner.io.decoding import read_toml, toml_of
+from planner.io.files import read_toml, toml_of
 from planner.io.key_paths import steps, value_at
 from planner.io.mistakes import check_modulus, checked, located, warn_of_slips
-from planner.io.object_tables import EffectsTable, inlined, scene_of
+from planner.io.object_tables import ArmTable, EffectsTable, arm_of, inlined, scene_of
 from planner.io.scene_tables import (
     LimitsTable,
     SceneTable,

@@ -9,10 +9,9 @@ import msgspec
 from msgspec import Meta, structs
 
 from model.quantities import NotNegative, Positive
-from planner.io.annotations import quantity
-from planner.io.arm_tables import ArmTable
-from planner.io.codec import Table
+from planner.io.codec import Table, quantity
 from planner.io.object_tables import (
+    ArmTable,
     EffectsTable,
     ObstacleTable,
     TargetTable,

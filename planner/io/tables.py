@@ -20,30 +20,28 @@ from msgspec import UNSET, Meta, UnsetType
 
 from model.effects import ExactTendons
 from model.paths import Array, Linear, Path, Sampled
-from planner.io.annotations import (
+from planner.io.codec import (
+    KEYS,
+    PLACED,
+    READ,
     SI,
+    WRITE,
+    Form,
+    Table,
     about_type,
+    arguments_of,
     attributes_told,
     choice,
     hints_of,
     is_of_project,
     is_union,
-    quantity,
-    suffix,
-    unit_of_type,
-)
-from planner.io.codec import (
-    KEYS,
-    PLACED,
-    READ,
-    WRITE,
-    Form,
-    Table,
-    arguments_of,
     keys_of,
     number_in,
+    quantity,
     read_exact,
     sample_keys,
+    suffix,
+    unit_of_type,
     written,
 )
 

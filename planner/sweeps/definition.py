@@ -26,7 +26,7 @@ from model.obstacles import Obstacle
 from model.scene import Scene
 from planner.io.calls import check_complete, check_held
 from planner.io.codec import Table, identity, written
-from planner.io.decoding import read_toml
+from planner.io.files import read_toml
 from planner.io.key_paths import changed, checked_key, unit_of
 from planner.io.mistakes import checked, located, warn_of_slip
 from planner.io.scene_file import Question, filled, question_of, scene_beside, scene_table

@@ -14,8 +14,8 @@ from model import InputError, OctoplanError, settle_many
 from model.progress import listening
 from model.scene import Scene
 from model.time_limit import OutOfTime, check_time, limited
-from planner.io.annotations import arguments
 from planner.io.calls import planned, settled, stiff
+from planner.io.codec import arguments
 from planner.io.key_paths import changed
 from planner.io.scene_file import Question, question_of
 

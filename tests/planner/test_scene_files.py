@@ -33,8 +33,7 @@ from model.effects import (
 )
 from model.errors import FileError
 from model.obstacles import Sphere
-from planner.io.arm_tables import ArmTable, Preset
-from planner.io.object_tables import TargetTable
+from planner.io.object_tables import ArmTable, Preset, TargetTable
 from planner.io.scene_file import load, read
 from planner.io.schemas import SceneTable, scene_schema
 from planner.targets import (

@@ -12,7 +12,7 @@ import pytest
 
 import planner
 from planner.sweeps.definition import load_sweep
-from planner.sweeps.workers import VersionsError, WorkersLostError, _for_others, on_cluster
+from planner.sweeps.sweep import VersionsError, WorkersLostError, _for_others, on_cluster
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
 ROOT = Path(__file__).parents[2]

@@ -15,7 +15,7 @@ import planner
 from model import InputError
 from planner.sweeps.definition import Sweep
 from planner.sweeps.store import folder_of
-from planner.sweeps.workers import WorkersLostError
+from planner.sweeps.sweep import WorkersLostError
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
 ROOT = Path(__file__).parents[2]
@@ -97,7 +97,7 @@ def test_what_is_finished_is_not_found_again(
     process.kill()
     process.communicate()
     finished = _finished(out)
-    computed, chunks = planner.sweeps.workers.computed, []
+    computed, chunks = planner.sweeps.sweep.computed, []
     monkeypatch.setattr(
         planner.sweeps.workers, "computed", lambda *asked: chunks.append(1) or computed(*asked)
     )
