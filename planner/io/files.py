@@ -118,12 +118,6 @@ def _machine() -> str:
     return hashlib.sha256(platform.node().encode()).hexdigest()[:8]
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is there whole or not at all."""
-    with placed(path) as part:
-        part.write_bytes(content)
-
-
 def write_together(folder: Path, contents: dict[str, bytes]) -> None:
     """Write files into a folder, which is made if need be: all of them, or on an error none.
 
@@ -153,7 +147,8 @@ def write_named(path: str | Path, suffix: str, content: bytes) -> Path:
     if path.suffix.lower() != suffix:
         raise InputError("path", str(path), f"a file name that ends in {suffix}")
     try:
-        write_whole(path, content)
+        with placed(path) as part:
+            part.write_bytes(content)
     except (OSError, ValueError) as reason:
         raise InputError("path", str(path), f"a file that can be written: {why(reason)}") from None
     return path

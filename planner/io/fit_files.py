@@ -16,7 +16,7 @@ import math
 from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
@@ -153,65 +153,45 @@ def load_shapes(
     text = bytes_of(Path(path), lambda: "a CSV file of shapes is wanted")
     lines = csv.reader(text.decode("utf-8-sig", errors="replace").splitlines())
     header = [cell.strip() for cell in next(lines, [])]
-    columns = _Columns.of(arm, points)
-    columns.check(name, header)
+    # By argument of Measured, and by marker.
+    columns = {"tensions": [f"{tendon}_N" for tendon in arm.tendon_names], "tip": _place("tip")}
+    for key in ("length", "stroke"):
+        columns[f"{key}s"] = [f"{key}_{tendon}_mm" for tendon in arm.tendon_names]
+    places = [_place(point.name) for point in points]
+    known = ["name", "session", *chain(*columns.values()), *chain(*places)]
+    for column in header:
+        if column not in known or header.count(column) > 1:
+            allowed = f"columns, each once, of {', '.join(known)}"
+            raise FileError(name, "line 1", f"got {column!r}, allowed are {allowed}")
+    for column in columns["tensions"]:
+        if column not in header:
+            raise FileError(name, "line 1", f"missing column {column}")
     result = []
     for number, row in enumerate(lines, 2):
         where = f"line {number}"
         if len(row) not in (0, len(header)):
             raise FileError(name, where, f"{len(row)} cells; the header has {len(header)}")
-        cells = {column: cell.strip() for column, cell in zip(header, row, strict=False)}
-        if any(row):
-            with located(name, where):
-                more = {"name": cells.get("name") or where, "session": cells.get("session", "")}
-                result.append(columns.measured(points, cells, std, **more))
+        cells = dict(zip(header, map(str.strip, row), strict=False))
+        if not any(row):
+            continue
+        with located(name, where):
+            values: dict[str, Any] = {key: _values(each, cells) for key, each in columns.items()}
+            if values["tensions"] is None:
+                raise InputError("tensions", "empty cells", "a number for each tendon")
+            seen = [
+                (in_si(point.s_mm, "mm"), in_si(point.offset_mm, "mm"), _values(place, cells))
+                for point, place in zip(points, places, strict=True)
+            ]
+            told = {"name": cells.get("name") or where, "session": cells.get("session", "")}
+            result.append(Measured(points=seen, std=std, **told, **values))  # type: ignore[arg-type]
     if not result:
         raise FileError(name, "", "no shapes; a line of names, then a shape a line")
     return tuple(result)
 
 
-class _Columns(NamedTuple):
-    """The names of the columns of a file of shapes, those of what is measured together."""
-
-    tensions: list[str]
-    lengths: list[str]
-    strokes: list[str]
-    tip: list[str]
-    places: list[list[str]]
-
-    @classmethod
-    def of(cls, arm: Arm, points: Sequence[PointTable]) -> _Columns:
-        """Return the columns of an arm with markers on it."""
-        tendons = arm.tendon_names
-        lengths, strokes = ([f"{k}_{j}_mm" for j in tendons] for k in ("length", "stroke"))
-        *places, tip = ([f"{k}_{x}_mm" for x in "xyz"] for k in (*(p.name for p in points), "tip"))
-        return cls([f"{tendon}_N" for tendon in tendons], lengths, strokes, tip, places)
-
-    def check(self, name: str, header: list[str]) -> None:
-        """Raise FileError for columns of a header that are not known or missing."""
-        known = ["name", "session", *self.tensions, *chain(*self.places), *self.tip]
-        known += [*self.lengths, *self.strokes]
-        for column in header:
-            if column not in known or header.count(column) > 1:
-                allowed = f"columns, each once, of {', '.join(known)}"
-                raise FileError(name, "line 1", f"got {column!r}, allowed are {allowed}")
-        for column in self.tensions:
-            if column not in header:
-                raise FileError(name, "line 1", f"missing column {column}")
-
-    def measured(
-        self, points: Sequence[PointTable], cells: dict[str, str], std: float, **more: Any
-    ) -> Measured:
-        """Return the shape of a row; InputError that names the column of what is no number."""
-        tensions, lengths, strokes, tip = (_values(of, cells) for of in self[:4])
-        if tensions is None:
-            raise InputError("tensions", "empty cells", "a number for each tendon")
-        rows = [
-            (in_si(point.s_mm, "mm"), in_si(point.offset_mm, "mm"), _values(place, cells))
-            for point, place in zip(points, self.places, strict=True)
-        ]
-        more |= {"tip": tip, "lengths": lengths, "strokes": strokes, "std": std}
-        return Measured(tensions, rows, **more)  # type: ignore[arg-type]
+def _place(point: str) -> list[str]:
+    """Return the columns of the place of a marker."""
+    return [f"{point}_{axis}_mm" for axis in "xyz"]
 
 
 def _values(columns: list[str], cells: dict[str, str]) -> list[float] | None:

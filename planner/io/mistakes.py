@@ -235,22 +235,20 @@ def check_modulus(E_kPa: float, name: str) -> None:
 
 def warn_of_slips(raw: dict[str, Any]) -> None:
     """Warn of likely slips in what a scene file holds, with UnitWarning."""
-    held = [(path, value_at(raw, steps(path))) for path in _FLUIDS]
-    for path, value in [*held, *_angles("", raw)]:
+    for path, value in _entries("", raw):
         warn_of_slip(path, value)
 
 
-def _angles(path: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Yield path and value of the keys in degrees, down to those in tables."""
+def _entries(path: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Yield path and value of all keys that hold no tables."""
     if isinstance(value, dict):
         for key, inside in value.items():
-            if key.endswith("_deg"):
-                yield f"{path}{key}", inside
-            else:
-                yield from _angles(f"{path}{key}.", inside)
-    elif isinstance(value, list):
+            yield from _entries(f"{path}.{key}".removeprefix("."), inside)
+    elif isinstance(value, list) and any(isinstance(item, dict) for item in value):
         for i, inside in enumerate(value):
-            yield from _angles(f"{path.removesuffix('.')}[{i}].", inside)
+            yield from _entries(f"{path}[{i}]", inside)
+    else:
+        yield path, value
 
 
 def warn_of_slip(path: str, value: Any) -> None:
@@ -265,28 +263,22 @@ def warn_of_slip(path: str, value: Any) -> None:
         warn(f"{text}; {meant}", UnitWarning)
     key = next(item for item in reversed(steps(path)) if isinstance(item, str))
     small = all(abs(item) < 7 for item in numbers)
-    if key.endswith("_deg") and small and any(map(_is_fraction_of_pi, numbers)):
+    # A plain half degree is meant as it is.
+    fractions = [x for x in numbers if _fraction_of_pi(x) and (2 * x) % 1 > 1e-9]
+    if key.endswith("_deg") and small and fractions:
         several = " of which some are fractions" if isinstance(value, list) else " a fraction"
         text = f"a key in degrees holds {_listed(numbers)},{several} of pi ({path})"
-        meant = f"if radians were meant, give {_listed(map(_degrees, numbers))} (degrees)"
-        warn(f"{text}; {meant}", UnitWarning)
+        degrees = [_fraction_of_pi(x) or math.degrees(x) for x in numbers]
+        warn(f"{text}; if radians were meant, give {_listed(degrees)} (degrees)", UnitWarning)
 
 
 def _listed(numbers: Iterable[float]) -> str:
     return ", ".join(f"{item:g}" for item in numbers)
 
 
-def _is_fraction_of_pi(degrees: float) -> bool:
-    """Return whether a number is a multiple of pi / 12, rounded, and no plain half degree."""
-    if not abs(degrees) < 7:
-        return False
-    twelfths = degrees / (math.pi / 12)
-    near = abs(twelfths) > 0.5 and abs(twelfths - round(twelfths)) < _ROUNDED
-    return near and abs(2 * degrees - round(2 * degrees)) > 1e-9
-
-
-def _degrees(radians: float) -> float:
-    """Return an angle in degrees: a multiple of 15 where it is about one."""
-    twelfths = radians / (math.pi / 12)
-    near = abs(twelfths - round(twelfths)) < _ROUNDED
-    return 15.0 * round(twelfths) if near else math.degrees(radians)
+def _fraction_of_pi(radians: float) -> float:
+    """Return in degrees what is about a multiple of pi / 12, as people round it; 0 for others."""
+    if not abs(radians) < 7:
+        return 0.0
+    twelfths = round(radians / (math.pi / 12))
+    return 15.0 * twelfths * (abs(radians / (math.pi / 12) - twelfths) < _ROUNDED)

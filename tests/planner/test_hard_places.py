@@ -18,7 +18,7 @@ from model.effects import Extension
 from model.errors import FileError
 from planner import export, load_plan
 from planner.cli import main
-from planner.io.files import end, staged, write_together, write_whole
+from planner.io.files import end, staged, write_named, write_together
 from planner.io.scene_file import load, read
 from planner.sweeps.definition import load_sweep
 
@@ -184,11 +184,13 @@ def test_files_that_grow_too_large_leave_nothing() -> None:
 def test_files_are_readable_for_those_whom_the_umask_lets(mask: int, mode: int) -> None:
     before = os.umask(mask)
     try:
-        write_whole(Path("a"), b"")
+        write_named("a.b", ".b", b"")
         write_together(Path("out"), {"b": b""})
     finally:
         os.umask(before)
-    assert [stat.S_IMODE(path.stat().st_mode) for path in (Path("a"), Path("out/b"))] == [mode] * 2
+    assert [stat.S_IMODE(path.stat().st_mode) for path in (Path("a.b"), Path("out/b"))] == [
+        mode
+    ] * 2
 
 
 KILLED = """
@@ -206,7 +208,7 @@ def test_what_a_killed_run_has_left_goes_with_the_next() -> None:
     subprocess.run([sys.executable, "-c", KILLED], env=there, check=False)
     assert len(list(Path().iterdir())) == 2
     with staged(Path()):
-        write_whole(Path("a.png"), b"whole")
+        write_named("a.png", ".png", b"whole")
     assert sorted(path.name for path in Path().iterdir()) == ["a.png", "scene.toml"]
 
 
@@ -214,7 +216,7 @@ def test_what_other_runs_are_writing_stays() -> None:
     with staged(Path()) as own:
         other = Path(str(own).replace(f".{os.getpid()}.", f".{os.getppid()}."))
         other.mkdir()
-        write_whole(Path("a.png"), b"whole")
+        write_named("a.png", ".png", b"whole")
         assert own.exists()
         assert other.exists()
 
