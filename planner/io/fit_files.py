@@ -29,7 +29,7 @@ from planner.fit.measured import Measured
 from planner.fit.unknowns import Unknown
 from planner.io.codec import Table, in_si, quantity, value_of
 from planner.io.files import bytes_of, read_toml
-from planner.io.mistakes import checked, located
+from planner.io.mistakes import checked, located, made
 from planner.io.object_tables import VECTOR, ObjectiveTable, TargetTable
 from planner.io.scene_file import scene_beside, written_question
 from planner.io.scene_tables import SceneKey
@@ -138,11 +138,7 @@ def run_design(path: str | Path) -> Design:
 
 
 def _unknowns(tables: Sequence[Any], name: str) -> tuple[Unknown, ...]:
-    result = []
-    for i, item in enumerate(tables):
-        with located(name, f"unknowns[{i}]"):
-            result.append(value_of(item))
-    return tuple(result)
+    return tuple(made(name, f"unknowns[{i}]", value_of, each) for i, each in enumerate(tables))
 
 
 def load_shapes(

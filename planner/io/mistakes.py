@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 import operator
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -34,6 +34,7 @@ from planner.io.key_paths import (
 )
 from planner.io.object_tables import KEYS
 
+R = TypeVar("R")
 _LONG = 60
 _NOTHING: Mapping[str, str] = {}
 _WORDS: dict[type[inspect.Type], str] = {
@@ -80,6 +81,12 @@ def located(name: str, where: str, part: Any = None) -> Iterator[None]:
         raise
     except InputError as reason:
         raise _as_written(reason, name, where, part) from None
+
+
+def made(name: str, where: str, make: Callable[..., R], *of: Any, part: Any = None) -> R:
+    """Return what is made of arguments; an error is told at a place in a file, see located."""
+    with located(name, where, part):
+        return make(*of)
 
 
 def _mistake(name: str, table: Any, root: Any, path: str) -> FileError:

@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from model.arm import Arm
 from model.checks import not_negative
 from model.errors import FileError
 from model.loads import check_loads, contacts
@@ -17,7 +18,7 @@ from planner.avoidance.surroundings import surroundings
 from planner.fit.calibration import Calibration
 from planner.io.codec import read, value_of
 from planner.io.files import read_json
-from planner.io.mistakes import checked, located, shown
+from planner.io.mistakes import checked, located, made, shown
 from planner.io.saved_records import AnswerRecord, CalibrationQuestion, FitRecord, QuestionRecord
 from planner.plan import HeldPlan, Plan
 from planner.program.limits import Limits
@@ -59,19 +60,16 @@ def load_plan(path: str | Path) -> Plan:
     saved = checked(read_json(Path(path), "plan", _VERSION), SavedPlan, name)
     question, answer = saved.question, saved.answer
     task = _task(name, question, answer)
-    with located(name, "answer"):
-        result = value_of(answer)
-    with located(name, "answer.tensions"):
-        result = replace(result, tensions=task.arm.by_section(task.arm.flat(result.tensions)))
+    result = made(name, "answer", value_of, answer)
+    flat = made(name, "answer.tensions", task.arm.flat, result.tensions)
+    result = replace(result, tensions=task.arm.by_section(flat))
     for key in ("jump", "lost"):
-        with located(name, f"answer.{key}"):
-            not_negative(key, getattr(result, key))
+        made(name, f"answer.{key}", not_negative, key, getattr(result, key))
     for i, T in enumerate(result.load_path):
-        with located(name, f"answer.load_path[{i}]"):
-            task.arm.flat(T)
-    with located(name, "question.obstacles"):
-        arguments = (read(Any, question.obstacles), question.clearance, question.self_clearance)
-        around = surroundings(task.arm, task.targets, *arguments)
+        made(name, f"answer.load_path[{i}]", task.arm.flat, T)
+    obstacles, clear = read(Any, question.obstacles), (question.clearance, question.self_clearance)
+    at = "question.obstacles"
+    around = made(name, at, surroundings, task.arm, task.targets, obstacles, *clear)
     kind = HeldPlan if contacts(task.scene) else Plan
     plan: Plan = kind.of(task, result, surroundings=around)
     _check_multipliers(plan, name)
@@ -80,10 +78,9 @@ def load_plan(path: str | Path) -> Plan:
 
 def _task(name: str, question: QuestionRecord, answer: Any) -> Task:
     """Return what was asked, checked as `plan` does."""
-    with located(name, "question.arm"):
-        arm = value_of(question.arm)
+    arm: Arm = made(name, "question.arm", value_of, question.arm)
+    scene = made(name, "question.scene", value_of, question.scene)
     with located(name, "question.scene"):
-        scene = value_of(question.scene)
         check_loads(arm, scene, contact=True)
         check_planned(scene)
     with located(name, "question.limits"):
@@ -92,13 +89,10 @@ def _task(name: str, question: QuestionRecord, answer: Any) -> Task:
         limits = checked_limits(arm, saved.upper, saved.lower, saved.total, (most, least))
         if saved.stroke_zero is not None:
             limits = replace(limits, stroke_zero=zeroed_at(arm, scene, saved.stroke_zero))
-    with located(name, "question.targets"):
-        targets = check_targets(arm, read(Any, question.targets))
-    with located(name, "question.accuracy"):
-        accuracy = checked_accuracy(question.accuracy)
+    targets = made(name, "question.targets", check_targets, arm, read(Any, question.targets))
+    accuracy = made(name, "question.accuracy", checked_accuracy, question.accuracy)
     statement = value_of(answer.statement)
-    with located(name, "answer.statement"):
-        checked_margin(statement.margin)
+    made(name, "answer.statement", checked_margin, statement.margin)
     for key, has in (("limited", limits.total), ("wound", limits.strokes)):
         if getattr(statement, key) != (has is not None):
             text = f"got {shown(getattr(statement, key))}, question.limits tell otherwise"

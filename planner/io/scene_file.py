@@ -22,7 +22,7 @@ from planner.avoidance.surroundings import surroundings
 from planner.io.codec import arguments_of, in_si, table_of, value_of, written
 from planner.io.files import read_toml, toml_of
 from planner.io.key_paths import steps, value_at
-from planner.io.mistakes import check_modulus, checked, located, warn_of_slips
+from planner.io.mistakes import check_modulus, checked, made, warn_of_slips
 from planner.io.object_tables import ArmTable, EffectsTable, arm_of, inlined, scene_of
 from planner.io.scene_tables import (
     LimitsTable,
@@ -114,8 +114,7 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
 
     def build(key: str, make: Callable[[Any], R], of: Any = None) -> R:
         """Return what is made of a part of the table; an error is told at its key."""
-        with located(name, key, value_at(raw, steps(key)) or {}):
-            return make(of)
+        return made(name, key, make, of, part=value_at(raw, steps(key)) or {})
 
     def each(key: str, make: Callable[[Any], R]) -> tuple[R, ...]:
         """Return what is made of one table, or of several, under a key; none of none."""

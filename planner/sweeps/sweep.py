@@ -76,8 +76,9 @@ def on_machine(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Computed:
     """Yield what processes of this machine compute; in this one for one job. WorkersLostError."""
     joblib = needed("joblib", "sweep")
     broken = needed("joblib.externals.loky.process_executor", "sweep").BrokenProcessPool
-    left, job, end = dict.fromkeys(chunks), sweep.job, end_of_limit()
-    work = (joblib.delayed(_one)(job, chunk, sweep.points(chunk), end) for chunk in list(left))
+    left, more = dict.fromkeys(chunks), (end_of_limit(), versions())
+    one = joblib.delayed(_one)
+    work = (one(sweep.job, chunk, sweep.points(chunk), *more) for chunk in list(left))
     alone = {} if jobs == 1 else {"initializer": _end_with, "initargs": (os.getpid(),)}
     pool = joblib.Parallel(jobs, return_as="generator_unordered", batch_size=1, **alone)
     try:
@@ -88,8 +89,15 @@ def on_machine(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Computed:
         raise WorkersLostError(len(left)) from None
 
 
-def _one(job: Job, chunk: int, points: list[Point], end: float = math.inf) -> tuple[int, Rows]:
-    """Return a chunk's number and what is computed at its points; OutOfTime after an end."""
+def _one(
+    job: Job, chunk: int, points: list[Point], end: float, wanted: dict[str, str]
+) -> tuple[int, Rows]:
+    """Return a chunk's number and what is computed at its points; OutOfTime after an end.
+
+    Raises VersionsError where others compute than who asks has.
+    """
+    if versions() != wanted:
+        raise VersionsError(versions(), wanted)
     with until(end):
         return chunk, computed(job, points)
 
@@ -114,10 +122,10 @@ def on_cluster(sweep: Sweep, chunks: Iterable[int], scheduler: str) -> Computed:
     and again; VersionsError.
     """
     distributed = needed("distributed", "cluster")
-    left, job, same = dict.fromkeys(chunks), sweep.job, versions()
+    left, more = dict.fromkeys(chunks), (math.inf, versions())
     with _client(scheduler) as client:
         tasks = (
-            client.submit(_for_others, same, job, chunk, sweep.points(chunk), pure=False)
+            client.submit(_one, sweep.job, chunk, sweep.points(chunk), *more, pure=False)
             for chunk in list(left)
         )
         first = islice(tasks, _AHEAD * sum(client.nthreads().values()))
@@ -131,15 +139,6 @@ def on_cluster(sweep: Sweep, chunks: Iterable[int], scheduler: str) -> Computed:
                 yield chunk, rows
         except (distributed.KilledWorker, distributed.CancelledError, OSError):
             raise WorkersLostError(len(left)) from None
-
-
-def _for_others(
-    wanted: dict[str, str], job: Job, chunk: int, points: list[Point]
-) -> tuple[int, Rows]:
-    """As _one, on a machine that has to have the same versions of what computes."""
-    if versions() != wanted:
-        raise VersionsError(versions(), wanted)
-    return _one(job, chunk, points)
 
 
 def _client(scheduler: str) -> Any:

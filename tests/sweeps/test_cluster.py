@@ -1,5 +1,6 @@
 """Sweeps on a Dask cluster: a scheduler and two worker processes on loopback."""
 
+import math
 import os
 import signal
 import socket
@@ -12,7 +13,7 @@ import pytest
 
 import planner
 from planner.sweeps.definition import load_sweep
-from planner.sweeps.sweep import VersionsError, WorkersLostError, _for_others, on_cluster
+from planner.sweeps.sweep import VersionsError, WorkersLostError, _one, on_cluster
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
 ROOT = Path(__file__).parents[2]
@@ -49,7 +50,7 @@ def _dask(what: str) -> list[str]:
 def test_a_worker_with_other_versions_is_refused(tmp_path: Path) -> None:
     asked = load_sweep(written(tmp_path, GRID))
     with pytest.raises(VersionsError, match="install alike"):
-        _for_others({"octoplan": "0"}, asked.job, 0, asked.points(0))
+        _one(asked.job, 0, asked.points(0), math.inf, {"octoplan": "0"})
 
 
 def _killing(
