@@ -8,6 +8,7 @@ from model import Shape, settle
 from model.errors import FileError
 from model.stiffness import Stiffness, stiffness
 from model.time_limit import limited
+from planner.io.mistakes import located
 from planner.io.scene_file import Question
 from planner.plan import Plan, plan
 from planner.trajectory.motion import trajectory
@@ -60,7 +61,7 @@ def settled(question: Question) -> Shape:
     """Return the shape under a scene file's tensions or lengths; FileError without any."""
     check_held(question)
     more = question.winches | _common(question)
-    with limited(question.time_limit):
+    with limited(question.time_limit), located(question.name, ""):
         return settle(question.arm, question.tensions, question.scene, **more)
 
 
@@ -68,7 +69,7 @@ def stiff(question: Question) -> Stiffness:
     """Return the stiffness that a scene file asks for; FileError without tensions or lengths."""
     check_held(question)
     more = question.stiffness | question.winches | _common(question)
-    with limited(question.time_limit):
+    with limited(question.time_limit), located(question.name, ""):
         return stiffness(question.arm, question.tensions, question.scene, **more)
 
 
@@ -76,7 +77,8 @@ def planned(question: Question) -> Plan:
     """Return the plan that a scene file asks for; FileError without target or limits."""
     check_complete(question, "target", "limits")
     more = {**question.options, **_common(question), "time_limit": question.time_limit}
-    return plan(question.arm, question.targets, question.scene, **more)
+    with located(question.name, ""):
+        return plan(question.arm, question.targets, question.scene, **more)
 
 
 def in_motion(question: Question) -> Trajectory:
@@ -84,4 +86,5 @@ def in_motion(question: Question) -> Trajectory:
     check_complete(question, "waypoints", "motion", "limits")
     options = {key: item for key, item in question.options.items() if key not in _OF_PLANS}
     more = {**options, **question.motion, **_common(question), "time_limit": question.time_limit}
-    return trajectory(question.arm, list(question.waypoints), question.scene, **more)
+    with located(question.name, ""):
+        return trajectory(question.arm, list(question.waypoints), question.scene, **more)

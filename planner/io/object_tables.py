@@ -17,7 +17,7 @@ import planner.targets
 from model.anchorage import Anchorage, Material, RestCurvature
 from model.arm import PAPER_ARMS, PAPER_FRAME, Arm
 from model.effects import Contact, Effect, PointLoad, PointMass, PrintedStatics
-from model.errors import InputError
+from model.errors import FileError, InputError
 from model.obstacles import Box, Mesh, Moving, Obstacle
 from model.obstacles.base import Convex
 from model.quantities import Vector
@@ -227,7 +227,7 @@ _SHAPES = {kind: table(kind, tag=tag_of(kind), **_OBSTACLE_FORMS.get(kind, {})) 
 def inlined(value: Any, folder: Path) -> Any:
     """Return the table of an obstacle with the numbers of its file, looked for from a folder.
 
-    Raises InputError for both or neither of them, FileError for a file that cannot be read.
+    Raises InputError for both or neither of them, and for a file that cannot be read.
     """
     if not isinstance(value, _SHAPES[Mesh]):
         return value
@@ -238,7 +238,10 @@ def inlined(value: Any, folder: Path) -> Any:
         raise InputError("file", there, "a file, or vertices_mm and faces in its place")
     if mesh.file is None:
         return mesh
-    result = Mesh.read(folder / mesh.file, mesh.unit)
+    try:
+        result = Mesh.read(folder / mesh.file, mesh.unit)
+    except FileError as reason:
+        raise InputError("file", mesh.file, f"a file of a closed mesh: {reason.problem}") from None
     corners = [tuple(item) for item in written(result.vertices, "mm")]
     faces = [(a, b, c) for a, b, c in result.faces]
     return structs.replace(mesh, file=None, vertices_mm=corners, faces=faces)

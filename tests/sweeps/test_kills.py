@@ -99,7 +99,7 @@ def test_what_is_finished_is_not_found_again(
     finished = _finished(out)
     computed, chunks = planner.sweeps.sweep.computed, []
     monkeypatch.setattr(
-        planner.sweeps.workers, "computed", lambda *asked: chunks.append(1) or computed(*asked)
+        planner.sweeps.sweep, "computed", lambda *asked: chunks.append(1) or computed(*asked)
     )
     planner.sweep(path, out)
     assert len(chunks) == 30 - finished
