@@ -180,27 +180,27 @@ def gathered(sweep: Sweep, read: Read) -> Any:
 
 def _array(sweep: Sweep, read: Read, name: str, each: Variable, width: int) -> Any:
     """Return a variable as an array of Dask's, chunk after chunk in the shape of the grid."""
-    array, delayed = needed("dask.array", "sweep"), needed("dask", "sweep").delayed
+    array = needed("dask.array", "sweep")
     kind, sizes = dtype_of(each, width), each.sizes(len(sweep.job.tendons))
 
-    def part(chunk: int) -> NDArray[Any]:
+    def part(block_id: tuple[int, ...]) -> NDArray[Any]:
         check_time()
-        tell("chunks gathered", chunk + 1, sweep.chunks)
-        return read(chunk, name).astype(kind)
+        tell("chunks gathered", block_id[0] + 1, sweep.chunks)
+        return read(block_id[0], name).astype(kind)
 
-    parts = [
-        array.from_delayed(delayed(part, traverse=False)(i), (sweep.count(i), *sizes), kind)
-        for i in range(sweep.chunks)
-    ]
+    counts = tuple(map(sweep.count, range(sweep.chunks)))
+    like = np.empty((0,) * (1 + len(sizes)), kind)
+    chunks = (counts, *((size,) for size in sizes))
+    flat = array.map_blocks(part, chunks=chunks, dtype=kind, meta=like)
     shape = (*sweep.dims.values(), *sizes)
     blocks = array.core.normalize_chunks("auto", shape, _BLOCK, kind)
-    return array.concatenate(parts).reshape(shape).rechunk(blocks)
+    return flat.reshape(shape).rechunk(blocks)
 
 
 def save(data: Any, path: Path) -> None:
-    """Write a Dataset to a path, whole or not at all; raises FullDiskError."""
+    """Write a Dataset to a path, whole or not at all; raises FullDiskError. To be done in order."""
     suffix = path.suffix.lower()
-    with writable(path), staged(path.parent) as folder, in_order():
+    with writable(path), staged(path.parent) as folder:
         new = folder / f"new{suffix}"
         if suffix == ".nc":
             data.to_netcdf(new, engine="h5netcdf")

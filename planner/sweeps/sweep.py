@@ -254,9 +254,10 @@ def written(
     chunks = ChunkFiles(folder_of(path), wanted)
     if not is_earlier:
         _compute(wanted, chunks.left, chunks, jobs, scheduler)
-        data = gathered(wanted, chunks.read)
+        with in_order():
+            data = gathered(wanted, chunks.read)
+            save(data, path)
         attributes = data.attrs
-        save(data, path)
     chunks.remove()
     return attributes, is_earlier
 

@@ -153,6 +153,15 @@ FILES: dict[str, tuple[str, str]] = {
     ),
     "a list of effects": (ARM + "[effects]\n" + "[[effects.weight]]", "effects.weight: got [{}]"),
     "an unknown norm": ("norm = 3\n" + ARM, "norm: got 3, allowed is one of 1, 2, inf"),
+    "a mesh that is not there": (
+        ARM + "[[obstacles]]\ntype = 'mesh'\nfile = 'none.stl'",
+        "obstacles[0].file: got 'none.stl', allowed is a file of a closed mesh: ",
+    ),
+    "an arm in an obstacle from the first": (
+        ARM + TARGET + LIMITS + "[effects]\nextension = true\nexact_tendons = true\n"
+        "[[effects.contacts]]\ntype = 'sphere'\ncenter_mm = [100, 0, 0]\nradius_mm = 30",
+        "Contact.obstacle: got Sphere(center=(0.1, 0.0, 0.0), radius=0.03), allowed is one that",
+    ),
     "no target": (
         ARM + LIMITS,
         "target: missing; needed is a [target] table, such as [target] type",
