@@ -173,9 +173,7 @@ class Centreline:
         A body that keeps its volume swells by lambda^(-1/2) where it is shortened to lambda.
         """
         s = self.s[element] + share * np.diff(self.s)[element]
-        outer = self.arm.radius.evaluate(s, self.arm.length)[0]
-        if self.arm.hull is not None:
-            outer = np.maximum(outer, self.arm.hull.evaluate(s, self.arm.length)[0])
+        outer = self.arm.outer_radius(s)[0]
         if not self.scene.has(NeoHookean):
             return np.asarray(outer)
         stretch = np.einsum("km,km->k", gauss(STAGES).at(share), self.nu[element, :, 0])

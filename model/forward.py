@@ -119,7 +119,7 @@ def explicit_map(
         return PrintedMap(arm, scene, mesh, PRINTED[scheme], machine_code, refinement)
     magnus = CLOSED_FORMS[scheme]
     statics = closed_statics(scene, arm)
-    places = geometry_on_mesh(Geometry(arm), statics, magnus, refinement, at)
+    places = geometry_on_mesh(Geometry.of(arm), statics, magnus, refinement, at)
     return ClosedForm(arm, scene, statics, places, magnus, machine_code, refinement)
 
 

@@ -33,14 +33,11 @@ class Magnus:
     order : int
     nodes : (order / 2,)
         Gauss-Legendre nodes on [0, 1].
-    weights : (order / 2,)
-        Of the nodes in an integral over [0, 1].
     """
 
     name: str
     order: int
     nodes: tuple[float, ...]
-    weights: tuple[float, ...]
 
     def step(self, twists: list[ca.SX], h: ca.SX) -> ca.SX:
         """Return the pose (7,) across a step of length h [m].
@@ -127,9 +124,8 @@ _BERNOULLI = (1.0, -1 / 2, 1 / 12, 0.0, -1 / 720, 0.0, 1 / 30240)
 
 
 def _scheme(order: int) -> Magnus:
-    nodes, weights = np.polynomial.legendre.leggauss(order // 2)
-    both = tuple(((nodes + 1) / 2).tolist()), tuple((weights / 2).tolist())
-    return Magnus(f"magnus{order}", order, *both)
+    nodes = (np.polynomial.legendre.leggauss(order // 2)[0] + 1) / 2
+    return Magnus(f"magnus{order}", order, tuple(nodes.tolist()))
 
 
 MAGNUS2, MAGNUS4, MAGNUS6 = (_scheme(order) for order in (2, 4, 6))

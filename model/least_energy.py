@@ -37,7 +37,7 @@ from model.effects import NeoHookean
 from model.loads import beyond, contacts, is_conservative, levers
 from model.machine.buffered import Buffered
 from model.obstacles import numbers_of
-from model.obstacles.base import SIZE, with_gradient
+from model.obstacles.base import SIZE, signed_distance
 from model.paths import Array
 from model.progress import logged
 from model.rotations import half_turn, unit_matrix
@@ -96,7 +96,7 @@ def node_gap() -> Kernel:
     The obstacle's are in metres, what else there is in units of L.
     """
     u, c = ca.SX.sym("u", 3), ca.SX.sym("c", SIZE + 2)
-    distance, _ = with_gradient()(c[SIZE + 1] * u, c[:SIZE])
+    distance, _ = signed_distance()(c[SIZE + 1] * u, c[:SIZE])
     return Kernel("node_gap", u, c, distance / c[SIZE + 1] - c[SIZE])
 
 

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.arm import Arm
-from model.checks import finite_array
-from model.equilibrium.linearised import check_stretch
+from model.checks import LARGEST
 from model.equilibrium.newton import Collocation
-from model.errors import ConvergenceError, InputError, OctoplanError, UnsettledSectionError
+from model.errors import CollapsedError, InputError, OctoplanError, UnsettledSectionError
 from model.forward import Maps, maps_of
 from model.loads import is_loaded
 from model.machine.compiled import Compile, checked_compile
@@ -26,7 +25,6 @@ from model.settle import ACCURACY, checked_scene, settle
 from model.shape import Shape
 from model.text import MOST_LINES, columns, counted, shortened_lines
 from model.time_limit import check_time
-from model.unloaded.marched import March, Marched
 from model.unloaded.sections import LEAST_STRETCH
 from model.winches import pulls
 
@@ -73,120 +71,91 @@ class Shapes:
         return "\n".join([said, *table, *more, *shortened_lines(lost)])
 
 
-class Problems:
-    """What goes wrong at sets of many: raised, or kept by the set's number."""
+class _Rows:
+    """The rows of many sets, as they come to be settled; nan where something went wrong."""
 
-    def __init__(self, errors: Errors) -> None:
+    def __init__(self, arm: Arm, count: int, errors: Errors) -> None:
         if errors not in ("raise", "nan"):
             raise InputError("errors", errors, '"raise" or "nan"')
-        self._raised, self._told = errors == "raise", dict[int, str]()
+        self._arm, self._raised = arm, errors == "raise"
+        self._problems = dict[int, str]()
+        self.tip, self.frame = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
+        self.error, self.tensions = np.full(count, np.nan), np.full((count, arm.n_tendons), np.nan)
+        self.slack = np.zeros((count, arm.n_tendons), dtype=bool)
 
     @contextmanager
     def of(self, i: int) -> Iterator[None]:
-        """Keep what goes wrong at a set, if it is to be kept."""
+        """Keep what goes wrong at a set, unless it is to be raised."""
         try:
             yield
         except OctoplanError as reason:
             if self._raised:
                 raise
-            self._told[i] = str(reason)
+            self._problems[i] = str(reason)
+
+    def fill(self, i: Any, poses: Array, error: Any, tensions: Array, slack: Any) -> None:
+        """Put down what some sets are settled to."""
+        self.tip[i], self.frame[i] = poses[..., 4:], matrices(poses[..., :4])
+        self.error[i], self.tensions[i], self.slack[i] = error, tensions, slack
 
     @property
-    def rows(self) -> list[int]:
-        """The numbers of the sets where something went wrong."""
-        return list(self._told)
+    def good(self) -> Any:
+        """The numbers of the sets where nothing went wrong."""
+        return np.setdiff1d(np.arange(len(self.error)), list(self._problems))
 
-    def at(self, i: Any) -> Any:
-        """Return whether something went wrong at each of some sets."""
-        return np.isin(i, self.rows)
+    def settle(self, settled: Callable[[int], Shape]) -> Shapes:
+        """Return the rows; sets that are not settled yet, and not wrong, by themselves."""
+        for i in np.flatnonzero(np.isnan(self.error)).tolist():
+            if i not in self._problems:
+                with self.of(i):
+                    shape = settled(i)
+                    poses, slack = shape.equilibrium.poses[-1], shape.slack.ravel()
+                    self.fill(i, poses, shape.error, shape.tensions, slack)
+        problems = tuple(self._problems.get(i, "") for i in range(len(self.error)))
+        return Shapes(self.tip, self.frame, self.error, self.tensions, self.slack, problems)
 
-    def kept(self, shapes: Shapes) -> Shapes:
-        """Return shapes with nan and the reason where something went wrong."""
-        if not self._told:
-            return replace(shapes, problems=("",) * len(shapes.tip))
-        reasons = tuple(self._told.get(i, "") for i in range(len(shapes.tip)))
-        lost = self.at(np.arange(len(reasons)))
-        return Shapes(
-            np.where(lost[:, None], np.nan, shapes.tip),
-            np.where(lost[:, None, None], np.nan, shapes.tip_frame),
-            np.where(lost, np.nan, shapes.error),
-            np.where(lost[:, None], np.nan, shapes.tensions),
-            shapes.slack & ~lost[:, None],
-            reasons,
-        )
+    def stack(self, tensions: Any) -> Array:
+        """Return sets of tensions (m, n_tendons), 0 of those that are not allowed."""
+        if isinstance(tensions, np.ndarray) and tensions.dtype == float:
+            fits = tensions.shape[1:] in self._arm.shapes
+            if fits and np.all((tensions >= 0) & (tensions <= LARGEST)):
+                return tensions.reshape(self.tensions.shape)
+        rows = np.zeros(self.tensions.shape)
+        for i, row in enumerate(tensions):
+            with self.of(i):
+                rows[i] = self._arm.flat(row, f"tensions[{i}]")
+        return rows
 
 
-class ManySets:
-    """Sets of tensions (M, n_tendons) [N] of an unloaded arm, on their way to an accuracy."""
+def _marched(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
+    """Return the poses (M, 7) of tips under tensions (M, n_tendons) without loads, errors (M,).
 
-    def __init__(self, maps: Maps, T: Array, accuracy: float, problems: Problems) -> None:
-        self.maps, self.T, self.accuracy, self.problems = maps, T, accuracy, problems
-        self.coarse, self.fine = first_pair(accuracy, maps.order)
-        self.poses, self.errors = np.zeros((len(T), 7)), np.full(len(T), np.inf)
-        self.last, self.wanted = np.zeros(len(T), int), np.full(len(T), self.coarse)
-
-    def shapes(self) -> Shapes:
-        """Return the shapes; raises what its problems do not keep."""
-        left = self._left(np.arange(len(self.T)))
-        while left.size:
-            check_time()
-            refinement = int(self.wanted[left].min())
-            self._step(left[self.wanted[left] == refinement], refinement)
-            left = self._left(left)
-        lost = self.problems.rows
-        self.poses[lost, 0] = 1.0  # what has no frame is not made one of
-        slack = ~pulls(self.maps.arm, self.T)
-        tips, frames = self.poses[:, 4:], matrices(self.poses[:, :4])
-        return self.problems.kept(Shapes(tips, frames, self.errors, self.T, slack))
-
-    def _left(self, among: Any) -> Any:
-        """Return those sets that are neither settled nor lost."""
-        return among[~(self.errors[among] <= self.accuracy) & ~self.problems.at(among)]
-
-    def _step(self, now: Any, refinement: int) -> None:
-        """Settle the sets `now` on a mesh, and say which they want next."""
-        maps, forward = self.maps, self.maps.on(refinement)
+    Side by side, and only those that a mesh does not settle go on to a finer one. Errors are nan
+    of those that are to be settled alone: what is crushed, or has no equilibrium.
+    """
+    coarse, fine = first_pair(accuracy, maps.order)
+    poses, errors = np.zeros((len(T), 7)), np.full(len(T), np.nan)
+    last, wanted = np.zeros(len(T), int), np.full(len(T), coarse)
+    while wanted.any():
+        check_time()
+        refinement = int(wanted[wanted > 0].min())
+        now, forward = np.flatnonzero(wanted == refinement), maps.on(refinement)
         assert not isinstance(forward, Collocation)
-        poses, least = forward.many(self.T[now], [forward.mesh.steps])
-        poses = poses[:, 0]
-        if refinement == self.coarse:
-            self.wanted[now] = self.fine
-        else:
-            change = poses - self.poses[now]
-            gap = np.linalg.norm(change[:, 4:], axis=1)
-            self.errors[now] = maps.error(gap, self.last[now], refinement)
-        self.poses[now], self.last[now] = poses, refinement
-        lost = np.isnan(poses).any(axis=1)
-        settled = self.errors[now] <= self.accuracy
-        for i in now[settled & ~(least > LEAST_STRETCH)]:
-            with self.problems.of(int(i)):
-                check_stretch(Marched.under(forward, self.T[i]), f"tensions[{i}]")
-        if refinement != self.coarse:
-            self._choose(now[~settled & ~lost], forward)
-        for i in now[lost]:
-            with self.problems.of(int(i)):
-                arguments = maps.arm, self.T[i], maps.scene, self.accuracy, maps.machine_code
-                shape = _settled(*arguments, int(i))
-                self.poses[i], self.errors[i] = shape.equilibrium.poses[-1], shape.error
-
-    def _choose(self, now: Any, forward: March) -> None:
-        refinement, order = forward.refinement, self.maps.order
-        self.wanted[now] = next_refinement(refinement, self.errors[now], self.accuracy, order)
-        for i in now[self.wanted[now] == 0]:
-            with self.problems.of(int(i)):
-                check_stretch(Marched.under(forward, self.T[i]), f"tensions[{i}]")
-                remedy = f"ask for less accuracy, or look at set {i}"
-                raise ConvergenceError(self.accuracy, float(self.errors[i]), remedy)
-
-
-def _settled(
-    arm: Arm, tensions: Array, scene: Scene, accuracy: float, machine_code: bool, i: int
-) -> Shape:
-    """Return the shape of a set by itself, or raise what is wrong with it."""
-    try:
-        return settle(arm, tensions, scene, accuracy, compile=machine_code)
-    except UnsettledSectionError as error:
-        raise UnsettledSectionError(error.s, f"tensions[{i}]") from None
+        tips, least = forward.many(T[now], [forward.mesh.steps])
+        before, poses[now] = poses[now], tips[:, 0]
+        wanted[now] = fine
+        if refinement != coarse:
+            gap = np.linalg.norm(poses[now, 4:] - before[:, 4:], axis=1)
+            errors[now] = maps.error(gap, last[now], refinement)
+            wanted[now] = [
+                0 if error <= accuracy else next_refinement(refinement, error, accuracy, maps.order)
+                for error in errors[now].tolist()
+            ]
+        last[now] = refinement
+        wanted[now[~(least > LEAST_STRETCH)]] = 0
+        errors[now[~(least > LEAST_STRETCH)]] = np.nan
+    errors[~(errors <= accuracy)] = np.nan
+    return poses, errors
 
 
 def settle_many(
@@ -222,33 +191,43 @@ def settle_many(
     """
     scene = checked_scene(arm, scene)
     accuracy = checked_accuracy(accuracy)
-    machine_code = checked_compile(compile)
-    problems = Problems(errors)
+    options: dict[str, Any] = {"compile": checked_compile(compile)}
     if lengths is not None:
-        winches = {"tendon_EA": tendon_EA, "tendon_outside": tendon_outside}
-        held = {"lengths": lengths, "tensions": tensions}
-        options = {**winches, "compile": machine_code}
-        return _by_lengths(arm, held, scene, accuracy, options, problems)
-    T = _stack(arm, tensions, problems)
+        options |= {"tendon_EA": tendon_EA, "tendon_outside": tendon_outside}
+        return _by_lengths(arm, lengths, tensions, scene, accuracy, options, errors)
+    if not hasattr(tensions, "__len__"):
+        raise InputError("tensions", tensions, "a set of tensions for each shape to settle")
+    rows = _Rows(arm, len(tensions), errors)
+    T = rows.stack(tensions)
     if not is_loaded(scene):
-        maps = maps_of(arm, scene, None, machine_code)
-        return ManySets(maps, T, accuracy, problems).shapes()
-    return _one_by_one(
-        arm, len(T), lambda i: _settled(arm, T[i], scene, accuracy, machine_code, i), problems
-    )
+        maps, good = maps_of(arm, scene, None, options["compile"]), rows.good
+        poses, error = _marched(maps, T[good], accuracy)
+        settled = ~np.isnan(error)
+        good, T_good = good[settled], T[good[settled]]
+        rows.fill(good, poses[settled], error[settled], T_good, ~pulls(arm, T_good))
+
+    def alone(i: int) -> Shape:
+        try:
+            return settle(arm, T[i], scene, accuracy, **options)
+        except UnsettledSectionError as error:
+            raise UnsettledSectionError(error.s, f"tensions[{i}]") from None
+        except CollapsedError as error:
+            raise CollapsedError(error.s, error.stretch, f"tensions[{i}]") from None
+
+    return rows.settle(alone)
 
 
 def _by_lengths(
     arm: Arm,
-    held: dict[str, Any],
+    lengths: Any,
+    tensions: Any,
     scene: Scene,
     accuracy: float,
     options: dict[str, Any],
-    problems: Problems,
+    errors: Errors,
 ) -> Shapes:
     """Return the tips by sets of lengths, and of tensions where these are given in part."""
-    lengths, tensions = held["lengths"], held["tensions"]
-    for name, values in held.items():
+    for name, values in (("lengths", lengths), ("tensions", tensions)):
         if values is not None and not hasattr(values, "__len__"):
             raise InputError(name, values, f"a set of {name} for each shape to settle")
     if tensions is not None and len(tensions) != len(lengths):
@@ -262,35 +241,4 @@ def _by_lengths(
             field = reason.field.replace("lengths", f"lengths[{i}]", 1)
             raise InputError(field, reason.given, reason.allowed) from None
 
-    return _one_by_one(arm, len(lengths), settled, problems)
-
-
-def _one_by_one(
-    arm: Arm, count: int, settled: Callable[[int], Shape], problems: Problems
-) -> Shapes:
-    """Return the tips of sets that are settled one after the other, by number."""
-    tips, frames, errors = np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros(count)
-    tensions, slack = np.zeros((count, arm.n_tendons)), np.zeros((count, arm.n_tendons), dtype=bool)
-    for i in np.flatnonzero(~problems.at(np.arange(count))).tolist():
-        with problems.of(i):
-            shape = settled(i)
-            tips[i], frames[i], errors[i] = shape.tip, shape.tip_frame, shape.error
-            tensions[i], slack[i] = shape.tensions, shape.slack.ravel()
-    return problems.kept(Shapes(tips, frames, errors, tensions, slack))
-
-
-def _stack(arm: Arm, tensions: Any, problems: Problems) -> Array:
-    if not hasattr(tensions, "__len__"):
-        raise InputError("tensions", tensions, "a set of tensions for each shape to settle")
-    if isinstance(tensions, np.ndarray) and tensions.dtype == float and len(tensions):
-        shapes = ((arm.n_tendons,), arm.by_section(np.zeros(arm.n_tendons)).shape)
-        if tensions.shape[1:] in shapes and np.all((tensions >= 0) & (tensions < np.inf)):
-            return tensions.reshape(len(tensions), -1)
-    rows = list(tensions)
-    if not rows:
-        return finite_array("tensions", np.zeros((0, arm.n_tendons)), (None, arm.n_tendons))
-    stacked = np.zeros((len(rows), arm.n_tendons))
-    for i, row in enumerate(rows):
-        with problems.of(i):
-            stacked[i] = arm.flat(row, f"tensions[{i}]")
-    return stacked
+    return _Rows(arm, len(lengths), errors).settle(settled)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,6 +18,7 @@ from model.loads import places
 from model.paths import Array, Linear, Path
 from model.scene import Scene
 from model.stations import Counts
+from model.transcription.collocation import gauss
 
 _FINE = 64
 # Growth, as an exponent, that costs half an element, and the most halves that a stretch may cost.
@@ -52,6 +54,12 @@ class Mesh:
         ends = np.column_stack([self.s[first], self.s[last + 1]]).ravel()
         return ends, np.repeat(self.active[last], 2)
 
+    def points(self, m: int) -> tuple[Array, Array, Counts]:
+        """Return m Gauss points a step: where they are (m S,), weights, how many sections cross."""
+        method, h = gauss(m), np.diff(self.s)
+        s = self.s[:-1, None] + h[:, None] * method.c
+        return s.ravel(), np.outer(h, method.b).ravel(), np.repeat(self.active, m)
+
     def node(self, s: float) -> int:
         """Return the index of the node at arc length s, which has to be one of the mesh's."""
         return int(np.argmin(np.abs(self.s - s)))
@@ -63,6 +71,7 @@ def graded(
     at: Iterable[float] = (),
     growth: Callable[[Array], Array] | None = None,
     taper: Path | None = None,
+    weights: tuple[float, float] = (1.0, 1.0),
 ) -> Mesh:
     """Return a mesh whose steps are equal in log R(s) + s/L, refined by a whole number.
 
@@ -79,8 +88,10 @@ def graded(
         it does.
     taper : Path
         What to grade for; the arm's radius unless given. Its size does not matter.
+    weights : (2,)
+        Of log R and of s/L.
     """
-    breaks, fine, weight = _weights(arm, tuple(at), taper or arm.radius)
+    breaks, fine, weight = _weights(arm, at, taper or arm.radius, weights)
     if growth is not None:
         rate = growth(fine.ravel()).reshape(fine.shape)
         turns = (rate[:, 1:] + rate[:, :-1]) / 2 * np.diff(fine, axis=1)
@@ -96,7 +107,9 @@ def graded(
     return with_nodes(arm, np.concatenate(nodes))
 
 
-def _weights(arm: Arm, at: tuple[float, ...], taper: Path) -> tuple[Array, Array, Array]:
+def _weights(
+    arm: Arm, at: Iterable[float], taper: Path, weights: tuple[float, float]
+) -> tuple[Array, Array, Array]:
     """Return the breaks, places between each two, and what the steps between these weigh.
 
     They are shared by the meshes of all refinements.
@@ -104,8 +117,8 @@ def _weights(arm: Arm, at: tuple[float, ...], taper: Path) -> tuple[Array, Array
     breaks = _breaks(arm, at)
     fine = breaks[:-1, None] + np.diff(breaks)[:, None] * np.linspace(0, 1, _FINE + 1)
     R = taper.evaluate(fine.ravel(), arm.length)[0].reshape(fine.shape)
-    weight = np.abs(np.diff(np.log(R), axis=1)) + np.diff(fine, axis=1) / arm.length
-    return breaks, fine, weight
+    steepness, length = np.abs(np.diff(np.log(R), axis=1)), np.diff(fine, axis=1) / arm.length
+    return breaks, fine, weights[0] * steepness + weights[1] * length
 
 
 @lru_cache(maxsize=64)
@@ -189,9 +202,8 @@ def first_pair(accuracy: float, order: int) -> tuple[int, int]:
     rolled up.
     """
     guess = (CAUTION * 10.0 ** (1 - order) / accuracy) ** (1 / order)
-    fine = next(r for r in REFINEMENTS if r >= min(max(guess, 2), 64))
-    coarse = max(r for r in REFINEMENTS if r <= fine / 2)
-    return coarse, fine
+    fine = REFINEMENTS[bisect_left(REFINEMENTS, min(max(guess, 2), 64))]
+    return REFINEMENTS[bisect_right(REFINEMENTS, fine / 2) - 1], fine
 
 
 def estimate(gap: Any, coarse: Any, fine: int, order: int, rounding: float = ROUNDING) -> Any:
@@ -199,13 +211,16 @@ def estimate(gap: Any, coarse: Any, fine: int, order: int, rounding: float = ROU
     return CAUTION * gap / ((fine / coarse) ** order - 1) + rounding
 
 
-def next_refinement(refinement: int, error: Any, accuracy: float, order: int) -> Any:
+def next_refinement(refinement: int, error: float, accuracy: float, order: int) -> int:
     """Return the refinement that should do after one that left an error, 0 past the finest.
 
     Where an error is far off its estimate says little: no more than four times as fine at once,
-    twice where there is no estimate. Of errors (n,) the refinements (n,).
+    twice where there is no estimate.
     """
-    finer = np.array([r for r in REFINEMENTS if refinement < r <= 4 * refinement] or [0])
-    more = np.where(np.isfinite(error), error / accuracy, 2.0**order) ** (1 / order)
-    result = finer[np.minimum(np.searchsorted(finer, refinement * more), finer.size - 1)]
-    return result if result.ndim else int(result)
+    if refinement >= FINEST:
+        return 0
+    more = (error / accuracy) ** (1 / order) if math.isfinite(error) else 2.0
+    wanted = bisect_left(REFINEMENTS, refinement * more)
+    least = bisect_right(REFINEMENTS, refinement)
+    most = bisect_right(REFINEMENTS, 4 * refinement) - 1
+    return REFINEMENTS[min(max(wanted, least), most)]

@@ -17,7 +17,7 @@ from model.checks import kind, positive
 from model.contact.forward import Touching
 from model.contact.self_contact import pressed_on_itself
 from model.effects import PrintedStatics, SelfContact
-from model.equilibrium.linearised import Equilibrium, check_sections, check_stretch
+from model.equilibrium.linearised import Equilibrium, check_stretch
 from model.errors import (
     CollapsedError,
     ConvergenceError,
@@ -133,11 +133,10 @@ def settle(
     ShapeWarning
         Where the arm bends sharper than its own radius; see Shape.remarks.
     """
-    winches = {"lengths": lengths, "tendon_EA": tendon_EA, "tendon_outside": tendon_outside}
-    how: dict[str, Any] = {"scheme": scheme, "compile": compile, "near": near}
     limit = None if time_limit is None else positive("time_limit", time_limit)
     with nullcontext() if limit is None else limited(limit):
-        shape = _checked(arm, tensions, scene, accuracy, **winches, **how)
+        winches = lengths, tendon_EA, tendon_outside
+        shape = _checked(arm, tensions, scene, accuracy, winches, scheme, compile, near)
     if called_by_a_script():
         bent = sharp(shape)
         if bent:
@@ -150,10 +149,7 @@ def _checked(
     tensions: Any,
     scene: Scene | None,
     accuracy: float,
-    *,
-    lengths: Any,
-    tendon_EA: Any,
-    tendon_outside: Any,
+    winches: tuple[Any, Any, Any],
     scheme: str | None,
     compile: Compile,  # noqa: A002  (the name that scripts use)
     near: Shape | None,
@@ -161,14 +157,14 @@ def _checked(
     """Return what `settle` does, once all that is given is looked at."""
     accuracy = checked_accuracy(accuracy)
     if isinstance(scene, Scene) and scene.has(SelfContact):
-        for name, value in (("lengths", lengths), ("near", near), ("scheme", scheme)):
+        for name, value in (("lengths", winches[0]), ("near", near), ("scheme", scheme)):
             if value is not None:
                 raise InputError(name, "given with SelfContact", "none in a scene with SelfContact")
         return _on_itself(arm, tensions, scene, accuracy, checked_compile(compile))
     scene = checked_scene(arm, scene, contact=True)
-    begin = _near(near, arm, scene)
+    begin = None if near is None else _near(near, arm, scene)
     machine_code = checked_compile(compile)
-    held = _given(arm, scene, tensions, lengths, tendon_EA, tendon_outside)
+    held = _given(arm, scene, tensions, *winches)
     maps = maps_of(arm, scene, scheme, machine_code)
     if not isinstance(held, GivenLengths):
         return _settled(maps, held, accuracy, begin)
@@ -231,9 +227,7 @@ def _given(
     return arm.flat(tensions)
 
 
-def _near(near: Any, arm: Arm, scene: Scene) -> Equilibrium | None:
-    if near is None:
-        return None
+def _near(near: Any, arm: Arm, scene: Scene) -> Equilibrium:
     kind("near", near, Shape, "a Shape of the same arm and scene, or None")
     if near.arm != arm or without_friction(near.scene) != without_friction(scene):
         raise InputError("near", "a shape of another arm or scene", "one of the same")
@@ -248,9 +242,8 @@ def _settled(
     near: Equilibrium | None,
 ) -> Shape:
     """Return the shape on the first mesh that is accurate enough."""
-    coarse, fine = first_pair(accuracy, maps.order)
-    refinement = coarse
-    before: tuple[int, Array] | None = None
+    refinement, fine = first_pair(accuracy, maps.order)
+    coarse, before = 0, np.zeros(7)
     snaps: tuple[float, ...] = ()
     begun = time.process_time() if maps.contacts else 0.0
     while refinement:
@@ -262,14 +255,15 @@ def _settled(
                     point = value.on(forward, near)
                 else:
                     point = equilibrium_on(forward, value, near)
-            check_sections(point)
+            check_stretch(point, least=-np.inf)
         except (SnapError, UnsettledContactError, UnsettledSectionError) as problem:
             in_closed_form = isinstance(problem, UnsettledSectionError) and maps.by_sections
             slow = bool(maps.contacts) and time.process_time() - begun > PATIENCE
             if refinement >= _COARSE or in_closed_form or slow:
                 raise
             # Nor does a coarser one that did bear the loads tell how accurate a finer one is.
-            refinement, before = next_refinement(refinement, np.inf, accuracy, maps.order), None
+            refinement = next_refinement(refinement, np.inf, accuracy, maps.order)
+            coarse, fine = 0, 0
             continue
         if isinstance(point, Touching):
             begun = time.process_time()
@@ -277,11 +271,11 @@ def _settled(
         if not isinstance(point, Touching) or point.before is None:
             near = point
         tip, error = point.poses[-1], np.inf
-        if before is not None:
-            gap = math.dist(tip[4:], before[1][4:])
+        if coarse:
+            gap = math.dist(tip[4:], before[4:])
             if maps.lever:
-                gap = max(gap, 2 * maps.lever * math.dist(tip[:4], before[1][:4]))
-            error = maps.error(gap, before[0], refinement)
+                gap = max(gap, 2 * maps.lever * math.dist(tip[:4], before[:4]))
+            error = maps.error(gap, coarse, refinement)
             LOG.debug("%s, mesh %d: estimated tip error %.1e of L", maps.scheme, refinement, error)
             if error <= accuracy:
                 winches = None
@@ -289,9 +283,9 @@ def _settled(
                     point, winches = value.finished(forward, point), value.winches
                 check_stretch(point)
                 return Shape(maps.arm, maps.scene, error, point, refinement, winches, snaps)
-        before, last = (refinement, tip), refinement
-        finer = fine if last == coarse else 0
-        refinement = finer or next_refinement(last, error, accuracy, maps.least_order)
+        finer = fine if refinement < fine else 0
+        before, coarse = tip, refinement
+        refinement = finer or next_refinement(coarse, error, accuracy, maps.least_order)
     check_stretch(point)
     raise ConvergenceError(accuracy, error, "ask for less accuracy or a smoother arm")
 

@@ -20,7 +20,6 @@ from model.errors import InputError
 from model.mesh import graded
 from model.paths import Array
 from model.stations import crossing, stations, tendon_paths
-from model.transcription.collocation import gauss
 
 # Compliance of held tendons as a share of the arm's own, so that combinations of lengths that no
 # strain changes do not matter.
@@ -123,10 +122,8 @@ def rest_lengths(arm: Arm) -> Array:
 
 @lru_cache(maxsize=64)
 def _rest_lengths(arm: Arm) -> Array:
-    mesh, method = graded(arm, _REST), gauss(3)
-    h = np.diff(mesh.s)
-    s, weight = (mesh.s[:-1, None] + h[:, None] * method.c).ravel(), np.outer(h, method.b).ravel()
-    at = stations(arm, s, np.repeat(mesh.active, len(method.c)))
+    s, weight, active = graded(arm, _REST).points(3)
+    at = stations(arm, s, active)
     place, tendon = np.nonzero(crossing(arm, at))
     n, b, *slope = tendon_paths(arm, at, place, tendon)
     bent = at.rest[0, place] * b - at.rest[1, place] * n if arm.is_curved else np.zeros(place.size)

@@ -84,32 +84,15 @@ class Found:
     step: Array
 
 
-class _Time(NamedTuple):
-    """P parts of stretches, from shares of these to others (P,)."""
+class _Rows(NamedTuple):
+    """Pieces, or pairs of them, during parts of stretches, from shares of these to others.
+
+    Stretches and shares are (K,); elements, and shares of them, (K, 1 or 2).
+    """
 
     stretch: Counts
     start: Array
     end: Array
-
-    def some(self, which: Mask | Counts) -> _Time:
-        """Return some of the parts."""
-        return _Time._make(each[which] for each in self)
-
-    def halved(self) -> _Time:
-        """Return the first halves, then the second ones."""
-        middle = (self.start + self.end) / 2
-        ends = (self.start, middle), (middle, self.end)
-        return _Time(np.tile(self.stretch, 2), *(np.concatenate(end) for end in ends))
-
-    def joined(self, other: _Time) -> _Time:
-        """Return these parts, then others."""
-        return _Time._make(np.concatenate(each) for each in zip(self, other, strict=True))
-
-
-class _Rows(NamedTuple):
-    """Pieces, or pairs of them, in some part each (K,): shares (K, 1 or 2) of elements."""
-
-    part: Counts
     element: Counts
     low: Array
     high: Array
@@ -118,17 +101,20 @@ class _Rows(NamedTuple):
         """Return some of the rows."""
         return _Rows._make(each[which] for each in self)
 
-    def halved(self, column: Counts) -> _Rows:
-        """Return both halves of rows, each of the piece in a column (K,)."""
-        k, (part, element, low, high) = np.arange(column.size), self
-        first, second = high.copy(), low.copy()
-        first[k, column] = second[k, column] = (low[k, column] + high[k, column]) / 2
-        both = _Rows(part, element, low, first), _Rows(part, element, second, high)
-        return both[0].joined(both[1])
-
     def joined(self, other: _Rows) -> _Rows:
         """Return these rows, then others."""
         return _Rows._make(np.concatenate(each) for each in zip(self, other, strict=True))
+
+    def halved(self) -> _Rows:
+        """Return the first halves in time, then the second ones."""
+        middle = (self.start + self.end) / 2
+        return self._replace(end=middle).joined(self._replace(start=middle))
+
+    def cut(self, column: Counts) -> _Rows:
+        """Return both halves of rows, each of the piece in a column (K,)."""
+        k, first, second = np.arange(column.size), self.high.copy(), self.low.copy()
+        first[k, column] = second[k, column] = (self.low + self.high)[k, column] / 2
+        return self._replace(high=first).joined(self._replace(low=second))
 
 
 def closest(way: Way, count: int, around: Around, enough: float = 0.0) -> Found:
@@ -152,89 +138,72 @@ class _Search:
     def run(self) -> Found:
         """Look at elements, or pairs of them, until none is open."""
         result, count = self.found, self.found.bound.size
-        time = self._there(_Time(np.arange(count), np.zeros(count), np.ones(count)))
-        if time.stretch.size:
-            self._refined(time, self._parts(time))
+        none, pair = np.zeros(count), np.zeros((count, 1 + (self.around.bodies is None)))
+        rows = _Rows(np.arange(count), none, none + 1, pair.astype(int), pair, pair + 1)
+        rows, part, parts = self._parts(rows)
+        rows = self._whole(rows, parts) if parts else rows
+        for level in range(_LEVELS):
+            check_time()
+            rows, part, parts = self._parts(rows)
+            if parts is None:
+                break
+            late, near = self._step(rows, part, parts, level == _LEVELS - 1)
+            rows = near.joined(late.halved())
         return replace(result, bound=np.minimum(result.bound, result.seen))
 
-    def _there(self, time: _Time) -> _Time:
-        """Return parts without those of stretches of which some arm has no equilibrium."""
-        for share in (time.start, time.end):
-            lines = self.way.lines(time.stretch, share)
-            lost = np.array([line is None for line in lines], dtype=bool)
-            self.found.bound[time.stretch[lost]] = -np.inf
-            self.found.share[time.stretch[lost]] = share[lost]
-        return time.some(~np.isneginf(self.found.bound[time.stretch]))
+    def _parts(self, rows: _Rows) -> tuple[_Rows, Counts, Parts | None]:
+        """Return rows, which part of a stretch each is in, and these; of each arm once.
 
-    def _parts(self, time: _Time) -> Parts:
-        """Return parts by their shapes; of each shape once."""
-        ends = np.stack(time[1:], axis=1)[:, : 1 + self.way.moves]
-        keys = np.column_stack([time.stretch.repeat(ends.shape[1]), ends.ravel()])
-        unique, rows = np.unique(keys, axis=0, return_inverse=True)
-        lines = self.way.lines(unique[:, 0].astype(int), unique[:, 1])
+        Without rows of stretches of which some arm has no equilibrium; None where none are left.
+        """
+        ends = np.column_stack(rows[:3])
+        if not len(ends):
+            return rows, rows.stretch, None
+        time, part = np.unique(ends, axis=0, return_inverse=True)
+        stretch, shares = time[:, 0].astype(int), time[:, 1 : 2 + self.way.moves]
+        keys = np.column_stack([stretch.repeat(shares.shape[1]), shares.ravel()])
+        arms, at = np.unique(keys, axis=0, return_inverse=True)
+        lines = self.way.lines(arms[:, 0].astype(int), arms[:, 1])
+        for (k, share), line in zip(arms, lines, strict=True):
+            if line is None:
+                self.found.bound[int(k)], self.found.share[int(k)] = -np.inf, share
+        there = ~np.isneginf(self.found.bound[rows.stretch])
+        if not there.all():
+            return self._parts(rows.some(there))
         joined = Centreline.joined([line for line in lines if line is not None])
-        return Parts(joined, rows.reshape(ends.shape), self.way.spread(*time))
+        spread = self.way.spread(stretch, *time[:, 1:].T)
+        return rows, part.ravel(), Parts.of(joined, at.reshape(shares.shape), spread)
 
-    def _refined(self, time: _Time, parts: Parts) -> None:
-        """Halve parts, and what of the arm may meet something in them, until no bound is open."""
-        rows = self._whole(parts)
-        for level in range(_LEVELS):
-            if not rows.part.size:
-                return
-            check_time()
-            late, near = self._step(time, parts, rows, level == _LEVELS - 1)
-            rows = near
-            if late.part.size:
-                # Pieces whose part is halved, and the others with the parts that they are in.
-                cut, half = np.unique(late.part, return_inverse=True)
-                kept, at = np.unique(near.part, return_inverse=True)
-                time = time.some(kept).joined(time.some(cut).halved())
-                later = kept.size + half
-                rows = near._replace(part=at).joined(late._replace(part=later))
-                rows = rows.joined(late._replace(part=later + cut.size))
-                time, rows = self._without(time, rows)
-                parts = self._parts(time) if rows.part.size else parts
-
-    def _without(self, time: _Time, rows: _Rows) -> tuple[_Time, _Rows]:
-        """Return parts and rows without those of stretches of which an arm has no equilibrium."""
-        self._there(time)
-        there = ~np.isneginf(self.found.bound[time.stretch])
-        rows = rows.some(there[rows.part])
-        return time.some(there), rows._replace(part=(np.cumsum(there) - 1)[rows.part])
-
-    def _whole(self, parts: Parts) -> _Rows:
-        """Return the elements of parts, or the pairs of them that may meet."""
+    def _whole(self, rows: _Rows, parts: Parts) -> _Rows:
+        """Return the elements of arms in each part, or the pairs of them that may meet."""
         N = parts.elements
         if self.around.bodies is not None:
             part, element = np.divmod(np.arange(len(parts.rows) * N), N)
-            columns = element[:, None]
-        else:
-            turn = parts.turned[:, :, None, 1:] - parts.turned[:, :, :-1, None]
-            reach = turn.max(axis=1) + parts.off[0][:, None] >= np.pi
-            reach |= ~parts.known[:, None, None]
-            part, *pair = np.nonzero(np.triu(reach, 1))
-            columns = np.column_stack(pair)
-        none = np.zeros(columns.shape)
-        return _Rows(part, columns, none, none + 1)
+            return rows.some(part)._replace(element=element[:, None])
+        turn = parts.turned[:, :, None, 1:] - parts.turned[:, :, :-1, None]
+        reach = turn.max(axis=1) + parts.turns_off[:, None] >= np.pi
+        reach |= ~parts.known[:, None, None]
+        part, *pair = np.nonzero(np.triu(reach, 1))
+        return rows.some(part)._replace(element=np.column_stack(pair))
 
-    def _step(self, time: _Time, parts: Parts, rows: _Rows, last: bool) -> tuple[_Rows, _Rows]:
+    def _step(self, rows: _Rows, part: Counts, parts: Parts, last: bool) -> tuple[_Rows, _Rows]:
         """Return rows whose part is to be halved, and the halves of pieces of others."""
         columns = zip(rows.element.T, rows.low.T, rows.high.T, strict=True)
-        pieces = [parts.pieces(rows.part, *column) for column in columns]
-        result, stretch, keep = self.found, time.stretch[rows.part], self.around.keep
-        moved = self._displacement(time, pieces[0])
+        pieces = [parts.pieces(part, *column) for column in columns]
+        result, stretch, keep = self.found, rows.stretch, self.around.keep
+        moved = self._displacement(rows, pieces[0])
         lower = self._lower(stretch, moved, pieces) - keep
-        known = parts.known[rows.part]
+        known = parts.known[part]
         near = (lower < np.minimum(self.enough, result.seen[stretch])) | ~known
         if near.any():
-            self._saw(time, rows.some(near), moved[near], [each[near] for each in pieces])
+            self._saw(rows.some(near), moved[near], [each[near] for each in pieces])
         seen = result.seen[stretch]
         least = np.where(seen < np.inf, seen, 0.0)
         slack = np.maximum(_CLOSE * parts.lines.arm.length, _RELATIVE * np.abs(least + keep))
         enough = np.minimum(self.enough, np.where(seen < np.inf, least - slack, np.inf))
         # Infinite bounds are of what cannot meet, whatever happens in between.
         open_ = ((lower < enough) & (lower < np.inf)) | ~known
-        done = ~open_ if not last and rows.part.size <= _MOST else np.full(open_.size, True)
+        done = ~open_ if not last and stretch.size <= _MOST else np.full(open_.size, True)
         np.minimum.at(result.bound, stretch[done], np.where(known, lower, -np.inf)[done])
         sizes = np.column_stack([each.size for each in pieces])
         travel = np.max([each.travel for each in pieces], axis=0)
@@ -242,7 +211,7 @@ class _Search:
         passing = np.linalg.norm(moved[:, -1] - moved[:, 0], axis=2).max(axis=1, initial=0.0)
         by_time = (travel + passing > sizes.max(axis=1)) | ~known
         piece = ~done & ~by_time
-        return rows.some(~done & by_time), rows.some(piece).halved(sizes[piece].argmax(axis=1))
+        return rows.some(~done & by_time), rows.some(piece).cut(sizes[piece].argmax(axis=1))
 
     def _lower(self, stretch: Counts, moved: Array, pieces: list[Pieces]) -> Array:
         """Return lower bounds of the distances (K,) [m] of pieces from bodies, or each other."""
@@ -262,16 +231,16 @@ class _Search:
         reach = one.most_turned[:, None] >= self.around.turns
         return np.asarray(np.where(reach, lower, np.inf).min(axis=1, initial=np.inf))
 
-    def _displacement(self, time: _Time, one: Pieces) -> Array:
+    def _displacement(self, rows: _Rows, one: Pieces) -> Array:
         """Return how far bodies have moved (K, I, B, 3) where the parts of pieces begin and end."""
         K, instants = one.ends.shape[:2]
         if self.around.moved is None:
             return np.zeros((K, instants, self.around.turns.size, 3))
-        first, last = (self.around.moved[time.stretch[one.part], i] for i in (0, 1))
-        shares = np.column_stack(time[1:])[one.part, :, None, None]
+        first, last = (self.around.moved[rows.stretch, i] for i in (0, 1))
+        shares = np.column_stack([rows.start, rows.end])[:, :, None, None]
         return np.asarray(first[:, None] + shares * (last - first)[:, None])
 
-    def _saw(self, time: _Time, rows: _Rows, moved: Array, pieces: list[Pieces]) -> None:
+    def _saw(self, rows: _Rows, moved: Array, pieces: list[Pieces]) -> None:
         """Keep the least distances of the ends of pieces that are seen where parts begin or end."""
         result, bodies = self.found, self.around.bodies
         one, other = pieces[0], pieces[-1]
@@ -288,13 +257,13 @@ class _Search:
         at = flat.argmin(axis=1)
         least = flat[np.arange(at.size), at] - self.around.keep
         instant, end, which = np.unravel_index(at, gaps.shape[1:])
-        stretch = time.stretch[rows.part]
+        stretch = rows.stretch
         order = np.argsort(-least, kind="stable")
         k = order[least[order] < result.seen[stretch[order]]]
         # The last that is put down is the least.
         to = stretch[k]
         result.seen[to], result.body[to] = least[k], which[k]
-        result.share[to] = np.column_stack(time[1:])[rows.part[k], instant[k]]
+        result.share[to] = np.column_stack([rows.start, rows.end])[k, instant[k]]
         result.s[to, 0] = one.places[k, end[k]]
         result.s[to, 1] = other.places[k, which[k] if bodies is None else end[k]]
 

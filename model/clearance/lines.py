@@ -17,7 +17,6 @@ from model.forward import explicit_map
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
-from model.transcription.collocation import gauss
 from model.unloaded.marched import tendon_lengths
 
 # Closed forms whose nodes in a step are the stages of an element.
@@ -60,13 +59,13 @@ class Lines:
                 None if each is None else Centreline.at_states(forward.system, each)
                 for each in states
             ]
-        law, values = forward.law, slice(forward.mesh.steps * STAGES)
-        at = self.arm, self.scene, forward.mesh.s
+        inner, at = slice(forward.mesh.steps * STAGES), (self.arm, self.scene, forward.mesh.s)
+        marched = [forward.run(T) for T in tensions]
         return [
             None
-            if np.isnan(v[values]).any()
-            else Centreline.at_strains(*at, forward.poses(v), law, v[values])
-            for v in forward.strains.of_many(tensions)
+            if np.isnan(poses[-1]).any()
+            else Centreline.at_strains(*at, poses, forward.law, v[inner])
+            for poses, _, v in marched
         ]
 
     def lengths(self, tensions: Array) -> Array:
@@ -82,11 +81,8 @@ class Lines:
     @cached_property
     def sections(self) -> Sections:
         """The cross-sections at the stages, of a scene without loads."""
-        forward = self._forward
-        s, h = forward.mesh.s, np.diff(forward.mesh.s)
-        at = (s[:-1, None] + h[:, None] * gauss(STAGES).c).ravel()
-        active = np.repeat(forward.mesh.active, STAGES)
-        return Sections(self.arm, self.scene, forward.law, at, active)
+        at, _, active = self._forward.mesh.points(STAGES)
+        return Sections(self.arm, self.scene, self._forward.law, at, active)
 
     def _equilibrium(self, tensions: Array) -> Array | None:
         """Return the states (n_states,) under tensions (n_tendons,); None without an equilibrium.

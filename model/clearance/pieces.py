@@ -44,80 +44,69 @@ class Parts:
         All arms that are known, joined.
     rows : (P, I)
         Which of them are those of each part: two, or one of a part that takes no time.
-    spread : Spread or None
-        How far strains are from straight lines in between; None where parts take no time.
+    known : (P,)
+        Whether it is known how far strains are from straight lines.
+    turned : (P, I, N + 1)
+        How far tangents have turned from the base to each node [rad].
+    turns_off, goes_off : (P, N)
+        By how much more tangents may turn up to an element's end in between [rad], and how far
+        places go off the line [m].
+    swell : (P, N)
+        How many times wider sections may be in between than where parts begin and end.
     """
 
     lines: Centreline
     rows: Counts
-    spread: Spread | None = None
+    known: Mask
+    turned: Array
+    turns_off: Array
+    goes_off: Array
+    swell: Array
+
+    @classmethod
+    def of(cls, lines: Centreline, rows: Counts, spread: Spread | None) -> Parts:
+        """Return parts by how far strains are from straight lines; None where they take no time."""
+        N, P = int(np.argmax(lines.s)), len(rows)
+        turns = np.append(lines.sizes[1], 0.0).reshape(-1, N + 1)
+        turned = np.cumsum(np.roll(turns, 1, axis=1) * (np.arange(N + 1) > 0), axis=1)[rows]
+        none, always = np.zeros((P, N)), np.ones(P, dtype=bool)
+        if spread is None:
+            return cls(lines, rows, always, turned, none, none, none + 1)
+
+        def at_stages(values: Array) -> Array:
+            """Return values of the lines by part, end, stage (P, I, N stages, 3)."""
+            by_line = values.reshape(-1, N + 1, STAGES, 3)[:, :-1]
+            return by_line.reshape(len(by_line), -1, 3)[rows]
+
+        def integrated(values: Array) -> Array:
+            """Return integrals over the elements (P, N) of values at stages (P, N stages)."""
+            return np.asarray(
+                values.reshape(P, N, STAGES) @ gauss(STAGES).b * np.diff(lines.s[: N + 1])
+            )
+
+        nu_at, kappa, nu = at_stages(lines.nu), integrated(spread.kappa), integrated(spread.nu)
+        turn, slide = (
+            integrated(np.linalg.norm(each[:, -1] - each[:, 0], axis=2))
+            for each in (at_stages(lines.kappa), nu_at)
+        )
+        long = integrated(np.linalg.norm(nu_at, axis=3).max(axis=1))
+        swept, bent = np.cumsum(turn, axis=1), np.cumsum(kappa, axis=1)
+        places = np.cumsum(1.5 * swept**2 * long + 2 * swept * slide, axis=1) / 8
+        reach = np.cumsum(long + nu, axis=1)
+        places += np.cumsum(nu, axis=1) + reach * bent
+        places -= np.cumsum(kappa * (reach - long - nu), axis=1)
+        # The share of their stretch that sections may be shorter by.
+        short = spread.nu / np.maximum(nu_at[..., 0].min(axis=1), 1e-3)
+        short = short.reshape(P, N, STAGES).max(axis=2)
+        known = spread.known & (short < _SHORT).all(axis=1)
+        rubber = lines.scene.has(NeoHookean)
+        swell = 1 / np.sqrt(1 - rubber * np.minimum(short, _SHORT))
+        return cls(lines, rows, known, turned, bent, places, swell)
 
     @property
     def elements(self) -> int:
         """How many elements an arm has."""
-        return int(np.argmax(self.lines.s))
-
-    @cached_property
-    def known(self) -> Mask:
-        """Whether it is known how far strains are from straight lines (P,)."""
-        if self.spread is None:
-            return np.ones(len(self.rows), dtype=bool)
-        return np.asarray(self.spread.known & (self._short < _SHORT).all(axis=1))
-
-    @cached_property
-    def turned(self) -> Array:
-        """How far tangents have turned from the base to each node (P, I, N + 1) [rad]."""
-        values = np.append(self.lines.sizes[1], 0.0).reshape(-1, self.elements + 1)
-        values = np.hstack([np.zeros((len(values), 1)), values[:, :-1]])
-        return np.asarray(np.cumsum(values, axis=1)[self.rows])
-
-    @cached_property
-    def off(self) -> tuple[Array, Array]:
-        """By how much more tangents may turn up to an element's end in between, and places go off.
-
-        (P, N) [rad] and (P, N) [m].
-        """
-        if self.spread is None:
-            none = np.zeros((len(self.rows), self.elements))
-            return none, none
-        kappa, nu = (self._integrated(each) for each in self.spread[:2])
-        turn, slide = (
-            self._integrated(np.linalg.norm(each[:, -1] - each[:, 0], axis=2))
-            for each in (self._at_stages(self.lines.kappa), self._at_stages(self.lines.nu))
-        )
-        long = np.linalg.norm(self._at_stages(self.lines.nu), axis=3).max(axis=1)
-        long = self._integrated(long)
-        swept = np.cumsum(turn, axis=1)
-        places = np.cumsum(1.5 * swept**2 * long + 2 * swept * slide, axis=1) / 8
-        reach, bent = np.cumsum(long + nu, axis=1), np.cumsum(kappa, axis=1)
-        places += np.cumsum(nu, axis=1) + reach * bent
-        places -= np.cumsum(kappa * (reach - long - nu), axis=1)
-        return bent, places
-
-    @cached_property
-    def swell(self) -> Array:
-        """How many times wider sections may be in between than where parts begin and end (P, N)."""
-        if self.spread is None or not self.lines.scene.has(NeoHookean):
-            return np.ones((len(self.rows), self.elements))
-        return np.asarray(1 / np.sqrt(1 - np.minimum(self._short, _SHORT)))
-
-    @cached_property
-    def _short(self) -> Array:
-        """The share of their stretch that sections may be shorter by in between (P, N)."""
-        assert self.spread is not None
-        stretch = self._at_stages(self.lines.nu)[..., 0].min(axis=1)
-        short = self.spread.nu / np.maximum(stretch, 1e-3)
-        return np.asarray(short.reshape(len(short), -1, STAGES).max(axis=2))
-
-    def _at_stages(self, values: Array) -> Array:
-        """Return values of the lines at their stages, by part: (P, I, N stages, 3)."""
-        by_line = values.reshape(-1, self.elements + 1, STAGES, 3)[:, :-1]
-        return by_line.reshape(len(by_line), -1, 3)[self.rows]
-
-    def _integrated(self, values: Array) -> Array:
-        """Return integrals over the elements (P, N) of values at stages (P, N stages)."""
-        h = np.diff(self.lines.s[: self.elements + 1])
-        return np.asarray(values.reshape(len(values), -1, STAGES) @ gauss(STAGES).b * h)
+        return int(self.swell.shape[1])
 
     def pieces(self, part: Counts, element: Counts, start: Array, end: Array) -> Pieces:
         """Return pieces (K,) by their part, element, and the shares of it where they are."""
@@ -188,7 +177,7 @@ class Pieces:
     def travel(self) -> Array:
         """About how far the ends travel during the part (K,) [m]."""
         way = np.linalg.norm(self.ends[:, -1] - self.ends[:, 0], axis=2).max(axis=1)
-        return np.asarray(way + self.of.off[1][self.part, self.element])
+        return np.asarray(way + self.of.goes_off[self.part, self.element])
 
     @property
     def most_turned(self) -> Array:
@@ -202,7 +191,7 @@ class Pieces:
 
     @property
     def _more_turned(self) -> Array:
-        return np.asarray(self.of.off[0][self.part, self.element])
+        return np.asarray(self.of.turns_off[self.part, self.element])
 
     @property
     def radii(self) -> Array:
@@ -228,7 +217,7 @@ class Pieces:
         bent = np.abs(radii[..., 0] - 2 * radii[..., 1] + radii[..., 2])
         most = (radii.max(axis=2) + bent).max(axis=1)
         at = self.part, self.element
-        return np.asarray(sag + most * self.of.swell[at] + self.of.off[1][at])
+        return np.asarray(sag + most * self.of.swell[at] + self.of.goes_off[at])
 
     @property
     def places(self) -> Array:

@@ -16,7 +16,7 @@ from model.errors import InputError
 from model.loads import contacts
 from model.machine.buffered import Mapped
 from model.obstacles import distances, numbers_of
-from model.obstacles.base import SIZE, with_gradient
+from model.obstacles.base import SIZE, signed_distance
 from model.paths import Array
 from model.rotations import unit_matrix
 from model.transcription.collocation import gauss
@@ -56,7 +56,7 @@ def _along(law: CrossSection, machine_code: bool) -> Mapped:
     """Return pose, strains, their rates, an obstacle, radius and two derivatives -> gap, ..."""
     g, v, rate = ca.SX.sym("g", 7), ca.SX.sym("v", size(law)), ca.SX.sym("rate", size(law))
     body, radius = ca.SX.sym("body", SIZE), ca.SX.sym("radius", 3)
-    distance, normal = with_gradient()(g[4:], body)
+    distance, normal = signed_distance()(g[4:], body)
     kappa, nu = law.twist(v)
     R = unit_matrix(g[:4])
     u1 = R @ nu

@@ -8,6 +8,7 @@ is a narrow band.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -287,23 +288,16 @@ class Linearised:
 Equilibrium = Linearised | Marched
 
 
-def check_sections(at: Equilibrium, which: str = "") -> None:
-    """Refuse an equilibrium whose 1 + q is not a number where a section has no equilibrium.
+def check_stretch(at: Equilibrium, which: str = "", least: float = LEAST_STRETCH) -> None:
+    """Refuse an equilibrium whose 1 + q is not above some least somewhere, or not a number.
 
-    `which` says which of many it is. Raises UnsettledSectionError.
+    It is no number where a section has no equilibrium. `which` says which of many it is.
+
+    Raises UnsettledSectionError and CollapsedError.
     """
-    lost = int(at.stretch.argmin())  # what is no number is the least
-    if np.isnan(at.stretch[lost]):
-        raise UnsettledSectionError(float(at.stretch_at[lost]), which)
-
-
-def check_stretch(at: Equilibrium, which: str = "") -> None:
-    """Refuse an equilibrium whose 1 + q is not above 0 somewhere.
-
-    Raises CollapsedError, and as check_sections does.
-    """
-    check_sections(at, which)
-    stretch = at.stretch
-    worst = int(stretch.argmin())
-    if not stretch[worst] > LEAST_STRETCH:
-        raise CollapsedError(float(at.stretch_at[worst]), float(stretch[worst]), which)
+    worst = int(at.stretch.argmin())  # the first that is no number, if any is
+    stretch = float(at.stretch[worst])
+    if math.isnan(stretch):
+        raise UnsettledSectionError(float(at.stretch_at[worst]), which)
+    if not stretch > least:
+        raise CollapsedError(float(at.stretch_at[worst]), stretch, which)

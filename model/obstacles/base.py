@@ -26,7 +26,7 @@ import numpy as np
 
 from model.checks import SUCH, numbers
 from model.errors import InputError
-from model.machine.buffered import Mapped
+from model.machine.buffered import mapped
 from model.paths import Array
 
 # Center (3,), axes (3, 3) column by column, half sizes (3,), layer, 1 for a half-space else 0.
@@ -118,11 +118,6 @@ SUCH[Convex] = "a convex obstacle such as Capsule(start, end, radius); a Mesh is
 
 def numbers_of(obstacles: Sequence[Convex]) -> Array:
     """Return the numbers (M, 17) of convex obstacles."""
-    return _numbers(tuple(obstacles)).copy()
-
-
-@lru_cache(maxsize=32)
-def _numbers(obstacles: tuple[Convex, ...]) -> Array:
     return np.array([obstacle.numbers for obstacle in obstacles]).reshape(-1, SIZE)
 
 
@@ -138,34 +133,22 @@ def distances(bodies: Array, points: Array) -> tuple[Array, Array]:
 
 def pair_distances(bodies: Array, points: Array) -> tuple[Array, Array]:
     """Return signed distances (N,) [m] and gradients (N, 3), each of a point (N, 3) and a body."""
-    distance, gradient = _mapped()(points, bodies)
+    distance, gradient = mapped(signed_distance())(points, bodies)
     return distance.ravel(), gradient
 
 
 @lru_cache(maxsize=1)
 def signed_distance() -> ca.Function:
-    """Return point (3,), numbers (17,) of a body -> signed distance."""
+    """Return point (3,), numbers (17,) of a body -> signed distance, its gradient (3,)."""
     x, p = ca.SX.sym("x", 3), ca.SX.sym("p", SIZE)
     y = ca.reshape(p[3:12], 3, 3).T @ (x - p[:3])
     size = ca.sqrt(y**2 + _TINY)
     first = (1 - p[16]) * size[0] + p[16] * y[0]
     q = ca.vertcat(first, size[1:]) - p[12:15]
     outside = ca.sqrt(ca.sumsqr(ca.fmax(q, 0)) + _TINY)
-    return ca.Function("distance", [x, p], [outside + ca.fmin(ca.mmax(q), 0) - p[15]])
-
-
-@lru_cache(maxsize=1)
-def with_gradient() -> ca.Function:
-    """Return point (3,), numbers (17,) of a body -> signed distance, its gradient (3,)."""
-    x, p = ca.SX.sym("x", 3), ca.SX.sym("p", SIZE)
-    d = signed_distance()(x, p)
+    d = outside + ca.fmin(ca.mmax(q), 0) - p[15]
     results = [d, ca.densify(ca.gradient(d, x))]
-    return ca.Function("with_gradient", [x, p], results, {"cse": True})
-
-
-@lru_cache(maxsize=1)
-def _mapped() -> Mapped:
-    return Mapped(with_gradient())
+    return ca.Function("distance", [x, p], results, {"cse": True})
 
 
 def check_obstacles(obstacles: Any) -> tuple[Obstacle, ...]:

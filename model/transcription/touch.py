@@ -22,7 +22,7 @@ import numpy as np
 
 from model.cross_section.energy import EnergySection
 from model.cross_section.law import CrossSection, join, size
-from model.obstacles.base import SIZE, with_gradient
+from model.obstacles.base import SIZE, signed_distance
 from model.rotations import half_turn, multiply, unit_matrix
 from model.transcription.collocation import gauss, rotation_vectors, weighted_sum
 from model.transcription.equations import Kernel
@@ -70,7 +70,7 @@ def _gap(
     radius, slope, h = ca.vertsplit(c[SIZE : SIZE + 3])
     end, powers = v @ ca.DM(gauss(m).at(1.0)), np.arange(m)
     rate = v @ ca.DM(powers @ gauss(m).powers) / h
-    distance, normal = with_gradient()(u, c[:SIZE])
+    distance, normal = signed_distance()(u, c[:SIZE])
     wide, widening = swelling(law, end)
     gap = distance - radius * wide
     along = unit_matrix(q) @ law.twist(end)[1]
@@ -101,7 +101,7 @@ def pressure(law: CrossSection, m: int, friction: bool = False) -> Kernel:
     along = [frame @ nu for frame, (_, nu) in zip(R, twists, strict=True)]
     places = [u + h * weighted_sum(row, along) for row in method.a]
     shares = [lies * ((1 - x) * p[0] + x * p[1]) for x in method.c.tolist()]
-    f = [x * with_gradient()(at, c[:SIZE])[1] for x, at in zip(shares, places, strict=True)]
+    f = [x * signed_distance()(at, c[:SIZE])[1] for x, at in zip(shares, places, strict=True)]
     if friction:
         between = [lies * ((1 - x) * tau[:, 0] + x * tau[:, 1]) for x in method.c.tolist()]
         f = [each + frame @ t for each, frame, t in zip(f, R, between, strict=True)]
@@ -140,7 +140,7 @@ def contact_friction(law: CrossSection, m: int) -> Kernel:
     body, mu, r, by_length, history, before = ca.vertsplit(c, cuts)
     held, inside, as_before, as_beyond, moves = ca.vertsplit(history)
     P, p, *around = ca.vertsplit(ca.vertcat(values, near[0, :].T))
-    _, normal = with_gradient()(u, body)
+    _, normal = signed_distance()(u, body)
     frame = unit_matrix(q)
     along = frame @ law.twist(v @ ca.DM(gauss(m).at(1.0)))[1]
     shift = moves * values[1]

@@ -1,14 +1,17 @@
-"""The fast path: strains in closed form, poses by Magnus steps from the base.
+"""The explicit march: strains by tensions, poses by Magnus steps from the base.
 
-Data flow: tensions -> tendon resultants at the steps' nodes -> strains (closed form) -> poses at
-the nodes, by one Magnus step after the other from the base on.
+Data flow: tensions -> tendon resultants at the steps' nodes -> strains -> poses at the nodes of the
+mesh, by one Magnus step after the other from the base on. Where strains are an expression of the
+resultants (the paper's balance) a step takes these; where they are found by Newton's method, it
+takes the strains.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -18,46 +21,50 @@ from model.cross_section import cross_section_of
 from model.cross_section.law import CrossSection, reported, size
 from model.cross_section.sections import Sections
 from model.integrators import Magnus
-from model.machine.buffered import Buffered, Mapped
+from model.machine.buffered import Buffered, mapped
 from model.machine.columns import Columns
 from model.machine.compiled import kernel
 from model.mesh import Mesh, graded, roughly
-from model.paths import Array
+from model.paths import Array, Path
 from model.rotations import compose
 from model.scene import Scene
 from model.stations import Counts, base_pose, stations
 from model.unloaded.sections import StrainsByTensions
-from model.unloaded.statics import (
-    ClosedStatics,
-    EnergyStatics,
-    PaperStatics,
-    balance_function,
-)
+from model.unloaded.statics import ClosedStatics
 
 # E A, E J and G I come first among the data of a cross-section.
 _BODY = 3
+# Arms at a time, interpreted and by machine code: their numbers stay in the processor's cache.
+_ARMS = 2048, 512
+# So few are marched one after the other, where they are interpreted.
+_FEW = 256
+# Of log R and s/L in its meshes: errors of slender tips weigh most where strains follow tensions.
+_GRADED = 1.5, 0.75
+# So few steps are one list of operations, which CasADi runs sooner than a function time and again.
+_WRITTEN_OUT = 64
 
 
+@dataclass(frozen=True)
 class Geometry:
     """An arm whatever it is made of: equal to another of the same tendons and taper.
 
     Attributes
     ----------
-    arm : Arm
     taper : Path
         What its meshes are graded for.
+    numbers : tuple
+        All else that meshes and paths of tendons depend on.
     """
 
-    def __init__(self, arm: Arm) -> None:
-        self.arm, self.taper = arm, roughly(arm.radius)
-        body = (arm.length, self.taper, arm.sections, arm.rest_curvature)
-        self._key = (*body, arm.base_frame, arm.base_position)
+    arm: Arm = field(compare=False)
+    taper: Path
+    numbers: tuple[Any, ...]
 
-    def __hash__(self) -> int:
-        return hash(self._key)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Geometry) and self._key == other._key
+    @classmethod
+    def of(cls, arm: Arm) -> Geometry:
+        """Return the geometry of an arm."""
+        body = arm.length, arm.sections, arm.rest_curvature, arm.base_frame, arm.base_position
+        return cls(arm, roughly(arm.radius), body)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +110,11 @@ def geometry_on_mesh(
     at: tuple[float, ...],
 ) -> GeometryOnMesh:
     """Return the places on a mesh of a refinement that has the arc lengths `at` as nodes."""
-    arm, m = geometry.arm, len(scheme.nodes)
-    mesh = graded(arm, refinement, at, taper=geometry.taper)
+    arm = geometry.arm
+    mesh = graded(arm, refinement, at, taper=geometry.taper, weights=_GRADED)
     ends, at_ends = mesh.segment_ends()
-    s = np.concatenate([nodes_of(scheme, mesh.s[:-1], mesh.s[1:]), ends])
-    active = np.concatenate([np.repeat(mesh.active, m), at_ends])
+    s, _, active = mesh.points(len(scheme.nodes))
+    s, active = np.concatenate([s, ends]), np.concatenate([active, at_ends])
     there = stations(arm, s, active)
     maps, others = statics.pulls(arm, there), statics.data(there)[_BODY:].T
     return GeometryOnMesh(mesh, s, active, maps, others, base_pose(arm), np.diff(mesh.s))
@@ -118,78 +125,92 @@ def nodes_of(scheme: Magnus, left: Array, right: Array) -> Array:
     return np.ravel(left[:, None] + (right - left)[:, None] * np.array(scheme.nodes))
 
 
-# Arms at a time, interpreted and by machine code: their numbers stay in the processor's cache.
-_ARMS = 2048, 512
-# So few steps are one list of operations, which CasADi runs sooner than a function time and again.
-_WRITTEN_OUT = 64
+def _strains(statics: ClosedStatics, m: int, by_pull: bool) -> tuple[list[ca.SX], ca.SX]:
+    """Return what a step takes of m cross-sections, by column, and their strains (n, m) of it.
+
+    Pull and data, or where these do not give the strains the strains.
+    """
+    if not by_pull:
+        v = ca.SX.sym("v", size(statics.law), m)
+        return [v], v
+    pull, data = ca.SX.sym("pull", statics.n_pull, m), ca.SX.sym("data", statics.n_data, m)
+    pairs = zip(ca.horzsplit(pull), ca.horzsplit(data), strict=True)
+    return [pull, data], ca.horzcat(*(statics.solve(*pair) for pair in pairs))
 
 
-class _Steps:
-    """(pose, strains at the nodes of a step, h) -> pose across it, of a structure, any numbers."""
+def _step(
+    statics: ClosedStatics, scheme: Magnus, by_pull: bool, columns: bool = False
+) -> ca.Function:
+    """Return (pose, what is known of the nodes' sections, h) -> pose across a step, strains.
 
-    def __init__(self, statics: ClosedStatics, scheme: Magnus, machine_code: bool) -> None:
-        self._statics, self._scheme, self._machine_code = statics, scheme, machine_code
-        g, v, h = self._symbols()
-        step = ca.Function("marched", [g, ca.vec(v), h], [self._after(g, v, h)], {"cse": True})
-        self.step, self._along = kernel(step, machine_code), dict[int, Buffered]()
-        self.some = Mapped(self.step)
-
-    @cached_property
-    def many(self) -> Columns:
-        """The same of sets in columns, which tells the least 1 + q at the nodes besides.
-
-        Pull and data of the nodes stand for strains that are an expression of these.
-        """
-        (g, v, h), statics = self._symbols(), self._statics
-        arguments = [ca.vec(v)]
-        if isinstance(statics, PaperStatics):
-            m = v.shape[1]
-            pull, data = ca.SX.sym("pull", statics.n_pull, m), ca.SX.sym("data", statics.n_data, m)
-            pairs = zip(ca.horzsplit(pull), ca.horzsplit(data), strict=True)
-            v = ca.horzcat(*(statics.solve(*pair) for pair in pairs))
-            arguments = [ca.vec(pull), ca.vec(data)]
-        stretch = [1 + statics.law.reported(each)[3] for each in ca.horzsplit(v)]
-        results = [self._after(g, v, h), ca.mmin(ca.vertcat(*stretch))]
-        step = ca.Function("marched_by_many", [g, *arguments, h], results, {"cse": True})
-        return Columns(step, self._machine_code)
-
-    def along(self, count: int) -> Buffered:
-        """Return so many steps one after another: the poses at all nodes."""
-        if count not in self._along:
-            march = self.step.mapaccum(count)
-            g, *value = march.mx_in()
-            nodes = ca.Function("marched", [g, *value], [ca.horzcat(g, march(g, *value))])
-            few = count <= _WRITTEN_OUT and self.step.is_a("SXFunction")
-            self._along[count] = Buffered(nodes.expand() if few else nodes)
-        return self._along[count]
-
-    def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        n, m = size(self._statics.law), len(self._scheme.nodes)
-        return ca.SX.sym("g", 7), ca.SX.sym("v", n, m), ca.SX.sym("h")
-
-    def _after(self, g: ca.SX, v: ca.SX, h: ca.SX) -> ca.SX:
-        """Return the pose after a step from g."""
-        twists = [ca.vertcat(*self._statics.law.twist(one)) for one in ca.horzsplit(v)]
-        return compose(g, self._scheme.step(twists, h))
+    With `columns` the least 1 + q of the nodes in place of their strains.
+    """
+    known, v = _strains(statics, len(scheme.nodes), by_pull)
+    g, h, sections = ca.SX.sym("g", 7), ca.SX.sym("h"), ca.horzsplit(v)
+    twists = [ca.vertcat(*statics.law.twist(one)) for one in sections]
+    after = compose(g, scheme.step(twists, h))
+    stretch = ca.vertcat(*(1 + statics.law.reported(one)[3] for one in sections))
+    results = [after, ca.mmin(stretch) if columns else ca.vec(v)]
+    arguments = [g, *map(ca.vec, known), h]
+    return ca.Function("marched", arguments, results, {"cse": True})
 
 
 @lru_cache(maxsize=32)
-def _steps(statics: ClosedStatics, scheme: Magnus, machine_code: bool) -> _Steps:
-    """Return the steps of a structure, made once."""
-    return _Steps(statics, scheme, machine_code)
+def _one_step(
+    statics: ClosedStatics, scheme: Magnus, by_pull: bool, machine_code: bool
+) -> ca.Function:
+    """Return a step as a kernel; made once."""
+    return kernel(_step(statics, scheme, by_pull), machine_code)
+
+
+@lru_cache(maxsize=32)
+def _many_arms(
+    statics: ClosedStatics, scheme: Magnus, machine_code: bool
+) -> tuple[Columns, Columns]:
+    """Return a step of many arms, and the least of a number and of 1 + q at a cross-section."""
+    known, v = _strains(statics, 1, statics.is_explicit)
+    least = ca.SX.sym("least")
+    both = ca.fmin(least, 1 + statics.law.reported(v)[3])
+    end = ca.Function("least", [least, *known], [both], {"cse": True})
+    step = _step(statics, scheme, statics.is_explicit, columns=True)
+    return Columns(step, machine_code), Columns(end, machine_code)
+
+
+@lru_cache(maxsize=64)
+def _march(
+    statics: ClosedStatics,
+    scheme: Magnus,
+    steps: int,
+    ends: int,
+    by_pull: bool,
+    machine_code: bool,
+) -> Buffered:
+    """Return (base, what is known of K sections, h) -> poses (7, steps + 1), strains (n, K).
+
+    The sections are those of the steps' nodes, then of `ends`.
+    """
+    inner, step = steps * len(scheme.nodes), _one_step(statics, scheme, by_pull, machine_code)
+    symbols, v = _strains(statics, 1, by_pull)
+    section = kernel(ca.Function("section", symbols, [ca.densify(v)], {"cse": True}), machine_code)
+    g, h = ca.MX.sym("g", 7), ca.MX.sym("h", 1, steps)
+    known = [ca.MX.sym("known", each.numel(), inner + ends) for each in symbols]
+    at_nodes = [ca.reshape(each[:, :inner], -1, steps) for each in known]
+    poses, strains = step.mapaccum(steps)(g, *at_nodes, h)
+    at_ends = section.map(ends)(*(each[:, inner:] for each in known))
+    results = [ca.horzcat(g, poses), ca.horzcat(ca.reshape(strains, -1, inner), at_ends)]
+    march = ca.Function("march", [g, *known, h], results)
+    few = steps <= _WRITTEN_OUT and step.is_a("SXFunction")
+    return Buffered(march.expand() if few else march)
 
 
 class ClosedForm:
-    """The forward map of an unloaded scene with closed-form strains, on one mesh.
+    """The forward map of an unloaded scene on one mesh.
 
     Attributes
     ----------
-    function : casadi.Function
-        tensions (n_tendons,) -> poses at the mesh's nodes (7, S + 1), and 1 + q at the arc lengths
-        `stretch_at` (1, K), the scheme's nodes in the steps and both ends of each segment, which
-        `stretch_active` sections cross.
     strains : StrainsByTensions
-        The strains there.
+        The strains at the arc lengths `stretch_at` (K,), the scheme's nodes in the steps and both
+        ends of each segment.
     """
 
     def __init__(
@@ -204,13 +225,15 @@ class ClosedForm:
     ) -> None:
         self.arm, self.scene, self.scheme, self.mesh = arm, scene, scheme, places.mesh
         self.name, self.refinement, self.machine_code = scheme.name, refinement, machine_code
-        self.stretch_at, self.stretch_active = places.at, places.active
-        data = places.data(arm)
-        self.strains = StrainsByTensions(statics, places.maps, data, machine_code)
-        self._radius = 2 * np.sqrt(data[:, 1] / data[:, 0])
-        self._base, self._h, self._statics = places.base, places.h, statics
-        self._steps = _steps(statics, scheme, machine_code)
-        self._march = self._steps.along(places.mesh.steps)
+        self.strains = StrainsByTensions(statics, places.maps, places.data(arm), machine_code)
+        self.stretch_at, self._places, self._statics = places.at, places, statics
+        self._inner = self.mesh.steps * len(scheme.nodes)
+        self._march = self._marched(statics.is_explicit)
+
+    def _marched(self, by_pull: bool) -> Buffered:
+        ends = self.stretch_at.size - self._inner
+        of = self._statics, self.scheme, self.mesh.steps, ends
+        return _march(*of, by_pull, self.machine_code)
 
     @property
     def law(self) -> CrossSection:
@@ -220,72 +243,70 @@ class ClosedForm:
     @cached_property
     def sections(self) -> Sections:
         """The cross-sections at the nodes of the steps, which wrenches may twist."""
-        law, values = (
-            cross_section_of(self.scene, self.arm.is_curved),
-            slice(self.mesh.steps * len(self.scheme.nodes)),
-        )
-        where = self.stretch_at[values], self.stretch_active[values]
+        law, inner = cross_section_of(self.scene, self.arm.is_curved), slice(self._inner)
+        where = self.stretch_at[inner], self._places.active[inner]
         return Sections(self.arm, self.scene, law, *where, self.machine_code)
 
-    @cached_property
+    @property
     def function(self) -> ca.Function:
-        """The map as a function that CasADi differentiates; see the class."""
-        law, T = self.law, ca.MX.sym("T", self.arm.n_tendons)
-        maps = self.strains.maps
+        """Tensions (n_tendons,) -> poses (7, S + 1), 1 + q at `stretch_at` (1, K), for CasADi."""
+        T, law, maps = ca.MX.sym("T", self.arm.n_tendons), self.law, self.strains.maps
         K, n_pull, n = maps.shape
         pull = ca.reshape(ca.sparsify(ca.DM(maps.reshape(-1, n))) @ T, n_pull, K)
-        balance = kernel(balance_function(self._statics), self.machine_code)
-        v = balance.map(K)(pull, ca.DM(self.strains.data.T))
-        inner = ca.reshape(v[:, : self.mesh.steps * len(self.scheme.nodes)], -1, self.mesh.steps)
-        march = self._steps.step.mapaccum(self.mesh.steps)
-        nodes = ca.horzcat(self._base, march(self._base, inner, ca.DM(self._h).T))
+        at = self._places.base, pull, ca.DM(self.strains.data.T), ca.DM(self._places.h).T
+        poses, v = self._marched(True).function(*at)
         along = v[2, :] - law.along_at_rest if law.extension else 0 * v[0, :]
-        return ca.Function("closed_form", [T], [ca.densify(nodes), ca.densify(1 + along)])
+        return ca.Function("closed_form", [T], [ca.densify(poses), ca.densify(1 + along)])
 
     def run(self, tensions: Array) -> tuple[Array, Array, Array]:
         """See March.run: poses (S + 1, 7), 1 + q (K,) and strains of the law."""
-        v = self.strains(tensions)
-        return self.poses(v), self._along(v), v
+        known = self.strains.known(tensions)
+        poses, v = self._march(self._places.base, *known, self._places.h)
+        return poses, self._stretch(v), v
 
     def bend(self, strains: Array) -> float:
         """See March.bend, by the radius that E J and E A are of."""
         bend = np.hypot(strains[:, 0], strains[:, 1]) * self._radius
-        if isinstance(self._statics, EnergyStatics):  # whose curvatures are per reference length
-            bend /= self._along(strains)
+        if not self._statics.is_explicit:  # whose curvatures are per reference length
+            bend /= self._stretch(strains)
         return float(bend.max())
+
+    @cached_property
+    def _radius(self) -> Array:
+        EA, EJ = self.strains.data[:, :2].T
+        return np.asarray(2 * np.sqrt(EJ / EA))
 
     def many(self, tensions: Array, nodes: Sequence[int]) -> tuple[Array, Array]:
         """See March.many: so many arms at a time that their numbers stay at hand."""
+        if len(tensions) <= _FEW and not self.machine_code:
+            arms = [self.run(T) for T in tensions]
+            rows = np.array([rows[nodes] for rows, *_ in arms]).reshape(-1, len(nodes), 7)
+            return rows, np.array([stretch.min() for _, stretch, _ in arms])
         some = _ARMS[self.machine_code]
-        parts = [self._many(tensions[i : i + some], nodes) for i in range(0, len(tensions), some)]
-        poses, least = zip(*parts, strict=True) if parts else ((), ())
-        whole = np.concatenate([np.zeros((0, len(nodes), 7)), *poses])
-        return whole, np.concatenate([np.zeros(0), *least])
+        starts = range(0, max(len(tensions), 1), some)
+        parts = [self._many(tensions[i : i + some], nodes) for i in starts]
+        poses, least = zip(*parts, strict=True)
+        return np.concatenate(poses), np.concatenate(least)
 
     def _many(self, tensions: Array, nodes: Sequence[int]) -> tuple[Array, Array]:
-        M, S, K = len(tensions), self.mesh.steps, self.mesh.steps * len(self.scheme.nodes)
-        if isinstance(self._statics, PaperStatics):
-            pull = self.strains.maps[:K].reshape(-1, tensions.shape[1]) @ tensions.T
-            arguments = [pull, self.strains.data[:K].reshape(-1, 1)]
-        else:
-            parts = [slice(k, k + K // S) for k in range(0, K, K // S)]
-            strains = [self.strains.of_many(tensions, part).reshape(M, -1).T for part in parts]
-            arguments = [np.concatenate(strains)]
-        base = np.tile(self._base[:, None], M)
-        poses, stretch = self._steps.many(base, *arguments, self._h[:, None], steps=S)
+        M, S = len(tensions), self.mesh.steps
+        base, h = np.tile(self._places.base[:, None], M), self._places.h[:, None]
+        march, end = _many_arms(self._statics, self.scheme, self.machine_code)
+        known = self.strains.columns(tensions, len(self.scheme.nodes))
+        cuts = [len(each) // self.stretch_at.size * self._inner for each in known]
+        at_nodes = [each[:cut] for each, cut in zip(known, cuts, strict=True)]
+        at_ends = [each[cut:] for each, cut in zip(known, cuts, strict=True)]
+        poses, stretch = march(base, *at_nodes, h, steps=S)
+        ends = end(stretch.min(axis=0)[None], *at_ends, steps=self.stretch_at.size - self._inner)
+        least = ends[0][-1]
+        if not self._statics.is_explicit:
+            least = np.where(np.isnan(known[0]).any(axis=0), np.nan, least)
         poses = np.concatenate([base[None], poses.reshape(S, 7, M)])
-        ends = self._along(self.strains.of_many(tensions, slice(K, None)))
-        least = np.minimum(stretch.min(axis=0), ends.min(axis=1))
         return poses[nodes].transpose(2, 0, 1), least
 
-    def poses(self, v: Array) -> Array:
-        """Return the poses at the nodes (S + 1, 7) of strains at `stretch_at` (K, n)."""
-        inner = v[: self.mesh.steps * len(self.scheme.nodes)]
-        return self._march(self._base, inner.ravel(), self._h)[0]
-
-    def _along(self, v: Array) -> Array:
+    def _stretch(self, v: Array) -> Array:
         """Return 1 + q (..., K) of strains (..., K, n); NaN where these are none."""
-        law = self._statics.law
+        law = self.law
         if not law.extension:
             return 1 + 0 * v[..., 0]
         return np.asarray(v[..., 2] + (1.0 - law.along_at_rest))
@@ -293,12 +314,11 @@ class ClosedForm:
     def dense(self, tensions: Array, poses: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes below."""
         step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.steps - 1)
-        active, left, m = self.mesh.active[step], self.mesh.s[step], len(self.scheme.nodes)
-        law = self._statics.law
-        inside = nodes_of(self.scheme, left, s)
-        nodes = StrainsByTensions.at(self.arm, self._statics, inside, np.repeat(active, m))
-        (pose,) = self._steps.some(poses[step], nodes(tensions).reshape(s.size, -1), s - left)
-        at_s = StrainsByTensions.at(self.arm, self._statics, s, active)
-        strains = reported(law, at_s(tensions))
+        active, left, statics = self.mesh.active[step], self.mesh.s[step], self._statics
+        inside = nodes_of(self.scheme, left, s), np.repeat(active, len(self.scheme.nodes))
+        known = StrainsByTensions.at(self.arm, statics, *inside).known(tensions)
+        across = mapped(_one_step(statics, self.scheme, statics.is_explicit, False))
+        pose, _ = across(poses[step], *(each.reshape(s.size, -1) for each in known), s - left)
+        strains = reported(self.law, StrainsByTensions.at(self.arm, statics, s, active)(tensions))
         at_node = (s == self.mesh.s[step + 1])[:, None]
         return np.where(at_node, poses[step + 1], pose), strains

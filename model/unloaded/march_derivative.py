@@ -54,19 +54,18 @@ class MarchDerivative:
         assert isinstance(march, ClosedForm)
         self.tensions, self._at = point.tensions, march.sections
         at = self._at
-        h, weights, law = np.diff(march.mesh.s), march.scheme.weights, at.law
-        m, count = len(weights), h.size * len(weights)
-        poses, v = point.poses, point.strains[:count]
-        self._weights, self._point = np.outer(h, weights).ravel(), poses[node, 4:]
+        h, m, law = np.diff(march.mesh.s), len(march.scheme.nodes), at.law
+        poses, v = point.poses, point.strains[: h.size * m]
+        self._weights, self._point = march.mesh.points(m)[1], poses[node, 4:]
         v = v if law == march.law else strains_of(law, reported(march.law, v))
         self._v, self._balance = v, at.balance(v, at.pulls(self.tensions))
         twist, slopes = mapped(_kinematics, law)(v)
         call = _step_twists(march.scheme, h.size, march.machine_code)
         (z,) = call(poses[:-1].ravel(), twist.ravel(), h)
         # Z transposed (P, 6 of kappa and nu, 6 of z), 0 beyond the node.
-        self._twists = z.reshape(count, 6, 6)
+        self._twists = z.reshape(-1, 6, 6)
         self._twists[node * m :] = 0.0
-        self._moved = slopes.reshape(count, -1, 6) @ self._twists
+        self._moved = slopes.reshape(len(v), -1, 6) @ self._twists
 
     @property
     def pose_tension(self) -> Array:

@@ -20,7 +20,6 @@ from model.errors import CollapsedError
 from model.mesh import Mesh, graded
 from model.paths import Array
 from model.scene import Scene
-from model.transcription.collocation import gauss
 from model.transcription.equations import Places
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.printed import PrintedMap
@@ -68,11 +67,9 @@ class TendonLengths:
     """Tensions to lengths of the tendons, by Gauss quadrature in each step."""
 
     def __init__(self, arm: Arm, scene: Scene, machine_code: bool = False) -> None:
-        mesh, method, scene = graded(arm, 1), gauss(_POINTS), unloaded(scene)
-        h, law = np.diff(mesh.s), cross_section_of(scene, arm.is_curved, torsion=False)
-        s, active = (mesh.s[:-1, None] + h[:, None] * method.c).ravel(), mesh.active
-        self.weights = np.outer(h, method.b).ravel()
-        self.at = UnloadedSections(arm, scene, law, s, np.repeat(active, _POINTS), machine_code)
+        law = cross_section_of(unloaded(scene), arm.is_curved, torsion=False)
+        s, self.weights, active = graded(arm, 1).points(_POINTS)
+        self.at = UnloadedSections(arm, unloaded(scene), law, s, active, machine_code)
 
     def __call__(self, tensions: Array) -> Lengths:
         """Return the lengths under tensions (n_tendons,); raises UnsettledSectionError."""
@@ -175,7 +172,6 @@ class Marched:
         if not scene.has(PrintedStatics):
             return tendon_lengths(arm, scene, self.machine_code)(self.tensions).lengths
         law = cross_section_of(scene, arm.is_curved)
-        method, h = gauss(_PRINTED_POINTS), np.diff(mesh.s)[:, None]
-        s, weight = (mesh.s[:-1, None] + h * method.c).ravel(), (h * method.b).ravel()
-        sections = Sections(arm, scene, law, s, np.repeat(mesh.active, _PRINTED_POINTS))
-        return sections.lengths(strains_of(law, self.at(s)[1]), weight)
+        s, weights, active = mesh.points(_PRINTED_POINTS)
+        sections = Sections(arm, scene, law, s, active)
+        return sections.lengths(strains_of(law, self.at(s)[1]), weights)

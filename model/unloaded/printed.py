@@ -11,6 +11,7 @@ scheme: whatever reads them divides by it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
@@ -36,6 +37,7 @@ from model.stations import (
 from model.unloaded.statics import resultant_maps
 
 _N = 10
+M = TypeVar("M", ca.MX, ca.DM)
 
 
 def strain_rate(
@@ -79,34 +81,21 @@ def _slope(extension: bool, x: ca.SX, d: ca.SX) -> ca.SX:
     return ca.vertcat(turn, moved, strain_rate(x[7:], sums, sums_rate, body, body_rate))
 
 
-def step_function(extension: bool, scheme: RungeKutta) -> ca.Function:
-    """Return (x, numbers (18, m) at the scheme's samples, h) -> x after a step."""
-    x, h, d = ca.SX.sym("x", _N), ca.SX.sym("h"), ca.SX.sym("d", 18, len(scheme.samples))
+def _across(extension: bool, scheme: RungeKutta) -> ca.Function:
+    """Return (x on a node's tip side, sums there, numbers (18, m) at the scheme's samples, h) ->.
+
+    x after a step, x on the node's base side, and 1 + q at both of these, the node first.
+    """
+    x, outer, h = ca.SX.sym("x", _N), ca.SX.sym("outer", 6), ca.SX.sym("h")
+    d = ca.SX.sym("d", 18, len(scheme.samples))
+    first, last = d[:, 0], d[:, -1]
+    start = ca.vertcat(x[:7], x[7:] + strain_jump(outer, first[:6], first[12:15]))
     at = [scheme.samples.index(node) for node in scheme.nodes]
-    after = scheme.step(lambda stage, x: _slope(extension, x, d[:, at[stage]]), x, h)
-    return ca.Function("step", [x, d, h], [after], {"cse": True})
-
-
-def _read_function(extension: bool) -> ca.Function:
-    """Return (tau, xi, k; numbers (18,)) -> (tau, xi, k, q)."""
-    strain, d = ca.SX.sym("strain", 3), ca.SX.sym("d", 18)
-    q = stretch(extension, strain, d[:6], d[12:15]) - 1
-    return ca.Function("read", [strain, d], [ca.vertcat(strain, q)])
-
-
-def _jump_function() -> ca.Function:
-    """Return (x, numbers (18,) on the tip side and on the base side of a node) -> x there."""
-    x, outer, inner = ca.SX.sym("x", _N), ca.SX.sym("outer", 18), ca.SX.sym("inner", 18)
-    gained = strain_jump(outer[:6], inner[:6], inner[12:15])
-    return ca.Function("jump", [x, outer, inner], [ca.vertcat(x[:7], x[7:] + gained)])
-
-
-def _across_function(extension: bool, scheme: RungeKutta) -> ca.Function:
-    """Return (x on a node's tip side, numbers on both sides, at samples; h) -> x after a step."""
-    step, jump = step_function(extension, scheme), _jump_function()
-    (_, d, h), arguments = step.sx_in(), jump.sx_in()
-    result = step(jump(*arguments), d, h)
-    return ca.Function("across", [*arguments, d, h], [result], {"cse": True})
+    after = scheme.step(lambda stage, x: _slope(extension, x, d[:, at[stage]]), start, h)
+    pairs = (start, first), (after, last)
+    along = [stretch(extension, each[7:], at[:6], at[12:15]) for each, at in pairs]
+    results = [after, start, ca.vertcat(*along)]
+    return ca.Function("across", [x, outer, d, h], results, {"cse": True})
 
 
 def _rates_of_resultants() -> ca.Function:
@@ -115,7 +104,7 @@ def _rates_of_resultants() -> ca.Function:
     return ca.Function("rates", [path, rate], [ca.densify(result)])
 
 
-def section_numbers(arm: Arm, s: Array, active: Counts, T: ca.MX) -> ca.MX:
+def section_numbers(arm: Arm, s: Array, active: Counts, T: M) -> M:
     """Return the numbers (18, N) of cross-sections: sums, body, each with its rate behind it."""
     at = stations(arm, s, active)
     place, tendon = np.nonzero(crossing(arm, at))
@@ -124,7 +113,7 @@ def section_numbers(arm: Arm, s: Array, active: Counts, T: ca.MX) -> ca.MX:
         value = (f(arm, at, place, tendon) for f in (tendon_paths, tendon_path_rates))
         rates[place, :, tendon] = np.array(_rates_of_resultants().map(place.size)(*value)).T
     both = np.concatenate([resultant_maps(arm, at), rates], axis=1)
-    sums = ca.sparsify(ca.DM(both.reshape(-1, arm.n_tendons))) @ T
+    sums: M = ca.sparsify(ca.DM(both.reshape(-1, arm.n_tendons))) @ T
     return ca.vertcat(ca.reshape(sums, 12, s.size), ca.DM(np.vstack([at.body, at.body_rate])))
 
 
@@ -135,8 +124,7 @@ class PrintedMap:
     ----------
     function : casadi.Function
         tensions (n_tendons,) -> poses at the mesh's nodes (7, S + 1), 1 + q at the arc lengths
-        `stretch_at` (1, K), which `stretch_active` sections cross, and tau, xi, k on the base side
-        of each node (3, S + 1).
+        `stretch_at` (1, K), and tau, xi, k on the base side of each node (3, S + 1).
     """
 
     def __init__(
@@ -150,28 +138,21 @@ class PrintedMap:
     ) -> None:
         self.name, self.refinement, self.machine_code = scheme.name, refinement, machine_code
         self.arm, self.scene, self.mesh, self.scheme = arm, scene, mesh, scheme
-        self.extension = scene.has(Extension)
+        self._across = kernel(_across(scene.has(Extension), scheme), machine_code)
         T, x = ca.MX.sym("T", arm.n_tendons), ca.MX(ca.DM([*IDENTITY, 0, 0, 0]))
         # From the tip on, where no tendons cross beyond the first node.
         start, h, active = mesh.s[:0:-1], -np.diff(mesh.s)[::-1], mesh.active[::-1]
-        outer = section_numbers(arm, start, np.append(0, active[:-1]), T)
-        inner = section_numbers(arm, start, active, T)
-        across = kernel(_across_function(self.extension, scheme), machine_code)
+        outer = section_numbers(arm, start, np.append(0, active[:-1]), T)[:6, :]
         samples = self._samples(start, h, active, T)
-        march = across.mapaccum(mesh.steps)(x, outer, inner, samples, ca.DM(h).T)
-        begun = _jump_function().map(mesh.steps)(ca.horzcat(x, march[:, :-1]), outer, inner)
-        states = ca.horzcat(begun, march[:, -1])[:, ::-1]
+        march = self._across.mapaccum(mesh.steps)
+        after, begun, along = march(x, outer, samples, ca.DM(h).T)
+        states = ca.horzcat(begun, after[:, -1])[:, ::-1]
         self.stretch_at = np.concatenate([start, start + h])
-        self.stretch_active = np.tile(active, 2)
-        ends = ca.horzcat(inner, section_numbers(arm, start + h, active, T))
-        read = _read_function(self.extension).map(2 * mesh.steps)
-        stretches = 1 + read(ca.horzcat(begun[7:, :], march[7:, :]), ends)[3, :]
-        self.function = ca.Function(
-            "printed", [T], [_anchored(arm, states), stretches, states[7:, :]]
-        )
+        results = [_anchored(arm, states), ca.vec(along.T).T, states[7:, :]]
+        self.function = ca.Function("printed", [T], results)
         self._mapped = Mapped(self.function)
 
-    def _samples(self, start: Array, h: Array, active: Counts, T: ca.MX) -> ca.MX:
+    def _samples(self, start: Array, h: Array, active: Counts, T: M) -> M:
         samples = np.array(self.scheme.samples)
         s = (start[:, None] + h[:, None] * samples).ravel()
         return section_numbers(self.arm, s, np.repeat(active, samples.size), T)
@@ -196,13 +177,12 @@ class PrintedMap:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes above."""
         step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.steps - 1)
         active, start = self.mesh.active[step], self.mesh.s[step + 1]
-        T = ca.MX.sym("T", self.arm.n_tendons)
-        d, h = self._samples(start, s - start, active, T), ca.DM(s - start).T
-        x = step_function(self.extension, self.scheme).map(s.size)(ca.DM(states[step + 1].T), d, h)
-        point = section_numbers(self.arm, s, active, T)
-        strains = _read_function(self.extension).map(s.size)(x[7:, :], point)
-        poses, result = ca.Function("dense", [T], [x[:7, :], strains])(tensions)
-        return np.array(poses).T, np.array(result).T
+        x, h = ca.DM(states[step + 1].T), s - start
+        d = self._samples(start, h, active, ca.DM(tensions))
+        across = self._across.map(s.size)
+        after, _, along = across(x, d[:6, :: len(self.scheme.samples)], d, ca.DM(h).T)
+        rows = np.array(after).T
+        return rows[:, :7], np.column_stack([rows[:, 7:], np.array(along)[1] - 1])
 
 
 def _anchored(arm: Arm, states: ca.MX) -> ca.MX:

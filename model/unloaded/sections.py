@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 
+import casadi as ca
 import numpy as np
 
 from model.arm import Arm
@@ -24,7 +25,7 @@ from model.paths import Array
 from model.scene import Scene
 from model.stations import Counts, stations
 from model.transcription.system import System
-from model.unloaded.statics import ClosedStatics, EnergyStatics, balance_function, closed_statics
+from model.unloaded.statics import ClosedStatics, EnergyStatics, closed_statics
 
 # Exact tendons keep a crushed section from turning inside out: what is left of its length then is
 # the width that keeps their roots smooth (see model.cross_section.law), and no shape.
@@ -40,45 +41,14 @@ def unloaded(scene: Scene) -> Scene:
     return Scene(*(effect for effect in scene.effects if isinstance(effect, kept)))
 
 
-class SectionSolver:
-    """Pull (N, n_pull) and data (N, n_data) of cross-sections -> strains (N, n), NaN for none.
-
-    Data may have fewer rows, which are taken again and again.
-    """
-
-    def __init__(self, statics: ClosedStatics, machine_code: bool) -> None:
-        self._tolerance, self._step = 0.0, None
-        if isinstance(statics, EnergyStatics):
-            self._tolerance, begin = statics.settled, statics.begun()
-            self._step = Mapped(statics.step(), machine_code)
-        else:
-            begin = balance_function(statics)
-        self._begin = Mapped(begin, machine_code)
-
-    def __call__(self, pull: Array, data: Array) -> Array:
-        """See the class."""
-        if self._step is None:
-            return self._begin(pull, data)[0]
-        u, w = self._begin(pull, data)
-        strains, left = np.full(u.shape, np.nan), np.arange(len(u))
-        for _ in range(_STEPS):
-            u, w, size, v = self._step(u, w, pull, data)
-            done = size[:, 0] < self._tolerance
-            strains[left[done]] = v[done]
-            going = size[:, 0] >= self._tolerance  # what is no number stays so
-            if not going.any():
-                break
-            if len(left) > _MANY and not going.all():
-                data = data[np.flatnonzero(going) % len(data)]
-                left = left[going]
-                u, w, pull = (part[going] for part in (u, w, pull))
-        return strains
-
-
 @lru_cache(maxsize=32)
-def section_solver(statics: ClosedStatics, machine_code: bool = False) -> SectionSolver:
-    """Return what solves cross-sections of a kind, made once."""
-    return SectionSolver(statics, machine_code)
+def _kernels(statics: ClosedStatics, machine_code: bool) -> tuple[Mapped, Mapped | None]:
+    """Return (pull, data) -> strains, or what a step to these begins with; and that step."""
+    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
+    if isinstance(statics, EnergyStatics):
+        return Mapped(statics.begun(), machine_code), Mapped(statics.step(), machine_code)
+    v = ca.densify(statics.solve(pull, data))
+    return Mapped(ca.Function("balance", [pull, data], [v], {"cse": True}), machine_code), None
 
 
 class StrainsByTensions:
@@ -94,8 +64,7 @@ class StrainsByTensions:
         self, statics: ClosedStatics, maps: Array, data: Array, machine_code: bool
     ) -> None:
         self.statics, self.maps, self.data = statics, maps, data
-        self._flat = maps.reshape(-1, maps.shape[2])
-        self._solver = section_solver(statics, machine_code)
+        self._flat, self._machine_code = maps.reshape(-1, maps.shape[2]), machine_code
 
     @classmethod
     def at(
@@ -107,14 +76,52 @@ class StrainsByTensions:
 
     def __call__(self, tensions: Array) -> Array:
         """Return the strains (K, n) under tensions (n_tendons,); NaN where none balance."""
-        return self._solver((self._flat @ tensions).reshape(self.maps.shape[:2]), self.data)
+        return self._solve((self._flat @ tensions).reshape(self.maps.shape[:2]), self.data)
+
+    def known(self, tensions: Array) -> tuple[Array, ...]:
+        """Return flat what strains are an expression of: pull and data, or strains themselves."""
+        if self.statics.is_explicit:
+            return self._flat @ tensions, self.data.ravel()
+        return (self(tensions).ravel(),)
+
+    def columns(self, tensions: Array, some: int) -> list[Array]:
+        """Return the same for tensions (M, n_tendons), by columns; `some` places at a time."""
+        if self.statics.is_explicit:
+            return [self._flat @ tensions.T, self.data.reshape(-1, 1)]
+        K = len(self.data)
+        parts = [slice(k, min(k + some, K)) for k in range(0, K, some)]
+        values = [self.of_many(tensions, part).reshape(len(tensions), -1).T for part in parts]
+        return [np.concatenate(values)]
 
     def of_many(self, tensions: Array, places: slice = _ALL) -> Array:
         """Return the strains (M, k, n) under tensions (M, n_tendons) at some of the places."""
         maps, M = self.maps[places], len(tensions)
         K, n_pull, n = maps.shape
         pull = (tensions @ maps.reshape(-1, n).T).reshape(M * K, n_pull)
-        return self._solver(pull, self.data[places]).reshape(M, K, -1)
+        return self._solve(pull, self.data[places]).reshape(M, K, -1)
+
+    def _solve(self, pull: Array, data: Array) -> Array:
+        """Return the strains (N, n) under pull (N, n_pull), NaN for none.
+
+        Data may have fewer rows, which are taken again and again.
+        """
+        begin, newton = _kernels(self.statics, self._machine_code)
+        u, *w = begin(pull, data)
+        if newton is None or not isinstance(self.statics, EnergyStatics):
+            return u
+        strains, left = np.full(u.shape, np.nan), np.arange(len(u))
+        for _ in range(_STEPS):
+            u, *w, size, v = newton(u, *w, pull, data)
+            done = size[:, 0] < self.statics.settled
+            strains[left[done]] = v[done]
+            going = size[:, 0] >= self.statics.settled  # what is no number stays so
+            if not going.any():
+                break
+            if len(left) > _MANY and not going.all():
+                data = data[np.flatnonzero(going) % len(data)]
+                left = left[going]
+                u, *w, pull = (part[going] for part in (u, *w, pull))
+        return strains
 
 
 class UnloadedSections:

@@ -7,6 +7,7 @@ by itself and none is twisted: its strains follow from the tensions alone.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -49,6 +50,8 @@ class EnergyStatics:
         Which of the offsets y_i each tendon has, and its direction (n, b).
     settled : float
         A section is in equilibrium where the last step is below it, relative to its strains.
+    is_explicit : bool
+        Whether strains are a short expression of pull and data.
     """
 
     law: EnergySection
@@ -56,6 +59,7 @@ class EnergyStatics:
     cos: tuple[float, ...]
     sin: tuple[float, ...]
     settled: float = 1e-9
+    is_explicit: ClassVar[bool] = False
 
     @property
     def n_pull(self) -> int:
@@ -232,6 +236,7 @@ class PaperStatics:
 
     law: PaperSection
     n_pull: int = field(default=6, init=False)
+    is_explicit: ClassVar[bool] = True
 
     @property
     def n_data(self) -> int:
@@ -273,13 +278,6 @@ def closed_statics(scene: Scene, arm: Arm) -> ClosedStatics:
     assert isinstance(law, EnergySection)
     cos, sin = sides(arm)
     return EnergyStatics(law, arm.offset_of, tuple(cos.tolist()), tuple(sin.tolist()))
-
-
-def balance_function(statics: ClosedStatics) -> ca.Function:
-    """Return (pull, data) -> strains of a cross-section, as an expression of these."""
-    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
-    v = ca.densify(statics.solve(pull, data))
-    return ca.Function("balance", [pull, data], [v], {"cse": True})
 
 
 def resultant_maps(arm: Arm, at: Stations) -> Array:

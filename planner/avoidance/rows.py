@@ -203,7 +203,7 @@ def _weights(arm: Arm, place: Place) -> Array:
 def _from_body() -> Kernel:
     """Return the kernel of a place near a body: poses of both stations (14,); its numbers."""
     y, c = ca.SX.sym("y", 2 * POSE), ca.SX.sym("c", 7 + SIZE + 1)
-    return Kernel("from_body", y, c, signed_distance()(_point(y, c[:7]), c[7:-1]) - c[-1])
+    return Kernel("from_body", y, c, signed_distance()(_point(y, c[:7]), c[7:-1])[0] - c[-1])
 
 
 @lru_cache(maxsize=1)

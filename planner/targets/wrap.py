@@ -13,7 +13,7 @@ import numpy as np
 from model.arm import Arm
 from model.errors import InputError
 from model.obstacles import HalfSpace
-from model.obstacles.base import SIZE, Convex, with_gradient
+from model.obstacles.base import SIZE, Convex, signed_distance
 from model.paths import Array
 from model.quantities import ArcLength, Length, Positive
 from model.units import length_text
@@ -149,7 +149,7 @@ class Wrap(Free):
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms."""
         stations, body = self.stations(view.arm), p[:SIZE]
-        rows = [with_gradient()(view.position(s), body) for s in stations]
+        rows = [signed_distance()(view.position(s), body) for s in stations]
         radii = p[SIZE + 2 :]
         gap = ca.vertcat(*(distance for distance, _ in rows)) - radii
         L = view.arm.length

@@ -28,7 +28,7 @@ def test_a_scene_is_exported_and_its_makefile_checks_it(
     assert main(["export", scene, "--to", str(to), "--accuracy", "1e-3"]) == 0
     told = capsys.readouterr()
     assert told.err == ""
-    assert "17 nodes" in told.out
+    assert "19 nodes" in told.out
     names = {"figure_15.h", "figure_15.c", "test_vector.h", "main.c", "Makefile"}
     assert {path.name for path in to.iterdir()} == names
     gcc()
