@@ -21,7 +21,6 @@ from model.equilibrium.linearised import Index, Linearised
 from model.equilibrium.stability import stands, turns
 from model.paths import Array
 from model.rotations import matrices
-from model.transcription.layout import POSE
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,15 +129,6 @@ class ByNumbers:
         result = -self.point.solve(np.asfortranarray(self.right))
         return result + self.point.by_tensions @ self.tensions if self.tensions.any() else result
 
-    def poses(self, nodes: Index) -> Array:
-        """Displacement [m] and rotation [rad] at the arc lengths of nodes (n, 6, K), base frame."""
-        places = self.point.system.of.nodes[nodes, :POSE]
-        result = displaced(self.point.states[places], self.states[places])
-        shifts = self.jacobian.s[nodes]
-        if shifts.any():
-            result -= along(self.point, nodes)[:, :, None] * shifts[:, None, :]
-        return np.asarray(result)
-
     @property
     def lengths(self) -> Array:
         """Of the lengths of the tendons (n_tendons, K) [m]."""
@@ -152,17 +142,11 @@ class ByNumbers:
         return at.of.lengths.along_numbers(self.point.x, at.length_numbers, self.jacobian.lengths)
 
 
-def displaced(poses: Array, change: Array) -> Array:
-    """Return displacement and rotation (n, 6, K) of poses (n, 7) that move so (n, 7, K)."""
-    turned = 4 * turns(poses[:, :4]).transpose(0, 2, 1)
-    return np.concatenate([change[:, 4:], turned @ change[:, :4]], axis=1)
-
-
 def along(point: Linearised, nodes: Index) -> Array:
-    """Return how poses move along the arm at nodes (n, 6): u' [-], rotation [rad/m], base frame."""
+    """Return how poses change along the arm at nodes (n, 7), per m of arc length."""
     system = point.system
     poses, v = poses_and_strains(system, point.x, system.mesh.s[nodes])
     kappa, nu = kinematics(system.of.form.law, v)
-    local = np.stack([nu, kappa], axis=1)
-    result = np.einsum("nij,nkj->nki", matrices(poses[:, :4]), local)
-    return np.asarray(result.reshape(-1, 6))
+    local = np.stack([kappa, nu], axis=2)
+    turned, moved = np.moveaxis(matrices(poses[:, :4]) @ local, 2, 0)
+    return np.hstack([(turns(poses[:, :4]) @ turned[:, :, None])[:, :, 0], moved])

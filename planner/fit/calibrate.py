@@ -23,10 +23,11 @@ from model.settle import checked_scene
 from model.time_limit import OutOfTime
 from model.time_limit import time_limit as within
 from planner.fit.calibration import Calibration
+from planner.fit.experiment import Experiment
 from planner.fit.fitted import Start, parameters_of
 from planner.fit.least_squares import Fit, Loss, fit
 from planner.fit.measured import Measured, check_scale
-from planner.fit.residuals import Evaluation, Experiment, UnsettledShapeError
+from planner.fit.residuals import Evaluation, UnsettledShapeError, from_rest
 from planner.fit.unknowns import Parameters, Unknown
 
 LOG = logging.getLogger(__name__)
@@ -34,7 +35,7 @@ ACCURACY = 1e-5
 # How far apart tips are that are on different branches, over the arm's length.
 _ASTRAY = 1e-3
 # How near to optima fits come, by the logarithm of the likelihood: on the coarse mesh, and last.
-_COARSE_FIT, _FINE_FIT = 1e-1, 1e-4
+_COARSE_FIT, _FINE_FIT = 1e-1, 1e-5
 # How many times larger than elsewhere the last steps of Newton's method are where shapes as they
 # are reached from rest are compared with those of a fit.
 _LOOSER = 1e6
@@ -213,7 +214,7 @@ class _Search:
             tell("fits", i, len(spread))
             start = Start(tuple(values.tolist()), None, float("inf"))
             try:
-                optimum = self._fit(self._on(*_COARSE).from_rest(values, _LOOSER), _COARSE_FIT)
+                optimum = self._fit(from_rest(self._on(*_COARSE), values, _LOOSER), _COARSE_FIT)
             except (UnsettledShapeError, InputError) as reason:
                 problems.append(reason)
                 self.starts.append(start._replace(why=str(reason)))
@@ -258,37 +259,40 @@ class _Search:
         It is begun again from there where it has some on other branches, or could not follow them;
         those that jump again are left out.
         """
+        apart = list[int]()
         for _ in range(_ROUNDS):
             self.best = best = self._fit(start, _FINE_FIT)
             followed = best.evaluation
-            start = self._on(*_COARSE).from_rest(followed.values, _LOOSER)
+            start = from_rest(self._on(*_COARSE), followed.values, _LOOSER)
             if apart := _apart(followed, start):
                 # It may be the coarse mesh that has them elsewhere.
-                start = followed.experiment.from_rest(followed.values, _LOOSER)
+                start = from_rest(followed.experiment, followed.values, _LOOSER)
                 apart = _apart(followed, start)
             if not apart:
                 return best
             self.astray |= {self.shapes[i].name: None for i in apart if i in followed.equilibria}
-        return self._without(self._fit(start, _FINE_FIT), apart, _FINE_FIT)
+        return self._fit(self._fit(start, _FINE_FIT).evaluation, _FINE_FIT, apart)
 
-    def _fit(self, start: Evaluation, tolerance: float) -> Fit:
-        """Return the fit of the shapes that settle, without those that cannot be followed."""
+    def _fit(self, start: Evaluation, tolerance: float, jumping: Sequence[int] = ()) -> Fit:
+        """Return the fit of the shapes that settle, without those that jump.
+
+        Nor those that the fit cannot follow, unless that is all of them.
+        """
         self._settled |= set(start.equilibria)
         self.why |= start.lost
-        if not start.equilibria:
-            first, why = next(iter(start.lost.items()))
-            raise UnsettledShapeError(self.shapes[first].name, why)
-        best = fit(start, self.loss, self.absolute_std, tolerance)
-        all_refused = len(best.refused) == len(best.evaluation.equilibria)
-        return best if all_refused else self._without(best, best.refused, tolerance)
-
-    def _without(self, best: Fit, jumping: Sequence[int], tolerance: float) -> Fit:
-        """Return the fit without shapes that jump."""
-        kept = set(best.evaluation.equilibria).difference(jumping)
-        if not jumping or not kept:
-            return best
-        self.why |= {i: SnapError(1.0, _JUMPS) for i in jumping}
-        return self._fit(best.evaluation.only(kept), tolerance)
+        while True:
+            kept = set(start.equilibria).difference(jumping)
+            if jumping and kept:
+                self.why |= {i: SnapError(1.0, _JUMPS) for i in jumping}
+                start = start.only(kept)
+            if not start.equilibria:
+                first, why = next(iter(start.lost.items()))
+                raise UnsettledShapeError(self.shapes[first].name, why)
+            robust = tolerance == _COARSE_FIT
+            best = fit(start, self.loss, self.absolute_std, tolerance, robust)
+            start, jumping = best.evaluation, best.refused
+            if len(jumping) in (0, len(start.equilibria)):
+                return best
 
     def _on(self, refinement: int, stages: int) -> Experiment:
         return Experiment(self.parameters, self.shapes, refinement, stages, self.machine_code)
@@ -297,7 +301,7 @@ class _Search:
 def _gap(one: Evaluation, other: Evaluation, i: int) -> float:
     """Return how far apart the tips of a shape are in two evaluations, over the arm's length."""
     pair = [evaluation.equilibria.get(i) for evaluation in (one, other)]
-    tips = [here.system.poses(here.states)[-1, 4:] for here in pair if here]
+    tips = [each.system.poses(each.states)[-1, 4:] for each in pair if each]
     length = one.experiment.parameters.arm.length
     return float(np.linalg.norm(tips[0] - tips[1])) / length if len(tips) == 2 else float("inf")
 

@@ -26,7 +26,13 @@ from model.text import in_notebook
 from planner.fit.fitted import Fitted
 from planner.fit.least_squares import fit
 from planner.fit.measured import Measured, Point
-from planner.fit.residuals import Evaluation, Residual, UnsettledShapeError, mean_distance
+from planner.fit.residuals import (
+    Evaluation,
+    Residual,
+    UnsettledShapeError,
+    from_rest,
+    mean_distance,
+)
 from planner.io.files import to_json, write_named
 from planner.io.records import record
 from planner.io.saved_records import CalibrationRecord
@@ -160,12 +166,14 @@ class Calibration(Fitted):
         The band of the tip alone unless points are given.
         """
         flat = tuple(self.given_arm.flat(tensions).tolist())
-        markers = tuple(Point(s, offset, _ORIGIN) for s, offset in points)
-        shape = Measured(flat, markers, tip=_ORIGIN, session=session, name="the shape asked for")
-        there = self.experiment([shape]).from_rest(self.array)
+        # Behind the markers, whose unknowns are not those of points that are said here.
+        none = [Point(0.0, _ORIGIN, None)] * len(self.parameters.table["points"])
+        places = [*none, *(Point(s, offset, _ORIGIN) for s, offset in points)]
+        shape = Measured(flat, tuple(places), tip=_ORIGIN, session=session, name="the prediction")
+        there = from_rest(self.experiment([shape]), self.array)
         for reason in there.lost.values():
             raise UnsettledShapeError(shape.name, reason)
-        return self._predicted(there, len(markers) or 1)
+        return self._predicted(there, len(points) or 1)
 
     def plan(self, targets: Any, **options: Any) -> Plan:
         """Return a plan of the calibrated arm, whose outcome tells how sure its tip is.
@@ -195,7 +203,7 @@ class Calibration(Fitted):
             name = f"candidates[{i}]"
             flat = tuple(self.given_arm.flat(T, name).tolist())
             shapes.append(replace(like, tensions=flat, session=session, name=name))
-        there = self.experiment(shapes).from_rest(self.array)
+        there = from_rest(self.experiment(shapes), self.array)
         J = np.vstack(list(self.jacobians.values()))
         M = J.T @ J + _UNIFORM * np.eye(J.shape[1])
         before, rows = np.diag(np.linalg.inv(M)), list[Candidate]()
@@ -231,9 +239,9 @@ class Calibration(Fitted):
             for i in (i for i in whole.equilibria if labels[i] == label):
                 there = whole.only([i]).near(at)
                 if there.lost:
-                    there = there.experiment.from_rest(at).only([i])
+                    there = from_rest(there.experiment, at).only([i])
                 if there.equilibria:
-                    rows[i] = there.named()
+                    rows[i] = tuple(there.named())
                     places = self.measured[i].places
                     held += without._predicted(there, len(places)).holds(places).tolist()
         residuals = tuple(row for i in sorted(rows) for row in rows[i])
@@ -243,7 +251,7 @@ class Calibration(Fitted):
         """Return what is predicted less what was measured of other shapes of this arm."""
         names = [m.name or f"measured[{i}]" for i, m in enumerate(measured)]
         shapes = [m.checked(self.given_arm, n) for m, n in zip(measured, names, strict=True)]
-        return self.experiment(shapes).from_rest(self.array).named()
+        return tuple(from_rest(self.experiment(shapes), self.array).named())
 
     def _predicted(self, there: Evaluation, count: int) -> Prediction:
         """Return the prediction of the one shape of an evaluation, bands of its first places."""

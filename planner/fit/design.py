@@ -19,8 +19,15 @@ from model.text import counted, in_notebook
 from model.time_limit import OutOfTime
 from model.time_limit import time_limit as within
 from planner.fit.calibrate import supported_scene
-from planner.fit.design_program import Optimum, Program, Targets
-from planner.fit.making import Making, Objective, Reach, checked_objective
+from planner.fit.design_program import (
+    Making,
+    Objective,
+    Optimum,
+    Program,
+    Reach,
+    Targets,
+    checked_objective,
+)
 from planner.fit.unknowns import Parameters, Unknown
 from planner.plan import Plan, plan
 from planner.program.limits import Limits
@@ -29,8 +36,6 @@ from planner.question import check_targets
 from planner.targets import Softest, Stiffest
 
 LOG = logging.getLogger(__name__)
-# By what the given arm may miss what can be made [mm].
-_VIOLATION = 1e-6
 # How near a limit a tension is at it, over the limit.
 _AT_LIMIT = 1e-6
 # By what share of what is least another optimum is a worse one.
@@ -94,27 +99,17 @@ def design(
     TimeLimitError
         If the time limit is reached before the first arm's optimum.
     """
-    scene = supported_scene(arm, scene)
     if not (isinstance(begins, int) and 1 <= begins <= 1000):
         raise InputError("begins", begins, "a whole number from 1 to 1000")
-    objective = checked_objective(objective)
-    tasks = _checked(arm, targets)
-    parameters = Parameters.of(arm, scene, unknowns)
-    for unknown in parameters.unknowns:
-        if not all(k.startswith("arm.") and not k.startswith("arm.base") for k in unknown.keys):
-            raise InputError("key", unknown.name, "numbers of the arm but for its base")
+    parameters = _checked(arm, supported_scene(arm, scene), unknowns)
     making, limits = making or Making(), Limits.of(arm, tension_max)
-    violation = -1e3 * float(making.room(arm).min()) * arm.length
-    if violation > _VIOLATION:
-        allowed = f"a limit that the given arm keeps: it misses it by {violation:.3g} mm"
-        raise InputError("making", making, allowed)
-    if isinstance(objective, Reach) and not np.all(np.isfinite(limits.upper)):
-        raise InputError("tension_max", tension_max, "finite tensions where a reach is asked for")
-    program, stopped = Program(parameters, tasks, limits, making, objective), False
-    search = _Search(program, len(tasks), starts)
+    making.check(arm)
+    objective = checked_objective(objective, limits)
+    program = Program(parameters, _tasks(arm, targets), limits, making, objective)
+    search, stopped = _Search(program, starts), False
     try:
         with within(time_limit):
-            before = search.plans(arm, scene)
+            before = search.plans(arm, parameters.scene)
             search.run(before, begins, seed)
     except OutOfTime:
         if not search.optima:
@@ -123,25 +118,37 @@ def design(
     best, reaches = search.best, None
     if isinstance(objective, Reach):
         at_first = program.solve(parameters.start, _tensions(before), fixed=True)
-        reaches = tuple(tuple(optimum.tensions[-1].tolist()) for optimum in (at_first, best))
+        reaches = tuple(at_first.tensions[-1].tolist()), tuple(best.tensions[-1].tolist())
     designed = parameters.built(best.values)[0]
     return Design(
         arm,
-        scene,
+        parameters.scene,
         parameters.unknowns,
         tuple(best.values.tolist()),
         designed,
-        search.plans(designed, scene),
+        search.plans(designed, parameters.scene),
         before,
         making,
         objective,
-        reaches,  # type: ignore[arg-type]
+        reaches,
         tuple(optimum.objective for optimum in search.optima if optimum.cost[0] == best.cost[0]),
         stopped,
     )
 
 
-def _checked(arm: Arm, targets: Iterable[Any]) -> list[Targets]:
+def _checked(arm: Arm, scene: Scene, unknowns: Iterable[Unknown]) -> Parameters:
+    """Return the numbers of an arm that a design may choose, or raise InputError."""
+    parameters = Parameters.of(arm, scene, unknowns)
+    for unknown in parameters.unknowns:
+        if unknown.prior or unknown.session is not None:
+            raise InputError("unknowns", unknown.name, "of a design without prior and session")
+        if not all(k.startswith("arm.") and not k.startswith("arm.base") for k in unknown.keys):
+            raise InputError("key", unknown.name, "numbers of the arm but for its base")
+    return parameters
+
+
+def _tasks(arm: Arm, targets: Iterable[Any]) -> list[Targets]:
+    """Return the targets of each task, or raise InputError for those that are not met exactly."""
     tasks = [check_targets(arm, target) for target in targets]
     if not tasks:
         raise InputError("targets", targets, "at least one task")
@@ -154,9 +161,8 @@ def _checked(arm: Arm, targets: Iterable[Any]) -> list[Targets]:
 class _Search:
     """Local optimisations of one design, by the values that they begin with."""
 
-    def __init__(self, program: Program, count: int, starts: int | None) -> None:
+    def __init__(self, program: Program, starts: int | None) -> None:
         self.program, self.starts = program, starts
-        self._tasks = program.tasks[:count]
         self._tried: dict[bytes, Optimum | None] = {}
 
     @property
@@ -174,7 +180,7 @@ class _Search:
         most = self.program.limits.upper
         return tuple(
             plan(arm, task, scene, most, starts=self.starts)
-            for task in reported("tasks planned", self._tasks)
+            for task in reported("tasks planned", self.program.planned)
         )
 
     def run(self, before: Sequence[Plan], begins: int, seed: int) -> None:
@@ -217,7 +223,7 @@ def _tensions(plans: Sequence[Plan]) -> Array:
 
 @dataclass(frozen=True)
 class Design:
-    """A designed arm; see planner.fit.making for what it is best at.
+    """A designed arm; see planner.fit.design_program for what it is best at.
 
     Attributes
     ----------

@@ -7,7 +7,8 @@
 with z the unknown numbers of the arm between their bounds, and for each task its tensions and
 states; solved by ipopt. The equations are differentiated by their numbers n by CasADi. The numbers
 are closed forms of z in NumPy (profiles, integrals over cross-sections, loads on nodes that move
-along with the arm), for which nothing is solved: their own derivatives by z are differences.
+along with the arm), for which nothing is solved: their own derivatives by z are differences. In the
+Hessian they count as linear in z: it is of K rows and columns that this leaves something out.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -24,10 +25,11 @@ from model.arm import Arm
 from model.equilibrium.newton import Collocation
 from model.errors import InputError
 from model.paths import Array
+from model.quantities import ArcLength, Direction
 from model.scene import Scene
 from model.time_limit import check_time
 from model.transcription.system import System, neighbour
-from planner.fit.making import Making, Objective, Reach
+from model.value import value
 from planner.fit.unknowns import Parameters
 from planner.program.limits import Limits
 from planner.program.problem import Bounds, Problem, units
@@ -35,14 +37,111 @@ from planner.program.statement import Statement
 from planner.program.terms import stations_of
 from planner.solve.ipopt import TOGETHER, WARM, Solution
 from planner.solve.side_by_side import Part, SideBySide, joined
-from planner.targets.base import Target
+from planner.targets import Softest, Stiffest
+from planner.targets.base import Free, Target, Terms, View
 
 Targets = tuple[Target, ...]
 # Of the meshes; the residual up to which a task counts as met here: plans are certified afresh.
 _REFINEMENT, _MET = 2, 1e-7
-# Of second differences, between the bounds: their steps, and how far apart the z are that have
-# some of their own.
-_STEP, _APART = 1e-3, 1e-2
+# By what the given arm may miss what can be made [mm].
+_VIOLATION = 1e-6
+# Places along the arm at which walls and radii are looked at.
+STATIONS = 9
+
+
+@value
+class Making:
+    """Limits of what can be made.
+
+    Attributes
+    ----------
+    wall : float
+        Least distance of a tendon from the surface [m].
+    radius : float
+        Least radius of the body [m].
+    spacing : float
+        Least distance between anchorages, and from the base to the first [m].
+    """
+
+    wall: ArcLength = 0.0
+    radius: ArcLength = 0.0
+    spacing: ArcLength = 0.0
+
+    def room(self, arm: Arm) -> Array:
+        """Return what is left of each limit over the arm's length (n,): 0 or above can be made."""
+        return np.concatenate([*self._rooms(arm).values(), [arm.length - arm.anchorages[0]]])
+
+    def check(self, arm: Arm) -> None:
+        """Raise InputError where an arm to begin with cannot be made."""
+        violation = -1e3 * float(self.room(arm).min()) * arm.length
+        if violation > _VIOLATION:
+            allowed = f"a limit that the given arm keeps: it misses it by {violation:.3g} mm"
+            raise InputError("making", self, allowed)
+
+    def binding(self, arm: Arm) -> tuple[str, ...]:
+        """Return what an arm has no room left of, in words; only of limits that were given."""
+        return tuple(
+            f"{name} {1e3 * getattr(self, name):g} mm"
+            for name, room in self._rooms(arm).items()
+            if getattr(self, name) and room.min() < 1e-6
+        )
+
+    def _rooms(self, arm: Arm) -> dict[str, Array]:
+        """Return what is left of each limit, over the arm's length."""
+        share = np.linspace(0.0, 1.0, STATIONS)
+        walls = []
+        for i, path in arm.offset_paths:
+            end = arm.sections[i].at
+            surface = (arm.hull or arm.radius).evaluate(share * end, arm.length)[0]
+            walls.append(surface - np.abs(path.evaluate(share * end, end)[0]) - self.wall)
+        radius = arm.radius.evaluate(share * arm.length, arm.length)[0] - self.radius
+        spacing = -np.diff([*arm.anchorages, 0.0]) - self.spacing
+        rooms = {"radius": radius, "wall": np.concatenate(walls), "spacing": spacing}
+        return {name: room / arm.length for name, room in rooms.items()}
+
+
+@value
+class Reach(Free):
+    """The farthest place of the tip along a direction (3,), base frame, within the tension limits.
+
+    By tensions of its own, beside those of the tasks.
+
+    Attributes
+    ----------
+    direction : (3,)
+        In the base frame.
+    """
+
+    direction: Direction
+
+    def parameters(self, arm: Arm) -> Array:
+        """See Target.parameters: the direction."""
+        return np.array(self.direction)
+
+    def terms(self, view: View, p: Any) -> Terms:
+        """See Target.terms."""
+        return Terms(objective={"reach": -(p.T @ view.tip) / view.arm.length})
+
+    def guess_towards(self, arm: Arm) -> Array | None:
+        """See Target.guess_towards: nowhere."""
+        return None
+
+
+Objective = Literal["effort"] | Stiffest | Softest | Reach
+
+
+def checked_objective(objective: Any, limits: Limits) -> Objective:
+    """Return what a design makes best within limits, or raise InputError."""
+    if isinstance(objective, Reach) and not np.all(np.isfinite(limits.upper)):
+        raise InputError("tension_max", limits.upper, "finite tensions where a reach is asked for")
+    if objective == "effort" or isinstance(objective, Reach):
+        return objective  # type: ignore[no-any-return]
+    if not isinstance(objective, Stiffest | Softest):
+        allowed = '"effort", Stiffest(direction), Softest(direction) or Reach(direction)'
+        raise InputError("objective", objective, allowed)
+    if objective.hold != "tension":
+        raise InputError("objective", objective, 'hold="tension": a stiffness with tensions held')
+    return objective
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +173,7 @@ class Optimum:
 
 
 class Program:
-    """Tasks of an arm with unknown numbers; a reach is one task more, the last."""
+    """Tasks of an arm with unknown numbers, which are `planned`; a reach is one task more."""
 
     def __init__(
         self,
@@ -94,10 +193,10 @@ class Program:
         elif objective != "effort":
             self.tasks = tuple((*task, objective) for task in tasks)
             self.weights = [1 / len(tasks)] * len(tasks)
+        self.planned = self.tasks[: len(tasks)]
         stated = Statement(refinement=_REFINEMENT)
         self.problems = [Problem(self.arm, scene, task, limits, stated) for task in self.tasks]
         self.K = len(parameters.unknowns)
-        self._curvature = lru_cache(maxsize=4)(self._second_differences)
 
     def system(self, i: int, arm: Arm, scene: Scene) -> System:
         """Return the equations of a task's arm, on nodes that move along with it."""
@@ -184,20 +283,6 @@ class Program:
         parts = self.parameters.derivatives(self.numbers, self.numbers(values), values)
         return np.vstack(parts) * self.parameters.range
 
-    def second_derivatives(self, z: Array) -> Array:
-        """Return their second derivatives (n, K K) by z, of an arm nearby.
-
-        Differences of the first ones, by steps away from the nearer bound.
-        """
-        return self._curvature(tuple((np.round(z / _APART) * _APART).tolist()))
-
-    def _second_differences(self, z: tuple[float, ...]) -> Array:
-        at = np.array(z)
-        J, columns = self.first_derivatives(at), []
-        for step in np.diag(np.where(at < 0.5, _STEP, -_STEP)):
-            columns.append((self.first_derivatives(at + step) - J) / step.sum())
-        return np.stack(columns, axis=-1).reshape(len(J), -1)
-
     @cached_property
     def stated(self) -> Stated:
         """The program in symbols."""
@@ -211,25 +296,21 @@ class Stated(SideBySide):
         cuts = np.cumsum([0, *map(len, of.numbers(of.parameters.start))]).tolist()
         room, K = cuts[-1] - cuts[-2], of.K
         # CasADi does not keep the closed forms that a program calls.
-        closed = [of.all_numbers, of.first_derivatives, of.second_derivatives]
-        self._closed = [ClosedForm(each, K, (cuts[-1], K**i)) for i, each in enumerate(closed)]
+        self._closed = [
+            ClosedForm(of.all_numbers, K, (cuts[-1], 1)),
+            ClosedForm(of.first_derivatives, K, (cuts[-1], K)),
+        ]
 
         def state(at: SideBySide) -> tuple[list[Part], Part]:
             *xs, z = at.unknowns
-            *lams, room_lam = at.multipliers
-            # Apart, so that none is worked out where it is not asked for.
-            *numbers, of_room = zip(
-                *(ca.vertsplit(each(z), cuts) for each in self._closed), strict=True
-            )
-            tasks = zip(of.problems, of.weights, xs, numbers, lams, strict=True)
+            *lams, _ = at.multipliers
+            values, by_z = (ca.vertsplit(each(z), cuts) for each in self._closed)
+            tasks = zip(of.problems, of.weights, xs, values, by_z, lams, strict=False)
             parts = [
-                _part(problem, problem.parameters(), w, x, n, lam, at.sigma)
-                for problem, w, x, n, lam in tasks
+                _part(problem, w, x, n, J, lam, at.sigma) for problem, w, x, n, J, lam in tasks
             ]
-            g, by_z, curved = of_room
-            J = ca.horzcat(ca.MX(room, at.ends[-1]), by_z)
-            H = ca.reshape(curved.T @ room_lam, K, K)
-            return parts, Part(ca.MX(0), ca.MX(K, 1), g, J, H)
+            J = ca.horzcat(ca.MX(room, at.ends[-1]), by_z[-1])
+            return parts, Part(ca.MX(0), ca.MX(K, 1), values[-1], J, ca.MX(K, K))
 
         sizes = [problem.program.size for problem in of.problems]
         rows = [sum(row.size for row in problem.rows) for problem in of.problems]
@@ -238,40 +319,37 @@ class Stated(SideBySide):
 
 def _part(
     problem: Problem,
-    p: Array,
     weight: float,
     x: ca.MX,
-    closed: tuple[ca.MX, ca.MX, ca.MX],
+    numbers: ca.MX,
+    by_z: ca.MX,
     lam: ca.MX,
     sigma: ca.MX,
 ) -> Part:
-    """Return a task's part at unknowns x, numbers n and their first and second derivatives by z.
+    """Return a task's part at unknowns x, numbers n and their derivatives by z.
 
     And the weights of its constraints and of the objective. The equations see y = (unknowns in SI,
     n); the chain rule takes them to (x, z).
     """
-    program, (numbers, by_z, curved) = problem.program, closed
-    values, equations, K = program, program.equations.in_numbers(), by_z.size2()
-    whole, scale = ca.DM(program.scale_at(p)), ca.DM(p[program.parts.row_scale])
-    arguments, m, n = [values.x, values.p], values.outer.numel(), program.size
-    first = [values.f, values.gradient, values.outer, values.outer_jacobian]
+    of, p, K = problem.program, problem.parameters(), by_z.size2()
+    whole, scale = ca.DM(of.scale_at(p)), ca.DM(p[of.parts.row_scale])
+    arguments, m, equations = [of.x, of.p], of.outer.numel(), of.equations.in_numbers()
+    first = [of.f, of.gradient, of.outer, of.outer_jacobian]
     f, gradient, outer, outer_J = ca.Function("outer", arguments, first)(x, ca.DM(p))
-    arguments += [values.sigma, values.outer_lam]
-    second = ca.Function("outer_hessian", arguments, [values.outer_hessian])
+    arguments += [of.sigma, of.outer_lam]
+    second = ca.Function("outer_hessian", arguments, [of.outer_hessian])
     outer_H = second(x, ca.DM(p), weight * sigma, lam[:m])
     y, none = ca.vertcat(whole * x, numbers), ca.MX(0, 1)
     chain = ca.diagcat(ca.MX(ca.diag(whole)), by_z)
-    of = equations.jacobian
-    J = ca.diag(1 / scale) @ ca.MX(of.places, of.function(y, none))
-    of = equations.hessian
-    H = chain.T @ ca.MX(of.places, of.function(y, none, lam[m:] / scale)) @ chain
-    bent = ca.reshape(curved.T @ (J[:, n:].T @ lam[m:]), K, K)
+    J, H = equations.jacobian, equations.hessian
+    by_y = ca.diag(1 / scale) @ ca.MX(J.places, J.function(y, none))
+    curved = chain.T @ ca.MX(H.places, H.function(y, none, lam[m:] / scale)) @ chain
     return Part(
         weight * f,
         ca.vertcat(weight * gradient, ca.MX(K, 1)),
         ca.vertcat(outer, equations.value.function(y, none) / scale),
-        ca.vertcat(ca.horzcat(outer_J, ca.MX(m, K)), J @ chain),
-        H + ca.diagcat(outer_H, bent),
+        ca.vertcat(ca.horzcat(outer_J, ca.MX(m, K)), by_y @ chain),
+        curved + ca.diagcat(outer_H, ca.MX(K, K)),
     )
 
 

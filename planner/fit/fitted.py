@@ -14,16 +14,11 @@ from model import Arm, Scene
 from model.equilibrium.newton import STAGES
 from model.paths import Array
 from model.text import counted
-from planner.fit.least_squares import (
-    Direction,
-    Information,
-    Loss,
-    counted_by,
-    direction,
-    information,
-)
+from planner.fit.experiment import Experiment
+from planner.fit.identifiability import Direction, Information, direction, information
+from planner.fit.least_squares import Loss, counted_by
 from planner.fit.measured import Measured
-from planner.fit.residuals import Evaluation, Experiment, Residual, mean_distance
+from planner.fit.residuals import Evaluation, Residual, from_rest, mean_distance
 from planner.fit.unknowns import Parameters, Unknown
 
 # Standard error over that of the prior above which the data say nothing; residuals of a shape over
@@ -188,7 +183,7 @@ class Fitted:
     @property
     def residuals(self) -> tuple[Residual, ...]:
         """All that was measured, shape by shape, of those that settle."""
-        return self.evaluation.named()
+        return tuple(self.evaluation.named())
 
     @property
     def mean_error(self) -> float:
@@ -313,7 +308,7 @@ class Fitted:
             return self.known
         names = [name for name, _ in self.left_out]
         kept = [i for i, shape in enumerate(self.measured) if shape.name not in names]
-        rest = self.experiment(self.measured).from_rest(self.array)
+        rest = from_rest(self.experiment(self.measured), self.array)
         return rest.only([i for i in kept if i in rest.equilibria])
 
     def experiment(self, shapes: Sequence[Measured]) -> Experiment:

@@ -3,24 +3,17 @@
 Unknowns are counted from lower to upper bound, 0 to 1. Priors are further residuals, which no
 robust loss touches. A step that leads to an arm that cannot be, or on which a shape cannot be
 followed, is refused, so that the trust region shrinks: it is the continuation's step as well.
-
-Which unknowns the data identify, and which trade with each other, is told by the Jacobian J of
-residuals over noise, priors below. Its right singular vectors are the directions in which unknowns
-change together; a direction that changes nothing that was measured is not identifiable, one that is
-uncertain by half of the bounds' range badly so.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 import scipy
-from scipy.linalg import qr
 
 from model import InputError
 from model.paths import Array
@@ -42,20 +35,19 @@ _RHO: dict[str, Callable[[Array], Rho]] = {
     "soft_l1": lambda z: (2 * (np.sqrt(1 + z) - 1), (1 + z) ** -0.5, -0.5 * (1 + z) ** -1.5),
     "cauchy": lambda z: (np.log1p(z), 1 / (1 + z), -1 / (1 + z) ** 2),
 }
-# The least noise, over the standard deviations given, and how often shapes are settled at most.
-_LEAST_NOISE, _MOST = 1e-9, 100
-# The last step, over the unknowns from 0 to 1, and the gradient of the log-likelihood there.
-_STEP, _GRADIENT = 1e-7, 1e-9
+# The mean of rho'(x^2) x^2 of a standard normal distribution, of the two losses that noise is
+# estimated with; and its standard deviation over the median of sizes.
+_EXPECTED = {
+    "linear": 1.0,
+    "cauchy": 1 - float(np.sqrt(np.pi * np.e / 2) * scipy.special.erfc(np.sqrt(0.5))),
+}
+_MEDIAN = 1.4826
+# The least noise, over the standard deviations given; how often shapes are settled at most, and the
+# last step, over the unknowns from 0 to 1.
+_LEAST_NOISE, _MOST, _STEP = 1e-9, 100, 1e-7
 # Derivatives serve elsewhere if they tell changes up to so much, over the root of the tolerance: by
 # what they are off there the logarithm of the likelihood changes by less than the tolerance.
 _TRUSTED = 0.5
-# Singular values over the largest, columns at length 1, below which a direction is not
-# identifiable; and the standard deviation along one, over the bounds' range, above which it is
-# badly so.
-_ZERO, _WIDE = 1e-7, 0.5
-# Parts of a direction that are left out of it, over the largest: where the data tell it badly, and
-# where they do not tell it, where only rounding is.
-_SMALL, _INVOLVED = 0.1, 1e-3
 
 
 def counted_by(loss: Loss, r: Array) -> Array:
@@ -88,43 +80,32 @@ class Likelihood:
     size: int
     noise: float | None = None
 
-    def noise_of(self, r: Array) -> float:
-        """Return the noise of residuals of data."""
+    def noise_of(self, z: Array) -> float:
+        """Return the noise of squared residuals of data."""
         if self.noise is not None:
             return self.noise
-        z, wanted = np.square(r), self.free * _expected(self.loss)
-        if self.loss == "linear":
-            return max(float(np.sqrt(z.sum() / self.free)), _LEAST_NOISE)
+        rms = float(np.sqrt(z.sum() / self.free))
+        if self.loss == "linear" or rms < _LEAST_NOISE:
+            return max(rms, _LEAST_NOISE)
 
         def excess(log: float) -> float:
             t = z * np.exp(-2 * log)
-            return float((_RHO[self.loss](t)[1] * t).sum()) - wanted
+            return float((_RHO[self.loss](t)[1] * t).sum()) - self.free * _EXPECTED[self.loss]
 
-        low, high = (
-            np.log(_LEAST_NOISE),
-            np.log(_LEAST_NOISE + 1e3 * float(np.abs(r).max(initial=0))),
-        )
-        if excess(low) <= 0 or high <= low:
+        low, high = np.log(_LEAST_NOISE), np.log(1e3 * rms)
+        if excess(low) <= 0:
             return _LEAST_NOISE
         return float(np.exp(scipy.optimize.brentq(excess, low, high, xtol=1e-6)))
 
     def rho(self, z: Array) -> Array:
         """Return twice the likelihood's terms of squared residuals z, and their derivatives."""
-        rows = np.array(_RHO["linear"](z))
-        data = z[: self.size]
-        noise = self.noise_of(np.sqrt(data))
-        terms = _RHO[self.loss](data / noise**2)
-        scale = np.log(noise / _LEAST_NOISE)  # above 0, so that changes are small beside it
-        constant = 2 * self.free * _expected(self.loss) * scale / max(self.size, 1)
-        rows[:, : self.size] = terms[0] + constant, terms[1] / noise**2, terms[2] / noise**4
+        rows, data = np.array(_RHO["linear"](z)), z[: self.size]
+        noise = self.noise_of(data)
+        rho, first, second = _RHO[self.loss](data / noise**2)
+        if self.noise is None:
+            rho += 2 * self.free * _EXPECTED[self.loss] * np.log(noise) / max(self.size, 1)
+        rows[:, : self.size] = rho, first / noise**2, second / noise**4
         return rows
-
-
-@lru_cache(maxsize=8)
-def _expected(loss: str) -> float:
-    """Return the mean of rho'(x^2) x^2 of a standard normal distribution, by 4000 quantiles."""
-    z = np.square(scipy.special.ndtri((np.arange(4000) + 0.5) / 4000))
-    return float((_RHO[loss](z)[1] * z).mean())
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,26 +130,37 @@ class Fit:
     refused: tuple[int, ...]
 
 
-def fit(start: Evaluation, loss: Loss, absolute: bool, tolerance: float = 1e-6) -> Fit:
+def fit(
+    start: Evaluation, loss: Loss, absolute: bool, tolerance: float = 1e-6, robust: bool = False
+) -> Fit:
     """Return the optimum that an evaluation leads to, of the shapes that it has.
 
     To about a `tolerance` in the logarithm of the likelihood. Unless standard deviations hold as
-    given (`absolute`), the noise of a robust loss is that of Cauchy's, which bounds what outliers
-    add to it.
+    given (`absolute`), the noise of a robust loss is by the median of the residuals where the fit
+    begins: near an optimum, or with `robust` at that of Cauchy's, which bounds what outliers add.
     """
     noise = 1.0 if absolute else None
-    if loss in ("huber", "soft_l1") and not absolute:
-        robust = _descent(start, "cauchy", None, tolerance)
-        if robust.refused:
-            return robust
-        start, noise = robust.evaluation, robust.noise
+    if loss != "linear" and not absolute:
+        if robust:
+            first = _descent(start, "cauchy", None, tolerance)
+            if first.refused:
+                return first
+            start = first.evaluation
+        sizes = np.abs(np.concatenate([r for r, _ in start.scaled().values()]))
+        used = sizes.size / _freedom(start)
+        noise = max(float(_MEDIAN * np.median(sizes) * np.sqrt(used)), _LEAST_NOISE)
     return _descent(start, loss, noise, tolerance)
+
+
+def _freedom(start: Evaluation) -> int:
+    parameters, size = start.experiment.parameters, sum(map(len, start.residuals.values()))
+    free = sum(unknown.prior is None for unknown in parameters.unknowns)
+    return max(size - free, 1)
 
 
 def _descent(start: Evaluation, loss: Loss, noise: float | None, tolerance: float) -> Fit:
     steps, parameters = _Steps(start, tolerance), start.experiment.parameters
-    free = max(steps.size + steps.priors - len(parameters.unknowns), 1)
-    likelihood = Likelihood(loss, free, steps.size, noise)
+    likelihood = Likelihood(loss, _freedom(start), steps.size, noise)
 
     def stop_at_the_optimum(z: Array) -> None:
         if steps.gain(z, likelihood) <= tolerance:
@@ -182,13 +174,13 @@ def _descent(start: Evaluation, loss: Loss, noise: float | None, tolerance: floa
         loss=likelihood.rho,
         x_scale="jac",
         xtol=_STEP,
-        ftol=tolerance / max(np.log(1 / _LEAST_NOISE) * steps.size, 1.0),
-        gtol=_GRADIENT,
+        ftol=None,
+        gtol=None,
         max_nfev=_MOST,
         callback=stop_at_the_optimum,
     )
     LOG.debug("%s: %s after %d evaluations", loss, result.message, result.nfev)
-    noise = likelihood.noise_of(steps.residuals(result.x)[: steps.size])
+    noise = likelihood.noise_of(np.square(steps.residuals(result.x)[: steps.size]))
     return Fit(steps.best, noise, float(result.cost), steps.refused)
 
 
@@ -262,96 +254,3 @@ class _Steps:
         free = J[:, np.where(slope > 0, z, 1 - z) > AT_BOUND]
         explained = free @ np.linalg.lstsq(free, r, rcond=None)[0]
         return float(explained @ explained) / 2
-
-
-@dataclass(frozen=True)
-class Direction:
-    """Unknowns that change together without the data telling.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Of the unknowns.
-    changes : tuple of float
-        What each changes by, in the unit of its key, when the first does by a tenth of its range.
-    units : tuple of str
-    std : float
-        Standard deviation along the direction, over the range of the bounds; inf if nothing tells.
-    """
-
-    names: tuple[str, ...]
-    changes: tuple[float, ...]
-    units: tuple[str, ...]
-    std: float
-
-    def __str__(self) -> str:
-        nothing = not np.isfinite(self.std)
-        if len(self.names) == 1:
-            which = "nothing that was measured tells" if nothing else "the data hardly tell"
-            return f"{which} {self.names[0]}"
-        rows = zip(self.names, self.changes, self.units, strict=True)
-        first, *others = (f"{name} {change:+.3g} {unit}".rstrip() for name, change, unit in rows)
-        difference = "no difference to what was measured" if nothing else "less than noise"
-        return f"{first} trades with {', '.join(others)}: together they make {difference}"
-
-
-@dataclass(frozen=True, eq=False)
-class Information:
-    """What data and priors say of K unknowns.
-
-    Attributes
-    ----------
-    covariance : (K, K)
-        In units of the bounds' ranges; inf on the diagonal where nothing tells.
-    directions : list of (vector (K,), standard deviation)
-        Those that are not identifiable, or badly so; counted like the covariance.
-    """
-
-    covariance: Array
-    directions: list[tuple[Array, float]]
-
-
-def information(J: Array) -> Information:
-    """Return what residuals over noise with derivatives J (n, K), priors included, say."""
-    K = J.shape[1]
-    size = np.linalg.norm(J, axis=0)
-    blind = size <= _ZERO * max(float(size.max()), 1e-300)
-    lengths = np.where(blind, 1.0, size)
-    scaled = np.vstack([np.where(blind, 0.0, J / lengths), np.zeros((K, K))])
-    _, s, V = np.linalg.svd(scaled, full_matrices=False)
-    null = s <= _ZERO * max(float(s[0]), 1e-300)
-    along = V / lengths
-    covariance = (along[~null].T / np.square(s[~null])) @ along[~null]
-    directions = [(v / np.linalg.norm(v), float("inf")) for v in _sparse(along[null])]
-    involved = np.abs(np.array([v for v, _ in directions]).reshape(-1, K)) > _INVOLVED
-    variances, vectors = np.linalg.eigh(covariance)
-    directions += [
-        (v, float(np.sqrt(variance)))
-        for variance, v in zip(variances[::-1], vectors.T[::-1], strict=True)
-        if variance > _WIDE**2
-    ]
-    covariance[np.diag_indices(K)] += np.where(involved.any(axis=0), np.inf, 0.0)
-    return Information(covariance, directions)
-
-
-def _sparse(vectors: Array) -> Array:
-    """Return a basis of the space of vectors (r, K), each without what leads the others."""
-    if len(vectors) < 2:
-        return vectors
-    _, R, pivots = qr(vectors, pivoting=True)
-    basis = np.zeros_like(vectors)
-    basis[:, pivots] = np.linalg.solve(R[:, : len(R)], R)
-    return basis
-
-
-def direction(
-    v: Array, std: float, names: Sequence[str], ranges: Array, units: Sequence[str]
-) -> Direction:
-    """Return a direction v (K,), counted in the ranges of the bounds, in the keys' units."""
-    order = np.argsort(-np.abs(v))
-    least = _SMALL if np.isfinite(std) else _INVOLVED
-    kept = [int(k) for k in order if abs(v[k]) >= least * abs(v[order[0]])]
-    changes = [float(0.1 * v[k] / v[kept[0]] * ranges[k]) for k in kept]
-    return Direction(
-        tuple(names[k] for k in kept), tuple(changes), tuple(units[k] for k in kept), std
-    )

@@ -1,26 +1,29 @@
-"""What settled shapes predict less what was measured of them, with derivatives by the unknowns."""
+"""What settled shapes predict less what was measured of them, with derivatives by the unknowns.
+
+What a sensor shows of a pose is a function in CasADi's symbols, differentiated by CasADi: the place
+of a marker, or of a frame twice the vector part of the quaternion that is between it and the
+measured one. How poses and lengths change with the unknowns is told by the equations' derivatives.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache, partial
 from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from model import OctoplanError
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import CLOSE, Collocation, newton
-from model.equilibrium.sensitivities import ByNumbers, along, displaced
+from model.equilibrium.sensitivities import ByNumbers, along
+from model.machine.buffered import mapped
 from model.paths import Array
-from model.rotations import matrices
-from planner.fit.measured import FRAME, Measured
-from planner.fit.sessions import Equations, Index, Reached, Session, tensions_by_lengths
-from planner.fit.unknowns import Parameters
+from model.rotations import conjugate, multiply, rotate
+from planner.fit.experiment import Equations, Experiment, Reached, tensions_by_lengths
 
 # How often the way to other values is halved for shapes that one step does not lead to.
 _HALVINGS = 2
@@ -65,95 +68,176 @@ def mean_distance(residuals: Iterable[Residual]) -> float:
     return float(np.mean(sizes)) if sizes else float("nan")
 
 
-class Experiment:
-    """Measured shapes of one arm, with the unknowns of both, on meshes of a refinement."""
+@lru_cache(maxsize=1)
+def _shown() -> ca.Function:
+    """Return pose (7,), offset (3,), quaternion -> what is shown (3,), its derivatives (3, 10).
 
-    def __init__(
-        self,
-        parameters: Parameters,
-        shapes: Sequence[Measured],
-        refinement: int,
-        stages: int,
-        machine_code: bool = False,
-    ) -> None:
-        self.parameters, self.shapes = parameters, tuple(shapes)
-        self.mesh = refinement, stages, machine_code
-        with_unknowns = {unknown.session for unknown in parameters.unknowns}
-        members: dict[str, dict[int, Measured]] = {}
-        for i, shape in enumerate(self.shapes):
-            name = shape.session if shape.session in with_unknowns else ""
-            members.setdefault(name, {})[i] = shape
-        #: Of each session that has an arm of its own, and of all others.
-        self.sessions = [Session(parameters, *item, self.mesh) for item in members.items()]
+    By pose and offset. The quaternion is that of a measured frame, 0 of a marker.
+    """
+    pose, offset, seen = ca.SX.sym("pose", 7), ca.SX.sym("offset", 3), ca.SX.sym("seen", 4)
+    place = pose[4:] + rotate(pose[:4], offset)
+    between = multiply(pose[:4], conjugate(seen))
+    turned = 2 * ca.if_else(between[0] < 0, -between[1:], between[1:])
+    shown = ca.if_else(ca.sumsqr(seen) > 0, turned, place)
+    J = ca.jacobian(shown, ca.vertcat(pose, offset))
+    return ca.Function("shown", [pose, offset, seen], [shown, ca.densify(J.T)])
 
-    def from_rest(self, values: Array, looser: float = 1.0) -> Evaluation:
-        """Return all shapes at values (K,) as they are reached from rest.
 
-        InputError where no such arm can be; shapes that have no equilibrium are `lost`.
-        """
-        parts = []
-        for session in self.sessions:
-            equations = session.at(values)
-            parts.append(Settled.of(equations, equations.from_rest(looser)))
-        return Evaluation(self, values, parts)
+def from_rest(experiment: Experiment, values: Array, looser: float = 1.0) -> Evaluation:
+    """Return all shapes at values (K,) as they are reached from rest.
+
+    InputError where no such arm can be; shapes that have no equilibrium are `lost`.
+    """
+    at = experiment.at(values)
+    reached = {i: at[of].from_rest(i, looser) for i, of in enumerate(experiment.session)}
+    return Evaluation.of(experiment, values, at, reached)
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Shapes at given values (K,) of the unknowns.
+    """Shapes at given values (K,) of the unknowns, and what sensors show of them.
 
     Attributes
     ----------
     experiment : Experiment
     values : (K,)
-    parts : list of Settled
-        The shapes of each session.
+    at : dict of Equations
+        Of each session.
+    equilibria : dict of Linearised
+        By the number of their shape, in order; without those left out or lost.
+    lost : dict of OctoplanError
+        Why others have none.
     """
 
     experiment: Experiment
     values: Array
-    parts: Sequence[Settled]
+    at: Mapping[str, Equations]
+    equilibria: Mapping[int, Linearised]
+    lost: Mapping[int, OctoplanError]
 
-    def near(self, values: Array, experiment: Experiment | None = None) -> Evaluation:
-        """Return the shapes that this has at other values, on the same branches.
-
-        On the meshes of this experiment or of another one of the same shapes; those that do not
-        lead to an equilibrium nearby, in a few steps, are `lost`.
-        """
-        experiment = experiment or self.experiment
-        pairs = zip(experiment.sessions, self.parts, strict=True)
-        parts = [part.near(session.at(values), _HALVINGS) for session, part in pairs]
-        return Evaluation(experiment, values, parts)
+    @classmethod
+    def of(
+        cls,
+        experiment: Experiment,
+        values: Array,
+        at: Mapping[str, Equations],
+        reached: Mapping[int, Reached],
+    ) -> Evaluation:
+        """Return the shapes that were reached, in order, and those that were not."""
+        rows = sorted(reached.items(), key=itemgetter(0))
+        equilibria = {i: end for i, end in rows if isinstance(end, Linearised)}
+        lost = {i: end for i, end in rows if isinstance(end, OctoplanError)}
+        return cls(experiment, values, at, equilibria, lost)
 
     def only(self, kept: Iterable[int]) -> Evaluation:
         """Return the evaluation with all but some shapes left out."""
-        which = set(kept)
-        return Evaluation(self.experiment, self.values, [part.only(which) for part in self.parts])
+        left = {i: self.equilibria[i] for i in sorted(kept) if i in self.equilibria}
+        return Evaluation(self.experiment, self.values, self.at, left, {})
+
+    def near(
+        self, values: Array, experiment: Experiment | None = None, halvings: int = _HALVINGS
+    ) -> Evaluation:
+        """Return the shapes that this has at other values, on the same branches.
+
+        On the meshes of this experiment or of another one of the same shapes. The way to other
+        values is halved, so often at most, for those that no step leads to; those that do not lead
+        to an equilibrium nearby are `lost`.
+        """
+        experiment = experiment or self.experiment
+        there = self._in_one_step(values, experiment)
+        if there.lost and halvings and experiment is self.experiment:
+            half = self.only(there.lost).near((self.values + values) / 2, None, halvings - 1)
+            rest = half.near(values, None, halvings - 1)
+            reached = dict[int, Reached](there.lost)
+            for part in (half.lost, rest.lost, there.equilibria, rest.equilibria):
+                reached |= part
+            there = Evaluation.of(experiment, values, there.at, reached)
+        return there
+
+    def _in_one_step(self, values: Array, experiment: Experiment) -> Evaluation:
+        """Return the shapes where Newton's method leads from where derivatives say that they are.
+
+        Where the mesh is another, from the strains on that.
+        """
+        at, change, reached = experiment.at(values), values - self.values, dict[int, Reached]()
+        for i, before in self.equilibria.items():
+            shape, to = self.experiment.shapes[i], at[self.experiment.session[i]]
+            states, tensions = before.states, before.tensions
+            if change.any():
+                by = self.by_numbers[i]
+                states = states + by.states @ change
+                tensions = np.maximum(tensions + by.tensions @ change, 0.0)
+            T = tensions if shape.by_length else to.tensions(shape)
+            of, near = before.system.of, None
+            if to.system.of is not of:
+                states = Collocation.on(to.system).carried(T, before)
+            elif np.abs(states - before.states)[of.nodes[:, :4]].max() < CLOSE:
+                near = before
+            end = newton(to.system, T, 1.0, states, near=near, looser=_LOOSER)
+            reached[i] = to.held(shape, end or OctoplanError("it jumps"))
+        return Evaluation.of(experiment, values, at, reached)
+
+    def equations(self, i: int) -> Equations:
+        """Return the equations of a shape."""
+        return self.at[self.experiment.session[i]]
 
     @cached_property
-    def equilibria(self) -> dict[int, Linearised]:
-        """By the number of their shape, in order; without those left out or lost."""
-        return self._joined("equilibria")
-
-    @cached_property
-    def lost(self) -> dict[int, OctoplanError]:
-        """Why shapes have none, by their number."""
-        return {i: why for part in self.parts for i, why in part.lost.items()}
+    def by_numbers(self) -> dict[int, ByNumbers]:
+        """Derivatives of the equilibria by the unknowns."""
+        shapes = self.experiment.shapes
+        return {
+            i: self.equations(i).differentiated(shapes[i], here)
+            for i, here in self.equilibria.items()
+        }
 
     @cached_property
     def residuals(self) -> dict[int, Array]:
         """Predictions less measurements (size,), [m] and [rad], of each shape by number."""
-        return self._joined("residuals")
+        result = dict[int, Array]()
+        for i, here in self.equilibria.items():
+            runs, rest = self._runs(i), self.equations(i).numbers.rest
+            lengths = [rest * (sign < 0) + sign * here.lengths for sign in runs]
+            shown = np.concatenate([self._shown[i][0].ravel(), *lengths])
+            result[i] = shown - self.experiment.shapes[i].numbers
+        return result
 
     @cached_property
     def jacobians(self) -> dict[int, Array]:
         """Their derivatives by the unknowns (size, K)."""
-        return self._joined("jacobians")
+        result = dict[int, Array]()
+        for i, by in self.by_numbers.items():
+            at, rows = self.equations(i), self.experiment.rows[i]
+            poses, derivatives = by.states[at.places[rows]], at.derivatives
+            # Of what is looked at, which need not move along with its node.
+            slip = derivatives.s[rows] - derivatives.nodes[at.nodes[rows]]
+            if slip.any():
+                poses = poses + along(by.point, at.nodes[rows])[:, :, None] * slip[:, None, :]
+            moved = np.concatenate([poses, derivatives.offsets[rows]], axis=1)
+            result[i] = self._changes(i, moved, partial(getattr, by, "lengths"), derivatives.rest)
+        return result
 
     @cached_property
     def whitening(self) -> dict[int, Array]:
-        """Matrices (size, size) by which they are of unit variance, as is known."""
-        return self._joined("whitening")
+        """Matrices (size, size) by which they are of unit variance, as is known.
+
+        Noise of what drives a shape, its tensions or its lengths, is carried to the residuals to
+        first order: the effective variance. Source: Orear, American Journal of Physics 50 (1982).
+        """
+        result = dict[int, Array]()
+        for i, here in self.equilibria.items():
+            shape, at = self.experiment.shapes[i], self.equations(i)
+            if not shape.by_length and not shape.tension_std:
+                result[i] = np.diag(1 / shape.stds)
+                continue
+            inputs = shape.tension_std * np.diag(at.numbers.scale)
+            if shape.by_length:
+                inputs = (shape.length_std or shape.std) * tensions_by_lengths(here)
+            poses = here.by_tensions[at.places[self.experiment.rows[i]]]
+            moved = np.concatenate([poses, np.zeros((len(poses), 3, len(inputs)))], axis=1)
+            J = self._changes(i, moved, partial(getattr, here, "length_tension"), 0.0) @ inputs
+            variance = np.diag(np.square(shape.stds)) + J @ J.T
+            result[i] = np.linalg.inv(np.linalg.cholesky(variance))
+        return result
 
     def scaled(self, noise: float = 1.0) -> dict[int, tuple[Array, Array]]:
         """Return residuals (size,) of each shape over the noise, whitened, and their derivatives.
@@ -166,207 +250,42 @@ class Evaluation:
             for i, W in self.whitening.items()
         }
 
-    def _joined(self, what: str) -> dict[int, Any]:
-        """Return something of all shapes in equilibrium, in their order."""
-        parts = [part for part in self.parts if part.equilibria]
-        rows = [item for part in parts for item in getattr(part, what).items()]
-        return dict(sorted(rows, key=itemgetter(0)))
-
-    def named(self) -> tuple[Residual, ...]:
-        """Return all residuals, shape by shape."""
-        rows = list[tuple[str, str, Array]]()
+    def named(self) -> Iterator[Residual]:
+        """Yield all residuals, shape by shape."""
         for i, miss in self.residuals.items():
             shape = self.experiment.shapes[i]
             names = [sensor.what for sensor in shape.sensors]
-            tendons = [f"{run}[{j}]" for run in shape.runs for j in range(len(getattr(shape, run)))]
-            vectors, lengths = np.split(miss, [3 * len(names)])
-            rows += zip([shape.name] * len(names), names, vectors.reshape(-1, 3), strict=True)
-            rows += zip([shape.name] * len(tendons), tendons, lengths[:, None], strict=True)
-        return tuple(Residual(shape, what, tuple(row.tolist())) for shape, what, row in rows)
+            rows = [*miss[: 3 * len(names)].reshape(-1, 3), *miss[3 * len(names) :, None]]
+            names += [f"{run}[{j}]" for run in shape.runs for j in range(len(getattr(shape, run)))]
+            for what, row in zip(names, rows, strict=True):
+                yield Residual(shape.name, what, tuple(row.tolist()))
 
+    def _runs(self, i: int) -> list[float]:
+        """Return 1 and -1 of lengths and strokes, those that are residuals of a shape."""
+        return [1.0 if run == "lengths" else -1.0 for run in self.experiment.shapes[i].runs]
 
-@dataclass(frozen=True, eq=False)
-class Settled:
-    """Shapes of a session in equilibrium, and what sensors show of them: of all at once.
+    def _changes(
+        self, i: int, moved: Array, lengths: Callable[[], Array], rest: Array | float
+    ) -> Array:
+        """Return how residuals of a shape change (size, k).
 
-    Attributes
-    ----------
-    equations : Equations
-    equilibria : dict of Linearised
-        By the number of their shape, in order.
-    lost : dict of OctoplanError
-        Why others have none.
-    """
-
-    equations: Equations
-    equilibria: Mapping[int, Linearised]
-    lost: Mapping[int, OctoplanError]
-
-    @classmethod
-    def of(cls, equations: Equations, reached: Mapping[int, Reached]) -> Settled:
-        """Return the shapes that were reached, in order, and those that were not."""
-        rows = dict(sorted(reached.items()))
-        equilibria = {i: end for i, end in rows.items() if isinstance(end, Linearised)}
-        lost = {i: end for i, end in rows.items() if isinstance(end, OctoplanError)}
-        return cls(equations, equilibria, lost)
-
-    def only(self, kept: set[int]) -> Settled:
-        """Return the shapes that are kept."""
-        left = {i: equilibrium for i, equilibrium in self.equilibria.items() if i in kept}
-        return Settled(self.equations, left, {})
-
-    def near(self, at: Equations, halvings: int) -> Settled:
-        """Return the shapes by equations with other values, or on another mesh.
-
-        The way to other values is halved, so often at most, for those that no step leads to.
+        With poses and offsets (M, 10, k) of its sensors, and lengths and those at rest of its
+        tendons (n_tendons, k).
         """
-        there, here = self._in_one_step(at), self.equations
-        if there.lost and halvings and at.session is here.session:
-            middle = here.session.at((here.values + at.values) / 2)
-            half = self.only(set(there.lost)).near(middle, halvings - 1)
-            rest = half.near(at, halvings - 1)
-            reached = {**there.lost, **half.lost, **rest.lost}
-            there = Settled.of(at, {**reached, **there.equilibria, **rest.equilibria})
-        return there
-
-    def _in_one_step(self, at: Equations) -> Settled:
-        """Return the shapes where Newton's method leads from where derivatives say that they are.
-
-        Where the mesh is another, from the strains on that.
-        """
-        change, of = at.values - self.equations.values, at.system.of
-        on = None if of is self.equations.system.of else Collocation.on(at.system)
-        reached = dict[int, Reached]()
-        for i, before in self.equilibria.items():
-            shape, states, tensions = at.session.shapes[i], before.states, before.tensions
-            if change.any():
-                by = self.by_numbers[i]
-                states = states + by.states @ change
-                tensions = np.maximum(tensions + by.tensions @ change, 0.0)
-            T = tensions if shape.by_length else at.tensions(shape)
-            guess = on.carried(T, before) if on else states
-            turned = np.abs(states - before.states)[before.system.of.nodes[:, :4]].max()
-            near = before if on is None and turned < CLOSE else None
-            here = newton(at.system, T, 1.0, guess, near=near, looser=_LOOSER)
-            reached[i] = at.held(i, here or OctoplanError("it jumps"))
-        return Settled.of(at, reached)
+        runs = [rest * (sign < 0) + sign * lengths() for sign in self._runs(i)]
+        return np.vstack([(self._shown[i][1] @ moved).reshape(-1, moved.shape[2]), *runs])
 
     @cached_property
-    def by_numbers(self) -> dict[int, ByNumbers]:
-        """Derivatives of the equilibria by the unknowns."""
-        return self.equations.differentiated(self.equilibria)
-
-    @cached_property
-    def residuals(self) -> dict[int, Array]:
-        """Predictions less measurements of each shape (size,), [m] and [rad]."""
-        shown = self._stacked(self._shown.values, lambda i: self.equilibria[i].lengths)
-        return {i: row - self._measured(i).numbers for i, row in shown.items()}
-
-    @cached_property
-    def jacobians(self) -> dict[int, Array]:
-        """Derivatives of `residuals` by the unknowns, each (size, K)."""
-        derivatives, by, rows = self.equations.derivatives, self.by_numbers, self._rows
-        nodes = self.equations.nodes[rows]
-        moved = displaced(self._poses, self._at([each.states for each in by.values()]))
-        # Of what is looked at, which need not move along with its node.
-        slip, heres = derivatives.s[rows] - derivatives.nodes[nodes], list(self.equilibria.values())
-        for m in np.flatnonzero(slip.any(axis=1)):
-            moved[m] += along(heres[self._of[m]], nodes[m : m + 1])[0][:, None] * slip[m]
-        changes = self._shown.changes(moved)
-        changes += matrices(self._poses[:, :4]) @ derivatives.offsets[rows]
-        return self._stacked(changes, lambda i: by[i].lengths, derivatives.rest)
-
-    @cached_property
-    def whitening(self) -> dict[int, Array]:
-        """Matrices (size, size) by which residuals of each shape are of unit variance.
-
-        Noise of what drives a shape, its tensions or its lengths, is carried to the residuals to
-        first order: the effective variance. Source: Orear, American Journal of Physics 50 (1982).
-        """
-        shapes = {i: self._measured(i) for i in self.equilibria}
-        if not any(shape.by_length or shape.tension_std for shape in shapes.values()):
-            return {i: np.diag(1 / shape.stds) for i, shape in shapes.items()}
-        by_tensions = self._at([here.by_tensions for here in self.equilibria.values()])
-        changes = self._shown.changes(displaced(self._poses, by_tensions))
-        whitening = {}
-        lengths = self._stacked(changes, lambda i: self.equilibria[i].length_tension, 0.0)
-        for i, J in lengths.items():
-            shape, inputs = shapes[i], shapes[i].tension_std * np.diag(self.equations.numbers.scale)
-            if shape.by_length:
-                std = shape.length_std or shape.std
-                inputs = std * tensions_by_lengths(self.equilibria[i])
-            variance = np.diag(np.square(shape.stds)) + (J @ inputs) @ (J @ inputs).T
-            whitening[i] = np.linalg.inv(np.linalg.cholesky(variance))
-        return whitening
-
-    def _measured(self, i: int) -> Measured:
-        return self.equations.session.shapes[i]
-
-    @cached_property
-    def _rows(self) -> Index:
-        """Which of the session's sensors look at these shapes (M,)."""
-        return np.flatnonzero(np.isin(self.equations.session.shape, list(self.equilibria)))
-
-    @cached_property
-    def _of(self) -> Index:
-        """Which of these shapes each looks at (M,)."""
-        return np.searchsorted(list(self.equilibria), self.equations.session.shape[self._rows])
-
-    @cached_property
-    def _poses(self) -> Array:
-        """Poses where they look (M, 7)."""
-        return self._at([here.states for here in self.equilibria.values()])
-
-    def _at(self, states: Sequence[Array]) -> Array:
-        """Return the rows of poses (M, 7, ...) among states (n_states, ...) of each shape."""
-        return np.asarray(np.array(states)[self._of[:, None], self.equations.places[self._rows]])
-
-    @cached_property
-    def _shown(self) -> _Shown:
-        session, rows = self.equations.session, self._rows
-        frames = matrices(self._poses[:, :4])
-        levers = np.einsum("mij,mj->mi", frames, self.equations.numbers.offsets[rows])
-        shown, of_frame = self._poses[:, 4:] + levers, session.point[rows] == FRAME
-        cosines = np.zeros(len(rows))
-        if of_frame.any():
-            seen = np.array([session.sensors[m].value for m in rows[of_frame]])
-            between = Rotation.from_matrix(frames[of_frame] @ seen.transpose(0, 2, 1))
-            quaternions = between.as_quat(canonical=True)
-            levers[of_frame], cosines[of_frame] = quaternions[:, :3], quaternions[:, 3]
-            shown[of_frame] = 2 * levers[of_frame]
-        return _Shown(shown, of_frame, cosines, levers)
-
-    def _stacked(
-        self, rows: Array, lengths: Callable[[int], Array], rest: Array | float | None = None
-    ) -> dict[int, Array]:
-        """Return for each shape its rows of (M, 3, ...), then lengths or strokes as it has them."""
-        rest, stacks = self.equations.numbers.rest if rest is None else rest, {}
-        for k, i in enumerate(self.equilibria):
-            parts = [rows[self._of == k].reshape(-1, *rows.shape[2:])]
-            for run in self._measured(i).runs:
-                parts.append(lengths(i) if run == "lengths" else rest - lengths(i))
-            stacks[i] = np.concatenate(parts)
-        return stacks
-
-
-class _Shown(NamedTuple):
-    """Places of markers [m], and of frames twice the vector part of the quaternion that is between.
-
-    Of what turns the measured frame into the predicted one. `levers` (M, 3) are from the midline to
-    the marker, or that vector part; `cosines` (M,) the quaternion's scalar part, 0 of markers.
-    """
-
-    values: Array
-    of_frame: NDArray[np.bool_]
-    cosines: Array
-    levers: Array
-
-    def changes(self, moved: Array) -> Array:
-        """Return how these change (M, 3, K) with displacements and rotations (M, 6, K).
-
-        A quaternion (w, v) that is turned by theta changes by (0, theta) (w, v) / 2.
-        """
-        moves, turns = moved[:, :3], moved[:, 3:]
-        shifts = np.where(self.of_frame[:, None, None], 0.0, moves)
-        shifts += self.cosines[:, None, None] * turns
-        return np.asarray(shifts + np.cross(turns, self.levers[:, :, None], axis=1))
+    def _shown(self) -> dict[int, tuple[Array, Array]]:
+        """What sensors of each shape show (M, 3), and its derivatives (M, 3, 10)."""
+        poses, offsets, seen = list[Array](), list[Array](), list[Array]()
+        for i, here in self.equilibria.items():
+            at, rows = self.equations(i), self.experiment.rows[i]
+            poses.append(here.states[at.places[rows]])
+            offsets.append(at.numbers.offsets[rows])
+            seen.append(self.experiment.seen[rows])
+        counts = np.cumsum([len(part) for part in poses])[:-1]
+        arguments = np.concatenate(poses), np.concatenate(offsets), np.concatenate(seen)
+        shown, J = mapped(_shown())(*arguments)
+        parts = np.split(shown, counts), np.split(J.reshape(-1, 3, 10), counts)
+        return dict(zip(self.equilibria, zip(*parts, strict=True), strict=True))

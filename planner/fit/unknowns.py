@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,6 +91,14 @@ class Unknown:
         return self.session is None or self.session == session
 
 
+class Setting(NamedTuple):
+    """The table of Parameters at values of the unknowns, and arm and scene of it."""
+
+    table: dict[str, Any]
+    arm: Arm
+    scene: Scene
+
+
 @dataclass(frozen=True)
 class Parameters:
     """Unknowns of an arm and a scene, and of what was measured on it.
@@ -138,7 +146,9 @@ class Parameters:
 
     def _check(self, unknown: Unknown, sessions: Sequence[str]) -> None:
         if unknown.session is not None and unknown.session not in sessions:
-            allowed = f"one of {', '.join(sessions) or 'none: no shape has a session'}"
+            allowed = (
+                f"one of {', '.join(sessions)}" if sessions else "none: no shape has a session"
+            )
             raise InputError(f"{unknown.name}: session", unknown.session, allowed)
         for key in unknown.keys:
             self._check_key(key)
@@ -229,19 +239,25 @@ class Parameters:
 
     def built(self, values: Array, session: str = "") -> tuple[Arm, Scene]:
         """Return arm and scene of values (K,); InputError where no such arm can be."""
-        return self.built_of(self.table_at(values, session))
+        return self.setting(values, session)[1:]
 
-    def built_of(self, table: dict[str, Any]) -> tuple[Arm, Scene]:
-        """Return arm and scene of a table like the unknowns' own; InputError where none can be."""
+    def setting(self, values: Array, session: str = "", near: Setting | None = None) -> Setting:
+        """Return table, arm and scene of values (K,); InputError where no such arm can be.
+
+        What does not differ from one nearby, or else from that given, is the same object.
+        """
+        table, near = (
+            self.table_at(values, session),
+            near or Setting(self.table, self.arm, self.scene),
+        )
         with warnings.catch_warnings():
             # Nobody gave these numbers: on its way a search passes any of them.
             warnings.simplefilter("ignore", UnitWarning)
-            # Tables that no unknown is in are those given.
-            arm = self.arm if table["arm"] is self.table["arm"] else arm_in(table["arm"])
-            same = table["effects"] is self.table["effects"]
-            scene = self.scene if same else scene_in(table["effects"])
+            arm = near.arm if table["arm"] == near.table["arm"] else arm_in(table["arm"])
+            same = table["effects"] == near.table["effects"]
+            scene = near.scene if same else scene_in(table["effects"])
         check_loads(arm, scene)
-        return arm, scene
+        return Setting(table, arm, scene)
 
     def derivatives(
         self,

@@ -4,9 +4,10 @@ Shapes are a line of names, then a shape a line:
 
     name,session,T_11_N,T_12_N,M1_x_mm,M1_y_mm,M1_z_mm,tip_x_mm,tip_y_mm,tip_z_mm
 
-`name` and `session` may be left out; a tension for each tendon, by the arm's names of them; places
-of markers, by their names, and of the tip in mm; `length_T_11_mm` and `stroke_T_11_mm` of all
-tendons or none. Cells of a marker that was not seen are empty.
+`name` and `session` may be left out; a tension for each tendon, by the arm's names of them, or
+`length_T_11_mm` or `stroke_T_11_mm` for each, or both; places of markers, by their names, and of
+the tip in mm. Cells of a marker that was not seen are empty; a shape without tensions is settled by
+its lengths or strokes.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from model import Arm, InputError
 from model.errors import FileError
 from model.quantities import NotNegative, Positive
 from planner.fit.design import Design, design
-from planner.fit.making import Making, Objective, Reach
+from planner.fit.design_program import Making, Objective, Reach
 from planner.fit.measured import Measured
 from planner.fit.unknowns import Unknown
 from planner.io.codec import Table, in_si, quantity, value_of
@@ -74,6 +75,10 @@ class CalibrationFile(Table, frozen=True):
     unknowns: Annotated[tuple[UnknownTable, ...], Meta(min_length=1)]
     points: Annotated[tuple[PointTable, ...], Meta(description="the markers")] = ()
     std_mm: Annotated[Positive, quantity("standard deviation of places", "mm")] = 1.0
+    length_std_mm: Annotated[
+        Positive | None, quantity("of lengths and strokes; std_mm unless given", "mm")
+    ] = None
+    tension_std: Annotated[NotNegative, quantity("standard deviation of tensions", "N")] = 0.0
     absolute_std: Annotated[bool, Meta(description="whether that holds as it is")] = False
     loss: Annotated[
         Literal["linear", "huber", "soft_l1", "cauchy"], Meta(description="robust unless linear")
@@ -108,11 +113,13 @@ def load_asked(path: str | Path) -> dict[str, Any]:
     names = [point.name for point in file.points]
     if len(set(names)) < len(names):
         raise FileError(name, "points", f"got {', '.join(names)}; allowed is each name once")
-    std = in_si(file.std_mm, "mm")
+    stds = {"std": in_si(file.std_mm, "mm"), "tension_std": file.tension_std}
+    if file.length_std_mm is not None:
+        stds["length_std"] = in_si(file.length_std_mm, "mm")
     return {
         "arm": question.arm,
         "scene": question.scene,
-        "measured": load_shapes(path.parent / file.measured, question.arm, file.points, std),
+        "measured": load_shapes(path.parent / file.measured, question.arm, file.points, **stds),
         "unknowns": _unknowns(file.unknowns, name),
         **{key: getattr(file, key) for key in ("loss", "absolute_std", "starts", "accuracy")},
     }
@@ -142,9 +149,12 @@ def _unknowns(tables: Sequence[Any], name: str) -> tuple[Unknown, ...]:
 
 
 def load_shapes(
-    path: str | Path, arm: Arm, points: Sequence[PointTable] = (), std: float = 1e-3
+    path: str | Path, arm: Arm, points: Sequence[PointTable] = (), **stds: float
 ) -> tuple[Measured, ...]:
-    """Return the shapes of a CSV file; FileError with the row and the column for what is wrong."""
+    """Return the shapes of a CSV file, of such standard deviations as Measured has.
+
+    FileError with the row and the column for what is wrong.
+    """
     name = str(path)
     text = bytes_of(Path(path), lambda: "a CSV file of shapes is wanted")
     lines = csv.reader(text.decode("utf-8-sig", errors="replace").splitlines())
@@ -159,7 +169,8 @@ def load_shapes(
         if column not in known or header.count(column) > 1:
             allowed = f"columns, each once, of {', '.join(known)}"
             raise FileError(name, "line 1", f"got {column!r}, allowed are {allowed}")
-    for column in columns["tensions"]:
+    drives = [columns[key] for key in ("tensions", "lengths", "strokes")]
+    for column in chain(*([each for each in drives if {*each} & {*header}] or drives[:1])):
         if column not in header:
             raise FileError(name, "line 1", f"missing column {column}")
     result = []
@@ -172,14 +183,12 @@ def load_shapes(
             continue
         with located(name, where):
             values: dict[str, Any] = {key: _values(each, cells) for key, each in columns.items()}
-            if values["tensions"] is None:
-                raise InputError("tensions", "empty cells", "a number for each tendon")
             seen = [
                 (in_si(point.s_mm, "mm"), in_si(point.offset_mm, "mm"), _values(place, cells))
                 for point, place in zip(points, places, strict=True)
             ]
             told = {"name": cells.get("name") or where, "session": cells.get("session", "")}
-            result.append(Measured(points=seen, std=std, **told, **values))  # type: ignore[arg-type]
+            result.append(Measured(points=seen, **stds, **told, **values))  # type: ignore[arg-type]
     if not result:
         raise FileError(name, "", "no shapes; a line of names, then a shape a line")
     return tuple(result)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,7 @@ from model import Anchorage, Arm, InputError, Linear, Scene, settle
 from model.effects import Extension, Weight
 from planner import Making, Reach, Unknown, design, plan, stiffness
 from planner.cli import main
-from planner.fit.design_program import Program, Targets
-from planner.fit.making import Objective
+from planner.fit.design_program import Objective, Program, Targets
 from planner.fit.unknowns import Parameters
 from planner.program.limits import Limits
 from planner.targets import Backbone, Stiffest, TipPosition
@@ -75,13 +75,15 @@ def test_derivatives_of_the_program_are_those_of_differences(
     gradient, J = first(x)
     H = np.array(of["hess_lag"](x, [], 1.0, lam))
     H += np.triu(H, 1).T
-    for k, far, curved in ((-3, 1e-6, 1e-2), (-2, 1e-6, 1e-2), (2, 1e-9, 1e-7), (-12, 1e-9, 1e-7)):
+    # Numbers of the arm count as linear in the unknowns: of these the Hessian lacks second ones.
+    for k, far, curved in ((-3, 1e-6, 1e-5), (-2, 1e-6, 1e-5), (2, 1e-9, 1e-7), (-12, 1e-9, 1e-7)):
         along = np.eye(x.size)[k]
         wanted = fourth_order(lambda y, v=along: values(x + y * v), 1e-4)
         error = np.abs(np.append(J[:, k], gradient[k]) - wanted).max()
         assert error <= far * max(np.abs(wanted).max(), 1e-3)
         wanted = fourth_order(lambda y, v=along: slopes(x + y * v), 1e-4)
-        assert np.abs(H[:, k] - wanted).max() <= curved * max(np.abs(wanted).max(), 1e-3)
+        off = np.abs(H[:, k] - wanted)[: x.size - 3 if k in (-3, -2) else None]
+        assert off.max() <= curved * max(np.abs(wanted).max(), 1e-3)
 
 
 @pytest.mark.slow
@@ -225,6 +227,7 @@ def test_the_limit_that_holds_a_task_is_named() -> None:
         ([], [RADIUS], "at least one task"),
         ([TipPosition((0.1, 0, 0))], [Unknown("arm.base_position_mm[0]", -1, 1)], "but for its"),
         ([TipPosition((0.1, 0, 0))], [Unknown("effects.weight.g[2]", -1, 1)], "weight"),
+        ([TipPosition((0.1, 0, 0))], [replace(RADIUS, prior=(5, 1))], "without prior"),
         ([Backbone(((0.1, 0.0, 0.0),), (0.1,))], [RADIUS], "met exactly"),
     ],
 )

@@ -13,7 +13,8 @@ from model.obstacles import Sphere
 from model.winches import rest_lengths
 from planner import Measured, Unknown, calibrate
 from planner.fit.calibration import Calibration
-from planner.fit.residuals import Evaluation, Experiment
+from planner.fit.experiment import Experiment
+from planner.fit.residuals import Evaluation, from_rest
 from planner.targets import TipPosition
 from tests.calibrate.cases import HANGING, PULLS, small_arm, synthetic
 from tests.differences import fourth_order
@@ -69,7 +70,7 @@ def test_derivatives_of_residuals_are_those_of_differences(kind: str) -> None:
     found = calibrate(_longer(_off()), HANGING, shapes, unknowns)
     experiment = Experiment(found.parameters, found.measured, 1, 3)
     start = np.array([110.0, 3.0, 210.0, 1000.0])
-    here = experiment.from_rest(start)
+    here = from_rest(experiment, start)
     J = np.vstack(list(here.jacobians.values()))
     for k, scale in enumerate([10.0, 1.0, 2.0, 50.0]):
         along = scale * np.eye(4)[k]
@@ -161,6 +162,21 @@ def test_a_predicted_tip_has_the_covariance_of_the_unknowns(sure: Calibration) -
     J = np.stack(columns, axis=1) / [1.0, 10.0]
     assert told.std == pytest.approx(J @ sure.covariance @ J.T, rel=1e-4, abs=1e-16)
     assert told.tip_std == pytest.approx(np.sqrt(np.trace(told.std)))
+
+
+def test_points_of_a_prediction_are_where_they_are_said_to_be() -> None:
+    """An unknown of the first marker used to displace the first point of a prediction, too."""
+    shapes = synthetic(small_arm(), HANGING, 0.0, 0)
+    wrong = [
+        replace(m, points=[(m.points[0].s, (0.0, 0.0, 0.01), m.points[0].place), *m.points[1:]])
+        for m in shapes
+    ]
+    offset = Unknown("points[0].offset_mm[2]", 5, 40)
+    found = calibrate(small_arm(), HANGING, wrong, [offset])
+    assert found.values == pytest.approx((20.0,), abs=1e-2)
+    shape, at = settle(small_arm(), PULLS[0], HANGING, 1e-8), (0.12, (0.0, 0.0, 0.015))
+    there = shape.position(at[0]) + shape.frame(at[0]) @ np.array(at[1])
+    assert found.predict(PULLS[0], [at]).places[0] == pytest.approx(there, abs=1e-5)
 
 
 def test_a_plan_of_a_calibrated_arm_tells_how_sure_its_tip_is(sure: Calibration) -> None:

@@ -108,6 +108,23 @@ def test_a_marker_that_is_no_number_is_told_by_its_row(folder: Path) -> None:
         load_asked(folder / "calibration.toml")
 
 
+def test_shapes_by_encoders_have_noise_of_their_own(folder: Path) -> None:
+    """Lengths in place of tensions where their cells are empty, beside them elsewhere."""
+    shapes, path = folder / "shapes.csv", folder / "calibration.toml"
+    header, *rows = shapes.read_text().splitlines()
+    rows = [f"{row},200,199,198" for row in rows]
+    name, _, _, _, *others = rows[1].split(",")
+    rows[1] = ",".join([name, "", "", "", *others])
+    header += "".join(f",length_T_1{j}_mm" for j in (1, 2, 3))
+    shapes.write_text("\n".join([header, *rows]))
+    path.write_text("length_std_mm = 0.2\ntension_std = 0.05\n" + path.read_text())
+    first, second, *_ = load_asked(path)["measured"]
+    assert first.runs == ["lengths"]
+    assert second.by_length
+    assert second.lengths == (0.2, 0.199, 0.198)
+    assert (first.std, first.length_std, first.tension_std) == (5e-4, 2e-4, 0.05)
+
+
 def test_a_marker_that_was_not_seen_is_left_out(folder: Path) -> None:
     shapes = folder / "shapes.csv"
     lines = shapes.read_text().splitlines()

@@ -11,7 +11,7 @@ from model import Anchorage, Arm, Linear, Material, RestCurvature, Scene, settle
 from model.effects import PointMass
 from model.winches import rest_lengths
 from planner import Calibration, Measured, Unknown, calibrate
-from planner.fit.least_squares import information
+from planner.fit.identifiability import information
 from planner.fit.residuals import mean_distance
 from tests.calibrate.cases import HANGING, PULLS, small_arm, synthetic, tentacle, tentacle_shapes
 
@@ -111,6 +111,17 @@ def test_an_outlier_is_named_and_a_robust_loss_is_not_led_by_it() -> None:
     assert abs(robust.values[0] - 120) < abs(plain.values[0] - 120) / 5
     assert robust.unlike == ("shape 2",)
     assert "shape 2" in robust.outcome
+
+
+def test_noise_of_a_robust_loss_is_that_of_the_other_shapes() -> None:
+    """Half of the residuals are less than the median: what outliers are off by does not count."""
+    shapes = synthetic(small_arm(), HANGING, 1e-4, 2, [*PULLS, [1.5, 0, 0], [0, 0.7, 0.7]])
+    plain = calibrate(small_arm(), HANGING, shapes, KNOWN, loss="soft_l1")
+    for far in (0.01, 0.04):
+        points = [(p.s, p.offset, np.add(p.place, [far, 0.0, 0.0])) for p in shapes[0].points]
+        wrong = [replace(shapes[0], points=points), *shapes[1:]]
+        robust = calibrate(small_arm(), HANGING, wrong, KNOWN, loss="soft_l1")
+        assert robust.noise == pytest.approx(plain.noise, rel=0.5)
 
 
 def test_a_fit_in_a_wrong_basin_is_left_for_a_better_one_and_told() -> None:

@@ -23,9 +23,10 @@ from model.effects import (
 )
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import STAGES, Collocation
-from model.equilibrium.sensitivities import ByNumbers
+from model.equilibrium.sensitivities import ByNumbers, NumberDerivatives, along
 from model.rotations import matrices
-from model.transcription.system import NumberDerivatives, neighbour
+from model.transcription.layout import POSE
+from model.transcription.system import neighbour
 from tests.differences import fourth_order
 from tests.oracles import Array
 
@@ -158,10 +159,14 @@ def test_shapes_move_with_a_number_as_shapes_settled_afresh_do(
     ]
     jacobian = NumberDerivatives(*((above - below)[:, None] / 2e-5 for above, below in columns))
     by = ByNumbers(here, jacobian, np.zeros((T.size, 1)))
-    moved = by.poses(np.array([forward.mesh.node(S)]))[0, :, 0]
-    frame = forward.system.poses(here.states)[forward.mesh.node(S)]
-    turned = np.cross(moved[3:], matrices(frame[:4]).T).ravel()
-    found = np.concatenate([moved[:3], turned, by.lengths[:, 0]])
+    node = forward.mesh.node(S)
+    places, slip = forward.system.of.nodes[node, :POSE], jacobian.s[node, 0]
+    q = here.states[places][:4]
+    moved = by.states[places, 0] - slip * along(here, np.array([node]))[0]
+    dq = moved[:4]
+    turn = 2 * (q[0] * dq[1:] - dq[0] * q[1:] - np.cross(dq[1:], q[1:]))
+    turned = np.cross(turn, matrices(q).T).ravel()
+    found = np.concatenate([moved[4:], turned, by.lengths[:, 0]])
     wanted = fourth_order(lambda x: _seen(*change(arm, scene, x)), h)
     assert np.abs(found - wanted).max() <= 1e-6 * np.abs(wanted).max()
 

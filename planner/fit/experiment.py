@@ -1,0 +1,238 @@
+"""Measured shapes of one arm, and the equations that they settle by at values of the unknowns.
+
+The numbers of the equations, the places that are looked at and the lengths at rest are closed forms
+of the unknowns, put together in NumPy; difference quotients differentiate them, and nothing is
+solved for these. Equilibria follow from the equations' own derivatives by their numbers, CasADi's,
+by the implicit function theorem. Shapes are settled under the tensions of load cells, or by the
+lengths of encoders. Shapes of a session that has unknowns of its own have an arm of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from model import InputError, OctoplanError, settle
+from model.by_lengths import equilibrium_beside, tightened
+from model.equilibrium.linearised import Linearised, check_stretch
+from model.equilibrium.newton import Collocation
+from model.equilibrium.sensitivities import ByNumbers, NumberDerivatives
+from model.paths import Array
+from model.transcription.layout import POSE
+from model.transcription.system import System, neighbour, system
+from model.winches import Winches, rest_lengths
+from planner.fit.measured import FRAME, TIP, Measured
+from planner.fit.unknowns import MM, Parameters, Setting
+
+Index = NDArray[np.int64]
+Reached = Linearised | OctoplanError
+# Tip error over arm length of the shapes by lengths whose tensions are then corrected.
+_ROUGHLY = 1e-4
+
+
+class Numbers(NamedTuple):
+    """What equations and sensors take of the unknowns; of derivatives each with K columns more.
+
+    Numbers of the equations (n_p,) and of the tendons' lengths (n,), arc lengths of the nodes
+    (N + 1,) and of what is looked at (M,), offsets of points (M, 3) [m], scale and lengths at rest
+    [m] of the tendons (n_tendons,).
+    """
+
+    p: Array
+    lengths: Array
+    nodes: Array
+    s: Array
+    offsets: Array
+    scale: Array
+    rest: Array
+
+
+class Experiment:
+    """Measured shapes of one arm, with the unknowns of both, on meshes of a refinement.
+
+    Attributes
+    ----------
+    parameters : Parameters
+    shapes : tuple of Measured
+    mesh : (refinement, stages, machine_code)
+    session : list of str
+        Of each shape, whose unknowns it has; "" where that has none of its own.
+    rows : list of slice
+        Which of the M sensors, those of all shapes one after the other, look at each shape.
+    seen : (M, 4)
+        Quaternions of the frames that were measured, 0 of what is no frame.
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        shapes: Sequence[Measured],
+        refinement: int,
+        stages: int,
+        machine_code: bool = False,
+    ) -> None:
+        self.parameters, self.shapes = parameters, tuple(shapes)
+        self.mesh = refinement, stages, machine_code
+        apart = {unknown.session for unknown in parameters.unknowns}
+        self.session = [shape.session if shape.session in apart else "" for shape in shapes]
+        sensors = [sensor for shape in shapes for sensor in shape.sensors]
+        ends = np.cumsum([0, *(len(shape.sensors) for shape in shapes)]).tolist()
+        self.rows = [slice(*pair) for pair in pairwise(ends)]
+        self._point = np.array([sensor.point for sensor in sensors], dtype=np.int64)
+        self._s = np.array([sensor.s for sensor in sensors])
+        self._offsets = np.array([sensor.offset for sensor in sensors]).reshape(-1, 3)
+        self.seen = np.zeros((len(sensors), 4))
+        for row in np.flatnonzero(self._point == FRAME):
+            self.seen[row] = np.roll(Rotation.from_matrix(sensors[row].value).as_quat(), 1)
+        self._strokes = any(shape.strokes is not None for shape in shapes)
+        self._first = dict[str, tuple[System, tuple[float, ...]]]()
+
+    def at(self, values: Array) -> dict[str, Equations]:
+        """Return the equations of each session at values (K,); InputError where no arm can be."""
+        return {name: self._equations(name, values) for name in dict.fromkeys(self.session)}
+
+    def _equations(self, name: str, values: Array) -> Equations:
+        """Return the equations of a session, on the first mesh as it fits the arm of these values.
+
+        Where places have passed each other, on a new one.
+        """
+        setting = self.parameters.setting(values, name)
+        arm, looked_at = setting.arm, self._looked_at(setting)
+        members = [row for row, of in zip(self.rows, self.session, strict=True) if of == name]
+        s = np.concatenate([looked_at[row] for row in members])
+        if s.size and not 0 <= s.min() <= s.max() <= arm.length * (1 + 1e-12):
+            raise InputError("points", np.unique(s).tolist(), f"on the arm, 0 to {arm.length:g} m")
+        at = tuple(np.unique(np.minimum(s, arm.length)).tolist())
+        refinement, stages, machine_code = self.mesh
+        stated = None
+        if first := self._first.get(name):
+            try:
+                stated = neighbour(first[0], arm, setting.scene, first[1], at)
+            except InputError:
+                del self._first[name]
+        if stated is None:
+            stated = system(arm, setting.scene, stages, refinement, at, True, machine_code)
+            self._first[name] = stated, at
+        return Equations(self, name, values, setting, stated, self.numbers(setting, stated))
+
+    def numbers(self, setting: Setting, stated: System) -> Numbers:
+        """Return the numbers of equations, and of all sensors as a session's table places them."""
+        scale = np.array(setting.table["tension_scale"], dtype=float)
+        return Numbers(
+            stated.p,
+            stated.length_numbers,
+            stated.mesh.s,
+            self._looked_at(setting),
+            self._offsets + self._shift(setting, "offset_mm", (3,)),
+            scale,
+            rest_lengths(stated.arm) if self._strokes else np.zeros_like(scale),
+        )
+
+    def _looked_at(self, setting: Setting) -> Array:
+        s = np.where(self._point == TIP, setting.arm.length, self._s)
+        return np.asarray(s + self._shift(setting, "s_mm"))
+
+    def _shift(self, setting: Setting, key: str, size: tuple[int, ...] = ()) -> Array:
+        """Return by how much a key of the points looked at is off what it is said to be [m]."""
+        shift = np.zeros((self._point.size, *size))
+        rows = zip(setting.table["points"], self.parameters.table["points"], strict=True)
+        for i, (now, said) in enumerate(rows):
+            if now is not said:
+                shift[self._point == i] = MM * (np.array(now[key]) - said[key])
+        return shift
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """The equations of a session's shapes at values (K,) of the unknowns, and their numbers."""
+
+    experiment: Experiment
+    name: str
+    values: Array
+    setting: Setting
+    system: System
+    numbers: Numbers
+
+    @cached_property
+    def derivatives(self) -> Numbers:
+        """Derivatives of the numbers by the unknowns, each (..., K), on nodes that move along."""
+        parameters, here = self.experiment.parameters, self.setting
+
+        def numbers(values: Array) -> Numbers:
+            there, stated = parameters.setting(values, self.name, here), self.system
+            if there.arm is not here.arm or there.scene is not here.scene:
+                stated = neighbour(stated, there.arm, there.scene)
+            return self.experiment.numbers(there, stated)
+
+        return Numbers(*parameters.derivatives(numbers, self.numbers, self.values, self.name))
+
+    @cached_property
+    def nodes(self) -> Index:
+        """The nodes that sensors look at (M,)."""
+        return np.asarray(np.abs(self.system.mesh.s - self.numbers.s[:, None]).argmin(axis=1))
+
+    @property
+    def places(self) -> Index:
+        """Places of their poses among the states (M, 7)."""
+        return np.asarray(self.system.of.nodes[self.nodes, :POSE])
+
+    def from_rest(self, i: int, looser: float = 1.0) -> Reached:
+        """Return a shape as it is reached from rest, or why there is none.
+
+        Newton's method may end with steps so many times larger than elsewhere.
+        """
+        shape = self.experiment.shapes[i]
+        try:
+            result = Collocation.on(self.system).from_rest(self.tensions(shape), looser)
+            check_stretch(result)
+        except OctoplanError as reason:
+            return reason
+        return self.held(shape, result)
+
+    def held(self, shape: Measured, reached: Reached) -> Reached:
+        """Return the equilibrium of a shape, of one by lengths with tensions that hold these."""
+        if isinstance(reached, OctoplanError) or not shape.by_length:
+            return reached
+        n = self.system.arm.n_tendons
+        winches = Winches(np.ones(n, dtype=bool), self._lengths(shape), np.zeros(n))
+        result = tightened(reached, winches, equilibrium_beside, self.system.arm)
+        return result or OctoplanError("no shape near its lengths is found")
+
+    def tensions(self, shape: Measured) -> Array:
+        """Return the tensions of a shape (n_tendons,), of one by lengths roughly."""
+        if not shape.by_length:
+            return np.asarray(self.numbers.scale * np.array(shape.tensions))
+        arm, scene, lengths = self.system.arm, self.system.scene, self._lengths(shape)
+        return arm.flat(settle(arm, None, scene, _ROUGHLY, lengths=lengths).tensions)
+
+    def _lengths(self, shape: Measured) -> Array:
+        """Return what winches leave of the tendons of a shape by lengths [m]."""
+        if shape.lengths is not None:
+            return np.array(shape.lengths)
+        return np.asarray(self.numbers.rest - np.array(shape.strokes))
+
+    def differentiated(self, shape: Measured, equilibrium: Linearised) -> ByNumbers:
+        """Return the derivatives of the equilibrium of a shape by the unknowns."""
+        by = self.derivatives
+        jacobian = NumberDerivatives(by.p, by.lengths, by.nodes)
+        if not shape.by_length:
+            return ByNumbers(equilibrium, jacobian, np.array(shape.tensions)[:, None] * by.scale)
+        lengths = by.rest if shape.strokes is not None else 0.0
+        held = ByNumbers(equilibrium, jacobian, np.zeros_like(by.scale))
+        tensions = tensions_by_lengths(equilibrium) @ (lengths - held.lengths)
+        return ByNumbers(equilibrium, jacobian, tensions)
+
+
+def tensions_by_lengths(equilibrium: Linearised) -> Array:
+    """Return how tensions change with the lengths that winches leave (n_tendons, n_tendons)."""
+    taut = np.ix_(*[equilibrium.tensions > 0] * 2)
+    inverse = np.zeros_like(equilibrium.length_tension)
+    inverse[taut] = np.linalg.pinv(equilibrium.length_tension[taut], 1e-9)
+    return inverse
