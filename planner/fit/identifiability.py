@@ -51,8 +51,10 @@ class Direction:
             return f"{which} {self.names[0]}"
         rows = zip(self.names, self.changes, self.units, strict=True)
         first, *others = (f"{name} {change:+.3g} {unit}".rstrip() for name, change, unit in rows)
-        difference = "no difference to what was measured" if nothing else "less than noise"
-        return f"{first} trades with {', '.join(others)}: together they make {difference}"
+        difference = (
+            "they change nothing that was measured" if nothing else "they make less than noise"
+        )
+        return f"a change of {first} trades with {', '.join(others)}: together {difference}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -277,6 +277,7 @@ def test_the_unit_of_tension_trades_with_modulus_and_density() -> None:
     ratios = [changes[own.name] / found.values[k] for k, own in enumerate(found.unknowns)]
     assert ratios == pytest.approx([ratios[0]] * 3, rel=1e-4)
     assert np.all(np.isinf(found.std))
+    assert "A change of arm." in found.outcome
     assert "trades with" in found.outcome
 
 
