@@ -181,7 +181,8 @@ def _descent(start: Evaluation, loss: Loss, noise: float | None, tolerance: floa
     )
     LOG.debug("%s: %s after %d evaluations", loss, result.message, result.nfev)
     noise = likelihood.noise_of(np.square(steps.residuals(result.x)[: steps.size]))
-    return Fit(steps.best, noise, float(result.cost), steps.refused)
+    known = 0.0 if likelihood.noise is None else likelihood.free * float(np.log(noise))
+    return Fit(steps.best, noise, known + float(result.cost), steps.refused)
 
 
 class _Steps:
