@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
+import msgspec
 from cyclopts import Parameter
 
 from model import InputError, OctoplanError
@@ -16,10 +17,18 @@ from planner.fit.calibrate import calibrate as find_calibration
 from planner.fit.calibration import Calibration
 from planner.fit.design import Design
 from planner.io.files import to_json, write_together
-from planner.io.fit_files import load_asked, run_design
-from planner.io.records import SweepRecord, record
-from planner.io.saved_records import CalibrationRecord, DesignRecord
-from planner.io.schemas import SCHEMAS, schema_of
+from planner.io.fit_files import CalibrationFile, DesignFile, load_asked, run_design
+from planner.io.records import (
+    EffectsRecord,
+    ExportRecord,
+    ShapeRecord,
+    StiffnessRecord,
+    SweepRecord,
+    TrajectoryRecord,
+    record,
+)
+from planner.io.saved_records import CalibrationRecord, DesignRecord, PlanRecord
+from planner.io.scene_tables import SceneTable
 from planner.sweeps.definition import load_sweep
 from planner.sweeps.sweep import written
 
@@ -192,6 +201,43 @@ def _design_text(result: Design) -> str:
     ]
     efforts = ", ".join(f"{item.effort:.4g}" for item in result.plans)
     return "\n".join([result.outcome, *lines, f"  efforts of the tasks [N]: {efforts}"])
+
+
+# Schemas
+
+_DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+RECORDS: dict[str, type[msgspec.Struct]] = {
+    "plan": PlanRecord,
+    "settle": ShapeRecord,
+    "stiffness": StiffnessRecord,
+    "effects": EffectsRecord,
+    "sweep": SweepRecord,
+    "calibrate": CalibrationRecord,
+    "design": DesignRecord,
+    "export": ExportRecord,
+    "trajectory": TrajectoryRecord,
+}
+"""The records by the commands that print them with --json."""
+
+FILES: dict[str, type[msgspec.Struct]] = {
+    "scene": SceneTable,
+    "calibration-file": CalibrationFile,
+    "design-file": DesignFile,
+}
+"""The files that are read."""
+
+SCHEMAS = ("scene", *RECORDS, *(name for name in FILES if name != "scene"))
+
+
+def schema_of(what: str) -> dict[str, Any]:
+    """Return the JSON Schema of files ("scene"), or of a command's JSON, by its name.
+
+    What depends on several keys, such as a place beyond the arm's tip, only what reads them knows.
+    """
+    title = f"octoplan {what}" if what in FILES else f"octoplan {what} --json"
+    schema = msgspec.json.schema({**FILES, **RECORDS}[what])
+    return {"$schema": _DIALECT, "title": title, **schema}
 
 
 _WHAT = Parameter(choices=SCHEMAS, help="scene unless given")

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 from model import Arm, InputError, Scene
 from model.effects import Effect, PrintedStatics
 from model.obstacles import Moving
+from planner.commands.files import schema_of
 from planner.io.codec import identity, in_si, number_in, plain, table_of, value_of
 from planner.io.files import to_json
 from planner.io.mistakes import checked
 from planner.io.object_tables import ObstacleTable
 from planner.io.scene_file import question_of, scene_table
-from planner.io.schemas import scene_schema
 from planner.io.tables import exact, table
 from planner.sweeps.definition import sweep_of
 from planner.targets import TipPosition
@@ -33,7 +33,7 @@ FEW = settings(
     suppress_health_check=list(HealthCheck),
 )
 MANY = settings(FEW, max_examples=100)
-SCHEMA = jsonschema.Draft202012Validator(scene_schema())
+SCHEMA = jsonschema.Draft202012Validator(schema_of("scene"))
 
 
 def same(a: Any, b: Any) -> bool:

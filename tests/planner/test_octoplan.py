@@ -20,9 +20,8 @@ from model import settle
 from octoplan.command_line import COMMANDS
 from planner import load_plan, stiffness
 from planner.cli import main
-from planner.commands.files import TEMPLATES
+from planner.commands.files import TEMPLATES, schema_of
 from planner.io.scene_file import load, read
-from planner.io.schemas import scene_schema, schema_of
 
 TEMPLATE = (TEMPLATES / "plan.toml").read_text()
 
@@ -92,8 +91,8 @@ def test_a_new_scene_is_planned_at_once_and_never_written_over(
 
 
 def test_a_new_scene_shows_every_key_and_is_valid() -> None:
-    jsonschema.validate(tomllib.loads(TEMPLATE), json.loads(json.dumps(scene_schema())))
-    tables = [table["properties"] for table in scene_schema()["$defs"].values()]
+    jsonschema.validate(tomllib.loads(TEMPLATE), json.loads(json.dumps(schema_of("scene"))))
+    tables = [table["properties"] for table in schema_of("scene")["$defs"].values()]
     deprecated = {
         key
         for table in tables

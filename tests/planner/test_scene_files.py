@@ -33,9 +33,10 @@ from model.effects import (
 )
 from model.errors import FileError
 from model.obstacles import Sphere
+from planner.commands.files import schema_of
 from planner.io.object_tables import ArmTable, Preset, TargetTable
 from planner.io.scene_file import load, read
-from planner.io.schemas import SceneTable, scene_schema
+from planner.io.scene_tables import SceneTable
 from planner.targets import (
     Backbone,
     Bend,
@@ -53,7 +54,7 @@ from planner.targets import (
 
 SCENES = sorted((Path(__file__).parents[2] / "studies" / "scenes").glob("*.toml"))
 TABLE_2 = "[arm]\npreset = 'table-2'\n"
-SCHEMA: dict[str, Any] = json.loads(json.dumps(scene_schema()))
+SCHEMA: dict[str, Any] = json.loads(json.dumps(schema_of("scene")))
 VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
 
 TARGETS: dict[str, tuple[str, Target]] = {

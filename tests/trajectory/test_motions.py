@@ -20,7 +20,7 @@ from model.obstacles import Moving, Sphere
 from planner import Trajectory, plan, trajectory
 from planner.certificate import Certificate
 from planner.cli import main
-from planner.io.schemas import schema_of
+from planner.commands.files import schema_of
 from planner.plots.motion import animate_trajectory, save_motion
 from planner.targets import TipPosition
 from planner.trajectory.certificate import MotionCertificate
