@@ -77,11 +77,16 @@ def columns_of(matrix: Frame) -> dict[str, Any]:
     return {"tangent": t, "normal": n}
 
 
+def keyed(of: Any, about: str, *default: Any, unit: str = "") -> Any:
+    """Return the type of a key and its default, if it has one."""
+    return Annotated[of, quantity(about, unit)], *default
+
+
 def frame_form(tangent: str, normal: str, *default: Numbers) -> Form:
     """Return how a frame is written: by two of its columns (t, n, b), told what they are."""
     about = {"tangent": tangent, "normal": normal}
     keys: dict[str, Any] = {
-        key: (Annotated[VECTOR, Meta(description=f"{item}, of length 1")], *default[i : i + 1])
+        key: keyed(VECTOR, f"{item}, of length 1", *default[i : i + 1])
         for i, (key, item) in enumerate(about.items())
     }
     return Form(keys, frame, columns_of)
@@ -103,16 +108,11 @@ def _base(value: Any, rotation_deg: Numbers) -> Frame:
     return tuple(tuple(row) for row in rotated.tolist())
 
 
-_ROTATION = quantity("rotation vector about t, n, b by which the base is off base_frame", "deg")
+_ROTATION = "rotation vector about t, n, b by which the base is off base_frame"
 _BASE = Form(
     {
-        "base_frame": (
-            Annotated[
-                FrameTable | None, Meta(description="frame of the base; the paper's unless given")
-            ],
-            None,
-        ),
-        "base_rotation_deg": (Annotated[VECTOR, _ROTATION], (0.0, 0.0, 0.0)),
+        "base_frame": keyed(FrameTable | None, "frame of the base; the paper's unless given", None),
+        "base_rotation_deg": keyed(VECTOR, _ROTATION, (0.0, 0.0, 0.0), unit="deg"),
     },
     _base,
     lambda item: {"base_frame": columns_of(item)},
@@ -132,19 +132,10 @@ def _inline(kind: Any) -> Form:
 
 Preset: Any = Literal[tuple(PAPER_ARMS)]
 TABLES[RestCurvature], TABLES[Anchorage] = table(RestCurvature), table(Anchorage)
+_PRESET = "an arm of the paper, in place of length_mm, radius_mm and sections"
 ArmTable: Any = table(
     Arm,
-    more={
-        "preset": (
-            Annotated[
-                Preset | None,
-                Meta(
-                    description="an arm of the paper, in place of length_mm, radius_mm and sections"
-                ),
-            ],
-            None,
-        )
-    },
+    more={"preset": keyed(Preset | None, _PRESET, None)},
     material=_inline(Material),
     base_frame=_BASE,
 )
@@ -196,25 +187,19 @@ def _vertices(values: list[Numbers] | None, position: Numbers, t: Numbers, n: Nu
 
 _EDGES = frame_form("along its first edge", "along its second edge", (1, 0, 0), (0, 1, 0))
 _AXES = frame_form("its own x axis", "its own y axis", (1, 0, 0), (0, 1, 0))
-_OWN_PLACES = quantity("along its own axes", "mm")
 _VERTICES = Form(
     {
-        "vertices_mm": (Annotated[list[VECTOR] | None, _OWN_PLACES], None),
-        "position_mm": (Annotated[VECTOR, quantity("of its own origin", "mm")], (0, 0, 0)),
+        "vertices_mm": keyed(list[VECTOR] | None, "along its own axes", None, unit="mm"),
+        "position_mm": keyed(VECTOR, "of its own origin", (0, 0, 0), unit="mm"),
         **_AXES.keys,
     },
     _vertices,
     lambda item: {"vertices_mm": written(item, "mm")},
 )
+_FROM = ".stl, .obj, .ply or .off, from where the scene file is"
 _FILE: dict[str, tuple[Any, Any]] = {
-    "file": (
-        Annotated[
-            str | None,
-            Meta(description=".stl, .obj, .ply or .off, from where the scene file is"),
-        ],
-        None,
-    ),
-    "unit": (Annotated[Literal["mm", "cm", "m", "in"], Meta(description="of the file")], "mm"),
+    "file": keyed(str | None, _FROM, None),
+    "unit": keyed(Literal["mm", "cm", "m", "in"], "of the file", "mm"),
 }
 _OBSTACLE_FORMS: dict[Any, dict[str, Any]] = {
     Box: {"frame": _EDGES},
@@ -264,10 +249,7 @@ def _avoided(obstacle: Obstacle, rows: Any) -> Obstacle | Moving:
 
 
 _ROWS = "time [s] and how far it has moved by then along x, y, z [mm], row by row"
-_PATH = (
-    Annotated[tuple[tuple[float, float, float, float], ...] | None, Meta(description=_ROWS)],
-    None,
-)
+_PATH = keyed(tuple[tuple[float, float, float, float], ...] | None, _ROWS, None)
 _FRICTION = next(item[1:] for item in fields_of(Contact, {"obstacle"}))
 _CONVEX = [_SHAPES[kind] for kind in _KINDS if issubclass(kind, Convex)]
 # What is wrapped round or held; what is kept clear of, and may move in motions; what is leant on.
@@ -394,14 +376,13 @@ def _stiffness_keys(each: Any) -> dict[str, Any]:
 
 _MATRIX = "symmetric and positive definite, in place of a direction"
 _AGAINST: dict[str, tuple[Any, Any]] = {
-    "direction": (Annotated[VECTOR | None, Meta(description="in the base frame")], None),
-    "matrix": (Annotated[tuple[VECTOR, VECTOR, VECTOR] | None, Meta(description=_MATRIX)], None),
+    "direction": keyed(VECTOR | None, "in the base frame", None),
+    "matrix": keyed(tuple[VECTOR, VECTOR, VECTOR] | None, _MATRIX, None),
 }
-_ON_OBJECT = quantity("on the object, base frame", "N")
-_ABOUT = quantity("about its centre; taken up elsewhere without", "N m")
+_ABOUT = "about its centre; taken up elsewhere without"
 _WRENCH: dict[str, Any] = {
-    "force": (Annotated[VECTOR, _ON_OBJECT],),
-    "moment": (Annotated[VECTOR | None, _ABOUT], None),
+    "force": keyed(VECTOR, "on the object, base frame", unit="N"),
+    "moment": keyed(VECTOR | None, _ABOUT, None, unit="N m"),
 }
 
 
