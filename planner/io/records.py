@@ -2,13 +2,12 @@
 
 SI units, angles in rad; keys name the unit of numbers that have one. Keys are added, never renamed
 or removed, while the number at the end of `schema` stays. A key is an attribute of the result, but
-for the unit at its end, or says `By` what function of the result it is.
+for the unit at its end, or `about` says what function of the result it is.
 """
 
 import csv
 import io
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args
 
@@ -26,31 +25,28 @@ from planner.io.codec import hints_of, number_in
 from planner.io.files import versions, write_named
 from planner.tendon_lengths import length_error, strokes
 
+
+def about(text: str = "", of: Callable[[Any], Any] | None = None) -> Meta:
+    """Return the annotation of a key: what it holds, and its function of a result if no attribute.
+
+    Annotations are evaluated where they stand in these files, so that they can name functions.
+    """
+    return Meta(description=text or None, extra={"of": of})
+
+
 POINTS, _SECTIONS = 101, 21
 
-Rows = Annotated[Any, Meta(description="a row a section, tip first, or flat")]
+Rows = Annotated[Any, about("a row a section, tip first, or flat")]
 Floats = list[float]
 Matrix = list[list[float]]
 Schema = Meta(description="what this is")
 R = TypeVar("R", bound=msgspec.Struct)
 
 
-@dataclass(frozen=True)
-class By:
-    """The annotation of a key that is no attribute of a result: what it is, as a function of it.
-
-    Annotations are evaluated where they stand in these files, so that they can name functions.
-    """
-
-    of: Callable[[Any], Any]
-
-
 class Record(msgspec.Struct, kw_only=True):
     """What a command found."""
 
-    versions: Annotated[
-        dict[str, str], Meta(description="of what computed it"), By(lambda _: versions())
-    ]
+    versions: Annotated[dict[str, str], about("of what computed it", lambda _: versions())]
 
 
 def record(kind: type[R], result: Any, **others: Any) -> R:
@@ -68,8 +64,8 @@ def _value(hint: Any, key: str, result: Any) -> Any:
     if key == "schema":
         return get_args(hint.__origin__)[0]
     for item in getattr(hint, "__metadata__", ()):
-        if isinstance(item, By):
-            return item.of(result)
+        if isinstance(item, Meta) and item.extra and item.extra.get("of"):
+            return item.extra["of"](result)
     while not hasattr(result, key):
         key = key.rpartition("_")[0]
     return getattr(result, key)
@@ -88,24 +84,17 @@ class ShapeRecord(Record, kw_only=True):
 
     schema: Annotated[Literal["octoplan shape 1"], Schema]
     tip_m: Floats
-    tip_frame: Annotated[Matrix, Meta(description="columns t, n, b")]
-    tensions_N: Annotated[Rows, By(lambda shape: shape.arm.by_section(shape.tensions))]
-    error: Annotated[float, Meta(description="estimated tip error over arm length")]
-    tendon_lengths_m: Annotated[Floats, Meta(description="in tendon order")]
-    strokes_m: Annotated[
-        Floats, Meta(description="taken in from the straight arm at rest"), By(strokes)
-    ]
-    slack: Annotated[
-        list[bool], Meta(description="in tendon order"), By(lambda shape: shape.slack.ravel())
-    ]
-    s_m: Annotated[Floats, Meta(description="arc lengths from the base"), By(_stations)]
-    position_m: Annotated[
-        Matrix, Meta(description="at s_m"), By(lambda shape: shape.position(_stations(shape)))
-    ]
+    tip_frame: Annotated[Matrix, about("columns t, n, b")]
+    tensions_N: Annotated[Rows, about(of=lambda shape: shape.arm.by_section(shape.tensions))]
+    error: Annotated[float, about("estimated tip error over arm length")]
+    tendon_lengths_m: Annotated[Floats, about("in tendon order")]
+    strokes_m: Annotated[Floats, about("taken in from the straight arm at rest", strokes)]
+    slack: Annotated[list[bool], about("in tendon order", lambda shape: shape.slack.ravel())]
+    s_m: Annotated[Floats, about("arc lengths from the base", _stations)]
+    position_m: Annotated[Matrix, about("at s_m", lambda shape: shape.position(_stations(shape)))]
     strain: Annotated[
         Matrix,
-        Meta(description="tau, xi, k [1/m] and q [-] at s_m"),
-        By(lambda shape: shape.strain(_stations(shape))),
+        about("tau, xi, k [1/m] and q [-] at s_m", lambda shape: shape.strain(_stations(shape))),
     ]
 
 
@@ -133,46 +122,34 @@ class StiffnessRecord(Record, kw_only=True):
     """The compliance of a settled shape at a point, and the stiffness of its sections."""
 
     schema: Annotated[Literal["octoplan stiffness 1"], Schema]
-    tensions_N: Annotated[Rows, By(lambda k: k.shape.arm.by_section(k.shape.tensions))]
-    tendon_lengths_m: Annotated[
-        Floats, Meta(description="in tendon order"), By(lambda k: k.shape.tendon_lengths)
-    ]
-    tip_m: Annotated[Floats, By(lambda k: k.shape.tip)]
-    hold: Annotated[Literal["tension", "length"], Meta(description="what holds the tendons")]
-    at_m: Annotated[float, Meta(description="arc length of the point")]
+    tensions_N: Annotated[Rows, about(of=lambda k: k.shape.arm.by_section(k.shape.tensions))]
+    tendon_lengths_m: Annotated[Floats, about("in tendon order", lambda k: k.shape.tendon_lengths)]
+    tip_m: Annotated[Floats, about(of=lambda k: k.shape.tip)]
+    hold: Annotated[Literal["tension", "length"], about("what holds the tendons")]
+    at_m: Annotated[float, about("arc length of the point")]
     position_m: Annotated[
-        Floats,
-        Meta(description="of the point, base frame"),
-        By(lambda k: k.shape.position(k.at)),
+        Floats, about("of the point, base frame", lambda k: k.shape.position(k.at))
     ]
     compliance: Annotated[
-        Matrix,
-        Meta(description="[displacement m; rotation rad] per [force N; moment N m], base frame"),
+        Matrix, about("[displacement m; rotation rad] per [force N; moment N m], base frame")
     ]
     half_axes_m_per_N: Annotated[
-        Floats,
-        Meta(description="of displacements, softest first"),
-        By(lambda k: k.ellipsoid()[0]),
+        Floats, about("of displacements, softest first", lambda k: k.ellipsoid()[0])
     ]
-    directions: Annotated[
-        Matrix,
-        Meta(description="of the half axes, as columns"),
-        By(lambda k: k.ellipsoid()[1]),
-    ]
-    tension_response: Annotated[Matrix, Meta(description="of each tendon per force and moment")]
+    directions: Annotated[Matrix, about("of the half axes, as columns", lambda k: k.ellipsoid()[1])]
+    tension_response: Annotated[Matrix, about("of each tendon per force and moment")]
     locked: Annotated[
         list[str],
-        Meta(description="tendons whose length is held"),
-        By(lambda k: [k.shape.arm.tendon_name(j) for j in k.locked]),
+        about(
+            "tendons whose length is held", lambda k: [k.shape.arm.tendon_name(j) for j in k.locked]
+        ),
     ]
-    slack: Annotated[list[str], Meta(description="tendons without tension")]
-    stable: Annotated[bool, Meta(description="at held tensions"), By(lambda k: bool(k.stable))]
-    error: Annotated[float, Meta(description="estimated relative error of the compliance")]
-    s_m: Annotated[Floats, By(_sections)]
+    slack: Annotated[list[str], about("tendons without tension")]
+    stable: Annotated[bool, about("at held tensions", lambda k: bool(k.stable))]
+    error: Annotated[float, about("estimated relative error of the compliance")]
+    s_m: Annotated[Floats, about(of=_sections)]
     section_N_m2: Annotated[
-        Matrix,
-        Meta(description="flexural stiffness about n and b at s_m"),
-        By(lambda k: k.section(_sections(k))),
+        Matrix, about("flexural stiffness about n and b at s_m", lambda k: k.section(_sections(k)))
     ]
 
 
@@ -180,53 +157,54 @@ class TrajectoryRecord(Record, kw_only=True):
     """Tensions over time, and what the check of them found."""
 
     schema: Annotated[Literal["octoplan trajectory 1"], Schema]
-    outcome: Annotated[str, Meta(description="what happened and what to try")]
-    certified: Annotated[bool, By(lambda motion: motion.certificate.passed)]
+    outcome: Annotated[str, about("what happened and what to try")]
+    certified: Annotated[bool, about(of=lambda motion: motion.certificate.passed)]
     duration_s: float
-    times_s: Annotated[Floats, Meta(description="between which tensions change linearly")]
+    times_s: Annotated[Floats, about("between which tensions change linearly")]
     tensions_N: Annotated[
-        Matrix,
-        Meta(description="at each time, in tendon order"),
-        By(lambda motion: motion.flat),
+        Matrix, about("at each time, in tendon order", lambda motion: motion.flat)
     ]
-    lengths_m: Annotated[Matrix, Meta(description="of the tendons, at each time")]
+    lengths_m: Annotated[Matrix, about("of the tendons, at each time")]
     tendons: Annotated[
-        list[str],
-        Meta(description="their names, in tendon order"),
-        By(lambda motion: motion.arm.tendon_names),
+        list[str], about("their names, in tendon order", lambda motion: motion.arm.tendon_names)
     ]
-    stops: Annotated[list[int], Meta(description="at which of the times each target is met")]
+    stops: Annotated[list[int], about("at which of the times each target is met")]
     reached: list[bool]
     certificate: Annotated[
         dict[str, Any],
-        Meta(description="what the check found, see MotionCertificate"),
-        By(lambda motion: motion.certificate.numbers),
+        about(
+            "what the check found, see MotionCertificate", lambda motion: motion.certificate.numbers
+        ),
     ]
 
 
 class EffectRecord(msgspec.Struct, kw_only=True):
     """One effect, and the scene with and without it; null where one of the two does not settle."""
 
-    effect: Annotated[str, Meta(description="its name, with what had to be switched along")]
-    enabled: Annotated[bool, Meta(description="whether the scene has it")]
-    tip_change: Annotated[float | None, Meta(description="over arm length")]
+    effect: Annotated[str, about("its name, with what had to be switched along")]
+    enabled: Annotated[bool, about("whether the scene has it")]
+    tip_change: Annotated[float | None, about("over arm length")]
     sizes: ProblemSize
     sizes_without: ProblemSize
     time_factor: Annotated[
         float | None,
-        Meta(description="of a settle, with over without"),
-        By(lambda switch: None if switch.problem else switch.time_factor),
+        about(
+            "of a settle, with over without",
+            lambda switch: None if switch.problem else switch.time_factor,
+        ),
     ]
     matters: bool
-    problem: Annotated[str, Meta(description="why one does not settle, if so")]
+    problem: Annotated[str, about("why one does not settle, if so")]
 
 
 class EffectsRecord(Record, kw_only=True):
     """What each effect does and costs: the scene's own, then others."""
 
     schema: Annotated[Literal["octoplan effects 1"], Schema]
-    accuracy: Annotated[float, Meta(description="tip change over arm length that matters")]
-    effects: Annotated[list[EffectRecord], By(lambda switches: records(EffectRecord, switches))]
+    accuracy: Annotated[float, about("tip change over arm length that matters")]
+    effects: Annotated[
+        list[EffectRecord], about(of=lambda switches: records(EffectRecord, switches))
+    ]
 
 
 class ExportRecord(Record, kw_only=True):
@@ -236,27 +214,28 @@ class ExportRecord(Record, kw_only=True):
     files: list[str]
     nodes: Annotated[
         int,
-        Meta(description="at which a map gives the pose, or of the shape's mesh"),
-        By(lambda shape: shape.s.size),
+        about("at which a map gives the pose, or of the shape's mesh", lambda shape: shape.s.size),
     ]
-    error: Annotated[float, Meta(description="estimated tip error over arm length")]
-    static_bytes: Annotated[int, Meta(description="of work arrays of C; 0 of other files")]
+    error: Annotated[float, about("estimated tip error over arm length")]
+    static_bytes: Annotated[int, about("of work arrays of C; 0 of other files")]
 
 
 class SweepRecord(Record, kw_only=True):
     """A sweep that is finished."""
 
     schema: Annotated[Literal["octoplan sweep 1"], Schema]
-    file: Annotated[str, Meta(description="where the Dataset is")]
-    compute: Annotated[Literal["settle", "plan", "stiffness"], By(lambda sweep: sweep.job.compute)]
-    dims: Annotated[dict[str, int], Meta(description="what points lie along, and how many there")]
-    points: Annotated[int, By(lambda sweep: sweep.size)]
-    met: Annotated[int, Meta(description="points that settled, or whose targets are reached")]
+    file: Annotated[str, about("where the Dataset is")]
+    compute: Annotated[
+        Literal["settle", "plan", "stiffness"], about(of=lambda sweep: sweep.job.compute)
+    ]
+    dims: Annotated[dict[str, int], about("what points lie along, and how many there")]
+    points: Annotated[int, about(of=lambda sweep: sweep.size)]
+    met: Annotated[int, about("points that settled, or whose targets are reached")]
     failures: Annotated[
         dict[str, int],
-        Meta(description="outcomes of the others: one of each kind, that differ by numbers alone"),
+        about("outcomes of the others: one of each kind, that differ by numbers alone"),
     ]
-    earlier: Annotated[bool, Meta(description="whether an earlier run had found it all")] = False
+    earlier: Annotated[bool, about("whether an earlier run had found it all")] = False
 
 
 # As CSV: what winches are driven by, tendon by tendon, and shapes along the arm

@@ -20,7 +20,17 @@ from planner.fit.measured import Measured
 from planner.fit.unknowns import Unknown
 from planner.io.codec import WRITE, arguments, attributes_of, choice, hints_of, plain
 from planner.io.object_tables import TARGETS
-from planner.io.records import By, Floats, Matrix, Record, Rows, Schema, of_shape, record, records
+from planner.io.records import (
+    Floats,
+    Matrix,
+    Record,
+    Rows,
+    Schema,
+    about,
+    of_shape,
+    record,
+    records,
+)
 from planner.io.tables import Number, exact, exact_choices, struct
 from planner.program.limits import Limits
 from planner.solve.task import SearchResult
@@ -55,7 +65,7 @@ _RENAMED = {"match": "equality", "approach": "soft_residual", "margin": "inequal
 _LEFT_OUT = {"on_request", "gaps_asked", *_RENAMED.values()}
 _WORKED_OUT: dict[str, Any] = {
     **{
-        key: Annotated[dict[str, float | None], By(attrgetter(name))]
+        key: Annotated[dict[str, float | None], about(of=attrgetter(name))]
         for key, name in _RENAMED.items()
     },
     "passed": bool,
@@ -97,28 +107,26 @@ class PlanRecord(Record, kw_only=True):
     """A plan. `question` and `answer` are what it is loaded from, the rest is derived of them."""
 
     schema: Annotated[Literal["octoplan plan 1"], Schema]
-    outcome: Annotated[str, Meta(description="what happened, what holds it, what to try")]
-    certified: Annotated[bool, By(lambda plan: plan.certificate.passed)]
+    outcome: Annotated[str, about("what happened, what holds it, what to try")]
+    certified: Annotated[bool, about(of=lambda plan: plan.certificate.passed)]
     mode: Literal["exact", "closest", "nearest"]
     tensions_N: Rows
     tendons: Annotated[
-        list[str],
-        Meta(description="their names, in tendon order"),
-        By(lambda plan: plan.arm.tendon_names),
+        list[str], about("their names, in tendon order", lambda plan: plan.arm.tendon_names)
     ]
-    lengths_m: Annotated[Any, Meta(description="of the tendons, like tensions_N")] = None
-    strokes_m: Annotated[Any, Meta(description="taken in from where winches are zeroed")] = None
+    lengths_m: Annotated[Any, about("of the tendons, like tensions_N")] = None
+    strokes_m: Annotated[Any, about("taken in from where winches are zeroed")] = None
     tip_error_per_length: Annotated[
-        dict[str, float] | None, Meta(description="of taut tendons: m of the tip per m of a winch")
+        dict[str, float] | None, about("of taut tendons: m of the tip per m of a winch")
     ] = None
     effort_N: float
     tip_m: Floats | None
-    tip_frame: Annotated[Matrix | None, Meta(description="columns t, n, b")]
+    tip_frame: Annotated[Matrix | None, about("columns t, n, b")]
     certificate: Annotated[
-        CertificateRecord, By(lambda plan: record(CertificateRecord, plan.certificate))
+        CertificateRecord, about(of=lambda plan: record(CertificateRecord, plan.certificate))
     ]
-    question: Annotated[QuestionRecord, By(_question)]
-    answer: Annotated[AnswerRecord, By(_answer)]
+    question: Annotated[QuestionRecord, about(of=_question)]
+    answer: Annotated[AnswerRecord, about(of=_answer)]
 
 
 def plan_record(plan: Any) -> PlanRecord:
@@ -161,10 +169,10 @@ class ResidualRecord(msgspec.Struct, kw_only=True):
 class CalibrationQuestion(msgspec.Struct, kw_only=True):
     """What was asked: arm and scene as they were given, what was measured, and what is unknown."""
 
-    arm: Annotated[ArmKind, By(lambda fit: plain(fit.given_arm))]
-    scene: Annotated[SceneKind, By(lambda fit: plain(fit.given_scene))]
-    measured: Annotated[list[ShapeKind], By(lambda fit: plain(fit.measured))]
-    unknowns: Annotated[list[UnknownKind], By(lambda fit: plain(fit.unknowns))]
+    arm: Annotated[ArmKind, about(of=lambda fit: plain(fit.given_arm))]
+    scene: Annotated[SceneKind, about(of=lambda fit: plain(fit.given_scene))]
+    measured: Annotated[list[ShapeKind], about(of=lambda fit: plain(fit.measured))]
+    unknowns: Annotated[list[UnknownKind], about(of=lambda fit: plain(fit.unknowns))]
 
 
 _ASKED = ("given_arm", "given_scene", "measured", "unknowns")
@@ -190,16 +198,16 @@ class CalibrationRecord(Record, kw_only=True):
     """A calibration; `question` and `fit` are what it is loaded from, the rest is derived."""
 
     schema: Annotated[Literal["octoplan calibration 1"], Schema]
-    outcome: Annotated[str, Meta(description="what was found, and how well it is known")]
-    values: Annotated[list[ValueRecord], By(_values)]
-    unidentified: Annotated[list[str], By(lambda fit: list(map(str, fit.unidentified)))]
+    outcome: Annotated[str, about("what was found, and how well it is known")]
+    values: Annotated[list[ValueRecord], about(of=_values)]
+    unidentified: Annotated[list[str], about(of=lambda fit: list(map(str, fit.unidentified)))]
     mean_error_m: float | None
     residuals: Annotated[
-        list[ResidualRecord], By(lambda fit: records(ResidualRecord, fit.residuals))
+        list[ResidualRecord], about(of=lambda fit: records(ResidualRecord, fit.residuals))
     ]
-    scene: Annotated[dict[str, Any], _SCENE, By(_scene_of)]
-    question: Annotated[CalibrationQuestion, By(lambda fit: record(CalibrationQuestion, fit))]
-    fit: Annotated[FitRecord, By(lambda fit: attributes_of(fit, _FIT))]
+    scene: Annotated[dict[str, Any], _SCENE, about(of=_scene_of)]
+    question: Annotated[CalibrationQuestion, about(of=lambda fit: record(CalibrationQuestion, fit))]
+    fit: Annotated[FitRecord, about(of=lambda fit: attributes_of(fit, _FIT))]
 
 
 class DesignedRecord(msgspec.Struct, kw_only=True):
@@ -220,18 +228,22 @@ class DesignRecord(Record, kw_only=True):
 
     schema: Annotated[Literal["octoplan design 1"], Schema]
     outcome: str
-    feasible: Annotated[bool, Meta(description="whether every plan is certified")]
-    effort_N: Annotated[float, Meta(description="root of the sum of the squared efforts")]
+    feasible: Annotated[bool, about("whether every plan is certified")]
+    effort_N: Annotated[float, about("root of the sum of the squared efforts")]
     objective: Annotated[
         str,
-        Meta(description="effort, Stiffest, Softest or Reach"),
-        By(lambda d: d.objective if d.objective == "effort" else type(d.objective).__name__),
+        about(
+            "effort, Stiffest, Softest or Reach",
+            lambda d: d.objective if d.objective == "effort" else type(d.objective).__name__,
+        ),
     ]
-    value: Annotated[float, Meta(description="of the objective: [N], [N/m] or [m]")]
-    value_before: Annotated[float, Meta(description="the same of the given arm")]
+    value: Annotated[float, about("of the objective: [N], [N/m] or [m]")]
+    value_before: Annotated[float, about("the same of the given arm")]
     gain: Annotated[
-        float | None, Meta(description="share of effort saved, or by which stiffness or reach grow")
+        float | None, about("share of effort saved, or by which stiffness or reach grow")
     ]
-    values: Annotated[list[DesignedRecord], By(_designed)]
-    scene: Annotated[dict[str, Any], _SCENE, By(_scene_of)]
-    plans: Annotated[list[PlanRecord], By(lambda design: list(map(plan_record, design.plans)))]
+    values: Annotated[list[DesignedRecord], about(of=_designed)]
+    scene: Annotated[dict[str, Any], _SCENE, about(of=_scene_of)]
+    plans: Annotated[
+        list[PlanRecord], about(of=lambda design: list(map(plan_record, design.plans)))
+    ]
