@@ -71,6 +71,16 @@ def test_the_chunks_of_another_sweep_are_refused_and_kept(tmp_path: Path) -> Non
     assert _files(tmp_path).left == [1, 2]
 
 
+def test_what_an_earlier_version_left_of_a_sweep_is_told_and_kept(tmp_path: Path) -> None:
+    """Used to be left beside a sweep that began anew."""
+    journal = tmp_path / "out.nc.journal"
+    journal.write_text("chunks")
+    with pytest.raises(InputError, match="finish it there, or remove this file"):
+        sweep(written(tmp_path, GRID), tmp_path / "out.nc")
+    assert journal.read_text() == "chunks"
+    assert not (tmp_path / "out.nc").exists()
+
+
 @pytest.mark.parametrize("chunks", [0, 1])
 def test_what_ends_a_command_at_once_leaves_no_folder_of_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chunks: int
