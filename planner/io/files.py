@@ -107,10 +107,8 @@ def _is_over(folder: Path, process: str) -> bool:
         return False
     try:
         os.kill(int(process), 0)
-    except (ProcessLookupError, OverflowError):
-        return True
-    except PermissionError:
-        return False
+    except (OSError, OverflowError) as reason:
+        return not isinstance(reason, PermissionError)
     return False
 
 

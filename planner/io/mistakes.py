@@ -77,9 +77,9 @@ def located(name: str, where: str, part: Any = None) -> Iterator[None]:
     try:
         with nullcontext() if part is None else millimetres():
             yield
-    except FileError:
-        raise
     except InputError as reason:
+        if isinstance(reason, FileError):
+            raise
         raise _as_written(reason, name, where, part) from None
 
 

@@ -195,10 +195,9 @@ def _row(job: Job, point: Point) -> Rows:
         values = _COMPUTE[job.compute](question)
     except OutOfTime:
         raise
-    except OctoplanError as reason:
-        values["outcome"] = f"Failed: {reason}"
     except Exception as reason:
-        values["outcome"] = f"Failed: {type(reason).__name__}: {reason}"
+        kind = "" if isinstance(reason, OctoplanError) else f"{type(reason).__name__}: "
+        values["outcome"] = f"Failed: {kind}{reason}"
     # A point that the time limit of the whole sweep has cut short is computed another time.
     check_time()
     row = blank(job.compute, len(job.tendons), 1, len(values["outcome"]))
