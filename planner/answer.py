@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Self
 
@@ -27,7 +27,7 @@ from planner.program.problem import Problem, units
 from planner.program.program import STABILITY, STROKES
 from planner.program.statement import Mode, effort
 from planner.solve.refine import defect, settled
-from planner.solve.task import SearchResult, Task, allowed
+from planner.solve.task import SearchResult, Task
 from planner.targets.base import Target
 from planner.tendon_lengths import strokes
 
@@ -104,9 +104,7 @@ class Answer(SearchResult):
     def certificate(self) -> Certificate:
         """The check of the tensions by another integrator; see planner.certificate."""
         T = np.ravel(self.tensions)
-        question = (self.arm, self.scene, self.targets, self.limits)
-        more = (self.statement.margin, self.surroundings)
-        return certify(*question, T, lambda: self.shape, self._kkt(), self.accuracy, *more)
+        return certify(self.task, T, lambda: self.shape, self._kkt(), self.surroundings)
 
     @property
     def mode(self) -> Mode:
@@ -154,17 +152,14 @@ class Answer(SearchResult):
         """
         if not self.reached or self.mode != "exact" or self.surroundings:
             return ()
-        question = (self.arm, self.scene, self.targets, self.limits, self.shape, self.accuracy)
-        return tuple(
-            (mirror.angle, self.arm.by_section(T)) for mirror, T in mirror_images(*question)
-        )
+        images = mirror_images(self.task, self.shape)
+        return tuple((mirror.angle, self.arm.by_section(T)) for mirror, T in images)
 
     def holding(self) -> list[str]:
         """Return the names of the limits that hold the tensions back, hardest first."""
         if not self.lam_x:
             return []
-        T, lam = np.ravel(self.tensions), np.array(self.lam_x)
-        limits = allowed(self.arm, self.targets, self.limits)
+        T, lam, limits = np.ravel(self.tensions), np.array(self.lam_x), self.task.allowed
         near = 1e-6 * units(self.arm, limits)
         active = []
         for j, upper in enumerate(self.limits.upper):
@@ -194,14 +189,19 @@ class Answer(SearchResult):
         """The targets of the program."""
         return self.targets if self.avoidance is None else (*self.targets, self.avoidance)
 
-    def _problem(self) -> Problem:
-        limits = allowed(self.arm, self.targets, self.limits)
-        question = (self.arm, self.scene, self.stated, limits, self.statement)
-        return Problem(*question, self.machine_code)
+    @cached_property
+    def task(self) -> Task:
+        """What was asked, as it was stated."""
+        question = (self.arm, self.targets, self.scene, self.limits, self.statement, self.accuracy)
+        return Task(*question, self.machine_code)
+
+    def problem(self) -> Problem:
+        """Return the program that it is the optimum of."""
+        return replace(self.task, targets=self.stated).problem(self.statement)
 
     def _rows(self, name: str) -> Array:
         """Return the multipliers of the constraints of a name."""
-        rows = self._problem().program.outer_rows
+        rows = self.problem().program.outer_rows
         names = np.concatenate([[row.name] * row.size for row in rows])
         lam_g = np.array(self.lam_g)[: names.size]
         return lam_g[names == name] if lam_g.size == names.size else np.zeros(0)
@@ -212,7 +212,7 @@ class Answer(SearchResult):
 
         None where they do not settle, and where the multipliers are of another program.
         """
-        problem = self._problem()
+        problem = self.problem()
         n, m = problem.n_free, problem.n_outer
         # Files of earlier versions have the multipliers of equilibrium last.
         lam_x, lam_g = np.array(self.lam_x)[:n], np.array(self.lam_g)[:m]

@@ -8,10 +8,8 @@ from functools import partial
 
 import numpy as np
 
-from model.arm import Arm
 from model.centreline import Centreline
 from model.clearance import KINDS, Clearance, clearances
-from model.effects import PrintedStatics
 from model.equilibrium.integration import SCHEME
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import LEAST_STEP, STAGES, Collocation, Followed, follow_on
@@ -24,8 +22,6 @@ from model.mesh import FINEST_ACCURACY
 from model.obstacles import distances, numbers_of
 from model.paths import Array
 from model.progress import tell
-from model.scene import Scene
-from model.settle import settle
 from model.shape import Shape
 from model.time_limit import OutOfTime
 from planner.avoidance.surroundings import NOTHING, Surroundings
@@ -34,12 +30,13 @@ from planner.contact.grasp import left_of
 from planner.measure import compliances_along, measure
 from planner.program.limits import Limits
 from planner.program.terms import stations_of, terms_of
+from planner.solve.task import Task
 from planner.targets.base import Target
 from planner.targets.hold import LEVER, WRENCH, Hold
 from planner.tendon_lengths import strokes
 
 # How accurate the check is: two digits more than what it has to judge.
-_SHARPER, _PRINTED = 1e-2, "rk8"
+_SHARPER = 1e-2
 # It begins from a mesh this much coarser than the shape's, and from no coarser one than the least:
 # what wrenches lack there is corrected to first order. Where that leaves the tip's pose farther off
 # than so many times what is asked of it, from that of the shape.
@@ -50,29 +47,23 @@ _LATE = "the time limit was reached before it was verified"
 
 
 def certify(
-    arm: Arm,
-    scene: Scene,
-    targets: tuple[Target, ...],
-    limits: Limits,
+    task: Task,
     tensions: Array,
     settled: Callable[[], Shape],
     kkt: float,
-    tolerance: float,
-    stability_margin: float = 0.0,
     surroundings: Surroundings = NOTHING,
 ) -> Certificate:
     """Verify the settled tensions by initial value integration, and look at everything anew.
 
-    `settled` returns the shape, ten times as accurate as the tolerance.
+    `settled` returns the shape, ten times as accurate as the task.
     """
-    excess, printed = tension_excess(tensions, limits), scene.has(PrintedStatics)
-    scheme = _PRINTED if printed else SCHEME.name
+    arm, scene, targets, tolerance = task.arm, task.scene, task.targets, task.accuracy
+    excess, scheme = tension_excess(tensions, task.limits), SCHEME.name
     tell("verifying by initial value integration")
     try:
         shape = settled()
         stations, sharp = stations_of(arm, targets), max(_SHARPER * tolerance, FINEST_ACCURACY)
-        check = _printed if printed else _integrated
-        poses, tip, error, least, line = check(shape, stations, sharp)
+        poses, tip, error, least, line = _integrated(shape, stations, sharp)
         gaps = _asked(line, surroundings)
     except (OctoplanError, OutOfTime) as reason:
         why = _LATE if isinstance(reason, OutOfTime) else str(reason)
@@ -90,7 +81,7 @@ def certify(
         math.dist(tip, shape.tip) / arm.length,
         error,
         least,
-        stability_margin,
+        task.statement.margin,
         scheme,
         tolerance,
         gaps_asked={name: clear.gap for name, clear in gaps.items()},
@@ -100,7 +91,7 @@ def certify(
             lambda: _load_factor(shape),
         ),
         units=terms_of(arm, targets).units,
-        strokes=_stroke_excess(shape, limits),
+        strokes=_stroke_excess(shape, task.limits),
         complementarity=_violation(shape, line()) if contacts(scene) else None,
     )
 
@@ -145,39 +136,29 @@ def _asked(line: Callable[[], Centreline], around: Surroundings) -> dict[str, Cl
 
 def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
     """Return what initial value integration makes of a shape."""
-    if contacts(shape.scene):
-        return _in_contact(shape, stations, accuracy)
+    arm, scene, touching = shape.arm, shape.scene, bool(contacts(shape.scene))
     coarser = max(_LEAST, shape.refinement // _COARSER)
-    scale = np.repeat([1.0, shape.arm.length], [4, 3])
-    for mesh in sorted({min(shape.refinement, coarser), shape.refinement}):
-        form = (STAGES, mesh, stations, is_loaded(shape.scene), shape.machine_code)
-        forward = Collocation(shape.arm, shape.scene, *form)
-        equilibrium = forward.solve(shape.tensions, shape.known)
-        check = verified(equilibrium, accuracy)
-        poses = forward.system.poses(check.point.states)
-        gap = np.abs(poses[-1] - shape.poses(shape.arm.length)) / scale
+    meshes = {shape.refinement} if touching else {min(shape.refinement, coarser), shape.refinement}
+    scale = np.repeat([1.0, arm.length], [4, 3])
+    for mesh in sorted(meshes):
+        form = (STAGES, mesh, stations, is_loaded(scene), shape.machine_code)
+        equilibrium = by_collocation(arm, scene, *form).solve(shape.tensions, shape.known)
+        check, system = verified(equilibrium, accuracy), equilibrium.system
+        poses = system.poses(check.point.states)
+        gap = np.abs(poses[-1] - shape.poses(arm.length)) / scale
         if gap.max() <= _CLOSE * accuracy:
             break
-    places = [forward.mesh.node(s) for s in stations]
-    line = partial(Centreline.at_states, forward.system, check.point.states)
-    return poses[places], poses[-1, 4:], check.error, stability(check.point), line
+    places = [system.mesh.node(s) for s in stations]
+    line = partial(Centreline.at_states, system, check.point.states)
+    # What touches is known to the equilibrium alone.
+    least = stability(equilibrium if touching else check.point)
+    return poses[places], poses[-1, 4:], check.error, least, line
 
 
 def _rough(shape: Shape) -> Linearised:
     """Return the equilibrium of a shape on the coarsest mesh."""
     form = (STAGES, 1, (), True, shape.machine_code)
     return Collocation(shape.arm, shape.scene, *form).solve(shape.tensions, shape.known)
-
-
-def _in_contact(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
-    """Return what initial value integration makes of a shape in contact."""
-    form = (STAGES, shape.refinement, stations, True, shape.machine_code)
-    equilibrium = by_collocation(shape.arm, shape.scene, *form).solve(shape.tensions, shape.known)
-    check = verified(equilibrium, accuracy)
-    system, states = equilibrium.system, check.point.states
-    poses, line = system.poses(states), partial(Centreline.at_states, system, states)
-    places = [system.mesh.node(s) for s in stations]
-    return poses[places], poses[-1, 4:], check.error, stability(equilibrium), line
 
 
 def _violation(shape: Shape, line: Centreline) -> float:
@@ -202,11 +183,3 @@ def _load_factor(shape: Shape) -> float | None:
         return None
     end = follow_on(Followed(_rough(shape), 1.0, ""), MOST_LOADS, LEAST_STEP)
     return end.load if end.why else np.inf
-
-
-def _printed(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
-    """Return what another integrator makes of a scene as printed."""
-    question = (shape.arm, shape.tensions, shape.scene, accuracy, _PRINTED)
-    check = settle(*question, compile=shape.machine_code)
-    poses, line = check.poses(np.array(stations)), partial(Centreline.of, check)
-    return poses, check.tip, check.error, np.inf, line

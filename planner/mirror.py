@@ -16,12 +16,12 @@ import numpy as np
 from model.arm import Arm
 from model.errors import OctoplanError
 from model.paths import Array
-from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from planner.measure import measure
 from planner.program.limits import Limits
 from planner.program.terms import compliance_requests, stations_of
+from planner.solve.task import Task
 from planner.targets.base import Target
 
 # Angles that are the same [rad], and tensions that are, over the largest.
@@ -97,31 +97,25 @@ def _image(arm: Arm, limits: Limits, j: int, double: float) -> int | None:
     return None
 
 
-def mirror_images(
-    arm: Arm,
-    scene: Scene,
-    targets: tuple[Target, ...],
-    limits: Limits,
-    shape: Shape,
-    accuracy: float,
-) -> Iterator[tuple[Mirror, Array]]:
+def mirror_images(task: Task, shape: Shape) -> Iterator[tuple[Mirror, Array]]:
     """Yield mirrors, and the mirrored tensions (n_tendons,) of a shape that meet the targets too.
 
-    As well as the shape does, to ten times an accuracy. None for targets of stiffness, with limits
+    As well as the shape does, to ten times the accuracy. None for targets of stiffness, with limits
     on strokes, and of tensions that are their own mirror image.
     """
+    arm, targets, limits = task.arm, task.targets, task.limits
     T, stations = shape.tensions, np.array(stations_of(arm, targets))
     if compliance_requests(targets) or limits.strokes is not None or not T.any():
         return
     poses = shape.poses(stations)
-    most = _off(arm, targets, poses) + 10 * accuracy
+    most = _off(arm, targets, poses) + 10 * task.accuracy
     for mirror in mirrors(arm, limits):
         other = T[mirror.tendons]
         likely = _off(arm, targets, mirror.poses(arm, poses)) <= max(most, _LIKELY)
         if not likely or np.abs(T - other).max() <= _SAME * T.max():
             continue
         try:
-            settled = settle(arm, other, scene, accuracy, compile=shape.machine_code)
+            settled = settle(arm, other, task.scene, task.accuracy, compile=shape.machine_code)
         except OctoplanError:
             continue
         if _off(arm, targets, settled.poses(stations)) <= most:

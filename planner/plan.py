@@ -138,9 +138,7 @@ class HeldPlan(Plan):
         return np.array(self.lam_g[-1:] if name == STABILITY and self.statement.modes else ())
 
     def _kkt(self) -> float:
-        question = (self.arm, self.targets, self.scene, self.limits, self.statement, self.accuracy)
-        T = np.ravel(self.tensions)
-        return optimality_of(Task(*question, self.machine_code), T, self.shape, self.load_path)
+        return optimality_of(self.task, np.ravel(self.tensions), self.shape, self.load_path)
 
 
 @with_progress

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from model import Arm, OctoplanError, Shape
-from model.effects import PrintedStatics
 from model.paths import Array
 from model.text import columns, shape_text, tendon_table
 from model.time_limit import OutOfTime
@@ -68,9 +67,7 @@ def _of_shape(plan: Answer) -> list[str]:
     """Return lengths, strokes and tip; nothing where the tensions do not settle."""
     try:
         shape = plan.shape
-        tables = [length_table(shape)]
-        if not plan.scene.has(PrintedStatics):
-            tables.append(stroke_table(shape, plan.limits.stroke_zero))
+        tables = [length_table(shape), stroke_table(shape, plan.limits.stroke_zero)]
     except (OctoplanError, OutOfTime):
         return []
     return [*tables, "tip [mm]  " + "  ".join(f"{1e3 * x:.3f}" for x in shape.tip)]

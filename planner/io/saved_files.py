@@ -22,7 +22,6 @@ from planner.io.mistakes import checked, located, made, shown
 from planner.io.saved_records import AnswerRecord, CalibrationQuestion, FitRecord, QuestionRecord
 from planner.plan import HeldPlan, Plan
 from planner.program.limits import Limits
-from planner.program.problem import Problem
 from planner.question import check_planned, check_targets, checked_limits, checked_margin
 from planner.solve.task import Task
 from planner.tendon_lengths import zeroed_at
@@ -106,8 +105,7 @@ def _check_multipliers(plan: Plan, name: str) -> None:
     if any(sizes) and isinstance(plan, HeldPlan):
         wanted = plan.arm.n_tendons, sizes[1]
     elif any(sizes):
-        statement = plan.statement.but(refinement=1)
-        problem = Problem(plan.arm, plan.scene, plan.stated, plan.limits, statement)
+        problem = plan.problem()
         wanted = problem.n_free, problem.n_outer
     if any(sizes) and sizes != wanted:
         text = "got {} and {} numbers, allowed are {} and {}, or none".format(*sizes, *wanted)

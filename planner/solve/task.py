@@ -71,7 +71,7 @@ class Task:
     @cached_property
     def allowed(self) -> Limits:
         """The limits, with tendons that a target does not let pull held at their minima."""
-        return allowed(self.arm, self.targets, self.limits)
+        return self.limits.restricted(pulling_tendons(self.arm, self.targets))
 
     def problem(self, statement: Statement) -> Problem:
         """Return the program by a statement."""
@@ -97,11 +97,6 @@ class Task:
         """Whether there are tendons enough to meet every equality and soft residual."""
         free = np.sum(np.array(self.allowed.upper) > self.allowed.lower)
         return bool(terms_of(self.arm, self.targets).count <= free)
-
-
-def allowed(arm: Arm, targets: tuple[Target, ...], limits: Limits) -> Limits:
-    """Return the limits, with tendons that a target does not let pull held at their minima."""
-    return limits.restricted(pulling_tendons(arm, targets))
 
 
 @dataclass(frozen=True)

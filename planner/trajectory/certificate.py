@@ -14,6 +14,8 @@ from model.shape import Shape
 from model.text import in_notebook
 from planner.certificate import Certificate
 from planner.certify import certify, tension_excess
+from planner.program.statement import Statement
+from planner.solve.task import Task
 from planner.targets.base import Target
 from planner.trajectory.clear import between
 from planner.trajectory.question import Question
@@ -198,6 +200,6 @@ def certify_motion(
 
 def _at_target(question: Question, targets: tuple[Target, ...], shape: Shape) -> Certificate:
     """Return the certificate of a waypoint, of which optimality is not asked."""
-    T, accuracy = shape.tensions, question.accuracy
-    arguments = question.arm, question.scene, targets, question.limits, T, lambda: shape
-    return certify(*arguments, 0.0, accuracy)
+    stated = question.arm, targets, question.scene, question.limits, Statement()
+    task = Task(*stated, question.accuracy)
+    return certify(task, shape.tensions, lambda: shape, 0.0)

@@ -24,9 +24,9 @@ from planner.avoidance.rows import Avoidance
 from planner.plan import Plan
 from planner.program.objective import STRETCH
 from planner.program.problem import Problem
+from planner.program.terms import pulling_tendons
 from planner.solve.ipopt import Candidate, solve
 from planner.solve.refine import defect, settled
-from planner.solve.task import allowed
 from planner.solve.warm_start import jump
 from planner.targets.base import Target
 from planner.trajectory.program import MotionProgram, Stop
@@ -134,7 +134,7 @@ class Waypoints:
         asked = (question.arm, question.scene, waypoint.stated, question.limits, self.statement)
         problem = Problem(*asked, question.machine_code)
         lbx, ubx, lbg, ubg = problem.bounds
-        at_targets = allowed(question.arm, waypoint.stated, question.limits)
+        at_targets = question.limits.restricted(pulling_tendons(question.arm, waypoint.stated))
         held = np.flatnonzero(np.array(at_targets.upper) <= question.limits.lower)
         ubx, lbg = ubx.copy(), lbg.copy()
         ubx[held] = lbx[held]
