@@ -1,4 +1,4 @@
-"""An answer: tensions for a target, and everything that is found out about them."""
+"""An answer: tensions for a target, with shape, certificate and outcome derived from them."""
 
 from __future__ import annotations
 
@@ -54,11 +54,11 @@ class Answer(SearchResult):
     Attributes
     ----------
     arm, scene, targets, limits
-        What was asked; what was found is told in SearchResult.
+        The question; SearchResult has the solution.
     accuracy : float
         What residuals and tip errors are held to, over the arm's length.
     machine_code : bool
-        Whether compiled kernels found it, and find what is derived from it; no part of the answer.
+        Whether compiled kernels are used, for the search and what is derived; not compared.
     surroundings : Surroundings
         What the arm was to keep clear of.
     """
@@ -73,13 +73,13 @@ class Answer(SearchResult):
 
     @classmethod
     def of(cls, task: Task, result: SearchResult, **more: Any) -> Self:
-        """Return the answer to a task that a search found; `more` are further fields."""
+        """Return the answer to a task from the result of its search; `more` are further fields."""
         shared = ("arm", "scene", "targets", "limits", "accuracy", "machine_code")
         return cls(**{name: getattr(task, name) for name in shared}, **vars(result), **more)
 
     @cached_property
     def shape(self) -> Shape:
-        """The shape under the tensions, a digit more accurate than asked."""
+        """The shape under the tensions, to a tenth of the accuracy."""
         return settled(self.arm, self.tensions, self.scene, self.accuracy, self.machine_code)
 
     @property
@@ -191,7 +191,7 @@ class Answer(SearchResult):
 
     @cached_property
     def task(self) -> Task:
-        """What was asked, as it was stated."""
+        """The question as it was stated to the search."""
         question = (self.arm, self.targets, self.scene, self.limits, self.statement, self.accuracy)
         return Task(*question, self.machine_code)
 

@@ -1,4 +1,4 @@
-"""The certificate: what the check of a plan found, and what it says of it."""
+"""The certificate: the results of a plan's check, and the verdict."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Clearances = Mapping[str, Clearance]
 
 
 class OnRequest:
-    """Clearances by name, and the load factor at which an arm yields; each is found once.
+    """Clearances by name, and the load factor at which an arm yields; each is computed once.
 
     Two are equal if what they tell is. They pickle as what they tell.
     """
@@ -67,7 +67,7 @@ COMPLEMENTARY = 1e-8
 
 @dataclass(frozen=True)
 class Certificate:
-    """What the check of a plan found. Lengths are over the arm's length, angles in rad.
+    """The results of a plan's check. Lengths are over the arm's length, angles in rad.
 
     Attributes
     ----------
@@ -86,8 +86,8 @@ class Certificate:
     scheme : the integrator of the check
     tolerance : what equality, inequality and agreement are held to
     problem : why the check could not be made, if so
-    gaps_asked : least distance of the arm's surface from each thing that was asked about [m]
-    least_gaps : the distance asked for of these [m]
+    gaps_asked : least distance of the arm's surface from each body with a required clearance [m]
+    least_gaps : the required clearances [m]
     on_request : what is no part of the verdict: other gaps, the load factor
     units : of these by name: "L" of lengths over the arm's, "rad"
     """
@@ -115,7 +115,7 @@ class Certificate:
     def gaps(self) -> Mapping[str, float]:
         """The least distance of the arm's surface from each thing it can meet [m].
 
-        See model.clearance; found when it is asked for.
+        See model.clearance; computed on first access.
         """
         return {name: clearance.gap for name, clearance in self.on_request.clearances.items()}
 
@@ -126,7 +126,7 @@ class Certificate:
 
     @property
     def load_factor(self) -> float | None:
-        """Times its loads at which the arm yields, tensions held; found when it is asked for.
+        """Times its loads at which the arm yields, tensions held; computed on first access.
 
         Infinite if that is more than MOST_LOADS, None without loads.
         """
@@ -142,13 +142,13 @@ class Certificate:
 
     @property
     def too_near(self) -> Mapping[str, float]:
-        """By how much less than asked the arm is clear of things that were asked about [m]."""
+        """By how much gaps fall short of the clearance required, by name [m]."""
         missing = {name: least - self.gaps_asked[name] for name, least in self.least_gaps.items()}
         return {name: distance for name, distance in missing.items() if distance > 0}
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was not asked about and yet cannot be, a sentence each."""
+        """What was not required and yet is impossible or doubtful, a sentence each."""
         gaps = self.gaps.items()
         negative = [(name, gap) for name, gap in gaps if gap < 0 and name not in self.least_gaps]
         sentences = [
@@ -174,7 +174,7 @@ class Certificate:
 
     @property
     def attained(self) -> bool:
-        """Whether everything asked for is there: what has to be met, and the inequalities."""
+        """Whether the equalities and the inequalities of the targets are met."""
         return self.reached and min(self.inequality.values(), default=0.0) >= -self.tolerance
 
     @property
@@ -200,7 +200,7 @@ class Certificate:
 
     @property
     def lacks_stability(self) -> bool:
-        """Whether the arm stands, but less well than asked."""
+        """Whether the arm is stable, but below its margin."""
         return self.stability >= 0 and self.stability_margin - self.stability > self._stable
 
     @property

@@ -1,4 +1,4 @@
-"""The check of a plan by means that did not make it: initial value integration, looked at anew."""
+"""The check of a plan by another integrator than the one that found it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from planner.tendon_lengths import strokes
 _SHARPER = 1e-2
 # It begins from a mesh this much coarser than the shape's, and from no coarser one than the least:
 # what wrenches lack there is corrected to first order. Where that leaves the tip's pose farther off
-# than so many times what is asked of it, from that of the shape.
+# than so many times its accuracy, from that of the shape.
 _COARSER, _LEAST, _CLOSE = 2, 2, 10
 # Where along the arm gaps are looked at.
 _LOOKS = 2001
@@ -53,7 +53,7 @@ def certify(
     kkt: float,
     surroundings: Surroundings = NOTHING,
 ) -> Certificate:
-    """Verify the settled tensions by initial value integration, and look at everything anew.
+    """Verify the settled tensions by initial value integration, and evaluate targets and limits.
 
     `settled` returns the shape, ten times as accurate as the task.
     """
@@ -150,7 +150,7 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
             break
     places = [system.mesh.node(s) for s in stations]
     line = partial(Centreline.at_states, system, check.point.states)
-    # What touches is known to the equilibrium alone.
+    # The point does not tell which contacts are closed.
     least = stability(equilibrium if touching else check.point)
     return poses[places], poses[-1, 4:], check.error, least, line
 

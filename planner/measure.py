@@ -62,10 +62,9 @@ def compliances_along(
 
 
 def remark_on_slack(arm: Arm, targets: tuple[Target, ...], shape: Shape) -> str:
-    """Return how stiff what is asked for with lengths held is with slack tendons released.
+    """Return the stiffness of targets with lengths held when slack tendons are released.
 
-    A sentence that begins with a space; empty where no stiffness with lengths held is asked for, or
-    all tendons pull.
+    A sentence that begins with a space; empty without such targets, or where all tendons pull.
     """
     slack = np.flatnonzero(~pulls(arm, shape.tensions))
     pairs = [(item, item.compliance_request()) for item in targets]

@@ -31,7 +31,7 @@ class Facts:
     in_the_way : str
         What the plan without obstacles comes nearest to, where only obstacles hold it back.
     unstable : bool
-        Whether only shapes less stable than asked meet the targets.
+        Whether only shapes below the stability margin meet the targets.
     """
 
     certificate: Certificate
@@ -49,15 +49,15 @@ class Facts:
     def is_nearest(self) -> bool:
         """Whether what misses the targets is an optimum of how near it comes, and no worse one.
 
-        At least two initial guesses have to lead to it. It is not looked for in contact, nor found
-        where the search was stopped, or met the targets by unstable shapes.
+        At least two initial guesses have to lead to it. Searches in contact do not tell, nor those
+        that were stopped, or met the targets by unstable shapes.
         """
         looked_for = not self.stopped and self.certificate.complementarity is None
         return looked_for and not self.unstable and self.agreed > 1
 
 
 def sentence(facts: Facts) -> str:
-    """Return what happened to a plan in words, with what was not asked about and yet cannot be."""
+    """Return the outcome of a plan as a sentence, with the warnings of its certificate."""
     beware = "".join(f" Beware: {warning}." for warning in facts.certificate.warnings)
     return _happened(facts) + beware
 

@@ -1,4 +1,4 @@
-"""A plan: what is asked, checked; followed from a plan nearby or searched; and what it can do."""
+"""Plans: the question is checked, then a plan nearby is followed or a search made."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class Plan(Answer):
         )
 
     def save(self, path: str | Path) -> Path:
-        """Write the plan, its certificate and all that was asked to a .json file; see load_plan.
+        """Write the plan, its certificate and its question to a .json file; see load_plan.
 
         The file is there whole or not at all. Raises InputError for another suffix, where it cannot
         be written, and for targets, effects and paths that are not the project's own.
@@ -113,7 +113,7 @@ class Plan(Answer):
 class HeldPlan(Plan):
     """A plan for an arm in contact; see planner.contact.
 
-    Its load path is told in SearchResult; `shape.snaps` tells where the arm jumps at last.
+    SearchResult has its load path; `shape.snaps` tells where the arm jumps at last.
     """
 
     @cached_property
@@ -169,7 +169,7 @@ def plan(
 ) -> Plan:
     """Return the tensions of least effort that give an arm the shape that a target wants.
 
-    It may be called from several threads at once, as may all else here: what they share is built
+    It may be called from several threads at once, as all functions may: what they share is built
     once and not changed, and each solves in memory of its own. Their linear algebra takes turns, so
     that processes are faster.
 
@@ -274,9 +274,9 @@ def plan(
 def _with_turns(
     task: Task, wrap: Wrap, around: Surroundings, near: Plan | None, seconds: float | None
 ) -> Plan:
-    """Return the plan for a wrap whose part has to be found.
+    """Return the plan for a wrap whose length is free.
 
-    How long it is, is found beside what the arm may lean on, where that can be had.
+    The length is determined beside what the arm may lean on, where that is possible.
     """
     free, bodies = beside_contacts(task, around)
 

@@ -1,4 +1,4 @@
-"""What may be asked of a plan: form, targets and limits, checked together."""
+"""Checks of a planning question: statement, targets and limits."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from planner.program.statement import Statement, check_norm, check_solver
 from planner.program.terms import compliance_requests, pulling_tendons
 from planner.targets.base import Target
 
-# The stability that plans under loads have where it can be had, unless asked otherwise.
+# The default stability margin of plans under loads.
 MARGIN = 0.1
 _FORMS = ("condensed", "multiple-shooting")
 
@@ -30,7 +30,7 @@ def checked_limits(
     total_pull: float | None,
     strokes: tuple[Any, Any],
 ) -> Limits:
-    """Return the limits that are given, of strokes as (stroke_max, stroke_min); see plan."""
+    """Return the limits from arguments of plan, of strokes as (stroke_max, stroke_min)."""
     return Limits.of(arm, tension_max, tension_min, total_pull).with_strokes(arm, *strokes)
 
 
@@ -69,7 +69,7 @@ def stated(limits: Limits, norm: Any, solver: Any, margin: Any) -> Statement:
 
 
 def checked_starts(starts: int | None) -> int | None:
-    """Return how many initial guesses are asked for; InputError for what is no such number."""
+    """Return the number of initial guesses; InputError for what is no such number."""
     if starts is not None and (type(starts) is not int or starts < 1):
         raise InputError("starts", starts, "a whole number from 1")
     return starts

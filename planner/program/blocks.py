@@ -1,7 +1,7 @@
 """What the capabilities of a planner add to its program: blocks of unknowns, with equations.
 
 Behind the tensions, and what the objective adds to them, a program has the load factor, which is 1,
-then blocks: the states of the arm, and of each thing more that is asked of it. A block has as many
+then blocks: the states of the arm, and one for each further capability. A block has as many
 equations as unknowns, so that these follow from the tensions.
 """
 

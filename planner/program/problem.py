@@ -110,7 +110,7 @@ class Problem:
     def parameters(self, weight: float = REGULARISATION, defect: Array | None = None) -> Array:
         """Return the parameters of the program, by a weight of effort.
 
-        And for a defect of the mesh, none unless given; see planner.solve.refine.
+        And for a defect of the mesh, none by default; see planner.solve.refine.
         """
         values = [self.unit.max(), self.limits.total or 0.0, weight]
         numbers = self.program.numbers(self.forward.system, self.directions)
@@ -187,7 +187,7 @@ class Problem:
 
     def carried(self, x: Array, of: Problem) -> Array:
         """Return the unknowns of this mesh for unknowns x of the same problem on another."""
-        states = self.forward.carried(of.tensions(x), of.known(x))
+        states = self.forward.carried(of.tensions(x), of.linearised(x))
         return self.closed(x[: of.n_free], states)
 
     def closed(self, a: Array, states: Array, numbers: Array | None = None) -> Array:
@@ -210,7 +210,7 @@ class Problem:
             x[linear] = -factorised(own).solve(point.g[rows])
         for mode in program.modes:
             at = program.place_of(mode)
-            x[at] = mode.at(self.known(x)) / self.scale_of(at)
+            x[at] = mode.at(self.linearised(x)) / self.scale_of(at)
         if self.n_slack:
             slack = np.maximum(-self.constraints(x, p)[program.objective.slack_rows], 0.0)
             x[self.n_free - self.n_slack : self.n_free] += slack
@@ -230,7 +230,7 @@ class Problem:
         """Return the states (n_states,) in unknowns x."""
         return np.asarray(x[self._states] * self.scale_of(self._states))
 
-    def known(self, x: Array) -> Linearised:
+    def linearised(self, x: Array) -> Linearised:
         """Return the equations at the tensions and states in unknowns x."""
         system = self.forward.system
         return Linearised(system, system.x(self.tensions(x), 1.0, self.states_of(x)))
@@ -264,7 +264,7 @@ class Problem:
         if not is_loaded(self.scene):
             return np.inf
         try:
-            return stability(self.known(x))
+            return stability(self.linearised(x))
         except (OctoplanError, np.linalg.LinAlgError):
             return -np.inf
 

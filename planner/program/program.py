@@ -48,7 +48,7 @@ class Parts(NamedTuple):
 
     Attributes
     ----------
-    given : slice
+    objective : slice
         Numbers of the objective.
     unit : slice
         What one unit of each tension is worth [N].
@@ -62,7 +62,7 @@ class Parts(NamedTuple):
         By how much what is measured on the mesh is off, see planner.solve.refine.
     """
 
-    given: slice
+    objective: slice
     unit: slice
     force: slice
     numbers: slice
@@ -192,7 +192,7 @@ class Program:
     @cached_property
     def _measured(self) -> ca.MX:
         """What is measured, one below the other: see `measured`."""
-        numbers = self.p[self.parts.given][: self.objective.n_own]
+        numbers = self.p[self.parts.objective][: self.objective.n_own]
         directions = self.objective.terms.directions.call([numbers])
         measured = [ca.vec(self.states.poses(self._in_SI(self.states)))]
         for responses, D in zip(self.responses, directions, strict=True):
@@ -208,7 +208,7 @@ class Program:
     @cached_property
     def _stated(self) -> tuple[ca.MX, ca.MX]:
         """The objective, and the constraints besides the equations."""
-        objective, x, numbers = self.objective, self.x, self.p[self.parts.given]
+        objective, x, numbers = self.objective, self.x, self.p[self.parts.objective]
         n, slack = self.states.of.n_tendons, self.n_free - objective.n_slack
         measured = self._measured + self.p[self.parts.defect]
         poses, compliances, eigenvalues, lengths = split(measured, self.measured)

@@ -107,7 +107,7 @@ _QUIET: Options = {
 }
 # What takes longer is lost: another initial guess is cheaper.
 COLD: Options = {"max_iter": 60, "mu_init": 0.1, "bound_push": 5e-3, "bound_frac": 5e-3}
-# What is found is polished. A barrier parameter that follows the iterates takes a quarter fewer of
+# Optima are polished later. A barrier parameter that follows the iterates takes a quarter fewer of
 # them.
 _ROUGH: Options = {"mu_strategy": "adaptive", "tol": 1e-6, "constr_viol_tol": 1e-6}
 # Of several programs side by side, where no other guess is cheaper: from an optimum of each by

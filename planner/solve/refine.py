@@ -1,7 +1,7 @@
-"""From an optimum of a coarse mesh to one whose settled shape is as accurate as asked, warm.
+"""From an optimum of a coarse mesh to one whose settled shape meets the accuracy, warm.
 
 A program on a coarse mesh has its optimum at a shape whose poses are off by the mesh's error d.
-With d, which the shape settled to the accuracy asked for tells, added to what the program measures
+With d, known from the shape settled to the accuracy, added to what the program measures
 (poses at the stations, compliances, eigenvalues, lengths), it is solved once more, warm; then the
 settled shape meets the targets. d changes little from one solution to the next, so that one or two
 corrections do. What is left of the mesh's error is in derivatives: the effort is off by its square.
@@ -103,7 +103,7 @@ def settled_on(problem: Problem, candidate: Candidate) -> Candidate:
 
     Strains that are interpolated alone are in none, and the defect would be theirs.
     """
-    x = problem.settled(candidate.tensions, candidate.problem.known(candidate.x))
+    x = problem.settled(candidate.tensions, candidate.problem.linearised(candidate.x))
     point = Point(problem, x, problem.parameters())
     lam_x, lam_g = point.extended(*candidate.multipliers)
     return replace(candidate, problem=problem, x=x, lam_x=lam_x, lam_g=lam_g)

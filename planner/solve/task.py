@@ -22,13 +22,13 @@ from planner.program.terms import pulling_tendons, terms_of
 from planner.solve.ipopt import Candidate
 from planner.targets.base import Target
 
-# Initial guesses at most, unless a number is asked for.
+# Initial guesses at most by default.
 MOST = 14
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What is asked of a search.
+    """The question of a search.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Task:
 
     @cached_property
     def _problems(self) -> dict[Statement, Problem]:
-        """The programs that were asked for."""
+        """The programs by their statements."""
         return {}
 
     def coarse(self, mode: Mode) -> Statement:
@@ -126,7 +126,7 @@ class SearchResult:
         Whether the time limit ended the search: these are the best tensions it had come to.
     jump : float
         How far the tensions are from those of the plan that was to be followed, over their norm,
-        where its branch was left; 0 where it was not, or none was given.
+        where its branch was left; 0 elsewhere, and without one.
     lost : float
         By what fraction of the effort the coarse mesh of the search had a cheaper optimum that was
         lost on finer ones; 0 if none.
@@ -134,7 +134,7 @@ class SearchResult:
         The obstacle that the plan without obstacles comes nearest to, where only obstacles keep the
         targets from being met; empty else.
     unstable : bool
-        Whether the search met the targets by shapes less stable than asked alone.
+        Whether only shapes below the stability margin meet the targets.
     load_path : tuple of (n_tendons,)
         Of an arm in contact, tensions by which it comes to the shape: from rest tensions and loads
         grow in proportion to the first, then they change in straight lines to the next and to the
