@@ -57,21 +57,24 @@ class Touch:
     slip: Array = field(default_factory=lambda: np.zeros(3))
 
 
-def touches_of(point: Linearised, before: Linearised | None = None) -> tuple[Touch, ...]:
-    """Return what an arm leans on in an equilibrium, or next to one, from base to tip.
+def touches_of(
+    point: Linearised, before: Linearised | None = None, shifted: bool = False
+) -> tuple[Touch, ...]:
+    """Return what an arm leans on in an equilibrium, from base to tip.
 
-    With friction of contacts it slipped since the equilibrium before.
+    With friction of contacts it slipped since the equilibrium before. Next to an equilibrium points
+    are `shifted` along the arm from their nodes.
     """
     system, states = point.system, point.states
     touches, bodies, length = Touches.of(system), contacts(system.scene), system.arm.length
-    nodes, numbers = np.nonzero(touches.some)
+    nodes, numbers = np.nonzero(touches.touching)
     if not nodes.size:
         return ()
     s = system.mesh.s[nodes]
     places, values = system.poses(states)[nodes, 4:], second(system, states)[nodes, numbers]
-    moves = touches.moves[nodes, numbers] > 0
-    if moves.any():
-        places[moves] += values[moves, None] * tangents(point, s[moves])
+    if shifted:
+        shifts = values * touches.moves[nodes, numbers]
+        places += shifts[:, None] * tangents(point, s)
     slipped = 0 * places if before is None else places - positions(before, s)
     all_distances, all_normals = distances(numbers_of([body.obstacle for body in bodies]), places)
     each = np.arange(nodes.size)

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy
 
-from model.contact.touches import Touches, told
+from model.contact.touches import Touches, kernel_numbers
 from model.cross_section.law import kinematics
 from model.equilibrium.integration import poses_and_strains
 from model.equilibrium.linearised import Index, Linearised
@@ -46,7 +46,9 @@ def tangents(point: Linearised, s: Array) -> Array:
 
 def set_history(system: System, before: Linearised) -> None:
     """Set where the nodes of a system were, which the kernels of friction read."""
-    told(system, "contact_friction")[:, :, -BEFORE:] = positions(before, system.mesh.s[1:])[:, None]
+    kernel_numbers(system, "contact_friction")[:, :, -BEFORE:] = positions(
+        before, system.mesh.s[1:]
+    )[:, None]
 
 
 def path_sensitivities(path: Path) -> Array:
@@ -67,7 +69,7 @@ def _by_history(before: Linearised, earlier: Array, point: Linearised, by_step: 
     arm looks back to another station of it, by the angle between the arm's tangents then and now.
     """
     system, touches = point.system, Touches.of(point.system)
-    nodes = np.flatnonzero(touches.some.any(axis=1))
+    nodes = np.flatnonzero(touches.touching.any(axis=1))
     if not nodes.size:
         return np.zeros_like(by_step)
     s, places = system.mesh.s[nodes], before.system.of.nodes[:, 4:7]
@@ -94,7 +96,7 @@ def _by_positions(point: Linearised, nodes: Index) -> Array:
         for sign in (1, -1):
             changed = copy.copy(point.system)
             changed.p = point.system.p.copy()
-            told(changed, "contact_friction")[:, :, axis - BEFORE] += sign * step
+            kernel_numbers(changed, "contact_friction")[:, :, axis - BEFORE] += sign * step
             slope = sign * changed.residual(point.x)[rows] / (2 * step)
             right[rows, np.arange(nodes.size)[:, None], axis] += slope
     return -point.solve(np.asfortranarray(right.reshape(of.n_states, -1)))

@@ -11,7 +11,7 @@ import copy
 import numpy as np
 
 from model.centreline import Centreline
-from model.contact.touches import Touches, forces, told
+from model.contact.touches import Touches, forces, kernel_numbers
 from model.effects import NeoHookean
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import CLOSE, KEPT, TURN, step_sizes
@@ -94,7 +94,7 @@ def _widened(system: System, states: Array) -> System:
     widened = copy.copy(system)
     widened.p = system.p.copy()
     radius = np.asarray(system.arm.outer_radius(system.mesh.s[1:])[0])
-    told(widened, "touch")[:, :, SIZE] = (
+    kernel_numbers(widened, "touch")[:, :, SIZE] = (
         radius[:, None] * np.sqrt(np.maximum(before / beyond, 1.0))[:, None]
     )
     return widened

@@ -19,6 +19,7 @@ from model.arm import Arm
 from model.centreline import Centreline
 from model.clearance.nearest import ITSELF, clearances
 from model.contact.contacts import Touch
+from model.contact.gaps import THROUGH
 from model.contact.path import stepped
 from model.effects import NeoHookean, PointLoad
 from model.errors import OctoplanError, UnsettledContactError
@@ -28,11 +29,11 @@ from model.scene import Scene
 from model.shape import Shape
 from model.time_limit import before_long, check_time
 
-# First, least and longest step in the load factor of the tensions; positions looked at in a step.
-_STEPS, _SAMPLES = (1 / 4, 1 / 1024, 1 / 4), 200
-# Penetration that is allowed when a pair begins, over the lesser radius, and when it is closed,
-# over the length; how far apart arc lengths are another pair's, over the length.
-_DEEP, _THROUGH, _OTHER = 0.5, 1e-9, 0.03
+# First, least and longest step in the load factor of the tensions.
+_STEPS = 1 / 4, 1 / 1024, 1 / 4
+# Penetration that is allowed when a pair begins, over the lesser radius; how far apart arc lengths
+# are another pair's, over the length.
+_DEEP, _OTHER = 0.5, 0.03
 # How often pairs come and go at one load factor; residuals of a root, scaled.
 _CHANGES, _ROOT = 8, 2e-10
 # Steps of differences: along the arm, over its length; of scaled unknowns; of a lateral force, over
@@ -272,7 +273,7 @@ class _LoadPath:
 
 def _passes(before: Shape, after: Shape) -> bool:
     """Return whether parts that were apart may be deep in each other, or beyond."""
-    L, s = after.arm.length, np.linspace(0.0, after.arm.length, _SAMPLES + 1)[1:]
+    L, s = after.arm.length, after.s[1:]
     far = float(np.linalg.norm(after.position(s) - before.position(s), axis=1).max())
     deep = _DEEP * float(after.arm.outer_radius(s)[0].min())
     apart = max(nearest_pair(before)[1], 0.0)
@@ -283,4 +284,4 @@ def _is_new(pair: Pair, pairs: Sequence[Pair], shape: Shape) -> bool:
     """Return whether a pair of cross-sections that are inside of each other is a new one."""
     L = shape.arm.length
     is_old = any(np.abs(other.s - pair.s).max() < _OTHER * L for other in pairs)
-    return not is_old and Gap.at(shape, pair.s).size < -_THROUGH * L
+    return not is_old and Gap.at(shape, pair.s).size < -THROUGH * L

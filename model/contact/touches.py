@@ -87,9 +87,9 @@ class Touches:
     def of(cls, system: System) -> Touches:
         """Return those that are set on a system."""
         touches = cls.none(system)
-        touches._flags[1:] = told(system, "touch")[:, :, -TOLD:]
+        touches._flags[1:] = kernel_numbers(system, "touch")[:, :, -TOLD:]
         if system.of.form.pressed:
-            touches.lies[:] = told(system, "pressure")[:, :, -1]
+            touches.lies[:] = kernel_numbers(system, "pressure")[:, :, -1]
         return touches
 
     @property
@@ -98,7 +98,7 @@ class Touches:
         return np.asarray(self.held > self.end)
 
     @property
-    def some(self) -> Mask:
+    def touching(self) -> Mask:
         """Whether nodes touch (N + 1, K)."""
         return np.asarray(self.held + self.inside > 0)
 
@@ -111,18 +111,18 @@ class Touches:
         """Return a system with these touches set."""
         changed = copy.copy(system)
         changed.p = system.p.copy()
-        told(changed, "touch")[:, :, -TOLD:] = self._flags[1:]
+        kernel_numbers(changed, "touch")[:, :, -TOLD:] = self._flags[1:]
         if system.of.form.pressed:
-            told(changed, "pressure")[:, :, -1] = self.lies
+            kernel_numbers(changed, "pressure")[:, :, -1] = self.lies
         if system.of.form.contact_friction:
             first = self.end * np.vstack([self.lies, np.zeros_like(self.lies[:1])])
             flags = [self.held, self.inside, self.end - first, first, self.moves]
-            rows = told(changed, "contact_friction")
+            rows = kernel_numbers(changed, "contact_friction")
             rows[:, :, -BEFORE - FRICTION_TOLD : -BEFORE] = np.stack(flags, axis=2)[1:]
         return changed
 
 
-def told(system: System, kernel: str) -> Array:
+def kernel_numbers(system: System, kernel: str) -> Array:
     """Return the numbers (N, K, n) of a kernel of contact, as a view of those of a system."""
     numbers = system.p[system.of.equations.numbers_of(kernel)]
     return numbers.reshape(system.of.elements, system.of.form.contacts, -1)

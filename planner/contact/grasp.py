@@ -85,13 +85,11 @@ class Grasp:
 
     @cached_property
     def bases(self) -> Array:
-        """Two directions across each normal (k, 3, 2)."""
-        bases = np.zeros((len(self.normal), 3, 2))
-        for i, (n, axis) in enumerate(zip(self.normals, axes_across(self.normals), strict=True)):
-            a = np.cross(n, axis)
-            a /= np.linalg.norm(a)
-            bases[i] = np.column_stack([a, np.cross(n, a)])
-        return bases
+        """Two directions across each normal (k, 3, 2), by the axis that is farthest from it."""
+        axes = np.eye(3)[np.argmin(np.abs(self.normals), axis=1)]
+        first = np.cross(self.normals, axes)
+        first /= np.linalg.norm(first, axis=1)[:, None]
+        return np.stack([first, np.cross(self.normals, first)], axis=2)
 
     def left(self, tangential: Array) -> Array:
         """Return the wrench that is left with tangential forces (k, 3): 0 if they balance."""
@@ -164,11 +162,6 @@ class Grasp:
         ).solve()
         solved = str(solution.status) in ("Solved", "AlmostSolved", "InsufficientProgress")
         return np.array(solution.x) if solved else None
-
-
-def axes_across(normals: Array) -> Array:
-    """Return of the axes of the base frame those (k, 3) that are farthest from normals (k, 3)."""
-    return np.asarray(np.eye(3)[np.argmin(np.abs(normals), axis=1)])
 
 
 def grips_of(shape: Shape, hold: Hold) -> tuple[Grip, ...]:

@@ -76,6 +76,8 @@ class Optimum:
     optimality : Optimality
     least : float
         The stability that it was constrained to; 0 without.
+    load_path : LoadPath or None
+        What leads to it, its own tensions left out; None where nothing is known to.
     """
 
     point: Linearised
@@ -83,11 +85,12 @@ class Optimum:
     violation: float
     optimality: Optimality
     least: float
+    load_path: LoadPath | None = None
 
     @property
-    def effort(self) -> float:
-        """Root of the sum of squared tensions [N]."""
-        return float(np.linalg.norm(self.point.tensions))
+    def cost(self) -> tuple[bool, float, float]:
+        """What is compared: that no load path leads there, its violation, its effort [N]."""
+        return self.load_path is None, self.violation, float(np.linalg.norm(self.point.tensions))
 
 
 def optimum(
@@ -177,7 +180,7 @@ class Program:
         return ca.Function("terms", [poses, numbers], [*rows, *jacobians])
 
     def _grasps(self, point: Linearised) -> list[Grasp]:
-        touches = touches_of(point) if self._holds else ()
+        touches = touches_of(point, shifted=True) if self._holds else ()
         return [Grasp.of(self.task.arm, touches, hold) for hold in self._holds]
 
     def touching(self, point: Linearised) -> list[int]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -69,19 +70,6 @@ def check_holds(targets: tuple[Target, ...], scene: Scene) -> None:
             raise InputError("Hold.obstacle", target.obstacle, allowed)
 
 
-@dataclass(frozen=True, eq=False)
-class Local:
-    """A local optimum, and the load path that leads to it; None where none is known."""
-
-    optimum: Optimum
-    load_path: LoadPath | None
-
-    @property
-    def cost(self) -> tuple[bool, float, float]:
-        """What is compared: that no load path leads there, its violation, its effort."""
-        return self.load_path is None, self.optimum.violation, self.optimum.effort
-
-
 class ContactSearch:
     """The search for the least tensions of an arm in contact.
 
@@ -91,7 +79,7 @@ class ContactSearch:
 
     def __init__(self, task: Task, begin: LoadPath | None = None) -> None:
         self.task, self.begin, self.equilibria = task, begin, Equilibria(task)
-        self.optima = list[Local]()
+        self.optima = list[Optimum]()
 
     def run(self, seconds: float | None) -> SearchResult:
         """Return the best optimum from the guesses, or the best so far after so long."""
@@ -101,7 +89,7 @@ class ContactSearch:
                 self._slide() if rubs(self.task.scene) else self._search()
             except OutOfTime:
                 stopped = True
-        return self._result(min(self.optima, key=lambda local: local.cost, default=None), stopped)
+        return self._result(min(self.optima, key=lambda end: end.cost, default=None), stopped)
 
     def _slide(self) -> None:
         """Find optima against friction, by what the targets take without.
@@ -121,30 +109,31 @@ class ContactSearch:
         for factor in _SLID[: self.task.starts]:
             with suppress(OctoplanError):
                 start = np.maximum(T + factor * (free - T), low)
-                self.optima.append(Local(optimum(self.equilibria, point, start), self.begin))
+                end = optimum(self.equilibria, point, start)
+                self.optima.append(replace(end, load_path=self.begin))
 
     def _search(self) -> None:
         """Find optima until two agree on the best, or there are as many as are asked for."""
         nearby = [] if self.begin is None else [self.begin]
         from_rest = ((tuple(T.tolist()),) for T in guesses(self.task, self.equilibria))
-        for tried, load_path in enumerate((*nearby, *from_rest), 1):
+        for tried, load_path in enumerate(chain(nearby, from_rest), 1):
             tell("initial guesses", tried - 1, self.task.most)
             with suppress(OctoplanError):
                 self.optima.append(self._from(load_path))
-            met = sorted(local.optimum.effort for local in self.optima if not any(local.cost[:2]))
+            met = sorted(end.cost[2] for end in self.optima if not any(end.cost[:2]))
             agreed = len(met) > 1 and met[1] < met[0] * (1 + _SAME)
             followed = self.begin is not None and tried == len(met) == 1
             if followed or (agreed and self.task.starts is None) or tried == self.task.most:
                 return
 
-    def _from(self, load_path: LoadPath) -> Local:
+    def _from(self, load_path: LoadPath) -> Optimum:
         """Return the optimum that a load path leads to; raises what settling does."""
         margin, begin = self.task.statement.margin, self.equilibria.along(load_path)
         end = optimum(self.equilibria, begin)
         at_end = stability(end.point)
         if at_end < max(margin, _FLOOR) and (end.violation or at_end < max(margin * _CLOSE, 0.0)):
             end = optimum(self.equilibria, begin, least=max(margin, _FLOOR))
-        return Local(end, self._way_to(end, load_path))
+        return replace(end, load_path=self._way_to(end, load_path))
 
     def _way_to(self, end: Optimum, load_path: LoadPath) -> LoadPath | None:
         """Return the shortest load path to an optimum: from rest, by the guess, by all steps."""
@@ -156,11 +145,10 @@ class ContactSearch:
                     return way
         return None
 
-    def _result(self, best: Local | None, stopped: bool) -> SearchResult:
+    def _result(self, best: Optimum | None, stopped: bool) -> SearchResult:
         """Return what is told of the best; of where the search began where there is none."""
-        ends = [local.optimum for local in self.optima]
-        trials = tuple(Trial(end.effort, not end.violation, 0) for end in ends)
-        exact = best is not None and not best.optimum.violation
+        trials = tuple(Trial(end.cost[2], not end.violation, 0) for end in self.optima)
+        exact = best is not None and not best.violation
         statement = self.task.statement.but(
             mode="exact" if exact else "nearest", refinement=REFINEMENT
         )
@@ -168,12 +156,12 @@ class ContactSearch:
             *before, last = self.begin or (self.task.allowed.lower,)
             T = self.task.arm.by_section(np.array(last))
             return SearchResult(statement, T, (), (), trials, stopped, load_path=tuple(before))
-        end = best.optimum
-        lam_g = (end.optimality.lam_stability,) if end.least else ()
-        statement = statement.but(modes=int(end.least > 0), floor=end.least or statement.floor)
+        lam_x = tuple(best.optimality.lam_bounds.tolist())
+        lam_g = (best.optimality.lam_stability,) if best.least else ()
+        statement = statement.but(modes=int(best.least > 0), floor=best.least or statement.floor)
         low, high = np.array(self.task.allowed.lower), np.array(self.task.allowed.upper)
-        T = self.task.arm.by_section(np.clip(end.point.tensions, low, high))
-        lam_x, way = tuple(end.optimality.lam_bounds.tolist()), best.load_path or ()
+        T, way = np.clip(best.point.tensions, low, high), best.load_path or ()
+        T = self.task.arm.by_section(T)
         return SearchResult(statement, T, lam_x, lam_g, trials, stopped, load_path=way)
 
 

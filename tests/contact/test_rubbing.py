@@ -164,7 +164,7 @@ def strip(refinement: int) -> Capstan:
     here = rough.led(np.full(4, PULL), rest).point
     system, states = here.system, here.states
     touches = Touches.of(system)
-    k = np.flatnonzero(touches.some[:, 0])
+    k = np.flatnonzero(touches.touching[:, 0])
     N, Q = resultants(system, states)[k, 0], frictions(system, states)[k, 0]
     assert np.linalg.norm(Q, axis=1) == pytest.approx(MU * N, rel=1e-9)
     places = system.poses(states)[:, 4::2]
