@@ -160,7 +160,7 @@ def strip(refinement: int) -> Capstan:
         TouchingMap(arm, Scene(*own, Contact(cylinder, friction=mu)), 3, refinement)
         for mu in (0.0, MU)
     )
-    rest = smooth.equilibrium(NONE)
+    rest = smooth.solve(NONE)
     here = rough.led(np.full(4, PULL), rest).point
     system, states = here.system, here.states
     touches = Touches.of(system)
@@ -283,7 +283,7 @@ def test_a_place_that_slips_moves_with_tensions_as_all_of_its_way_does() -> None
     scene = Scene(Extension(), ExactTendons(), Contact(rod, friction=MU))
     arm, T = bar(0.3, 0.006, 2e5), np.array([0.1, 0.8, 0.0, 0.0])
     rough, smooth = (TouchingMap(arm, own, STAGES, 1) for own in (scene, without_friction(scene)))
-    rest = smooth.equilibrium(NONE)
+    rest = smooth.solve(NONE)
 
     def way(tensions: np.ndarray) -> Continuation:
         return rough.led(tensions, rest, False)

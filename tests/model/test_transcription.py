@@ -45,7 +45,7 @@ EVERYTHING = Scene(*Scene.silicone().effects, *WATER, *STREAM, Shear(), Friction
 @pytest.mark.parametrize("name", ["paper in water", "silicone in water", "stream", "point load"])
 def test_the_error_of_the_tip_falls_with_twice_the_number_of_stages(name: str, stages: int) -> None:
     def tip(stages: int, refinement: int) -> Array:
-        return Collocation(ARM, SCENES[name], stages, refinement).equilibrium(PULLS).poses[-1]
+        return Collocation(ARM, SCENES[name], stages, refinement).solve(PULLS).poses[-1]
 
     best = tip(3, 32)
     gaps = np.array([tip(stages, refinement) - best for refinement in (2, 4, 8)])
