@@ -21,19 +21,29 @@ import numpy as np
 from model.arm import Arm
 from model.contact.forward import TouchingMap
 from model.equilibrium.linearised import Equilibrium, Linearised
-from model.equilibrium.newton import NEAR, Collocation, newton
+from model.equilibrium.newton import (
+    CLOSE,
+    NEAR,
+    STAGES,
+    Collocation,
+    carried_strains,
+    newton,
+    step_sizes,
+)
 from model.errors import CollapsedError, UnsettledSectionError
 from model.forward import ForwardMap, equilibrium_on
-from model.least_energy import ROUNDS, STAGES, LeastEnergy, Minimum
+from model.least_energy import ROUGH, ROUNDS, SHARP, LeastEnergy
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
 from model.shortest import refuse, unknown_least
 from model.time_limit import check_time
-from model.transcription.system import system
+from model.transcription.system import System, system
 from model.unloaded.marched import Lengths, tendon_lengths
 from model.winches import ROUNDING, Winches, least, slackened
 
+# Stages of the elements on which the least energy is sought.
+_STAGES = 2
 # What lengths may be off over the arm's length on meshes that are not the last one.
 _ON_THE_WAY = 1e-9
 # Newton steps; that one is the last which changes tensions by no more than this share, or which
@@ -63,19 +73,27 @@ class AtLengths(Protocol):
         """How these change with the tensions (n_tendons, n_tendons) [m/N]."""
 
 
-def least_by_lengths(program: LeastEnergy, winches: Winches) -> Iterator[Minimum]:
-    """Yield the least energy by lengths, from rest, as far as it is found.
+def least_by_lengths(
+    arm: Arm, scene: Scene, winches: Winches, machine_code: bool
+) -> Iterator[tuple[System, Array, Array]]:
+    """Yield tensions [N] and strains of the least energy by lengths, from rest, on a coarse mesh.
 
-    Where forces have no potential first as if they had, which is as good as any to begin with where
-    they are small; then with these forces updated until they stay. Raises InputError where no shape
-    has the lengths, naming the tendon that is farthest from it.
+    Tensions (n_tendons,) of slack tendons are 0; strains are at the stages of the system. First a
+    rough one, in which forces without a potential are left out; then one so sharp that it tells
+    tendons that are slack by little, with these forces updated until they stay. Raises InputError
+    where no shape has the lengths, naming the tendon that is farthest from it.
     """
-    for rounds in (1,) if program.conservative else (1, ROUNDS):
-        result = program.least(program.at_rest(), winches.tensions, 1.0, winches, rounds)
-        if result is None and program.conservative:
-            refuse(program, winches)
-        if result is not None:
-            yield result
+    mesh = 1, (), is_loaded(scene), machine_code
+    program = LeastEnergy(system(arm, scene, _STAGES, *mesh))
+    for rounds, tolerance in ((1, ROUGH), (ROUNDS, SHARP)):
+        rest = program.at_rest()
+        minimum = program.least(rest, winches.tensions, 1.0, winches, rounds, tolerance)
+        if minimum is None and program.conservative:
+            refuse(LeastEnergy(system(arm, scene, STAGES, *mesh)), winches)
+        if minimum is not None:
+            left = winches.lacks(program.lengths(minimum), minimum.tensions)
+            tensions = slackened(minimum.tensions, left, winches, arm)
+            yield program.system, tensions, program.strains(minimum)
 
 
 _At = TypeVar("_At", bound=AtLengths)
@@ -86,7 +104,7 @@ class UnloadedLengths:
 
     def __init__(self, arm: Arm, scene: Scene, winches: Winches, machine_code: bool) -> None:
         self._lengths, self.winches = tendon_lengths(arm, scene, machine_code), winches
-        self._arm, self._system = arm, system(arm, scene, STAGES, 1, (), False, machine_code)
+        self._of = arm, scene, winches, machine_code
         self._crushed: CollapsedError | None = None
 
     def tensions(self, near: Array | None = None) -> Array:
@@ -94,7 +112,7 @@ class UnloadedLengths:
 
         Raises CollapsedError where steps towards the lengths crush the arm.
         """
-        arm, winches = self._arm, self.winches
+        arm, winches = self._of[0], self.winches
         if not winches.tensions.any():
             left = winches.lacks(self._lengths(0 * winches.tensions).lengths, 0 * winches.tensions)
             if left[winches.held].min() >= -ROUNDING * arm.length:
@@ -109,9 +127,8 @@ class UnloadedLengths:
     def _begins(self, near: Array | None) -> Iterator[Lengths]:
         if near is not None:
             yield self._lengths(np.where(self.winches.held, near, self.winches.tensions))
-        program = LeastEnergy(self._system)
-        for minimum in least_by_lengths(program, self.winches):
-            yield self._lengths(about(program, minimum, self.winches))
+        for _, tensions, _ in least_by_lengths(*self._of):
+            yield self._lengths(tensions)
 
     def _beside(self, at: Lengths, tensions: Array) -> Lengths | None:
         try:
@@ -124,16 +141,12 @@ class UnloadedLengths:
         return result
 
 
-def about(program: LeastEnergy, least: Minimum, winches: Winches) -> Array:
-    """Return the tensions (n_tendons,) of a least energy by lengths [N], 0 of slack tendons."""
-    left = winches.lacks(program.lengths(least), least.tensions)
-    return slackened(least.tensions, left, winches, program.system.arm)
-
-
 def equilibrium_beside(at: Linearised, tensions: Array) -> Linearised | None:
     """Return the equilibrium under tensions near those of another; None where there is none."""
-    states = at.states + at.by_tensions @ (tensions - at.tensions)
-    return newton(at.system, tensions, float(at.x[at.system.of.n_tendons]), states)
+    change = at.by_tensions @ (tensions - at.tensions)
+    is_close = step_sizes(at.system, change, at.states)[1] < CLOSE
+    load, states = float(at.x[at.system.of.n_tendons]), at.states + change
+    return newton(at.system, tensions, load, states, near=at if is_close else None)
 
 
 def tightened(
@@ -287,10 +300,10 @@ class GivenLengths:
         if isinstance(forward, TouchingMap):
             yield forward.by_lengths(self.winches)
             return
-        program = LeastEnergy(forward.system)
-        for minimum in least_by_lengths(program, self.winches):
-            T = about(program, minimum, self.winches)
-            yield newton(forward.system, T, 1.0, program.states(minimum))
+        of = self.arm, self.scene, self.winches, self.machine_code
+        for coarse, T, v in least_by_lengths(*of):
+            strains = carried_strains(coarse, v, forward.system)
+            yield newton(forward.system, T, 1.0, forward.system.start(T, strains, 1.0))
 
     @cached_property
     def _unloaded(self) -> Array:

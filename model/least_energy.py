@@ -113,12 +113,12 @@ def longer() -> Kernel:
 
 
 LOG = logging.getLogger(__name__)
-STAGES = 3
+
+# Residuals that are left, in the units of the program: of what is a solution, and of a guess.
+SHARP, ROUGH = 1e-9, 1e-4
 _IPOPT: dict[str, Any] = {
     "print_level": 0,
     "sb": "yes",
-    "tol": 1e-9,
-    "constr_viol_tol": 1e-10,
     "max_iter": 100,
     "bound_relax_factor": 0.0,
     "mu_strategy": "adaptive",
@@ -257,15 +257,17 @@ class LeastEnergy:
         load: float = 1.0,
         winches: Winches | None = None,
         rounds: int = ROUNDS,
+        tolerance: float = SHARP,
     ) -> Minimum | None:
         """Return the least energy near a start; None where none is found.
 
         Under `tensions` (n_tendons,) of the tendons that no winch holds, and a load factor.
-        Nonconservative forces are updated in so many `rounds` at most.
+        Nonconservative forces are updated in so many `rounds` at most; `tolerance` is SHARP or
+        ROUGH.
         """
         point = near
         for _ in range(1 if self.conservative else rounds):
-            after = self._minimum(point, tensions, load, winches)
+            after = self._minimum(point, tensions, load, winches, tolerance)
             if after is None or self.conservative:
                 return after
             residual = self.system.residual(
@@ -279,7 +281,12 @@ class LeastEnergy:
         return point
 
     def _minimum(
-        self, near: Minimum, tensions: Array, load: float, winches: Winches | None
+        self,
+        near: Minimum,
+        tensions: Array,
+        load: float,
+        winches: Winches | None,
+        tolerance: float,
     ) -> Minimum | None:
         of, F, L, K = self.of, self.force_unit, self.system.arm.length, len(self._bodies)
         n, nT, poses, inf = of.n_states, of.n_tendons, POSE * of.elements, np.inf
@@ -303,7 +310,7 @@ class LeastEnergy:
         low[:POSE] = high[:POSE] = base_pose(self.system.arm) / self._unit[:POSE]
         low[n:], high[n:] = 0.0, np.where(stretches, inf, 0.0)
         lengths = np.full(nT, inf) if winches is None else np.where(held, winches.lengths / L, inf)
-        gaps, solver = np.zeros(of.elements * K), _solver(of, K)
+        gaps, solver = np.zeros(of.elements * K), _solver(of, K, tolerance)
         g_low = np.concatenate([np.zeros(poses), np.full(nT, -inf), gaps])
         g_high = np.concatenate([np.zeros(poses), lengths, gaps + inf])
         p = np.concatenate([np.ravel(part, "F") for part in (*energy, *rows)])
@@ -361,7 +368,7 @@ def _rows(of: Layout, obstacles: int) -> Equations:
 
 
 @lru_cache(maxsize=32)
-def _solver(of: Layout, obstacles: int) -> Buffered:
+def _solver(of: Layout, obstacles: int, tolerance: float) -> Buffered:
     """Return ipopt for a structure, numbers left open.
 
     It takes x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0; p are the numbers of energy and rows.
@@ -395,7 +402,7 @@ def _solver(of: Layout, obstacles: int) -> Buffered:
             ["x", "p", "lam:f", "lam:g"],
             ["triu:hess:gamma:x:x"],
         ),
-        "ipopt": _IPOPT,
+        "ipopt": {**_IPOPT, "tol": tolerance, "constr_viol_tol": tolerance / 10},
     }
     return Buffered(
         ca.nlpsol("least_energy", "ipopt", {"x": z, "p": p, "f": value, "g": rows}, options)
