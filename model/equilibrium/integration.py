@@ -107,6 +107,8 @@ class Integration:
         begin = states[of.nodes[self._elements, : of.node_size - of.touching]]
         wrenches = slice(POSE, POSE + of.form.wrench)
         begin[:, wrenches] = self._system.wrenches_beyond(self._x)[self._elements]
+        if not self._form.loaded:
+            v = self._without_wrench(v)
         for _ in range(_PASSES):
             self._linearise(v)
             y, result = begin, np.empty_like(v)
@@ -117,6 +119,12 @@ class Integration:
                 return y, result[0]
             v = result
         return np.full_like(begin, np.nan), v[0]
+
+    def _without_wrench(self, v: Array) -> Array:
+        """Return the strains (..., P, n) near v where tendons alone act: nothing couples them."""
+        at, flat = self._sections, v.reshape(-1, v.shape[-1])
+        pulls = sliding_tensions(self._system, self._x, at.s, at.place, at.tendon)
+        return at.solve(flat, np.zeros_like(flat), pulls).reshape(v.shape)
 
     def _linearise(self, v: Array) -> None:
         """Linearise the law of all cross-sections about strains (..., P, n)."""
