@@ -6,13 +6,9 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 
 from model import Anchorage, Arm, Material, Scene, settle
-from model.effects import Contact, Extension, Friction, SelfContact
-from model.errors import InputError, UnsettledContactError
-from model.obstacles import Sphere
+from model.effects import SelfContact
+from model.errors import UnsettledContactError
 from model.paths import Linear
-from model.stiffness import stiffness
-from planner import plan
-from planner.targets import TipPosition
 
 L, R, E = 0.3, 0.006, 2e5
 EJ, OFF = E * np.pi * R**4 / 4, R / 2
@@ -80,15 +76,3 @@ def test_an_arm_that_does_not_meet_itself_is_settled_as_without() -> None:
     shape = settle(ARM, curled(1.0), SCENE)
     assert shape.contacts == ()
     assert np.allclose(shape.tip, settle(ARM, curled(1.0), Scene()).tip, atol=1e-9)
-
-
-def test_what_does_not_state_it_refuses_it() -> None:
-    with pytest.raises(InputError, match="SelfContact"):
-        plan(ARM, TipPosition((0.2, 0.0, -0.1)), SCENE, 5.0)
-    with pytest.raises(InputError, match="SelfContact"):
-        stiffness(ARM, curled(1.0), SCENE)
-    with pytest.raises(InputError, match="SelfContact"):
-        settle(ARM, lengths=np.full(8, 0.29), scene=SCENE)
-    for other in (Contact(Sphere((0.2, 0.0, -0.1), 0.02)), Friction(0.1)):
-        with pytest.raises(InputError, match="SelfContact"):
-            Scene(Extension(), SelfContact(), other)

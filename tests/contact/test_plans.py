@@ -7,8 +7,7 @@ import pytest
 
 from model import Arm, Scene, Shape, settle
 from model.effects import Contact, ExactTendons, Extension, Weight
-from model.errors import InputError
-from model.obstacles import Box, HalfSpace, Sphere
+from model.obstacles import Box, HalfSpace
 from planner import Plan, plan, trajectory
 from planner.targets import TipPosition
 from tests.contact.cases import bar, distance
@@ -96,22 +95,3 @@ def test_a_plan_in_contact_passes_no_arm_that_is_crushed() -> None:
     target = TipPosition((0.29957, 0.010395, 0.023342))
     p = plan(Arm.from_paper("table-4"), target, Scene(Extension(), Contact(BOX)), 3.0, starts=1)
     assert p.reached, p.outcome
-
-
-def test_what_is_not_stated_with_contact_is_refused() -> None:
-    target = TipPosition((0.25, 0.05, 0.0))
-    with pytest.raises(InputError, match="norm"):
-        plan(ARM, target, SCENE, 30.0, norm="inf")
-    with pytest.raises(InputError, match="inside at s"):
-        plan(ARM, target, Scene(Contact(Sphere((0.15, 0.0, 0.0), 0.02))), 30.0)
-    with pytest.raises(InputError, match="obstacles"):
-        plan(ARM, target, SCENE, 30.0, obstacles=[Sphere((0.2, 0.1, 0.1), 0.02)])
-
-
-def test_what_motions_in_contact_do_not_state_is_refused_by_name() -> None:
-    targets = [TipPosition((0.3, 0.1, -0.1))]
-    with pytest.raises(InputError, match="obstacles"):
-        ball = Sphere((0.2, 0.2, 0.2), 0.01)
-        trajectory(ARM, targets, SCENE, 20.0, rate_max=2.0, obstacles=[ball])
-    with pytest.raises(InputError, match="stroke_rate_max"):
-        trajectory(ARM, targets, SCENE, 20.0, stroke_rate_max=0.01)

@@ -16,7 +16,6 @@ from model.contact.touches import Touches, forces, frictions, resultants
 from model.effects import Contact, Effect, ExactTendons, Extension, NeoHookean, TipLoad
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import STAGES
-from model.errors import InputError
 from model.loads import without_friction
 from model.obstacles import Capsule, HalfSpace
 from tests.contact.cases import bar, stiffness
@@ -104,12 +103,6 @@ def test_an_arm_that_comes_to_lean_on_a_rod_keeps_coulombs_law(mu: float) -> Non
     again = leaning(mu, shape)
     assert again.tip == pytest.approx(shape.tip, abs=1e-9)
     assert shape.stability > 0
-
-
-def test_friction_without_a_motion_before_is_refused_and_only_there() -> None:
-    with pytest.raises(InputError, match="history"):
-        leaning(0.3, None)
-    assert not leaning(0.3, None, 0.1 * TENSIONS).contacts
 
 
 def test_silicone_that_slips_passes_through_nothing_on_either_side_of_a_touch() -> None:

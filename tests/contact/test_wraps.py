@@ -8,8 +8,7 @@ from scipy.optimize import brentq
 
 from model import Scene, settle
 from model.effects import Contact, ExactTendons, Extension
-from model.errors import InputError
-from model.obstacles import Capsule, HalfSpace, Sphere
+from model.obstacles import Capsule
 from planner import plan
 from planner.targets import Wrap
 from tests.contact.cases import bar, stiffness
@@ -106,35 +105,6 @@ def test_without_a_limit_no_obstacle_is_too_tight_for_limits() -> None:
     assert not p.reached
     assert "too tight" not in p.outcome
     assert "allow at least" in p.outcome
-
-
-BAD = {
-    "both": ({"turns": 1.0, "length": 0.1}, "both"),
-    "neither": ({}, "neither"),
-    "negative turns": ({"turns": -1.0}, "Wrap.turns"),
-    "no length": ({"length": 0.0}, "Wrap.length"),
-    "tolerance": ({"length": 0.1, "tolerance": 0.0}, "Wrap.tolerance"),
-    "longer than the arm": ({"length": 0.4}, "0.3 m long"),
-    "more turns than the arm has": ({"turns": 3.0}, "Wrap.turns"),
-    "beyond the tip": ({"turns": 0.2, "start": 0.3}, "Wrap.start"),
-}
-
-
-@pytest.mark.parametrize("name", BAD)
-def test_what_is_no_part_of_the_arm_is_refused(name: str) -> None:
-    given, told = BAD[name]
-    with pytest.raises(InputError, match=told):
-        plan(ARM, Wrap(ROD, **given), Scene(), 50.0)  # type: ignore[arg-type]
-
-
-def test_a_plane_has_no_turns_and_what_is_out_of_reach_is_refused() -> None:
-    with pytest.raises(InputError, match="round a plane"):
-        Wrap(HalfSpace((0, 0, -0.1), (0, 0, 1)), turns=1.0)
-    with pytest.raises(InputError, match="within reach"):
-        plan(ARM, Wrap(Sphere((0.5, 0, 0), 0.05), length=0.1), Scene(), 50.0)
-    other = Scene(Contact(HalfSpace((0, 0, -0.1), (0, 0, 1))))
-    with pytest.raises(InputError, match="Contact of the scene"):
-        plan(ARM, Wrap(ROD, length=0.1), other, 50.0)
 
 
 def test_a_shape_beside_the_obstacle_does_not_settle_otherwise_than_alone() -> None:

@@ -159,3 +159,54 @@ def follower_elastica(bar: Bar, force: float, s: Array) -> Array:
     )
     turn = Rotation.from_euler("z", -run.y[2, -1]).as_matrix()[:2, :2]
     return (turn @ (run.sol(s)[:2] - run.y[:2, -1:])).T
+
+
+def one_tendon(
+    radii: tuple[float, float], offsets: tuple[float, float], length: float = 0.3
+) -> Arm:
+    """Return an arm with one tendon, in its plane; radii and offsets are those at both ends."""
+    return Arm(length, Linear(*radii), (Anchorage(length, Linear(*offsets), (0.0,)),))
+
+
+def capstan(
+    radii: tuple[float, float],
+    offsets: tuple[float, float],
+    length: float,
+    T: float,
+    mu: float,
+    way: int,
+    extension: bool = True,
+) -> Array:
+    """(x, y, angle of the tip, T there) of an arm with one tendon, from base to tip.
+
+    With c = (1 - y k) t + y' n the tendon is at the angle psi = atan2(y', 1 - y k) to t and turns
+    at the rate (1 + q) k + psi', where k' has a part in T', and T' = -way mu T |turning|.
+    """
+    E = Bar.E
+    (R0, R1), (a, b) = radii, offsets
+    taper, slope = (R1 - R0) / length, (b - a) / length
+
+    def rate(s: float, state: Array) -> Array:
+        _, _, angle, pull = state
+        R, y = R0 + taper * s, a + slope * s
+        EJ, EJ_rate = E * np.pi * R**4 / 4, E * np.pi * R**3 * taper
+        D = EJ + y**2 * pull
+        k = pull * y / D
+        q = -pull * (1 - y * k) / (E * np.pi * R**2) if extension else 0.0
+        k_pull = y * EJ / D**2
+        k_s = (pull * slope - k * (EJ_rate + 2 * y * slope * pull)) / D
+        # psi' = y' (y k)' / ((1 - y k)^2 + y'^2), as y'' = 0.
+        size = (1 - y * k) ** 2 + slope**2
+        psi_pull, psi_s = slope * y * k_pull / size, slope * (slope * k + y * k_s) / size
+        still = (1 + q) * k + psi_s
+        rub = way * mu * pull * np.sign(still)
+        pull_rate = -rub * still / (1 + rub * psi_pull)
+        assert (still + psi_pull * pull_rate) * still >= 0
+        return np.array([*(1 + q) * np.array([np.cos(angle), np.sin(angle), k]), pull_rate])
+
+    stops, state = [0.0, length], np.array([0.0, 0.0, 0.0, T])
+    if a * b < 0:
+        stops.insert(1, length * a / (a - b))
+    for ends in pairwise(stops):
+        state = solve_ivp(rate, ends, state, "DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
+    return np.asarray(state)

@@ -8,18 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.polynomial import Chebyshev
-from scipy.integrate import solve_ivp
 
 from model import Anchorage, Arm, Linear, Scene, Shape, settle
 from model.effects import ExactTendons, Extension, Friction, TipLoad, Weight
+from tests.effects.bars import capstan, one_tendon
 from tests.effects.cases import Array
 
-E, L = 110e3, 0.3
+L = 0.3
 WAYS = pytest.mark.parametrize("way", [1, -1], ids=["in", "out"])
-
-
-def one_tendon(radii: tuple[float, float], offsets: tuple[float, float], length: float = L) -> Arm:
-    return Arm(length, Linear(*radii), (Anchorage(length, Linear(*offsets), (0.0,)),))
 
 
 @WAYS
@@ -45,41 +41,11 @@ ARMS = {
 }
 
 
-def planar(name: str, T: float, mu: float, way: int, extension: bool) -> Array:
-    """(x, y, angle of the tip, T there) of an arm with one tendon, from base to tip.
-
-    With c = (1 - y k) t + y' n the tendon is at the angle psi = atan2(y', 1 - y k) to t and turns
-    at the rate (1 + q) k + psi', where k' has a part in T'.
-    """
-    (R0, R1), (a, b), length = ARMS[name]
-    taper, slope = (R1 - R0) / length, (b - a) / length
-
-    def rate(s: float, state: Array) -> Array:
-        _, _, angle, pull = state
-        R, y = R0 + taper * s, a + slope * s
-        EJ, EJ_rate = E * np.pi * R**4 / 4, E * np.pi * R**3 * taper
-        D = EJ + y**2 * pull
-        k = pull * y / D
-        q = -pull * (1 - y * k) / (E * np.pi * R**2) if extension else 0.0
-        k_pull = y * EJ / D**2
-        k_s = (pull * slope - k * (EJ_rate + 2 * y * slope * pull)) / D
-        size = (1 - y * k) ** 2 + slope**2
-        psi_pull, psi_s = slope * y * k_pull / size, slope * (slope * k + y * k_s) / size
-        still = (1 + q) * k + psi_s
-        rub = way * mu * pull * np.sign(still)
-        pull_rate = -rub * still / (1 + rub * psi_pull)
-        assert (still + psi_pull * pull_rate) * still > 0
-        return np.array([*(1 + q) * np.array([np.cos(angle), np.sin(angle), k]), pull_rate])
-
-    start = np.array([0, 0, 0, T])
-    return solve_ivp(rate, (0, length), start, "DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
-
-
 def compare(name: str, T: float, mu: float, way: int, extension: bool, accuracy: float) -> None:
     scene = Scene(Friction(mu, way), *([Extension()] if extension else []))
     arm = one_tendon(*ARMS[name])
     shape = settle(arm, [T], scene, accuracy)
-    x, y, angle, pull = planar(name, T, mu, way, extension)
+    x, y, angle, pull = capstan(*ARMS[name], T, mu, way, extension)
     # n of the paper's base is -y: the arm bends there.
     assert np.allclose(shape.tip, [x, -y, 0], rtol=0, atol=2 * accuracy * arm.length)
     t = shape.tip_frame[:, 0]

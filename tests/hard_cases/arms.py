@@ -5,8 +5,6 @@ five times round; anchorages 1e-6 L apart, 1, 2, 10, 40 sections, 1 to 160 tendo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from model import Scene, settle
@@ -17,15 +15,7 @@ from tests.oracles import Rod, RodSection, linear, poses, strain
 from tests.random_arms import log_uniform
 
 
-@dataclass(frozen=True, eq=False)
-class Member:
-    """A rod and its tensions."""
-
-    rod: Rod
-    T: Array
-
-
-def slender(rng: np.random.Generator) -> Member:
+def slender(rng: np.random.Generator) -> tuple[Rod, Array]:
     """One to four sections; tendons at a tenth to 0.9 of the radius, at both of their ends."""
     L, thick = rng.uniform(0.1, 0.6), rng.uniform(8e-3, 20e-3)
     radius = linear(thick, thick * log_uniform(rng, 1e-3, 0.2), L)
@@ -35,12 +25,11 @@ def slender(rng: np.random.Generator) -> Member:
         a, b = rng.uniform(0.1, 0.9, 2) * [thick, float(radius(at))]
         sections.append(RodSection(float(at), linear(a, b, at)))
     rod = Rod(L, radius, tuple(sections))
-    return Member(rod, mild_tensions(rng, rod))
+    return rod, mild_tensions(rng, rod)
 
 
-def check_strains_and_tip(member: Member) -> float:
+def check_strains_and_tip(rod: Rod, T: Array) -> float:
     """Return the worst of strains (relative) and of the tip (over L)."""
-    rod, T = member.rod, member.T
     shape = settle(arm_of(rod), T, Scene(Extension()), 1e-9)
     s = rod.length * (1 - np.array([0.0, 1e-6, 1e-3, 0.1, 0.5, 0.9, 1.0]))
     wanted = np.array([strain(rod, T, x, True) for x in s])
@@ -52,7 +41,7 @@ def check_strains_and_tip(member: Member) -> float:
 SLENDER = Family("slender tips", 1e-8, slender, check_strains_and_tip)
 
 
-def curled(rng: np.random.Generator) -> Member:
+def curled(rng: np.random.Generator) -> tuple[Rod, Array]:
     """A long arm, mostly curled about one axis, out of its plane by a second section."""
     L, turns = 0.6, rng.uniform(1, 5)
     R = L / 100
@@ -63,12 +52,11 @@ def curled(rng: np.random.Generator) -> Member:
     rod, y = Rod(L, radius, tuple(sections)), 0.9 * R
     bent = 2 * np.pi * turns / L * y
     pull = bent / (1 - bent) * rod.E * np.pi * R**4 / 4 / y**2
-    return Member(rod, np.array([pull, pull * rng.uniform(0, 0.1)]))
+    return rod, np.array([pull, pull * rng.uniform(0, 0.1)])
 
 
-def check_tip_and_frames(member: Member) -> float:
+def check_tip_and_frames(rod: Rod, T: Array) -> float:
     """Return the tip's error over L; frames 1e5 times as sharp, to 1e-13."""
-    rod, T = member.rod, member.T
     shape = settle(arm_of(rod), T, Scene(Extension()), 1e-9)
     frames = shape.frame(np.linspace(0, rod.length, 101))
     skew = np.abs(np.swapaxes(frames, 1, 2) @ frames - np.eye(3)).max()
@@ -79,7 +67,7 @@ def check_tip_and_frames(member: Member) -> float:
 CURLED = Family("many turns", 1e-8, curled, check_tip_and_frames)
 
 
-def laid_out(rng: np.random.Generator) -> Member:
+def laid_out(rng: np.random.Generator) -> tuple[Rod, Array]:
     """Anchorages are spread evenly, or in pairs 1e-6 L apart; 1 to 4 tendons a section."""
     L, n = rng.uniform(0.2, 0.6), int(rng.choice([1, 2, 10, 40]))
     ends = L * (1 - np.arange(n) / n)
@@ -93,16 +81,15 @@ def laid_out(rng: np.random.Generator) -> Member:
     rod = Rod(L, radius, sections)
     room = rod.E * np.pi * np.array([float(radius(at)) for at in ends]) ** 2
     grown = np.diff(room, prepend=0.0)
-    return Member(rod, np.repeat(0.4 * grown / each, each) * rng.uniform(0, 1, n * each))
+    return rod, np.repeat(0.4 * grown / each, each) * rng.uniform(0, 1, n * each)
 
 
 def _angles(rng: np.random.Generator, each: int) -> tuple[float, ...]:
     return tuple(rng.uniform(0, 2 * np.pi) + 2 * np.pi * np.arange(each) / each)
 
 
-def check_tip(member: Member) -> float:
+def check_tip(rod: Rod, T: Array) -> float:
     """Return the tip's error over L."""
-    rod, T = member.rod, member.T
     shape = settle(arm_of(rod), T, Scene(Extension()), 1e-9)
     return float(np.linalg.norm(shape.tip - poses(rod, T, [rod.length], True)[0][0])) / rod.length
 

@@ -28,17 +28,17 @@ class Family:
     tolerance : float
         Of the error that `check` returns.
     draw : Callable
-        A generator of random numbers -> a member.
+        A generator of random numbers -> a member, which is what `check` takes.
     check : Callable
-        A member -> its worst error, or a refusal: an error of the project's tree or RefusedError.
+        -> a member's worst error, or a refusal: an error of the project's tree or RefusedError.
     refuses : bool
         Whether a member may be refused.
     """
 
     name: str
     tolerance: float
-    draw: Callable[[np.random.Generator], Any]
-    check: Callable[[Any], float]
+    draw: Callable[[np.random.Generator], tuple[Any, ...]]
+    check: Callable[..., float]
     refuses: bool = False
 
 
@@ -50,7 +50,7 @@ class RefusedError(Exception):
 class Verdict:
     """What became of a member: its error, or why it was refused, and the time it took [s]."""
 
-    member: Any
+    member: tuple[Any, ...]
     error: float
     refusal: str
     seconds: float
@@ -66,7 +66,7 @@ def judge(family: Family, seed: int) -> Verdict:
     begin = time.perf_counter()
     error, refusal = math.inf, ""
     try:
-        error = float(family.check(member))
+        error = float(family.check(*member))
     except (OctoplanError, RefusedError) as caught:
         refusal = f"{type(caught).__name__}: {caught}"
     except WrongAnswerError:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from model import Arm, Scene, settle
@@ -16,18 +14,11 @@ from tests.oracles import paper_rod, poses
 KINDS = ("redundant", "edge of reach", "straight", "few tendons", "all held")
 
 
-@dataclass(frozen=True, eq=False)
-class Member:
-    """A kind, a tip to reach with the arm of table 4, maxima and minima of the tensions."""
+def ill_posed(rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Draw a tip to reach with the arm of table 4, maxima and minima of the tensions.
 
-    kind: str
-    tip: Array
-    most: Array
-    least: Array
-
-
-def ill_posed(rng: np.random.Generator) -> Member:
-    """Tips of settled shapes, shifted or not, and limits that leave little or nothing to choose."""
+    Tips of settled shapes, shifted or not, and limits that leave little or nothing to choose.
+    """
     kind, arm = str(rng.choice(KINDS)), Arm.from_paper("table-4")
     T = np.ravel(rng.uniform(0, 1, (3, 4)) * [[0.2], [1], [3]] * (rng.uniform(size=(3, 4)) < 0.5))
     most, least = np.full(12, 20.0), np.zeros(12)
@@ -45,16 +36,16 @@ def ill_posed(rng: np.random.Generator) -> Member:
         tip = np.array([arm.length * (1 - rng.integers(2) * rng.uniform(0, 1e-3)), 0.0, 0.0])
     if kind == "few tendons" and rng.integers(2):
         tip = tip + rng.normal(size=3) * 0.02
-    return Member(kind, tip, most, least)
+    return tip, most, least
 
 
-def check_ill_posed(member: Member) -> float:
+def check_ill_posed(tip: Array, most: Array, least: Array) -> float:
     """Return how far the oracle's tip under a certified plan is from the target, over L."""
     arm = Arm.from_paper("table-4")
-    target = TipPosition(tuple(member.tip.tolist()))
-    found = plan(arm, target, Scene(Extension()), member.most, tension_min=member.least)
+    target = TipPosition(tuple(tip.tolist()))
+    found = plan(arm, target, Scene(Extension()), most, tension_min=least)
     T = np.ravel(found.tensions)
-    beyond = np.maximum(T - member.most, member.least - T)
+    beyond = np.maximum(T - most, least - T)
     if beyond.max() > 1e-9:
         raise WrongAnswerError("tensions beyond their limits")
     if not found.certificate.passed:
@@ -62,8 +53,8 @@ def check_ill_posed(member: Member) -> float:
             raise WrongAnswerError(found.outcome)
         raise RefusedError(found.outcome)
     rod = paper_rod("table-4")
-    tip = poses(rod, T, [rod.length], True)[0][0]
-    return float(np.linalg.norm(tip - member.tip)) / arm.length
+    found_tip = poses(rod, T, [rod.length], True)[0][0]
+    return float(np.linalg.norm(found_tip - tip)) / arm.length
 
 
 ILL_POSED_PLANS = Family("ill-posed plans", 2e-6, ill_posed, check_ill_posed, refuses=True)

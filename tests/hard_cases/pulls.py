@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.optimize import brentq
 
@@ -22,17 +20,11 @@ STATICS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Pulled:
-    """A rod with one to four tendons that end at its tip, and its statics."""
+def pulled(rng: np.random.Generator, statics: str) -> tuple[str, Rod, Array]:
+    """Draw a rod with one to four tendons that end at its tip.
 
-    statics: str
-    rod: Rod
-    T: Array
-
-
-def pulled(rng: np.random.Generator, statics: str) -> Pulled:
-    """One tendon is taut, at 0.6 to 0.95 of the radius; others pull up to a twentieth as hard."""
+    One tendon is taut, at 0.6 to 0.95 of the radius; others pull up to a twentieth as hard.
+    """
     L, thick = rng.uniform(0.1, 0.5), rng.uniform(8e-3, 20e-3)
     thin = thick * rng.uniform(0.3, 0.9)
     a, b = rng.uniform(0.6, 0.95, 2) * [thick, thin]
@@ -44,34 +36,32 @@ def pulled(rng: np.random.Generator, statics: str) -> Pulled:
     # Others that pulled as hard as the first would crush a linear body.
     room = rod.E * np.pi * thin**2 / 20
     T[1:] = np.minimum(T[1:] * rng.uniform(0, 0.05, n - 1), room * rng.uniform(0, 1, n - 1))
-    return Pulled(statics, rod, T)
+    return statics, rod, T
 
 
-def wanted_strain(member: Pulled, s: float) -> Array:
+def wanted_strain(statics: str, rod: Rod, T: Array, s: float) -> Array:
     """Return (xi, k, q) at s by the oracle."""
-    rod, T = member.rod, member.T
-    if member.statics == "paper":
+    if statics == "paper":
         return strain(rod, T, s, True)[1:]
     R, section = float(rod.radius(s)), rod.sections[0]
     EA, ones = rod.E * np.pi * R**2, np.ones(T.size)
     y, slope = float(section.offset(s)) * ones, float(section.slope(s)) * ones
-    rubber = member.statics == "silicone"
+    rubber = statics == "silicone"
     return CrossSection(EA, EA * R**2 / 4, T, y, slope, np.array(section.angles), rubber).strains()
 
 
-def check_pulled(member: Pulled) -> float:
+def check_pulled(statics: str, rod: Rod, T: Array) -> float:
     """Return the worst of the strains (relative), and with the paper's statics of the tip."""
-    rod, T = member.rod, member.T
-    shape = settle(arm_of(rod), T, STATICS[member.statics], 1e-9)
+    shape = settle(arm_of(rod), T, STATICS[statics], 1e-9)
     s = rod.length * np.array([0.0, 0.3, 0.7, 1.0])
     found = shape.strain(s)[:, 1:]
     bend = np.linalg.norm(found[:, :2], axis=1) * rod.sections[0].offset(s)
-    if member.statics == "paper" and bend.max() >= 1:
+    if statics == "paper" and bend.max() >= 1:
         raise WrongAnswerError(f"curvature is {bend.max()} times 1 / y")
     # A neo-Hookean body has lambda, and so q, to 1e-16: of strains below 1e-7 not all digits.
-    least = 1e-7 if member.statics == "silicone" else 1e-30
-    error = relative(found, np.array([wanted_strain(member, x) for x in s]), least)
-    if member.statics == "paper":
+    least = 1e-7 if statics == "silicone" else 1e-30
+    error = relative(found, np.array([wanted_strain(statics, rod, T, x) for x in s]), least)
+    if statics == "paper":
         tip = poses(rod, T, [rod.length], True)[0][0]
         error = max(error, float(np.linalg.norm(shape.tip - tip)) / rod.length)
     return error
@@ -84,40 +74,29 @@ def of_any_tension(statics: str) -> Family:
 ANY_TENSION = [of_any_tension(statics) for statics in STATICS]
 
 
-COMPRESSED = {
-    "paper": Scene(Extension()),
-    "exact": Scene(Extension(), ExactTendons()),
-    "silicone": Scene.silicone(),
-}
 L, R, E = 0.3, 0.01, 110e3
 
 
-@dataclass(frozen=True)
-class Shortened:
-    """The statics, the least 1 + q that a linear body would have, and the tendons' offset [m]."""
+def shortened(rng: np.random.Generator, statics: str) -> tuple[str, float, float]:
+    """Draw the least 1 + q that a linear body would have, and the tendons' offset [m].
 
-    statics: str
-    stretch: float
-    offset: float
-
-
-def shortened(rng: np.random.Generator, statics: str) -> Shortened:
-    """A fifth of the members would be turned inside out, a fifth are within 1e-5 of it."""
+    A fifth of the members would be turned inside out, a fifth are within 1e-5 of it.
+    """
     stretch = [rng.uniform(0, 0.5), rng.uniform(1e-6, 1e-5), -rng.uniform(1e-6, 0.3)]
-    return Shortened(statics, stretch[rng.choice(3, p=[0.6, 0.2, 0.2])], rng.uniform(0, 0.9) * R)
+    return statics, stretch[rng.choice(3, p=[0.6, 0.2, 0.2])], rng.uniform(0, 0.9) * R
 
 
-def check_shortened(member: Shortened) -> float:
+def check_shortened(statics: str, stretch: float, offset: float) -> float:
     """Return the error of the length over L; what a linear body does not bear must be refused."""
-    arm = Arm(L, Linear(R, R), (Anchorage(L, Linear(member.offset, member.offset)),))
+    arm = Arm(L, Linear(R, R), (Anchorage(L, Linear(offset, offset)),))
     EA = E * np.pi * R**2
-    T = np.full(4, (1 - member.stretch) * EA / 4)
-    wanted = member.stretch
-    if member.statics == "silicone":
+    T = np.full(4, (1 - stretch) * EA / 4)
+    wanted = stretch
+    if statics == "silicone":
         force = T.sum() / EA
         wanted = brentq(lambda x: (x - x**-2) / 3 + force, 1e-3, 1, xtol=1e-15, rtol=1e-14)
     try:
-        shape = settle(arm, T, COMPRESSED[member.statics], 1e-9)
+        shape = settle(arm, T, STATICS[statics], 1e-9)
     except CollapsedError:
         if wanted <= 0:
             return 0.0
@@ -133,4 +112,4 @@ def of_compression(statics: str) -> Family:
     )
 
 
-COMPRESSION = [of_compression(statics) for statics in COMPRESSED]
+COMPRESSION = [of_compression(statics) for statics in STATICS]

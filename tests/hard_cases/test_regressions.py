@@ -7,12 +7,13 @@ import pickle
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, CollapsedError, InputError, Linear, Scene, settle, settle_many
+from model import Anchorage, Arm, CollapsedError, Linear, Scene, settle, settle_many
 from model.effects import Buoyancy, ExactTendons, Extension, Friction, Weight
 from model.equilibrium.newton import Collocation
 from model.errors import UnsettledSectionError
 from model.unloaded.sections import unloaded_sections
-from tests.hard_cases.loads import Rubbed, planar
+from tests.effects.bars import capstan, one_tendon
+from tests.hard_cases.loads import check_rubbed
 
 ARM = Arm.from_paper("table-4")
 FETCH = np.zeros((3, 4))
@@ -81,30 +82,15 @@ def test_exact_tendons_that_leave_no_length_crush_the_arm() -> None:
 
 def test_a_tendon_that_crosses_the_midline_has_a_kink_in_its_tension_there() -> None:
     # The estimate took no notice of it: 1e-6 of the length off for 1e-7 asked.
-    member = Rubbed((0.012, 0.0119), (4.3e-3, -5.9e-3), 0.265, 1.42, 0.78, 1)
-    L = member.length
-    arm = Arm(L, Linear(*member.radii), (Anchorage(L, Linear(*member.offsets), (0.0,)),))
-    x, y, _, T = planar(member)
-    shape = settle(arm, [member.T], Scene(Extension(), Friction(member.mu)), 1e-7)
-    assert np.linalg.norm(shape.tip - [x, -y, 0]) < 1e-7 * L
-    assert shape.tension(shape.arm.length)[0] == pytest.approx(T, rel=1e-6)
-
-
-def test_careful_is_true_or_false() -> None:
-    with pytest.raises(InputError, match=r"ExactTendons\.robust"):
-        ExactTendons(robust=2)  # type: ignore[arg-type]
-    with pytest.warns(DeprecationWarning, match="has no effect"):
-        assert ExactTendons(robust=True) == ExactTendons()
+    assert check_rubbed((0.012, 0.0119), (4.3e-3, -5.9e-3), 0.265, 1.42, 0.78, 1) < 1e-7
 
 
 def test_a_mesh_before_one_that_failed_says_nothing_about_one_after_it() -> None:
     # Settled to 7 % of the length, with an estimate of 3e-6, as if the meshes 1 and 8 were near.
-    member = Rubbed((0.012, 0.0067), (2.65e-3, 3.42e-3), 0.327, 0.43, 1.8, -1)
-    L = member.length
-    arm = Arm(L, Linear(*member.radii), (Anchorage(L, Linear(*member.offsets), (0.0,)),))
-    scene = Scene(Extension(), Friction(member.mu, member.way))
-    x, y, *_ = planar(member)
-    assert np.linalg.norm(settle(arm, [member.T], scene, 1e-5).tip - [x, -y, 0]) < 1e-5 * L
+    member = ((0.012, 0.0067), (2.65e-3, 3.42e-3), 0.327, 0.43, 1.8, -1)
+    shape = settle(one_tendon(*member[:3]), [0.43], Scene(Extension(), Friction(*member[4:])), 1e-5)
+    x, y, *_ = capstan(*member)
+    assert np.linalg.norm(shape.tip - [x, -y, 0]) < 1e-5 * 0.327
 
 
 def test_sections_where_the_energy_hardly_curves_are_settled() -> None:
