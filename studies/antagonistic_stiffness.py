@@ -18,7 +18,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import replace
@@ -35,7 +34,7 @@ from model.stiffness import HOLDS
 from planner import Limits, Plan, plan, stiffness
 from planner.plots.results import plot_ellipsoids
 from planner.targets import Bend, BendingPlane, Fetch, MinimumStiffness, Target, TipPosition
-from studies.reporting import INK, STATICS, lettered
+from studies.reporting import INK, STATICS, asked, lettered
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "fem_reference.json"
 SCENES = {
@@ -171,11 +170,15 @@ def draw(
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the tables and save the figures."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--points", type=int, default=5)
-    parser.add_argument("--statics", nargs="+", choices=SCENES, default=list(SCENES))
-    parser.add_argument("--out", type=Path, default=Path("out"))
-    args = parser.parse_args(argv)
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--points": 5,
+            "--statics": (list(SCENES), {"choices": SCENES}),
+            "--out": Path("out"),
+        },
+    )
     levels = np.linspace(0.0, 2.0, args.points)
     scenes = {name: SCENES[name] for name in args.statics}
     arm = straight_arm()
@@ -209,7 +212,6 @@ def main(argv: Sequence[str] | None = None) -> None:
         fronts[statics] = front(table4, scene, settle(table4, T, scene).tip, factors)
         cells = "  ".join(f"x{factor:.2f}: {effort:.3f}" for factor, effort in fronts[statics])
         print(f"\nsame tip, stiffer along z, least effort [N], {statics}: {cells}")
-    args.out.mkdir(parents=True, exist_ok=True)
     draw(levels, straight, table, fronts).savefig(args.out / "antagonistic_stiffness.png", dpi=110)
     name, target = SHAPES["90 degree bend"]
     bent = plan(Arm.from_paper(name), target, Scene.silicone(), 20.0)

@@ -18,7 +18,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -31,6 +30,7 @@ from model.paths import Array
 from planner import Measured, Plan, calibrate, plan
 from planner.targets import BendingPlane
 from studies.calibration import BODY, LINEAR, POSE, shapes
+from studies.reporting import asked
 
 STATICS = {
     "bare": Scene(),
@@ -160,10 +160,14 @@ def draw(angles: Array, table: dict[str, Array]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the study: print its tables, save its figure."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--angles", type=int, default=24)
-    parser.add_argument("--out", type=Path, default=Path("out"))
-    args = parser.parse_args(argv)
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--angles": 24,
+            "--out": Path("out"),
+        },
+    )
     angles = np.linspace(-np.pi, np.pi, args.angles, endpoint=False)
     fine = np.linspace(-np.pi, np.pi, 2 * args.angles + 1)
     table = sweep(fine)
@@ -181,7 +185,6 @@ def main(argv: Sequence[str] | None = None) -> None:
         print(f"{shape.name:<36}" + "".join(f"{x:10.2f}" for x in row))
     for name, values in (("mean", off.mean(axis=0)), ("standard deviation", off.std(axis=0))):
         print(f"{name:<36}" + "".join(f"{x:10.2f}" for x in values))
-    args.out.mkdir(parents=True, exist_ok=True)
     draw(fine, table).savefig(args.out / "bending_plane.png", dpi=150)
 
 

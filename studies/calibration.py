@@ -16,7 +16,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,6 +29,7 @@ from model.effects import ExactTendons, Extension, NeoHookean, Weight
 from planner import Calibration, Measured, Unknown, calibrate
 from planner.fit.least_squares import Loss
 from planner.fit.residuals import mean_distance
+from studies.reporting import asked
 
 DATA = Path(__file__).parents[1] / "tests" / "data" / "measured_tentacle.json"
 LINEAR = Scene(Extension(), ExactTendons(), Weight())
@@ -140,11 +140,15 @@ def figure(result: Sequence[Calibration], names: Sequence[str]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the table and save the figure."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--models", nargs="+", choices=list(MODELS), default=list(MODELS))
-    parser.add_argument("--no-leave-out", action="store_true", help="skip the fits without a shape")
-    parser.add_argument("--out", type=Path, default=Path("out"))
-    args = parser.parse_args(argv)
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--models": (list(MODELS), {"choices": list(MODELS)}),
+            "--no-leave-out": (False, {"help": "skip the fits without a shape"}),
+            "--out": Path("out"),
+        },
+    )
     title = ("mean error [mm]", "unknowns", "in sample", "left out", "in band", "two by one")
     print(f"{title[0]:<24}" + "".join(f"{each:>12}" for each in title[1:]))
     all_found = []
@@ -153,7 +157,6 @@ def main(argv: Sequence[str] | None = None) -> None:
         numbers = (1e3 * values.inside, 1e3 * values.left_out, values.held, 1e3 * values.both)
         print(f"{values.model:<24}{values.unknowns:>12}" + "".join(f"{x:>12.2f}" for x in numbers))
         all_found.append(result)
-    args.out.mkdir(parents=True, exist_ok=True)
     path = args.out / "calibration.png"
     figure(all_found, args.models).savefig(path, dpi=110)
     print(f"figure: {path}")

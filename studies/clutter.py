@@ -19,7 +19,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Sequence
 
@@ -32,7 +31,7 @@ from model.paths import Array
 from planner import Plan, plan
 from planner.targets import TipPosition
 from studies import draws
-from studies.reporting import keep_finished
+from studies.reporting import asked, keep_finished
 
 MAXIMUM, SCENE = 20.0, Scene(Extension())
 _SIZES, _SPREAD, _ROOM = (0.01, 0.04), 0.06, 1e-3
@@ -122,12 +121,16 @@ def around_itself(arm: Arm, results: list[Shape]) -> None:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the study and print its tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--targets", type=int, default=100)
-    parser.add_argument("--obstacles", type=int, nargs="*", default=[5, 10])
-    parser.add_argument("--itself", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=0)
-    args = parser.parse_args(argv)
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--targets": 100,
+            "--obstacles": [5, 10],
+            "--itself": 100,
+            "--seed": 0,
+        },
+    )
     arm, rng = Arm.from_paper("table-4"), np.random.default_rng(args.seed)
     timed(arm, np.array([0.3, 0.1, 0.1]), obstacles=[Sphere((0.2, 0.05, 0.05), 0.02)])
     for count in args.obstacles:

@@ -15,7 +15,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -29,6 +28,7 @@ from model.effects import Extension
 from model.paths import Array
 from planner import Design, Making, Unknown, design, plan
 from planner.targets import Bend, Fetch, TipPosition
+from studies.reporting import asked
 
 SCENE, MOST = Scene(Extension()), 20.0
 PULLS = np.array([[0.4], [3.0], [8.0]])
@@ -114,13 +114,17 @@ def figure(result: Design) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the design and save the figure."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--tips", type=int, default=10)
-    parser.add_argument("--begins", type=int, default=2, help="arms that the search begins with")
-    parser.add_argument("--search", type=int, default=72, help="arms of the global search; 0: none")
-    parser.add_argument("--unknowns", type=int, default=len(UNKNOWNS), help="of those listed")
-    parser.add_argument("--out", type=Path, default=Path("out"))
-    args = parser.parse_args(argv)
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--tips": 10,
+            "--begins": (2, {"help": "arms that the search begins with"}),
+            "--search": (72, {"help": "arms of the global search; 0: none"}),
+            "--unknowns": (len(UNKNOWNS), {"help": "of those listed"}),
+            "--out": Path("out"),
+        },
+    )
     arm, unknowns = Arm.from_paper("table-4"), UNKNOWNS[: args.unknowns]
     targets = [FETCH, *tips(args.tips)]
     result = design(
@@ -142,7 +146,6 @@ def main(argv: Sequence[str] | None = None) -> None:
         print(
             f"  differential evolution: {met} arms meet all tasks, least effort {best:.4g} N: {at}"
         )
-    args.out.mkdir(parents=True, exist_ok=True)
     path = args.out / "design.png"
     figure(result).savefig(path, dpi=110)
     print(f"figure: {path}")

@@ -16,7 +16,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -28,6 +27,7 @@ from model.effects import Extension
 from planner import Plan, plan
 from planner.plots.plan import plot_shape
 from planner.targets import Bend, Fetch, FetchReach
+from studies.reporting import asked
 
 SCENE = Scene(Extension())
 FIGURES = {
@@ -102,11 +102,15 @@ def draw(curves: dict[str, list[float]], budgets: Sequence[float]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the study: print its table, save its figure."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--budgets", type=float, nargs="+", default=[3, 4, 5, 6, 7, 8, 10, 17.5])
-    parser.add_argument("--bends", type=float, nargs="+", default=[20, 40, 60, 80])
-    parser.add_argument("--out", type=Path, default=Path("out"))
-    args = parser.parse_args(argv)
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--budgets": [3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 17.5],
+            "--bends": [20.0, 40.0, 60.0, 80.0],
+            "--out": Path("out"),
+        },
+    )
     for name in FIGURES:
         for statics, scene in (("as printed", Scene.as_printed()), ("consistent", SCENE)):
             tip = paper_shape(name, scene).tip
@@ -124,7 +128,6 @@ def main(argv: Sequence[str] | None = None) -> None:
     print("total pull allowed [N] ", *(f"{b:8.1f}" for b in args.budgets))
     for kind, gaps in curves.items():
         print(f"nearest {kind:<10} [mm]", *(f"{gap:8.2f}" for gap in gaps))
-    args.out.mkdir(parents=True, exist_ok=True)
     draw(curves, args.budgets).savefig(args.out / "fetch.png", dpi=150)
 
 

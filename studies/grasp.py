@@ -21,7 +21,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,7 +39,7 @@ from model.paths import Array
 from planner import Plan, plan
 from planner.contact.remarks import curvature_along
 from planner.targets import Wrap
-from studies.reporting import lettered
+from studies.reporting import asked, lettered
 
 ARM, STATICS = Arm.from_paper("table-4"), Scene.silicone()
 L = ARM.length
@@ -216,13 +215,16 @@ def _draw_arm(ax: Axes, row: Row, colour: Array) -> None:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the study, print its tables and save its figure."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--radii", type=float, nargs="+", default=[60, 40, 20, 10, 5], help="[mm]")
-    parser.add_argument("--ends", type=int, nargs="+", default=[0, 1], help="anchorages, 0 the tip")
-    parser.add_argument("--shares", type=float, nargs="+", default=[0.05, 0.1, 0.15])
-    parser.add_argument("--out", type=Path, default=Path("out"))
-    args = parser.parse_args(argv)
-    args.out.mkdir(parents=True, exist_ok=True)
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--radii": ([60.0, 40.0, 20.0, 10.0, 5.0], {"help": "[mm]"}),
+            "--ends": ([0, 1], {"help": "anchorages, 0 the tip"}),
+            "--shares": [0.05, 0.1, 0.15],
+            "--out": Path("out"),
+        },
+    )
     print(HEAD)
     rows, longest = list[Row](), list[tuple[Row, Array]]()
     for end in (ARM.anchorages[k] for k in args.ends):

@@ -17,7 +17,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
@@ -33,7 +32,7 @@ from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
 from model.paths import Array
-from studies.reporting import keep_finished, lettered
+from studies.reporting import asked, keep_finished, lettered
 
 _ROOT = Path(__file__).parents[1]
 _TEST = "tests/hard_cases/test_families.py::test_members_are_right_or_refused"
@@ -143,11 +142,15 @@ def _draw_sweeps(ax: Axes, grown: Sweeps) -> None:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the study: print its table, save its figure."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--members", type=int, default=12)
-    parser.add_argument("--family", nargs="*", help="all unless given")
-    parser.add_argument("--out", type=Path, default=Path("out"))
-    args = parser.parse_args(argv)
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--members": 12,
+            "--family": (None, {"help": "all unless given", "nargs": "*"}),
+            "--out": Path("out"),
+        },
+    )
     print(f"{'family':<24}{'members':>8}{'worst error':>13}{'tolerance':>11}", end="")
     print(f"{'refused':>9}{'wrong':>7}{'time [s]':>9}", flush=True)
     table: list[Family] = []
@@ -162,7 +165,6 @@ def main(argv: Sequence[str] | None = None) -> None:
     grown = sweeps()
     print(f"an error at the beginning grows {grown.up:.3g} times from tip to base,", end=" ")
     print(f"{grown.down:.4g} times from base to tip; by D {grown.ratio:.4g}")
-    args.out.mkdir(parents=True, exist_ok=True)
     draw(table, grown).savefig(args.out / "hard_cases.png", dpi=130)
 
 

@@ -16,7 +16,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,6 +34,7 @@ from model.paths import Array
 from model.winches import rest_lengths
 from planner import plan
 from planner.targets import TipPosition
+from studies.reporting import asked
 
 ARM, SCENE = Arm.from_paper("table-2"), Scene.silicone()
 FORCE, LENGTH, PAYLOAD = 0.01, 1e-4, (0.0, 0.0, -5e-3)
@@ -100,15 +100,19 @@ def draw(table: Array, x: Array, rows: list[Row]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print both tables and save the figure."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--plans", type=int, default=6)
-    parser.add_argument("--draws", type=int, default=8)
-    parser.add_argument("--every", type=int, default=6, help="of the rows with one tendon, fitted")
-    parser.add_argument("--steps", type=int, default=8, help="of the fit")
-    parser.add_argument("--several", type=int, default=3, help="of the mixed rows, fitted as well")
-    parser.add_argument("--mixed", type=int, default=None, help="rows that are tried; all")
-    parser.add_argument("--out", type=Path, default=Path("out"))
-    args = parser.parse_args(argv)
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--plans": 6,
+            "--draws": 8,
+            "--every": (6, {"help": "of the rows with one tendon, fitted"}),
+            "--steps": (8, {"help": "of the fit"}),
+            "--several": (3, {"help": "of the mixed rows, fitted as well"}),
+            "--mixed": (None, {"help": "rows that are tried; all", "type": int}),
+            "--out": Path("out"),
+        },
+    )
     table = np.array([control_errors(shape, args.draws) for shape in shapes(args.plans)])
     print("tip error [mm]   1 % force   0.1 mm   payload, forces   payload, lengths")
     print("mean         " + "".join(f"{value:14.3f}" for value in table.mean(axis=0)))
@@ -128,7 +132,6 @@ def main(argv: Sequence[str] | None = None) -> None:
     print(f"{NAMES[1]:<34}{x[1]:12.5g}")
     for row, off in zip(mixed, robot_errors(x, mixed), strict=True):
         print(f"{row.label:<28}{off:8.2f} mm   slack: {slack_names(x, row)}")
-    args.out.mkdir(parents=True, exist_ok=True)
     draw(table, x, mixed).savefig(args.out / "lengths.png", dpi=120)
 
 

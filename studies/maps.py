@@ -17,7 +17,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -26,7 +25,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from planner import sweep
-from studies.reporting import lettered
+from studies.reporting import asked, lettered
 
 MOST = (0.6, 5.0, 15.0)
 SCENE = """\
@@ -133,14 +132,17 @@ def _bar(figure: Figure, seen: Any, ax: Any, label: str) -> None:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the study: print its table, save its figure."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--draws", type=int, default=2000)
-    parser.add_argument("--pulls", type=int, default=12)
-    parser.add_argument("--points", type=int, default=16)
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--out", type=Path, default=Path("out"))
-    args = parser.parse_args(argv)
-    args.out.mkdir(parents=True, exist_ok=True)
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--draws": 2000,
+            "--pulls": 12,
+            "--points": 16,
+            "--jobs": 1,
+            "--out": Path("out"),
+        },
+    )
     reach = run("workspace", workspace(args.draws), args.out, args.jobs)
     soft = run("stiffness", stiffness(args.pulls), args.out, args.jobs)
     cost = run("tensions", tensions(args.points), args.out, args.jobs)

@@ -18,7 +18,6 @@ Needs arm-none-eabi-gcc with newlib, and qemu-system-arm.
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import subprocess
 import tempfile
@@ -31,6 +30,7 @@ from model import Arm, Scene
 from planner import Plan, export, export_plan, plan
 from planner.io.scene_file import load
 from planner.targets import TipPosition
+from studies.reporting import asked
 
 TOOLS = ("arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm")
 HERTZ = 480e6
@@ -163,12 +163,16 @@ def _call(*command: object) -> str:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scene", nargs="?", type=Path, default=_FIGURE_15, help="a scene file")
-    parser.add_argument("--precision", nargs="*", default=["float", "double"])
-    parser.add_argument("--accuracy", nargs="*", type=float, default=[1e-3, 1e-6])
-    parser.add_argument("--inverse", action="store_true", help="what a re-plan takes instead")
-    args = parser.parse_args(argv)
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "scene": (_FIGURE_15, {"help": "a scene file", "nargs": "?"}),
+            "--precision": ["float", "double"],
+            "--accuracy": [1e-3, 1e-6],
+            "--inverse": (False, {"help": "what a re-plan takes instead"}),
+        },
+    )
     if missing():
         print(f"not measured, not installed: {missing()}")
         return

@@ -19,7 +19,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -33,6 +32,7 @@ from planner import Trajectory, trajectory
 from planner.plots.motion import plot_trajectory
 from planner.plots.plan import save
 from planner.targets import Fetch, Target, TipPosition
+from studies.reporting import asked
 
 SCENE, MAXIMUM = Scene(Extension()), 13.0
 THING = (0.3, 0.12, 0.0)
@@ -93,12 +93,16 @@ def cost(count: int) -> tuple[float, float, bool]:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the study, print its table and save its figure."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rate", type=float, default=5.0)
-    parser.add_argument("--longer", type=float, nargs="*", default=[2.0, 4.0])
-    parser.add_argument("--waypoints", type=int, nargs="*", default=[10, 50])
-    parser.add_argument("--out", type=Path, default=Path("out"))
-    args = parser.parse_args(argv)
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--rate": 5.0,
+            "--longer": [2.0, 4.0],
+            "--waypoints": [10, 50],
+            "--out": Path("out"),
+        },
+    )
     best = motion(args.rate)
     print(f"{'motion':<26} {'time [s]':>9} {'effort [N]':>10} {'most of a limit':>16}  passed")
     alone = [motion(args.rate, [name]) for name in STAGES]
@@ -117,7 +121,6 @@ def main(argv: Sequence[str] | None = None) -> None:
         values, check, passed = cost(count)
         message = f"{1e3 * values:.1f} ms each, certificate {1e3 * check:.1f} ms, passed {passed}"
         print(f"{count} waypoints among {len(PASSED)} obstacles: {message}")
-    args.out.mkdir(parents=True, exist_ok=True)
     save(plot_trajectory(best), args.out / "motion.png")
 
 

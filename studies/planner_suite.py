@@ -26,7 +26,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -62,7 +61,7 @@ from planner.solve.task import Task
 from planner.targets import Target, TipPose, TipPosition
 from studies import draws
 from studies.draws import ARM, MAXIMUM, READ, off
-from studies.reporting import keep_finished
+from studies.reporting import asked, keep_finished
 
 _NEAR, _WRONG, _SHIFT = 1e-6, 3e-6, 0.1
 # Kinds of targets beyond reach: how far off the base in lengths, or how many times the maxima.
@@ -270,16 +269,20 @@ def beyond(rng: np.random.Generator, kind: str, scene: Scene) -> tuple[Target, A
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the suite, print its table, and keep what failed."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--targets", type=int, default=1000)
-    parser.add_argument("--best-of", type=int, default=10)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--kinds", nargs="*", choices=list(dict.fromkeys((*READ, *BEYOND))))
-    parser.add_argument("--beyond", action="store_true", help="targets that cannot be met")
-    parser.add_argument("--case", type=int, help="print this one as a script, and no table")
-    parser.add_argument("--out", type=Path, default=Path("out"))
-    args = parser.parse_args(argv)
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--targets": 1000,
+            "--best-of": 10,
+            "--jobs": 2,
+            "--seed": 0,
+            "--kinds": (None, {"choices": list(dict.fromkeys((*READ, *BEYOND))), "nargs": "*"}),
+            "--beyond": (False, {"help": "targets that cannot be met"}),
+            "--case": (None, {"help": "print this one as a script, and no table", "type": int}),
+            "--out": Path("out"),
+        },
+    )
     work, kinds = (run_beyond, BEYOND) if args.beyond else (run, tuple(READ))
     kinds = tuple(args.kinds or kinds)
     if args.case is not None:

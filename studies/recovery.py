@@ -18,7 +18,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -36,6 +35,7 @@ from model.effects import (
     Weight,
 )
 from planner import Measured, Unknown, calibrate
+from studies.reporting import asked
 
 DOWN = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
 LAWS: tuple[tuple[Effect, ...], ...] = (
@@ -211,11 +211,15 @@ def outlier_told(seed: int) -> bool:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print how many intervals and regions hold the truth, and what is told."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--arms", type=int, default=200)
-    parser.add_argument("--cases", type=int, default=40, help="trades, and outliers")
-    parser.add_argument("--seed", type=int, default=0)
-    args = parser.parse_args(argv)
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--arms": 200,
+            "--cases": (40, {"help": "trades, and outliers"}),
+            "--seed": 0,
+        },
+    )
     first = 1000 * args.seed
     results = [recovered(first + i) for i in range(args.arms)]
     for k, level in enumerate(LEVELS):

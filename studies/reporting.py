@@ -1,11 +1,13 @@
-"""How studies report: one look for all figures, and what was finished at Ctrl-C."""
+"""How studies are asked and report: options, one look for all figures, what Ctrl-C leaves."""
 
 from __future__ import annotations
 
+import argparse
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from string import ascii_lowercase
+from typing import Any
 
 from matplotlib.axes import Axes
 
@@ -35,3 +37,26 @@ def keep_finished() -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         print("interrupted: what follows is of what was finished", file=sys.stderr)
+
+
+def asked(
+    doc: str | None, argv: Sequence[str] | None, options: Mapping[str, Any], prog: str | None = None
+) -> argparse.Namespace:
+    """Return what a study is asked; the folder of its `--out` is made.
+
+    Each option by its default, or with more of what argparse takes: (default, {..}). A list takes
+    any number of values, False is a switch.
+    """
+    parser = argparse.ArgumentParser(prog, description=(doc or "").partition("\n")[0])
+    for name, option in options.items():
+        default, more = option if isinstance(option, tuple) else (option, {})
+        how: dict[str, Any] = {"default": default, "type": type(default)}
+        if isinstance(default, list):
+            how |= {"type": type(default[0]), "nargs": "*"}
+        elif default is None or default is False:
+            how = {} if default is None else {"action": "store_true"}
+        parser.add_argument(name, **how | more)
+    args = parser.parse_args(argv)
+    if "out" in args:
+        args.out.mkdir(parents=True, exist_ok=True)
+    return args

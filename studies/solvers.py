@@ -17,7 +17,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -34,6 +33,7 @@ from planner.solve.search import Search
 from planner.solve.task import Task
 from planner.targets import TipPosition
 from studies.draws import MAXIMUM, SCENES, shape
+from studies.reporting import asked
 
 _ROUGH, _MET, _BEST, _STEPS = 1e-4, 1e-3, 1.01, 100
 Solver = Callable[[Search, Array, Array], Array | None]
@@ -120,12 +120,16 @@ def compare(name: str, scene: Scene, targets: int, guesses: int, seed: int) -> N
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the study and print its table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--targets", type=int, default=12)
-    parser.add_argument("--guesses", type=int, default=4)
-    parser.add_argument("--scenes", nargs="*", choices=SCENES, default=["paper", "silicone"])
-    parser.add_argument("--seed", type=int, default=0)
-    args = parser.parse_args(argv)
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--targets": 12,
+            "--guesses": 4,
+            "--scenes": (["paper", "silicone"], {"choices": SCENES}),
+            "--seed": 0,
+        },
+    )
     print(f"{'':<34}{'met':>8}{'best':>8}{'time [ms]':>11}")
     for name in args.scenes:
         compare(name, SCENES[name], args.targets, args.guesses, args.seed)

@@ -14,7 +14,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,7 +24,7 @@ from matplotlib.figure import Figure
 
 from model import Anchorage, Arm, Linear, Scene, settle
 from model.effects import ExactTendons, Extension, NeoHookean
-from studies.reporting import GRID, STATICS
+from studies.reporting import GRID, STATICS, asked
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "fem_reference.json"
 SCENES = {
@@ -100,16 +99,19 @@ def draw(table: list[tuple[dict[str, Any], dict[str, float]]]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the study: print its table, save its figure."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out"))
-    args = parser.parse_args(argv)
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--out": Path("out"),
+        },
+    )
     table = [(case, errors(case)) for case in cases()]
     print(f"{'case':<10}{'bend [deg]':>11}", *(f"{name:>22}" for name in SCENES), "   FEM +-")
     for case, row in table:
         name = f"{case['case']} {case['label']} N"
         print(f"{name:<10}{np.degrees(case['theta']):11.1f}", end=" ")
         print(*(f"{value:20.3f} %" for value in row.values()), f"{uncertainty(case):8.3f} %")
-    args.out.mkdir(parents=True, exist_ok=True)
     draw(table).savefig(args.out / "which_statics.png", dpi=130)
 
 

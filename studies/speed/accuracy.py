@@ -19,7 +19,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -43,7 +42,7 @@ from planner import plan
 from planner.targets import TipPosition
 from studies import draws
 from studies.baselines import ScipyArm, ScipyLoadedArm, ScipySiliconeArm, soromox_tip
-from studies.reporting import lettered
+from studies.reporting import asked, lettered
 from studies.speed.timing import calls_for, machine, seconds, timed, while_budget
 
 ARM = Arm.from_paper("table-4")
@@ -290,20 +289,22 @@ def report(title: str, curves: Sequence[Curve]) -> None:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the tables and save the figures."""
-    parser = argparse.ArgumentParser(
-        prog="python -m studies.speed accuracy", description=__doc__.splitlines()[0]
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--figures": (list(FIGURES), {"choices": FIGURES}),
+            "--cases": (3, {"help": "random sets of tensions"}),
+            "--repeats": 20,
+            "--finest": (256, {"help": "the finest mesh"}),
+            "--settings": (20, {"help": "accuracies, at most"}),
+            "--seed": 0,
+            "--out": Path("out"),
+        },
+        prog="python -m studies.speed accuracy",
     )
-    parser.add_argument("--figures", nargs="*", choices=FIGURES, default=list(FIGURES))
-    parser.add_argument("--cases", type=int, default=3, help="random sets of tensions")
-    parser.add_argument("--repeats", type=int, default=20)
-    parser.add_argument("--finest", type=int, default=256, help="the finest mesh")
-    parser.add_argument("--settings", type=int, default=20, help="accuracies, at most")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("out"))
-    args = parser.parse_args(argv)
     print(machine("soromox"))
     size = Size(args.cases, args.repeats, args.finest, args.settings)
-    args.out.mkdir(parents=True, exist_ok=True)
     for name in args.figures:
         figure = Figure(figsize=(4.8 * len(FIGURES[name]), 4.6), layout="constrained")
         panels = figure.subplots(1, len(FIGURES[name]))

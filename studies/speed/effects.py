@@ -14,7 +14,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -36,7 +35,7 @@ from model.effects import (
     Weight,
 )
 from planner.effect_ablation import Switch, switch_on
-from studies.reporting import lettered
+from studies.reporting import asked, lettered
 
 PAPER = Scene(Extension())
 _COLOURS = ("#1f6fb4", "#e8912c")
@@ -100,13 +99,16 @@ def draw(tables: dict[str, dict[str, Switch]]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the table and save the figure."""
-    parser = argparse.ArgumentParser(
-        prog="python -m studies.speed effects", description=__doc__.splitlines()[0]
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--effects": (list(EFFECTS), {"choices": EFFECTS}),
+            "--repeats": 5,
+            "--out": Path("out"),
+        },
+        prog="python -m studies.speed effects",
     )
-    parser.add_argument("--effects", nargs="+", choices=EFFECTS, default=list(EFFECTS))
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--out", type=Path, default=Path("out"))
-    args = parser.parse_args(argv)
     tables = {case: measure(case, args.effects, args.repeats) for case in CASES}
     for case, table in tables.items():
         print(f"\n{case}: what is added to the paper's scene")
@@ -118,5 +120,4 @@ def main(argv: Sequence[str] | None = None) -> None:
                 f"{switch.sizes.unknowns:>+10}{more:>8.3g}x{switch.time_factor:>7.3g}x"
                 f"{'  ' + switch.problem if switch.problem else ''}"
             )
-    args.out.mkdir(parents=True, exist_ok=True)
     draw(tables).savefig(args.out / "effects_cost.png", dpi=110)

@@ -16,7 +16,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
@@ -28,6 +27,7 @@ from model import Anchorage, Arm, settle
 from model.paths import Array
 from planner import Measured, calibrate
 from studies.calibration import BODY, LINEAR, shapes
+from studies.reporting import asked
 from studies.speed.timing import timed
 
 AGAIN = 4
@@ -63,13 +63,16 @@ def by_scipy(arm: Arm, measured: Sequence[Measured], compile: bool) -> Array:  #
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print both times, interpreted and compiled."""
-    parser = argparse.ArgumentParser(
-        prog="python -m studies.speed fit", description=(__doc__ or "").partition("\n")[0]
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--repeats": 9,
+            "--shapes": 22,
+            "--interpreted": (False, {"help": "nothing compiled"}),
+        },
+        prog="python -m studies.speed fit",
     )
-    parser.add_argument("--repeats", type=int, default=9)
-    parser.add_argument("--shapes", type=int, default=22)
-    parser.add_argument("--interpreted", action="store_true", help="nothing compiled")
-    args = parser.parse_args(argv)
     warnings.simplefilter("ignore")
     arm, measured = question(args.shapes)
     for compiled in [False] if args.interpreted else [False, True]:

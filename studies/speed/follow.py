@@ -18,7 +18,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Iterator, Sequence
 from itertools import islice
@@ -31,6 +30,7 @@ from planner import plan
 from planner.plan import Plan
 from planner.targets import TipPosition
 from studies.draws import MAXIMUM, SCENES
+from studies.reporting import asked
 
 _STEP, _ROUGH = 2e-3, 1e-7
 # How fast tensions swing, and how far at most [N], tip section first.
@@ -111,13 +111,16 @@ def walk(name: str, steps: int, rng: np.random.Generator) -> None:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the study and print its table."""
-    parser = argparse.ArgumentParser(
-        prog="python -m studies.speed follow", description=__doc__.splitlines()[0]
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--steps": 200,
+            "--scenes": (["paper"], {"choices": SCENES}),
+            "--seed": 0,
+        },
+        prog="python -m studies.speed follow",
     )
-    parser.add_argument("--steps", type=int, default=200)
-    parser.add_argument("--scenes", nargs="*", choices=SCENES, default=["paper"])
-    parser.add_argument("--seed", type=int, default=0)
-    args = parser.parse_args(argv)
     print(f"{'ms of the processor':<44}{'10 %':>8}{'median':>8}{'99 %':>8}")
     for name in args.scenes:
         walk(name, args.steps, np.random.default_rng(args.seed))

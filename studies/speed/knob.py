@@ -13,7 +13,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -43,6 +42,7 @@ from model.effects import (
 from model.forward import schemes_of
 from model.paths import Array
 from studies import draws
+from studies.reporting import asked
 
 ARMS = ("table-2", "table-4")
 Draw = Callable[[np.random.Generator, Arm], tuple[Effect, ...]]
@@ -179,10 +179,13 @@ def report(cases: list[Case], worst: int = 5) -> None:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Settle random cases and print what became of them."""
-    parser = argparse.ArgumentParser(
-        prog="python -m studies.speed knob", description=__doc__.splitlines()[0]
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--cases": 300,
+            "--seed": 0,
+        },
+        prog="python -m studies.speed knob",
     )
-    parser.add_argument("--cases", type=int, default=300)
-    parser.add_argument("--seed", type=int, default=0)
-    args = parser.parse_args(argv)
     report(run(args.cases, np.random.default_rng(args.seed)))

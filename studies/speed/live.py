@@ -16,7 +16,6 @@ Needs the extra [live], playwright and chromium.
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import socket
 import threading
@@ -33,6 +32,7 @@ from planner.io.scene_file import load
 from planner.live.handles import handle_of
 from planner.live.page import Page
 from planner.live.session import Session
+from studies.reporting import asked
 
 _SCENE = Path(__file__).parents[1] / "scenes" / "around_a_ball.toml"
 # Of the page [pixels]; of the circle [m], turns and moves a second.
@@ -115,14 +115,17 @@ def measured(browser: Any, session: Session, seconds: float, picture: Path | Non
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print pictures a second, their delays, and when the arm is there."""
-    parser = argparse.ArgumentParser(
-        prog="python -m studies.speed live", description=__doc__.splitlines()[0]
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--seconds": 5.0,
+            "--scene": _SCENE,
+            "--screenshots": (None, {"metavar": "DIR", "type": Path}),
+            "--compile": False,
+        },
+        prog="python -m studies.speed live",
     )
-    parser.add_argument("--seconds", type=float, default=5.0)
-    parser.add_argument("--scene", type=Path, default=_SCENE)
-    parser.add_argument("--screenshots", type=Path, metavar="DIR")
-    parser.add_argument("--compile", action="store_true")
-    args = parser.parse_args(argv)
     from playwright.sync_api import sync_playwright
 
     request = load(args.scene)

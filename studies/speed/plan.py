@@ -31,6 +31,7 @@ from planner import Plan, plan
 from planner.targets import TipPosition
 from studies import draws
 from studies.baselines import ScipyArm
+from studies.reporting import asked
 from studies.speed.timing import Parts, Row, Spread, counted, power, print_rows, seconds, timed
 
 PAPER, _SCIPY_STARTS = draws.SCENES["paper"], 10
@@ -157,16 +158,19 @@ def tables(args: argparse.Namespace) -> Parts:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(
-        prog="python -m studies.speed plan", description=__doc__.splitlines()[0]
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--rows": (None, {"help": "parts of the table; all unless given", "nargs": "*"}),
+            "--plans": 20,
+            "--points": 100,
+            "--arms": (5, {"help": "tips for each number of sections"}),
+            "--processes": (5, {"help": "for the first plan of a process"}),
+            "--sections": [3, 6, 12, 24],
+            "--seed": 0,
+        },
+        prog="python -m studies.speed plan",
     )
-    parser.add_argument("--rows", nargs="*", help="parts of the table; all unless given")
-    parser.add_argument("--plans", type=int, default=20)
-    parser.add_argument("--points", type=int, default=100)
-    parser.add_argument("--arms", type=int, default=5, help="tips for each number of sections")
-    parser.add_argument("--processes", type=int, default=5, help="for the first plan of a process")
-    parser.add_argument("--sections", type=int, nargs="*", default=[3, 6, 12, 24])
-    parser.add_argument("--seed", type=int, default=0)
-    args = parser.parse_args(argv)
     parts = tables(args)
     print_rows(parts, parts if args.rows is None else args.rows, args.seed)

@@ -29,6 +29,7 @@ from model.effects import Buoyancy, Extension, TipLoad, Weight
 from model.paths import Array
 from studies import draws
 from studies.baselines import ScipyArm, ScipyLoadedArm
+from studies.reporting import asked
 from studies.speed.timing import (
     Parts,
     Row,
@@ -184,15 +185,18 @@ def tables(args: argparse.Namespace) -> Parts:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(
-        prog="python -m studies.speed settle", description=__doc__.splitlines()[0]
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--rows": (None, {"help": "parts of the table; all unless given", "nargs": "*"}),
+            "--repeats": 20,
+            "--arms": (5, {"help": "random sets of tensions a row"}),
+            "--batch": 1000,
+            "--sections": [3, 6, 12, 24],
+            "--seed": 0,
+        },
+        prog="python -m studies.speed settle",
     )
-    parser.add_argument("--rows", nargs="*", help="parts of the table; all unless given")
-    parser.add_argument("--repeats", type=int, default=20)
-    parser.add_argument("--arms", type=int, default=5, help="random sets of tensions a row")
-    parser.add_argument("--batch", type=int, default=1000)
-    parser.add_argument("--sections", type=int, nargs="*", default=[3, 6, 12, 24])
-    parser.add_argument("--seed", type=int, default=0)
-    args = parser.parse_args(argv)
     parts = tables(args)
     print_rows(parts, parts if args.rows is None else args.rows, args.seed)

@@ -15,7 +15,6 @@ Answer: in studies/README.md.
 
 from __future__ import annotations
 
-import argparse
 import os
 import resource
 import subprocess
@@ -27,6 +26,7 @@ from pathlib import Path
 import xarray
 
 from studies.maps import SCENE, axis, workspace
+from studies.reporting import asked
 
 ROOT = Path(__file__).parents[2]
 _BOX = {"x": (150.0, 350.0), "y": (-150.0, 150.0), "z": (-150.0, 150.0)}
@@ -72,14 +72,16 @@ def peak(file: Path, out: Path) -> float:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(
-        prog="python -m studies.speed sweep", description=__doc__.splitlines()[0]
+    args = asked(
+        __doc__,
+        argv,
+        {
+            "--plans": 2000,
+            "--settles": [10_000, 100_000],
+            "--out": Path("out"),
+        },
+        prog="python -m studies.speed sweep",
     )
-    parser.add_argument("--plans", type=int, default=2000)
-    parser.add_argument("--settles", type=int, nargs="*", default=[10_000, 100_000])
-    parser.add_argument("--out", type=Path, default=Path("out"))
-    args = parser.parse_args(argv)
-    args.out.mkdir(parents=True, exist_ok=True)
     file = args.out.resolve() / "plans.toml"
     file.write_text(plans(args.plans))
     outs = [file.with_name(f"plans_{name}.nc") for name in ("one", "two")]

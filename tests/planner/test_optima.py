@@ -10,12 +10,13 @@ from scipy.optimize import minimize
 
 from model import Arm, Scene, settle
 from model.effects import Buoyancy, ExactTendons, Extension, TipLoad, Weight
-from planner import Plan, load_plan, plan
+from planner import Limits, Plan, load_plan, plan
+from planner.mirror import mirrors
 from planner.solve import search
 from planner.solve.ipopt import Candidate
 from planner.solve.refine import refine
 from planner.targets import TipPosition
-from tests.planner.cases import PAPER, Array, off, read
+from tests.planner.cases import PAPER, Array, moderate, off, read
 
 ARM = Arm.from_paper("table-4")
 MOST = 20.0
@@ -68,6 +69,18 @@ def test_no_tensions_near_a_plan_meet_its_tip_with_less_effort(name: str, norm: 
     other = least(scene, tip, np.clip(start, 0, MOST), norm)
     assert found.effort <= np.linalg.norm(other, ORDER[norm]) * (1 + 1e-5)
     assert found.effort == pytest.approx(np.linalg.norm(other, ORDER[norm]), rel=2e-3)
+
+
+@pytest.mark.parametrize("angle", [0, 45, 90, 135])
+def test_mirrored_tensions_have_the_mirrored_shape(angle: int) -> None:
+    s = np.linspace(0, ARM.length, 5)
+    T = np.ravel(moderate()) * np.random.default_rng(angle).uniform(0.5, 1, 12)
+    every = {round(np.degrees(m.angle)): m for m in mirrors(ARM, Limits.of(ARM, 20.0))}
+    expected = every[angle].poses(ARM, settle(ARM, T, PAPER, 1e-9).poses(s))
+    found = settle(ARM, T[every[angle].tendons], PAPER, 1e-9).poses(s)
+    signs = np.sign((expected[:, :4] * found[:, :4]).sum(axis=1))[:, None]
+    assert np.allclose(expected[:, 4:], found[:, 4:], atol=1e-9)
+    assert np.allclose(expected[:, :4] * signs, found[:, :4], atol=1e-8)
 
 
 def test_a_target_in_a_plane_that_is_cheaper_out_of_it_has_a_mirror_image() -> None:
