@@ -9,7 +9,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
+from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq, newton
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipeinc, ellipj, ellipkinc
@@ -57,6 +57,24 @@ class Bar:
         """The volume of the frustum beyond s."""
         near, far = self.R(s), self.tip
         return np.pi * (self.length - s) / 3 * (near**2 + near * far + far**2)
+
+    def deflection(self, load: Callable[[float], float]) -> float:
+        """Of the tip under a small line load across, by the unit load theorem."""
+        L = self.length
+
+        def part(s: float) -> float:
+            return quad(lambda x: load(x) * (x - s), s, L)[0] * (L - s) / self.EJ(s)
+
+        return float(quad(part, 0, L, epsrel=1e-12)[0])
+
+
+def helix(rate: Array, t: Array, s: float) -> Array:
+    """Where a curve ends that starts along t and turns by a constant rate (3,) [1/m] in space."""
+    size = np.linalg.norm(rate)
+    axis = rate / size
+    along = axis * (axis @ t)
+    across = (t - along) * np.sin(size * s) / size
+    return np.asarray(along * s + across + np.cross(axis, t) * (1 - np.cos(size * s)) / size)
 
 
 NO_PULL = [0.0]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
 
 from model import Anchorage, Arm, Linear, Material, Scene, settle
 from model.effects import Current, ExactTendons, Extension, Shear
@@ -18,13 +17,8 @@ SOFT = {"uniform": Bar(), "conical": Bar(0.012, 0.005)}
 
 
 def deflection(bar: Bar, v: float) -> float:
-    """Of the tip under the line load rho C R v2, by the unit load theorem."""
-
-    def moment(s: float) -> float:
-        return quad(lambda x: RHO * C * bar.R(x) * v**2 * (x - s), s, bar.length)[0]
-
-    part = quad(lambda s: moment(s) * (bar.length - s) / bar.EJ(s), 0, bar.length, epsrel=1e-12)
-    return float(part[0])
+    """Of the tip under the line load rho C R v2."""
+    return bar.deflection(lambda s: RHO * C * bar.R(s) * v**2)
 
 
 @pytest.mark.parametrize("name", STIFF)
@@ -77,29 +71,11 @@ def pushed(bar: Bar, v: Array, extension: bool) -> Array:
 STREAMS = {"weak": (0.0, 0.2), "strong": (0.0, 0.6), "outward": (0.3, 0.3), "back": (-0.2, 0.25)}
 
 
-@pytest.mark.quick("conical-strong-True", "conical-outward-False")
-@pytest.mark.parametrize(
-    ("name", "stream", "extension"),
-    [
-        ("uniform", "weak", True),
-        ("conical", "strong", True),
-        ("conical", "outward", False),
-        ("uniform", "back", True),
-    ],
-)
-def test_a_soft_bar_gives_way_as_the_elastica_does(name: str, stream: str, extension: bool) -> None:
-    give_way(name, stream, extension)
-
-
-@pytest.mark.slow
+@pytest.mark.quick("conical-strong-extension", "conical-outward-bending")
 @pytest.mark.parametrize("extension", [False, True], ids=["bending", "extension"])
 @pytest.mark.parametrize("stream", STREAMS)
 @pytest.mark.parametrize("name", SOFT)
-def test_soft_bars_give_way_to_all_streams(name: str, stream: str, extension: bool) -> None:
-    give_way(name, stream, extension)
-
-
-def give_way(name: str, stream: str, extension: bool) -> None:
+def test_a_soft_bar_gives_way_as_the_elastica_does(name: str, stream: str, extension: bool) -> None:
     bar, v = SOFT[name], STREAMS[stream]
     scene = Scene(Current((*v, 0)), *([Extension()] if extension else []))
     shape = settle(bar.arm, NO_PULL, scene, 1e-10)
@@ -107,16 +83,6 @@ def give_way(name: str, stream: str, extension: bool) -> None:
     s = np.linspace(0, bar.length, 9)
     assert found[1, -1] > 0.1 * bar.length
     assert np.allclose(shape.position(s)[:, :2], found.T, rtol=0, atol=2e-10 * bar.length)
-
-
-def test_a_fast_stream_lays_the_arm_along_itself() -> None:
-    bar = SOFT["conical"]
-    jacobian = []
-    for v in (0.3, 1.0, 3.0):
-        t = settle(bar.arm, NO_PULL, Scene(Current((0, v, 0))), 1e-7).tip_frame[:, 0]
-        jacobian.append(np.arccos(t[1]))
-    assert np.all(np.diff(jacobian) < 0)
-    assert jacobian[-1] < 0.1
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from scipy.integrate import simpson
 from scipy.linalg import expm
 from scipy.optimize import minimize
 
-from model import Arm, Scene, Shape, settle
+from model import Anchorage, Arm, Linear, Scene, Shape, settle
 from model.effects import (
     Buoyancy,
     ExactTendons,
@@ -27,7 +27,9 @@ from model.effects import (
 )
 from tests.effects.cases import EXACT, SILICONE, SWOLLEN, Array
 
-ARM = Arm.from_paper("table-4")
+ARM = Arm.from_paper("table-2")
+L, E, G = 0.31, 110e3, 110e3 / 3
+ENDS, OFFSETS = (0.31, 0.217, 0.093), ((7.5e-3, 1e-3), (3.5e-3, 3.5e-3), (6e-3, 6e-3))
 SCENES = {
     "bending only": Scene(ExactTendons()),
     "linear": EXACT,
@@ -39,38 +41,47 @@ SCENES = {
 def tensions(seed: int) -> Array:
     rng = np.random.default_rng(seed)
     pulled = rng.uniform(size=(3, 4)) < 0.6
-    return rng.uniform(size=(3, 4)) * pulled * np.array([0.2, 2.0, 6.0])[:, None]
+    return rng.uniform(size=(3, 4)) * pulled * np.array([0.2, 1.0, 3.0])[:, None]
 
 
-def energy(v: Array, s: float, T: Array, scene: Scene) -> float:
-    """Energy per unit reference length of v = (kappa_t, kappa_n, kappa_b, lambda)."""
-    R = 0.015 + (0.002 - 0.015) * s / 0.45
-    E, A, J = 110e3, np.pi * R**2, np.pi * R**4 / 4
-    twist, bend, stretch = v[0], v[1:3], v[3]
-    rubber = scene.find(NeoHookean)
+def section_energies(v: Any, s: Any, scene: Scene, T: Any) -> tuple[Any, Any]:
+    """Energy per unit reference length of the body and of the tendons, at s (N,).
+
+    Strains v (N, 6) are kappa and nu, whose first part is the stretch.
+    """
+    R = 15e-3 + (6.5e-3 - 15e-3) * s / L
+    A, J = np.pi * R**2, np.pi * R**4 / 4
+    twist, bend, stretch, slide = v[:, 0], v[:, 1:3], v[:, 3], v[:, 4:]
+    bent = np.sum(bend**2, axis=1)
+    rubber, shear = scene.find(NeoHookean), scene.find(Shear)
     if rubber:
-        total = E * A / 6 * (stretch**2 + 2 / stretch - 3)
-        total += E * J * (1 + 2 / stretch**3) / (6 * stretch) * (bend @ bend)
-        total += E / 3 * 2 * J * twist**2 / (2 * stretch)
+        body = E * A / 6 * (stretch**2 + 2 / stretch - 3) + G * J * twist**2 / stretch
+        body = body + E * J * (1 + 2 / stretch**3) / (6 * stretch) * bent
     else:
-        total = E * A / 2 * (stretch - 1) ** 2 + E * J / 2 * (bend @ bend)
-        total += E / 3 * 2 * J * twist**2 / 2
+        body = E * A / 2 * (stretch - 1) ** 2 + E * J / 2 * bent + G * J * twist**2
+    body = body + (shear.k_s if shear else 0) * G * A / 2 * np.sum(slide**2, axis=1)
     shrink = stretch**-0.5 if rubber else 1.0
-    ends, base, end = (0.45, 0.315, 0.135), (7.5e-3, 3.5e-3, 6e-3), (1e-3, 3.5e-3, 6e-3)
-    for i in range(3):
-        if s > ends[i]:
-            continue
-        slope = (end[i] - base[i]) / ends[i]
-        y = base[i] + slope * s
-        for j, d in enumerate(([0, 1, 0], [0, 0, 1], [0, -1, 0], [0, 0, -1])):
-            c = np.array([stretch, 0, 0]) + shrink * (
-                slope * np.array(d) + y * np.cross(np.array([twist, *bend]), d)
-            )
+    tendons = 0.0
+    for i, (end, (a, b)) in enumerate(zip(ENDS, OFFSETS, strict=True)):
+        slope = (b - a) / end
+        y = a + slope * s
+        for j in range(4):
+            d = np.array([0, [1, 0, -1, 0][j], [0, 1, 0, -1][j]])
+            c = shrink * (y * np.cross(v[:, :3], d).T + slope * np.outer(d, np.ones_like(s)))
+            c = v[:, 3:].T + c
             if rubber and rubber.anticlastic:
-                g, Y = np.array([bend[1], -bend[0]]), y * np.array(d[1:])
-                c[0] -= ((g @ Y) ** 2 - (g[0] * Y[1] - g[1] * Y[0]) ** 2) / (4 * stretch**2)
-            total += T[i, j] * float(np.linalg.norm(c))
-    return float(total)
+                inward = y * (bend[:, 1] * d[1] - bend[:, 0] * d[2])
+                across = y * (bend[:, 1] * d[2] + bend[:, 0] * d[1])
+                c[0] = c[0] - (inward**2 - across**2) / (4 * stretch**2)
+            tendons = tendons + T[i, j] * (s < end) * np.sqrt(np.sum(c**2, axis=0))
+    return body, tendons
+
+
+def energy(v: Array, s: float, T: Array, scene: Scene) -> Array:
+    """Energies (N,) of (kappa_t, kappa_n, kappa_b, lambda) (N, 4) in one section."""
+    rows = np.atleast_2d(v)
+    at = np.full(len(rows), s)
+    return np.sum(section_energies(np.pad(rows, ((0, 0), (0, 2))), at, scene, T), axis=0)
 
 
 @pytest.mark.quick("0-bending only", "1-linear", "2-neo-Hookean", "3-with the shift")
@@ -80,7 +91,7 @@ def test_no_strain_nearby_has_less_energy(name: str, seed: int) -> None:
     scene, T = SCENES[name], tensions(seed)
     shape = settle(ARM, T, scene, 1e-6)
     rng = np.random.default_rng(seed)
-    for s in (0.05, 0.2, 0.4, 0.449):
+    for s in (0.05, 0.15, 0.28, 0.309):
         tau, xi, k, q = shape.strain(s)
         settled = np.array([tau, xi, k, 1.0]) * np.array([1 + q] * 3 + [1.0]) + [0, 0, 0, q]
         free = np.array([1, 1, 1, float(scene.has(Extension))])
@@ -88,21 +99,20 @@ def test_no_strain_nearby_has_less_energy(name: str, seed: int) -> None:
         size = np.array([1.0, 1.0, 1.0, 1e-2])
         steps = rng.normal(size=(20, 4)) * size * free
         for h in (1e-4, 1e-2):
-            changes = np.array([energy(settled + h * step, s, T, scene) - least for step in steps])
-            assert np.all(changes > 0)
+            assert np.all(energy(settled + h * steps, s, T, scene) > least)
 
 
 @pytest.mark.quick("neo-Hookean", "with the shift")
 @pytest.mark.parametrize("name", ["linear", "neo-Hookean", "with the shift"])
 def test_a_minimiser_finds_the_same_strains(name: str) -> None:
     scene, T = SCENES[name], tensions(3)
-    for s in (0.1, 0.3, 0.44):
+    for s in (0.07, 0.2, 0.3):
         _, xi, k, q = settle(ARM, T, scene, 1e-6).strain(s)
         scale = np.array([10.0, 10.0, 0.1])
         found = minimize(
             lambda x, s=s, scale=scale: energy(
                 np.array([0, *(x * scale)[:2], 1 + (x * scale)[2]]), s, T, scene
-            ),
+            )[0],
             np.zeros(3),
             method="Nelder-Mead",
             options={"xatol": 1e-10, "fatol": 1e-16, "maxiter": 4000},
@@ -113,8 +123,6 @@ def test_a_minimiser_finds_the_same_strains(name: str) -> None:
 
 
 def test_one_tendon_on_the_axis_shortens_by_the_uniaxial_law() -> None:
-    from model import Anchorage, Linear
-
     arm = Arm(0.2, Linear(0.01, 0.01), (Anchorage(0.2, Linear(0.0, 0.0), (0.0,)),))
     for tension in (0.01, 1.0, 10.0, 100.0):
         q = settle(arm, [tension], SILICONE, 1e-9).strain(0.1)[3]
@@ -123,13 +131,11 @@ def test_one_tendon_on_the_axis_shortens_by_the_uniaxial_law() -> None:
 
 
 def test_for_small_tensions_rubber_is_the_linear_material() -> None:
-    T = tensions(1) * 1e-6
-    soft, linear = (settle(ARM, T, scene, 1e-10).strain(0.3) for scene in (SILICONE, EXACT))
+    arm, T = Arm.from_paper("table-4"), 1e-6 * tensions(1) * [[1], [2], [2]]
+    soft, linear = (settle(arm, T, scene, 1e-10).strain(0.3) for scene in (SILICONE, EXACT))
     assert np.allclose(soft, linear, rtol=1e-5, atol=0)
 
 
-L, E, G = 0.31, 110e3, 110e3 / 3
-ENDS, OFFSETS = (0.31, 0.217, 0.093), ((7.5e-3, 1e-3), (3.5e-3, 3.5e-3), (6e-3, 6e-3))
 FORCE, POINT, AT = (2e-3, -1.5e-3, 1e-3), (0.0, 4e-3, -3e-3), 0.15
 LINEAR, RUBBER = (Extension(), ExactTendons()), (Extension(), ExactTendons(), NeoHookean())
 SWOLLEN_LAW = (Extension(), ExactTendons(), NeoHookean(anticlastic=True))
@@ -179,37 +185,6 @@ def settled_strains(shape: Shape) -> Any:
     return np.hstack([nu[:, :1] * shape.strain(s)[:, :3], nu])
 
 
-def section_energies(v: Any, scene: Scene, T: Any) -> tuple[Any, Any]:
-    """Energy per unit length of the body and of the tendons, at the nodes."""
-    s = GRID.nodes.ravel()
-    R = 15e-3 + (6.5e-3 - 15e-3) * s / L
-    A, J = np.pi * R**2, np.pi * R**4 / 4
-    twist, bend, stretch, slide = v[:, 0], v[:, 1:3], v[:, 3], v[:, 4:]
-    bent = np.sum(bend**2, axis=1)
-    rubber, shear = scene.find(NeoHookean), scene.find(Shear)
-    if rubber:
-        body = E * A / 6 * (stretch**2 + 2 / stretch - 3) + G * J * twist**2 / stretch
-        body = body + E * J * (1 + 2 / stretch**3) / (6 * stretch) * bent
-    else:
-        body = E * A / 2 * (stretch - 1) ** 2 + E * J / 2 * bent + G * J * twist**2
-    body = body + (shear.k_s if shear else 0) * G * A / 2 * np.sum(slide**2, axis=1)
-    shrink = stretch**-0.5 if rubber else 1.0
-    tendons = 0.0
-    for i, (end, (a, b)) in enumerate(zip(ENDS, OFFSETS, strict=True)):
-        slope = (b - a) / end
-        y = a + slope * s
-        for j in range(4):
-            d = np.array([0, [1, 0, -1, 0][j], [0, 1, 0, -1][j]])
-            c = shrink * (y * np.cross(v[:, :3], d).T + slope * np.outer(d, np.ones_like(s)))
-            c = v[:, 3:].T + c
-            if rubber and rubber.anticlastic:
-                inward = y * (bend[:, 1] * d[1] - bend[:, 0] * d[2])
-                across = y * (bend[:, 1] * d[2] + bend[:, 0] * d[1])
-                c[0] = c[0] - (inward**2 - across**2) / (4 * stretch**2)
-            tendons = tendons + T[i, j] * (s < end) * np.sqrt(np.sum(c**2, axis=0))
-    return body, tendons
-
-
 def midline(v: Any) -> Any:
     """Positions (M + 1, 3) at the ends of the steps by fourth-order Magnus."""
     matrices = np.zeros((len(v), 4, 4), dtype=v.dtype)
@@ -246,7 +221,7 @@ def work_of_loads(u: Any, scene: Scene) -> Any:
 def terms(v: Any, scene: Scene, T: Any) -> Any:
     """The potential: of the body, the tendons, and the loads."""
     weights = np.repeat(GRID.h / 2, 2)
-    body, tendons = section_energies(v, scene, T)
+    body, tendons = section_energies(v, GRID.nodes.ravel(), scene, T)
     return np.array([weights @ body, weights @ tendons, -work_of_loads(midline(v), scene)])
 
 

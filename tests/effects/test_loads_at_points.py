@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from model import Anchorage, Arm, Linear, Scene, settle
 from model.arm import PAPER_FRAME
 from model.effects import Buoyancy, ExactTendons, Extension, NeoHookean, PointLoad, TipLoad, Weight
-from tests.effects.bars import NO_PULL, Bar, dead_elastica, elastica, follower_elastica
+from tests.effects.bars import NO_PULL, Bar, dead_elastica, elastica, follower_elastica, helix
 from tests.effects.cases import DATA, Array
 
 PAPER_CASES = json.loads((DATA / "reference_cases.json").read_text())["cases"]
@@ -136,13 +136,7 @@ def under_moment(moment: Array, s: float) -> tuple[Array, Array]:
     rate = moment / EJ
     own = np.array([twist * (1 / GI - 1 / EJ), 0, 0])
     frame = Rotation.from_rotvec(rate * s).as_matrix() @ base
-    size = np.linalg.norm(rate)
-    axis = rate / size
-    t = base[:, 0]
-    along = axis * (axis @ t)
-    across = (t - along) * np.sin(size * s) / size
-    position = along * s + across + np.cross(axis, t) * (1 - np.cos(size * s)) / size
-    return position, frame @ Rotation.from_rotvec(own * s).as_matrix()
+    return helix(rate, base[:, 0], s), frame @ Rotation.from_rotvec(own * s).as_matrix()
 
 
 MOMENTS = {

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_bvp, solve_ivp
 from scipy.optimize import fsolve
-from scipy.spatial.transform import Rotation
 
 from model import (
     Anchorage,
@@ -34,6 +33,7 @@ from model.effects import (
 from model.winches import rest_lengths
 from planner import load_plan, plan, stiffness
 from planner.targets import TipPosition
+from tests.effects.bars import helix
 from tests.effects.cases import Array
 
 L, R, Y, E, NU, DENSITY = 0.2, 0.01, 0.006, 150e3, 0.4, 1100.0
@@ -48,17 +48,6 @@ def _arm(n: Linear | Sampled, b: Linear | Sampled) -> Arm:
     tendons = Anchorage(L, Linear(Y, Y), (0.0, np.pi / 2))
     rest, body = RestCurvature(n, b), Material(E, NU, DENSITY)
     return Arm(L, Linear(R, R), (tendons,), body, WORLD, rest_curvature=rest)
-
-
-def _end_of(kappa: Array, stretch: float = 1.0) -> Array:
-    """The tip of a curve of constant curvature (3,) along reference length."""
-    s = np.linspace(0, L, 2001)
-    t = Rotation.from_rotvec(np.outer((s[1:] + s[:-1]) / 2, kappa)).as_matrix()[:, :, 0]
-    # Between the middles of intervals a midpoint rule of second order, by Richardson of fourth.
-    fine = t.sum(axis=0) * L / 2000
-    half = Rotation.from_rotvec(np.outer((np.arange(1000) + 0.5) * L / 1000, kappa)).as_matrix()
-    coarse = half[:, :, 0].sum(axis=0) * L / 1000
-    return np.asarray(stretch * (4 * fine - coarse) / 3)
 
 
 SCENES = [
@@ -76,7 +65,9 @@ SCENES = [
 @pytest.mark.parametrize("scene", SCENES)
 def test_without_tensions_it_has_its_shape_at_rest(scene: Scene) -> None:
     shape = settle(_arm(Linear(2.0, 2.0), Linear(5.0, 5.0)), [0, 0], scene, 1e-10)
-    assert np.allclose(shape.tip, _end_of(np.array([0.0, 2.0, 5.0])), rtol=0, atol=1e-9 * L)
+    assert np.allclose(
+        shape.tip, helix(np.array([0.0, 2.0, 5.0]), np.eye(3)[0], L), rtol=0, atol=1e-9 * L
+    )
     assert np.allclose(shape.strain(L / 3), [0, 2, 5, 0], rtol=0, atol=1e-9)
     assert shape.stability == pytest.approx(1.0, abs=1e-6)
 
@@ -146,7 +137,7 @@ def test_sections_with_exact_tendons_balance_what_differs_from_rest(
     assert np.allclose(found, wanted, rtol=1e-7)
     assert abs(tau) < 1e-9
     kappa = np.array([0.0, *wanted[:2]])
-    assert np.allclose(shape.tip, wanted[2] * _end_of(kappa), atol=1e-7 * L)
+    assert np.allclose(shape.tip, wanted[2] * helix(kappa, np.eye(3)[0], L), atol=1e-7 * L)
 
 
 def test_a_curved_cantilever_under_its_weight_is_the_beam_of_solve_bvp() -> None:

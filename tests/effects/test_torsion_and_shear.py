@@ -136,14 +136,6 @@ def test_a_load_across_a_bent_arm_twists_it(extension: bool) -> None:
     assert abs(shape.strain(0.15)[0]) > 0.1
 
 
-def test_torsion_alone_is_the_moment_about_t_over_its_stiffness() -> None:
-    shape = settle(ARM, PULLS, Scene(Extension(), TipLoad(tuple(TIP_FORCE))), 1e-11)
-    for s in (0.02, 0.1, 0.2, 0.3):
-        t = shape.frame(s)[:, 0]
-        about = t @ np.cross(shape.tip - shape.position(s), TIP_FORCE)
-        assert shape.strain(s)[0] == pytest.approx(about / balance(s)[0][0, 0], abs=1e-8)
-
-
 def test_with_the_papers_tangent_sections_slide_by_the_force_across() -> None:
     shape = settle(ARM, PULLS, Scene(Extension(), Shear(0.9), TipLoad(tuple(TIP_FORCE))), 1e-11)
     low, high = 0.093, 0.217

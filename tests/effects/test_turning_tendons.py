@@ -132,13 +132,6 @@ def test_lengths_at_rest_are_those_of_the_helix() -> None:
     assert rest_lengths(_arm())[0] == pytest.approx(np.hypot(L, Y * TURN), rel=1e-12)
 
 
-def test_a_turn_that_is_nothing_changes_nothing() -> None:
-    scene = Scene(Extension(), ExactTendons(), Weight())
-    plain = settle(_arm(None), [0.5, 1.0], scene)
-    turned = settle(_arm(Linear(0.0, 0.0)), [0.5, 1.0], scene)
-    assert np.allclose(plain.tip, turned.tip, rtol=0, atol=1e-15)
-
-
 def test_rates_of_a_path_that_tapers_and_turns_are_those_of_its_closed_form() -> None:
     # Y = y (cos, sin)(ANGLE + phi): Y'' has y' phi' twice, which friction's bends are made of.
     a, b, c = Y, -0.4 * Y / L, TURN / L
