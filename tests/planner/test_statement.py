@@ -124,6 +124,10 @@ SENTENCES: dict[str, tuple[dict[str, Any], str]] = {
         },
         "the nearest shape found is off in bend by 5.73 deg",
     ),
+    "millimetres": (
+        {"certificate": replace(MISSED, units={"tip position": "L"})},
+        "the nearest attainable shape is off in tip position by 4.5 mm",
+    ),
     # What a search did not end with is not called the nearest attainable.
     "stopped": ({"stopped": True}, "the nearest shape found is off in"),
     "no stable one": ({"unstable": True}, "the nearest shape found is off in"),

@@ -78,6 +78,14 @@ def test_in_a_given_time_effort_is_least_and_plans_are_kept_where_rates_allow() 
     np.testing.assert_allclose(slow.tensions[2], alone.tensions, atol=2e-3)
 
 
+def test_strokes_keep_to_their_rate() -> None:
+    tr = trajectory(ARM, TARGETS[:2], SCENE, 20.0, stroke_rate_max=0.02)
+    assert tr.certificate.passed, tr.outcome
+    t = np.linspace(0.0, tr.duration, 101)
+    lengths = np.array([settle(ARM, T, SCENE, 1e-6).tendon_lengths for T in tr.at(t)])
+    assert (np.abs(np.diff(lengths, axis=0)) / np.diff(t)[:, None]).max() < 0.02 * 1.02
+
+
 def test_a_motion_starts_at_a_plan() -> None:
     start = plan(ARM, TARGETS[0], SCENE, 20.0)
     tr = trajectory(ARM, TARGETS[1:2], SCENE, 20.0, rate_max=2.0, start=start)
