@@ -33,7 +33,7 @@ from matplotlib.figure import Figure
 
 from model import Arm, OctoplanError, Scene, settle, tip_jacobian
 from model.effects import Buoyancy, ExactTendons, Extension, Weight
-from model.forward import CLOSED_FORMS, SCHEMES, ForwardMap, equilibrium_on, forward_map, schemes_of
+from model.forward import CLOSED_FORMS, SCHEMES, equilibrium_on, forward_map, schemes_of
 from model.loads import is_loaded
 from model.mesh import REFINEMENTS
 from model.paths import Array
@@ -150,11 +150,19 @@ def settling(scene: Scene, size: Size, rng: np.random.Generator) -> list[Curve]:
     curves = []
     for name in CLOSED_FORMS if scene == EXACT else schemes_of(scene):
         maps = (forward_map(ARM, scene, name, refinement) for refinement in size.meshes)
-        curves.append(measured(name, "own", (partial(_tip, each, T) for each in maps), off, size))
-    chosen = (partial(_settled, scene, T, a) for a in KNOB[: size.settings])
+        curves.append(
+            measured(
+                name,
+                "own",
+                (lambda i, of=each: equilibrium_on(of, T[i]).poses[-1, 4:] for each in maps),
+                off,
+                size,
+            )
+        )
+    chosen = (lambda i, a=a: settle(ARM, T[i], scene, a).tip for a in KNOB[: size.settings])
     curves.append(measured("settle's choice", "choice", chosen, off, size))
     for name, tip, settings in others(scene):
-        works = (partial(_by_others, tip, T, setting) for setting in settings[: size.settings])
+        works = (lambda i, of=tip, x=x: of(T[i], x) for x in settings[: size.settings])
         curves.append(measured(name, "other", works, off, size))
     return curves
 
@@ -175,18 +183,6 @@ def others(scene: Scene) -> list[tuple[str, Callable[[Array, float], Array], tup
         return [(name, way, RTOLS[:7]) for name, way in ways.items()]
     silicone = ScipySiliconeArm(ARM, NOTHING, DOWN if is_loaded(scene) else NOTHING, 1000.0)
     return [("SciPy shooting", silicone.shoot, RTOLS[:8:2])]
-
-
-def _tip(forward: ForwardMap, T: Array, i: int) -> Array:
-    return equilibrium_on(forward, T[i]).poses[-1, 4:]
-
-
-def _settled(scene: Scene, T: Array, accuracy: float, i: int) -> Array:
-    return settle(ARM, T[i], scene, accuracy).tip
-
-
-def _by_others(tip: Callable[[Array, float], Array], T: Array, setting: float, i: int) -> Array:
-    return tip(T[i], setting)
 
 
 def jacobians(size: Size, rng: np.random.Generator) -> list[Curve]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from model import InputError, OctoplanError, Scene
-from model.effects import Extension
+from model.effects import Contact, Extension
+from model.obstacles import Sphere
 from planner import Measured, Unknown, calibrate
 from tests.calibrate.cases import HANGING, small_arm
 
@@ -17,74 +19,100 @@ GOOD = Measured([1.0, 0.0, 0.0], [POINT])
 E = Unknown("arm.E_kPa", 50, 300)
 
 
-@pytest.mark.parametrize(
-    ("shape", "told"),
-    [
-        ({"points": [(0.3, (0, 0, 0), (0, 0, -0.1))]}, r"points\[0\].s: got 0.3.* 0 to 0.2 m"),
-        ({"points": [(100.0, (0, 0, 0), (0, 0, -0.1))]}, "is it in mm"),
-        ({"points": [(0.1, (0, 0, 20.0), (0, 0, -0.1))]}, "offset.*is it in mm"),
-        ({"points": [(0.1, (0, 0, 0), (0, 0, -100.0))]}, "is it in mm"),
-        ({"points": [(0.2, (0, 0, 0), (0, 0, -0.0001))]}, "1000 times too small"),
-        ({"points": [(0.1, (0, 0, 0), (0, float("nan"), 0))]}, "finite"),
-        ({"points": [(0.1, (0, 0, 0))]}, "all in m"),
-        ({"points": []}, "points, frames, a tip"),
-        ({"lengths": [0.2, 0.2]}, "one of each of 3"),
-        ({"lengths": [0.2, 196.0, 0.2]}, "lengths, T_12: got 196.0.*is it in mm"),
-        ({"strokes": [0.0, 0.3, 0.0]}, "strokes, T_12: got 0.3.*at rest, 0.2 m; is it in mm"),
-        ({"tip": (0, 0, -200.0)}, "tip.*is it in mm"),
-        ({"frames": [(0.1, [[1, 0, 0], [0, 1, 0], [0, 0, 2]])]}, "orthonormal"),
-        ({"tensions": [1.0, 2.0]}, "3 numbers"),
-        ({"std": 0.0}, "above 0"),
-    ],
-)
-def test_measurements_that_cannot_be(shape: dict[str, Any], told: str) -> None:
+def measuring(**shape: Any) -> Callable[[], object]:
     given = {"tensions": [1.0, 0.0, 0.0], "points": [POINT]} | shape
+    return lambda: calibrate(small_arm(), HANGING, [Measured(**given)], [E])
+
+
+def asking(*unknowns: Unknown) -> Callable[[], object]:
+    return lambda: calibrate(small_arm(), HANGING, [GOOD], list(unknowns))
+
+
+def of_modulus(*given: Any, **more: Any) -> Callable[[], object]:
+    return lambda: asking(Unknown("arm.E_kPa", *given, **more))()
+
+
+TOUCHING = HANGING + Contact(Sphere((0.1, 0.0, -0.1), 0.02))
+REFUSED: dict[str, tuple[Callable[[], object], str]] = {
+    "beyond the tip": (
+        measuring(points=[(0.3, (0, 0, 0), (0, 0, -0.1))]),
+        r"points\[0\].s: got 0.3.* 0 to 0.2 m",
+    ),
+    "s in mm": (measuring(points=[(100.0, (0, 0, 0), (0, 0, -0.1))]), "is it in mm"),
+    "offset in mm": (measuring(points=[(0.1, (0, 0, 20), (0, 0, -0.1))]), "offset.*is it in mm"),
+    "place in mm": (measuring(points=[(0.1, (0, 0, 0), (0, 0, -100.0))]), "is it in mm"),
+    "place in km": (measuring(points=[(0.2, (0, 0, 0), (0, 0, -1e-4))]), "1000 times too small"),
+    "no number": (measuring(points=[(0.1, (0, 0, 0), (0, float("nan"), 0))]), "finite"),
+    "no place": (measuring(points=[(0.1, (0, 0, 0))]), "all in m"),
+    "nothing measured": (measuring(points=[]), "points, frames, a tip"),
+    "two lengths": (measuring(lengths=[0.2, 0.2]), "one of each of 3"),
+    "lengths in mm": (
+        measuring(lengths=[0.2, 196.0, 0.2]),
+        "lengths, T_12: got 196.0.*is it in mm",
+    ),
+    "lengths alone in mm": (
+        measuring(tensions=None, points=(), tip=(0, 0, -0.1), lengths=[0.2, 200.0, 0.2]),
+        r"measured\[0\]: lengths, T_12: got 200.0.*in mm",
+    ),
+    "strokes in mm": (
+        measuring(strokes=[0.0, 0.3, 0.0]),
+        "strokes, T_12: got 0.3.*at rest, 0.2 m; is it in mm",
+    ),
+    "tip in mm": (measuring(tip=(0, 0, -200.0)), "tip.*is it in mm"),
+    "tip out of reach": (
+        measuring(points=(), tip=(0, 0, -3.0)),
+        r"measured\[0\]: tip, z: got .*within reach",
+    ),
+    "a frame that is none": (
+        measuring(frames=[(0.1, [[1, 0, 0], [0, 1, 0], [0, 0, 2]])]),
+        "orthonormal",
+    ),
+    "two tensions": (measuring(tensions=[1.0, 2.0]), "3 numbers"),
+    "no deviation": (measuring(std=0.0), "above 0"),
+    "driven by nothing": (
+        measuring(tensions=None, tip=(0, 0, -0.1)),
+        "tensions, or else lengths or strokes",
+    ),
+    "driven twice": (
+        measuring(tensions=None, lengths=[0.2] * 3, strokes=[0.0] * 3),
+        "tensions, or else lengths or strokes",
+    ),
+    "nothing unknown": (asking(), "at least one"),
+    "a slip": (asking(Unknown("arm.E_kpa", 50, 300)), 'did you mean "E_kPa"'),
+    "all radii": (asking(Unknown("arm.radius_mm", 5, 15)), r"arm.radius_mm\[0\]"),
+    "a truth": (asking(Unknown("effects.extension", 0, 1)), "a number of arm, effects"),
+    "no friction": (
+        asking(Unknown("effects.friction.mu", 0, 1)),
+        "give it effects.friction first",
+    ),
+    "no such point": (asking(Unknown("points[1].s_mm", 0, 1)), "i below 1"),
+    "bounds beside": (of_modulus(200, 300), "120 kPa"),
+    "no session": (of_modulus(50, 300, session="A"), "no shape has a session"),
+    "twice": (asking(E, E), "each key once"),
+    "too many": (
+        asking(E, *(Unknown(f"arm.base_position_mm[{i}]", -9, 9) for i in range(3))),
+        "at most as many",
+    ),
+    "bounds in Pa": (of_modulus(5e4, 4e5), "1000 times too large"),
+    "bounds in MPa": (of_modulus(0.05, 0.4), "1000 times too small"),
+    "no room": (of_modulus(3, 3), "above lower"),
+    "no bound": (of_modulus(3, float("inf")), "finite"),
+    "a mean beside": (of_modulus(3, 9, (1, 2)), "a mean within the bounds"),
+    "a mean for sure": (of_modulus(3, 9, (4, 0)), "standard deviation above 0"),
+    "no key": (lambda: Unknown((), 3, 9), "a key path"),
+    "a key twice": (lambda: Unknown(("arm.nu", "arm.nu"), 0, 0.5), "each key once"),
+    "as printed": (
+        lambda: calibrate(small_arm(), Scene.as_printed(), [GOOD], [E]),
+        "hold under loads",
+    ),
+    "contact": (lambda: calibrate(small_arm(), TOUCHING, [GOOD], [E]), "contact"),
+}
+
+
+@pytest.mark.parametrize(("attempt", "told"), REFUSED.values(), ids=REFUSED)
+def test_what_cannot_be_calibrated_is_refused(attempt: Callable[[], object], told: str) -> None:
     with pytest.raises(InputError, match=told):
-        calibrate(small_arm(), HANGING, [Measured(**given)], [E])
-
-
-@pytest.mark.parametrize(
-    ("unknowns", "told"),
-    [
-        ([], "at least one"),
-        ([Unknown("arm.E_kpa", 50, 300)], 'did you mean "E_kPa"'),
-        ([Unknown("arm.radius_mm", 5, 15)], r"arm.radius_mm\[0\]"),
-        ([Unknown("effects.extension", 0, 1)], "a number of arm, effects"),
-        ([Unknown("effects.friction.mu", 0, 1)], "give it effects.friction first"),
-        ([Unknown("points[1].s_mm", 0, 1)], "i below 1"),
-        ([Unknown("arm.E_kPa", 200, 300)], "120 kPa"),
-        ([Unknown("arm.E_kPa", 50, 300, session="A")], "no shape has a session"),
-        ([E, E], "each key once"),
-        (
-            [E, *(Unknown(f"arm.base_position_mm[{i}]", -9, 9) for i in range(3))],
-            "at most as many",
-        ),
-    ],
-)
-def test_unknowns_that_do_not_fit(unknowns: list[Unknown], told: str) -> None:
-    with pytest.raises(InputError, match=told):
-        calibrate(small_arm(), HANGING, [GOOD], unknowns)
-
-
-@pytest.mark.parametrize(
-    ("given", "told"),
-    [
-        (("arm.E_kPa", 3, 3), "above lower"),
-        (("arm.E_kPa", 3, float("inf")), "finite"),
-        (("arm.E_kPa", 3, 9, (1, 2)), "a mean within the bounds"),
-        (("arm.E_kPa", 3, 9, (4, 0)), "standard deviation above 0"),
-        (((), 3, 9), "a key path"),
-        ((("arm.nu", "arm.nu"), 0, 0.5), "each key once"),
-    ],
-)
-def test_an_unknown_that_cannot_be(given: Any, told: str) -> None:
-    with pytest.raises(InputError, match=told):
-        Unknown(*given)
-
-
-def test_a_scene_as_printed_has_no_equations() -> None:
-    with pytest.raises(InputError, match="hold under loads"):
-        calibrate(small_arm(), Scene.as_printed(), [GOOD], [E])
+        attempt()
 
 
 def test_shapes_that_do_not_settle_are_named() -> None:
@@ -123,9 +151,3 @@ def test_tensions_in_the_wrong_unit_are_told() -> None:
     strong = replace(GOOD, tensions=[2000.0, 0, 0], points=[(*POINT[:2], (0.1, 0.1, 0.0))])
     found = calibrate(small_arm(), HANGING, [strong], [Unknown("arm.E_kPa", 100, 400)])
     assert "are they in mN?" in found.outcome
-
-
-@pytest.mark.parametrize(("low", "high", "how"), [(5e4, 4e5, "large"), (0.05, 0.4, "small")])
-def test_bounds_in_another_unit_are_told(low: float, high: float, how: str) -> None:
-    with pytest.raises(InputError, match=f"1000 times too {how}"):
-        calibrate(small_arm(), HANGING, [GOOD], [Unknown("arm.E_kPa", low, high)])
