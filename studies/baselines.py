@@ -33,35 +33,43 @@ from model import Arm
 Array = NDArray[np.float64]
 
 
-class ScipyArm:
-    """The paper's consistent statics in closed form, and eq. (1) integrated by solve_ivp.
+class ScipyCone:
+    """A conical arm with linear offsets, whose numbers are worked out beforehand.
 
-    For conical arms with linear offsets, whose numbers are worked out beforehand. `rhs` counts the
-    right-hand sides that were evaluated.
+    `rhs` counts the right-hand sides that were evaluated.
     """
 
     def __init__(self, arm: Arm) -> None:
-        self.arm, self.rhs = arm, 0
-        self.section = np.array([i for i, _ in arm.tendons])
+        self.arm, self.rhs, self.base = arm, 0, np.array(arm.base_frame)
+        at = np.array([section.at for section in arm.sections])
+        of = np.array([i for i, _ in arm.tendons])
         phi = np.array([angle for _, angle in arm.tendons])
-        self.cos, self.sin = np.cos(phi), np.sin(phi)
-        self.ends = np.array([section.at for section in arm.sections])
-        ends = [path.evaluate(np.array([0.0, at]), at)[0] for path, at in self._paths()]
-        (R0, R1), offsets = ends[0], np.array(ends[1:])[self.section]
-        self.R0, self.R_slope = float(R0), float((R1 - R0) / arm.length)
-        self.y0 = offsets[:, 0]
-        self.y_slope = (offsets[:, 1] - offsets[:, 0]) / self.ends[self.section]
+        self.cos, self.sin, self.ends = np.cos(phi), np.sin(phi), at[of]
+        offsets = np.array(
+            [sec.offset.evaluate(np.array([0, sec.at]), sec.at)[0] for sec in arm.sections]
+        )
+        self.y0, self.slope = offsets[of, 0], (np.diff(offsets)[:, 0] / at)[of]
+        self.R0, self.R1 = arm.radius.evaluate(np.array([0, arm.length]), arm.length)[0].tolist()
+        self.breaks = np.array(sorted({0.0, arm.length, *at.tolist()}))
 
-    def _paths(self) -> list[tuple[Any, float]]:
-        sections = self.arm.sections
-        return [(self.arm.radius, self.arm.length), *((sec.offset, sec.at) for sec in sections)]
+    def radius(self, s: Any) -> tuple[Array, float]:
+        """Return the radius at arc lengths s [m], and its slope."""
+        slope = (self.R1 - self.R0) / self.arm.length
+        return self.R0 + slope * np.asarray(s), slope
+
+    def _crossing(self, T: Array, end: float) -> Array:
+        return T * (self.ends >= end)
+
+
+class ScipyArm(ScipyCone):
+    """The paper's consistent statics in closed form, and eq. (1) integrated by solve_ivp."""
 
     def strains(self, s: float, T: Array) -> tuple[float, float, float]:
         """Return xi, k, q of the cross-section at s under the tensions that cross it."""
-        area = np.pi * (self.R0 + self.R_slope * s) ** 2
+        area = float(np.pi * self.radius(s)[0] ** 2)
         E = self.arm.material.E
         EJ, EA = E * area**2 / (4 * np.pi), E * area
-        y = self.y0 + self.y_slope * s
+        y = self.y0 + self.slope * s
         pull = y * T
         c, d = pull @ self.cos, pull @ self.sin
         lever = pull * y
@@ -74,17 +82,12 @@ class ScipyArm:
 
     def tip(self, T: Array, method: str = "DOP853", rtol: float = 1e-8) -> Array:
         """Return the tip position, integrating base to tip segment by segment."""
-        frame = np.array(self.arm.base_frame)
-        x = np.concatenate([frame.T.ravel(), self.arm.base_position])
-        start = 0.0
-        for end in [*self.ends[::-1], self.arm.length]:
-            if end > start:
-                crossing = (self.ends[self.section] >= end).astype(float)
-                run = solve_ivp(
-                    self._rate, (start, end), x, method, args=(T * crossing,), rtol=rtol, atol=rtol
-                )
-                self.rhs += run.nfev
-                x, start = run.y[:, -1], end
+        x = np.concatenate([self.base.T.ravel(), self.arm.base_position])
+        for start, end in pairwise(self.breaks):
+            args = (self._crossing(T, end),)
+            run = solve_ivp(self._rate, (start, end), x, method, args=args, rtol=rtol, atol=rtol)
+            self.rhs += run.nfev
+            x = run.y[:, -1]
         return np.asarray(x[9:])
 
     def _rate(self, s: float, x: Array, T: Array) -> Array:
@@ -96,12 +99,8 @@ class ScipyArm:
 
     def least_stretch(self, T: Array) -> float:
         """Return the least 1 + q at both ends of each segment, where it is least as arms taper."""
-        results, start = [], 0.0
-        for end in [*self.ends[::-1], self.arm.length]:
-            crossing = T * (self.ends[self.section] >= end)
-            results += [1 + self.strains(s, crossing)[2] for s in (start, end)]
-            start = end
-        return min(results)
+        pairs = list(pairwise(self.breaks))
+        return min(1 + self.strains(s, self._crossing(T, p[1]))[2] for p in pairs for s in p)
 
     def tip_jacobian(self, T: Array, rtol: float, steps: Array, central: bool) -> Array:
         """Return how the tip moves with each tension (3, n) [m/N], by differences of `steps`."""
@@ -152,34 +151,18 @@ class ScipyArm:
         return T, solved
 
 
-class ScipyLoadedArm:
-    """A conical arm with linear offsets under tensions, a tip force [N] and gravity [m/s2].
+class ScipyLoadedArm(ScipyCone):
+    """Under tensions, a tip force [N] and gravity [m/s2], which are applied in `steps`.
 
-    A state is frame (9, by rows), moment of the loads beyond (3) and position (3), base frame. The
-    loads are applied in `steps`. `rhs` counts the right-hand sides that were evaluated.
+    A state is frame (9, by rows), moment of the loads beyond (3) and position (3), base frame.
     """
 
     def __init__(
         self, arm: Arm, force: Array, gravity: Array, fluid: float = 0.0, steps: int = 1
     ) -> None:
-        self.arm, self.force, self.steps, self.rhs = arm, force, steps, 0
+        super().__init__(arm)
+        self.force, self.steps = force, steps
         self.spread = np.pi * (arm.material.density - fluid) * gravity
-        self.base = np.array(arm.base_frame)
-        at = np.array([section.at for section in arm.sections])
-        self.of = np.array([i for i, _ in arm.tendons])
-        phi = np.array([angle for _, angle in arm.tendons])
-        self.cos, self.sin, self.ends = np.cos(phi), np.sin(phi), at[self.of]
-        offsets = np.array(
-            [sec.offset.evaluate(np.array([0, sec.at]), sec.at)[0] for sec in arm.sections]
-        )
-        self.y0, self.slope = offsets[self.of, 0], (np.diff(offsets)[:, 0] / at)[self.of]
-        self.R0, self.R1 = arm.radius.evaluate(np.array([0, arm.length]), arm.length)[0].tolist()
-        self.breaks = np.array(sorted({0.0, arm.length, *at.tolist()}))
-
-    def radius(self, s: Any) -> tuple[Array, float]:
-        """Return the radius at arc lengths s [m], and its slope."""
-        slope = (self.R1 - self.R0) / self.arm.length
-        return self.R0 + slope * np.asarray(s), slope
 
     def rate(self, s: Any, x: Array, T: Array, share: float) -> Array:
         """Return the derivative of states (15, N) at arc lengths s (N,), tensions T crossing."""
@@ -207,9 +190,6 @@ class ScipyLoadedArm:
             [F[1] * u[2] - F[2] * u[1], F[2] * u[0] - F[0] * u[2], F[0] * u[1] - F[1] * u[0]]
         )
         return np.concatenate([(grow * turned).reshape(9, -1), moment, u])
-
-    def _crossing(self, T: Array, end: float) -> Array:
-        return T * (self.ends >= end)
 
     def _sweep(self, tip: Array, T: Array, share: float, rtol: float, method: str) -> Array:
         """Return the state (15,) at the base for a frame of the tip, which is at the origin."""
