@@ -36,6 +36,7 @@ from model.cross_section.sections import body_numbers
 from model.effects import NeoHookean
 from model.loads import beyond, contacts, is_conservative, levers
 from model.machine.buffered import Buffered
+from model.machine.compiled import built
 from model.obstacles import numbers_of
 from model.obstacles.base import SIZE, signed_distance
 from model.paths import Array
@@ -44,7 +45,7 @@ from model.rotations import half_turn, unit_matrix
 from model.stations import base_pose, stations, tendon_paths
 from model.transcription.collocation import gauss, rotation_vectors
 from model.transcription.element import Form, element, run
-from model.transcription.equations import Equations, Kernel, Sum, Term, built
+from model.transcription.equations import Equations, Kernel, Sum, Term
 from model.transcription.layout import POSE, Layout, layout
 from model.transcription.system import System
 from model.winches import Winches

@@ -6,7 +6,6 @@ import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -121,7 +120,6 @@ def _weights(
     return breaks, fine, weights[0] * steepness + weights[1] * length
 
 
-@lru_cache(maxsize=64)
 def roughly(radius: Path) -> Path:
     """Return the taper of a radius to a tenth of what it grows by, as an exponent.
 

@@ -111,24 +111,22 @@ def _given(arm: Arm, values: Any, name: str) -> tuple[Array, NDArray[np.bool_]]:
     return arm.flat(filled, name), ~np.isnan(np.concatenate([row.ravel() for row in rows]))
 
 
+@lru_cache(maxsize=64)
 def rest_lengths(arm: Arm) -> Array:
     """Return the length of each tendon in the arm at rest (n_tendons,) [m].
 
     The integral of |t + Y' + kappa_0 x Y|, Y = y d, kappa_0 the arm's curvature at rest. Strokes
     count from there: what a winch has taken in.
     """
-    return _rest_lengths(arm).copy()
-
-
-@lru_cache(maxsize=64)
-def _rest_lengths(arm: Arm) -> Array:
     s, weight, active = graded(arm, _REST).points(3)
     at = stations(arm, s, active)
     place, tendon = np.nonzero(crossing(arm, at))
     n, b, *slope = tendon_paths(arm, at, place, tendon)
     bent = at.rest[0, place] * b - at.rest[1, place] * n if arm.is_curved else np.zeros(place.size)
     speed = np.sqrt((1 + bent) ** 2 + slope[0] ** 2 + slope[1] ** 2)
-    return np.asarray(np.bincount(tendon, weight[place] * speed, arm.n_tendons), dtype=float)
+    result = np.asarray(np.bincount(tendon, weight[place] * speed, arm.n_tendons), dtype=float)
+    result.setflags(write=False)
+    return result
 
 
 def pulls(arm: Arm, tensions: Array) -> NDArray[np.bool_]:

@@ -19,7 +19,6 @@ check at steps, of which the largest is told (`Found.step`), and no proof.
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import casadi as ca
@@ -29,6 +28,7 @@ from numpy.typing import NDArray
 from model.clearance.intervals import Bounded, Interval
 from model.cross_section.law import CrossSection, body_size
 from model.cross_section.sections import Sections
+from model.machine.compiled import built
 from model.paths import Array
 from model.stations import Counts
 
@@ -91,7 +91,7 @@ def estimated(start: Array, halfway: Array, end: Array, length: float) -> Spread
 def _rates(sections: Sections, T: tuple[Array, Array], box: Interval) -> Interval:
     """Return bounds (P, N, n) of dy/dt over boxes (P, N, n), NaN where D may be singular."""
     P, N, n = box.low.shape
-    body, tendon = _functions(sections.law)
+    body, tendon = built(_functions, sections.law)
     pulls = np.any(T[0] + T[1], axis=0)
     used = np.flatnonzero(np.asarray(pulls)[sections.tendon])
     place, which = sections.place[used], sections.tendon[used]
@@ -147,7 +147,6 @@ def _solved(D: Interval, right: Interval) -> Interval:
     return Interval(x - off, x + off)
 
 
-@lru_cache(maxsize=32)
 def _functions(law: CrossSection) -> tuple[Bounded, Bounded]:
     """Return strains, numbers of the body -> D of the body; strains, path -> wrench and its D.
 

@@ -8,13 +8,13 @@ forces that do work on the strains after the curvatures.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Protocol
 
 import casadi as ca
 import numpy as np
 
 from model.machine.buffered import Mapped
+from model.machine.compiled import built
 from model.paths import Array
 
 # Keeps the length of a tendon differentiable where it has none left, wide enough for the rounding
@@ -139,12 +139,11 @@ def turning_rate(law: CrossSection, v: ca.SX, rate: ca.SX, path: ca.SX, change: 
     return ca.sqrt(ca.sumsqr(across) + _STILL)
 
 
-@lru_cache(maxsize=128)
 def mapped(
     kernel_of: Callable[[CrossSection], ca.Function], law: CrossSection, machine_code: bool = False
 ) -> Mapped:
     """Return a kernel of a law for many cross-sections or tendons at once, made once."""
-    return Mapped(kernel_of(law), machine_code)
+    return built(Mapped, built(kernel_of, law), machine_code)
 
 
 def reported(law: CrossSection, v: Array) -> Array:

@@ -25,12 +25,13 @@ from model.effects import Current, Friction
 from model.integrators import RK8
 from model.loads import beyond, contacts, directions
 from model.machine.buffered import Mapped
+from model.machine.compiled import built
 from model.obstacles import distances, numbers_of
 from model.paths import Array
 from model.rotations import matrices, multiply, unit_matrix
 from model.transcription.collocation import gauss
 from model.transcription.element import Form, drag_force
-from model.transcription.equations import Places, built
+from model.transcription.equations import Places
 from model.transcription.friction import hermite, turning_function
 from model.transcription.layout import POSE
 from model.transcription.system import System

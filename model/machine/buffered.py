@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from model.machine.columns import Columns, unknown
-from model.machine.compiled import is_short
+from model.machine.compiled import built, is_short
 from model.paths import Array
 
 
@@ -102,7 +102,6 @@ def _repeated(rows: Array, count: int) -> Array:
     return rows[np.arange(count) % len(rows)]
 
 
-@lru_cache(maxsize=128)
 def mapped(function: ca.Function, machine_code: bool = False) -> Mapped:
     """Return a function, which is kept elsewhere, for many sets of arguments; made once."""
-    return Mapped(function, machine_code)
+    return built(Mapped, function, machine_code)

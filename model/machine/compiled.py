@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 from weakref import WeakKeyDictionary
 
 import casadi as ca
@@ -15,6 +15,7 @@ from model.errors import CompilerError, InputError
 from model.machine.libraries import library
 from model.units import warn
 
+K = TypeVar("K")
 Compile = bool | Literal["auto"]
 # More takes the compiler several times as long, for code that is a tenth faster.
 _LEVEL = "-O1"
@@ -76,6 +77,17 @@ def is_short(f: ca.Function) -> bool:
 def kernel(function: ca.Function, machine_code: bool = True) -> ca.Function:
     """Return a function as machine code, or as it is; see kernels."""
     return kernels([function], machine_code)[0]
+
+
+def built(make: Callable[..., K], *of: Any) -> K:
+    """Return what is made of a structure, made once for all arms and meshes that have it."""
+    result: K = _made(make, *of)
+    return result
+
+
+@lru_cache(maxsize=512)
+def _made(make: Callable[..., Any], *of: Any) -> Any:
+    return make(*of)
 
 
 def _source(function: ca.Function) -> str:

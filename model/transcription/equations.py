@@ -19,11 +19,11 @@ Softw. 27 (2012), here by blocks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import pairwise
-from typing import Any, Literal, TypeVar
+from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from model.machine.buffered import Buffered
-from model.machine.compiled import kernels
+from model.machine.compiled import built, kernels
 from model.paths import Array
 
 Places = NDArray[np.int64]
@@ -191,20 +191,6 @@ class Tangent(Kernel):
     def _along(self, r: ca.SX) -> ca.SX:
         """Return the derivative of an expression along the changes."""
         return ca.jtimes(r, self.of.y, self._dy) + ca.jtimes(r, self.of.c, self._dc)
-
-
-K = TypeVar("K")
-
-
-def built(make: Callable[..., K], *of: Any) -> K:
-    """Return a kernel of a structure, built once for all arms and meshes that have it."""
-    result: K = _built(make, *of)
-    return result
-
-
-@lru_cache(maxsize=256)
-def _built(make: Callable[..., Any], *of: Any) -> Any:
-    return make(*of)
 
 
 def tangent(kernel: Kernel) -> Tangent:

@@ -17,8 +17,9 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from model.machine.compiled import built
 from model.transcription.element import Form, body, clamp, element, lever, run, tendon, tip
-from model.transcription.equations import Equations, Places, Term, built
+from model.transcription.equations import Equations, Places, Term
 from model.transcription.friction import body_rates, idle_tendon, kink, motor, sliding_tendon
 from model.transcription.touch import contact_friction, no_touch, pressure, touch
 

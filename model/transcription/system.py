@@ -19,14 +19,13 @@ from model.cross_section import cross_section_of
 from model.effects import Current, Friction, TipLoad
 from model.loads import contacts, growth, is_loaded, levers, places
 from model.machine.buffered import Buffered, mapped
-from model.machine.compiled import kernel
+from model.machine.compiled import built, kernel
 from model.mesh import Mesh, graded, landmarks, mesh_through
 from model.paths import Array
 from model.rotations import matrices
 from model.scene import Scene
 from model.transcription.collocation import gauss
 from model.transcription.element import Form, element
-from model.transcription.equations import built
 from model.transcription.layout import POSE, Layout, layout
 from model.transcription.numbers import numbers
 

@@ -23,7 +23,7 @@ from model.cross_section.sections import Sections
 from model.integrators import Magnus
 from model.machine.buffered import Buffered, mapped
 from model.machine.columns import Columns
-from model.machine.compiled import kernel
+from model.machine.compiled import built, kernel
 from model.mesh import Mesh, graded, roughly
 from model.paths import Array, Path
 from model.rotations import compose
@@ -155,15 +155,6 @@ def _step(
     return ca.Function("marched", arguments, results, {"cse": True})
 
 
-@lru_cache(maxsize=32)
-def _one_step(
-    statics: ClosedStatics, scheme: Magnus, by_pull: bool, machine_code: bool
-) -> ca.Function:
-    """Return a step as a kernel; made once."""
-    return kernel(_step(statics, scheme, by_pull), machine_code)
-
-
-@lru_cache(maxsize=32)
 def _many_arms(
     statics: ClosedStatics, scheme: Magnus, machine_code: bool
 ) -> tuple[Columns, Columns]:
@@ -176,7 +167,6 @@ def _many_arms(
     return Columns(step, machine_code), Columns(end, machine_code)
 
 
-@lru_cache(maxsize=64)
 def _march(
     statics: ClosedStatics,
     scheme: Magnus,
@@ -189,7 +179,8 @@ def _march(
 
     The sections are those of the steps' nodes, then of `ends`.
     """
-    inner, step = steps * len(scheme.nodes), _one_step(statics, scheme, by_pull, machine_code)
+    inner, step = steps * len(scheme.nodes), built(_step, statics, scheme, by_pull)
+    step = kernel(step, machine_code)
     symbols, v = _strains(statics, 1, by_pull)
     section = kernel(ca.Function("section", symbols, [ca.densify(v)], {"cse": True}), machine_code)
     g, h = ca.MX.sym("g", 7), ca.MX.sym("h", 1, steps)
@@ -233,7 +224,7 @@ class ClosedForm:
     def _marched(self, by_pull: bool) -> Buffered:
         ends = self.stretch_at.size - self._inner
         of = self._statics, self.scheme, self.mesh.steps, ends
-        return _march(*of, by_pull, self.machine_code)
+        return built(_march, *of, by_pull, self.machine_code)
 
     @property
     def law(self) -> CrossSection:
@@ -291,7 +282,7 @@ class ClosedForm:
     def _many(self, tensions: Array, nodes: Sequence[int]) -> tuple[Array, Array]:
         M, S = len(tensions), self.mesh.steps
         base, h = np.tile(self._places.base[:, None], M), self._places.h[:, None]
-        march, end = _many_arms(self._statics, self.scheme, self.machine_code)
+        march, end = built(_many_arms, self._statics, self.scheme, self.machine_code)
         known = self.strains.columns(tensions, len(self.scheme.nodes))
         cuts = [len(each) // self.stretch_at.size * self._inner for each in known]
         at_nodes = [each[:cut] for each, cut in zip(known, cuts, strict=True)]
@@ -317,7 +308,7 @@ class ClosedForm:
         active, left, statics = self.mesh.active[step], self.mesh.s[step], self._statics
         inside = nodes_of(self.scheme, left, s), np.repeat(active, len(self.scheme.nodes))
         known = StrainsByTensions.at(self.arm, statics, *inside).known(tensions)
-        across = mapped(_one_step(statics, self.scheme, statics.is_explicit, False))
+        across = mapped(built(_step, statics, self.scheme, statics.is_explicit))
         pose, _ = across(poses[step], *(each.reshape(s.size, -1) for each in known), s - left)
         strains = reported(self.law, StrainsByTensions.at(self.arm, statics, s, active)(tensions))
         at_node = (s == self.mesh.s[step + 1])[:, None]

@@ -13,7 +13,7 @@ and a force at the place. Sources: see model.integrators.
 
 from __future__ import annotations
 
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -29,7 +29,7 @@ from model.cross_section.law import (
 )
 from model.integrators import Magnus
 from model.machine.buffered import Buffered
-from model.machine.compiled import kernel
+from model.machine.compiled import built, kernel
 from model.paths import Array
 from model.rotations import conjugate, exponential, matrix, multiply
 from model.unloaded.closed_form import ClosedForm
@@ -60,7 +60,7 @@ class MarchDerivative:
         v = v if law == march.law else strains_of(law, reported(march.law, v))
         self._v, self._balance = v, at.balance(v, at.pulls(self.tensions))
         twist, slopes = mapped(_kinematics, law)(v)
-        call = _step_twists(march.scheme, h.size, march.machine_code)
+        call = built(_step_twists, march.scheme, h.size, march.machine_code)
         (z,) = call(poses[:-1].ravel(), twist.ravel(), h)
         # Z transposed (P, 6 of kappa and nu, 6 of z), 0 beyond the node.
         self._twists = z.reshape(-1, 6, 6)
@@ -141,7 +141,6 @@ def _kinematics(law: CrossSection) -> ca.Function:
     return ca.Function("kinematics", [v], [twist, slopes], {"cse": True})
 
 
-@lru_cache(maxsize=24)
 def _step_twists(scheme: Magnus, steps: int, machine_code: bool) -> Buffered:
     """Return (pose before a step, kappa and nu at its nodes, h) -> Z of the module (6, 6 m)."""
     m = len(scheme.nodes)

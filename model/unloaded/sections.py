@@ -20,6 +20,7 @@ from model.cross_section.sections import Sections
 from model.effects import ExactTendons, Extension, NeoHookean
 from model.errors import CollapsedError, UnsettledSectionError
 from model.machine.buffered import Mapped
+from model.machine.compiled import built
 from model.mesh import Mesh
 from model.paths import Array
 from model.scene import Scene
@@ -41,7 +42,6 @@ def unloaded(scene: Scene) -> Scene:
     return Scene(*(effect for effect in scene.effects if isinstance(effect, kept)))
 
 
-@lru_cache(maxsize=32)
 def _kernels(statics: ClosedStatics, machine_code: bool) -> tuple[Mapped, Mapped | None]:
     """Return (pull, data) -> strains, or what a step to these begins with; and that step."""
     pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
@@ -105,7 +105,7 @@ class StrainsByTensions:
 
         Data may have fewer rows, which are taken again and again.
         """
-        begin, newton = _kernels(self.statics, self._machine_code)
+        begin, newton = built(_kernels, self.statics, self._machine_code)
         u, *w = begin(pull, data)
         if newton is None or not isinstance(self.statics, EnergyStatics):
             return u

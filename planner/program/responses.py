@@ -16,9 +16,10 @@ import numpy as np
 
 from model.arm import Arm
 from model.cross_section.law import CrossSection, size
+from model.machine.compiled import built
 from model.paths import Array
 from model.transcription.element import run
-from model.transcription.equations import Kernel, Places, Term, built, tangent
+from model.transcription.equations import Kernel, Places, Term, tangent
 from model.transcription.layout import POSE
 from model.transcription.system import System
 from model.winches import least_compliance
