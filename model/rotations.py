@@ -28,20 +28,14 @@ def conjugate(q: ca.SX) -> ca.SX:
     return ca.vertcat(q[0], -q[1:])
 
 
-def turning() -> ca.Function:
-    """Return q -> the changes of q (4, 3) by small turns about the base frame's axes.
+def small_turns() -> ca.Function:
+    """Return q -> the small turns (3, 4) [rad] about the base frame's axes that changes of q are.
 
-    q' = (0, turn) q / 2, per radian.
+    A turn changes q by (0, turn) q / 2.
     """
     q = ca.SX.sym("q", 4)
-    columns = [multiply(ca.SX([0, *axis]), q) / 2 for axis in np.eye(3)]
-    return ca.Function("turning", [q], [ca.densify(ca.horzcat(*columns))])
-
-
-def small_turns() -> ca.Function:
-    """Return q -> the small turns (3, 4) [rad] that changes of q are; undoes turning."""
-    q = ca.SX.sym("q", 4)
-    return ca.Function("small_turns", [q], [4 * turning()(q).T / ca.sumsqr(q)])
+    rows = [2 * multiply(ca.SX([0, *axis]), q).T / ca.sumsqr(q) for axis in np.eye(3)]
+    return ca.Function("small_turns", [q], [ca.vertcat(*rows)])
 
 
 def rotate(q: ca.SX, v: ca.SX) -> ca.SX:

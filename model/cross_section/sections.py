@@ -147,19 +147,13 @@ class Sections:
         rows[self.place, :, self.tendon] = at.units
         return np.asarray(-np.linalg.solve(at.jacobian, rows))
 
-    def length_jacobian(self, v: Array, weights: Array) -> tuple[Array, Array]:
-        """Return the lengths (n_tendons,) [m], and their Jacobian in the strains (n_tendons, N, n).
-
-        See lengths.
-        """
+    def length_jacobian(self, v: Array, weights: Array) -> Array:
+        """Return the Jacobian of the lengths in the strains (n_tendons, N, n); see lengths."""
         jacobian = np.zeros((self._n_tendons, *v.shape))
-        if not self.place.size:
-            return np.zeros(self._n_tendons), jacobian
-        weight = weights[self.place]
-        result = self._mapped(_run, v[self.place], self.paths.T)
-        jacobian[self.tendon, self.place] = result[:, 1:] * weight[:, None]
-        lengths = np.bincount(self.tendon, result[:, 0] * weight, self._n_tendons)
-        return np.asarray(lengths, dtype=float), jacobian
+        if self.place.size:
+            slopes = self._mapped(_run, v[self.place], self.paths.T)[:, 1:]
+            jacobian[self.tendon, self.place] = slopes * weights[self.place, None]
+        return jacobian
 
     def lengths(self, v: Array, weights: Array) -> Array:
         """Return the lengths of the tendons (n_tendons,) by quadrature with weights (N,) [m].
@@ -174,7 +168,7 @@ class Sections:
         """Return the length of tendon per length of arm (P,) at each crossing, strains v (N, n)."""
         if not self.place.size:
             return np.zeros(0)
-        return self._mapped(_speed, v[self.place], self.paths.T)[:, 0]
+        return self._mapped(_run, v[self.place], self.paths.T)[:, 0]
 
 
 def _turning(law: CrossSection) -> ca.Function:
@@ -184,12 +178,6 @@ def _turning(law: CrossSection) -> ca.Function:
     turns = turning_rate(law, v, rate, path, change)
     both = ca.densify(ca.vertcat(turns, ca.gradient(turns, v)))
     return ca.Function("turning", [v, rate, path, change], [both], {"cse": True})
-
-
-def _speed(law: CrossSection) -> ca.Function:
-    """Return strains, path -> |u_c'| of a tendon."""
-    v, path = ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
-    return ca.Function("speed", [v, path], [ca.norm_2(law.run(v, path))], {"cse": True})
 
 
 def _run(law: CrossSection) -> ca.Function:

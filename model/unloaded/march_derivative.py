@@ -118,7 +118,7 @@ class MarchDerivative:
     @property
     def _length_jacobian(self) -> Array:
         """How lengths change with the strains (n_tendons, P n)."""
-        jacobian = self._at.length_jacobian(self._v, self._weights)[1]
+        jacobian = self._at.length_jacobian(self._v, self._weights)
         return jacobian.reshape(self.tensions.size, -1)
 
     def _pose(self, strains: Array) -> Array:

@@ -58,7 +58,7 @@ class Lengths:
     def length_tension(self) -> Array:
         """How the lengths change with the tensions (n_tendons, n_tendons) [m/N]."""
         at, v = self.of.at.sections, self.strains
-        jacobian = at.length_jacobian(v, self.of.weights)[1].reshape(self.tensions.size, -1)
+        jacobian = at.length_jacobian(v, self.of.weights).reshape(self.tensions.size, -1)
         by_tensions = at.by_tensions(at.balance(v, at.pulls(self.tensions)))
         return jacobian @ by_tensions.reshape(jacobian.shape[1], -1)
 
