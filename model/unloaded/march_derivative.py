@@ -43,7 +43,7 @@ class MarchDerivative:
 
     Parameters
     ----------
-    here : Marched
+    point : Marched
         The equilibrium, in closed form.
     node : int
         The node of its mesh that is pushed and watched.
