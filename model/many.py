@@ -78,7 +78,7 @@ class _Rows:
         if errors not in ("raise", "nan"):
             raise InputError("errors", errors, '"raise" or "nan"')
         self._arm, self._raised = arm, errors == "raise"
-        self._problems = dict[int, str]()
+        self.problems = [""] * count
         self.tip, self.frame = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
         self.error, self.tensions = np.full(count, np.nan), np.full((count, arm.n_tendons), np.nan)
         self.slack = np.zeros((count, arm.n_tendons), dtype=bool)
@@ -91,7 +91,7 @@ class _Rows:
         except OctoplanError as reason:
             if self._raised:
                 raise
-            self._problems[i] = str(reason)
+            self.problems[i] = str(reason)
 
     def fill(self, i: Any, poses: Array, error: Any, tensions: Array, slack: Any) -> None:
         """Put down what some sets are settled to."""
@@ -101,18 +101,18 @@ class _Rows:
     @property
     def good(self) -> Any:
         """The numbers of the sets where nothing went wrong."""
-        return np.setdiff1d(np.arange(len(self.error)), list(self._problems))
+        return np.flatnonzero([not problem for problem in self.problems])
 
     def settle(self, settled: Callable[[int], Shape]) -> Shapes:
         """Return the rows; sets that are not settled yet, and not wrong, by themselves."""
         for i in np.flatnonzero(np.isnan(self.error)).tolist():
-            if i not in self._problems:
+            if not self.problems[i]:
                 with self.of(i):
                     shape = settled(i)
                     poses, slack = shape.equilibrium.poses[-1], shape.slack.ravel()
                     self.fill(i, poses, shape.error, shape.tensions, slack)
-        problems = tuple(self._problems.get(i, "") for i in range(len(self.error)))
-        return Shapes(self.tip, self.frame, self.error, self.tensions, self.slack, problems)
+        values = self.tip, self.frame, self.error, self.tensions, self.slack
+        return Shapes(*values, tuple(self.problems))
 
     def stack(self, tensions: Any) -> Array:
         """Return sets of tensions (m, n_tendons), 0 of those that are not allowed."""
