@@ -17,7 +17,6 @@ from msgspec import Meta
 
 from model import Arm, Shape
 from model.checks import within
-from model.effects import PrintedStatics
 from model.errors import OctoplanError
 from model.time_limit import OutOfTime
 from planner.effect_ablation import ProblemSize
@@ -99,20 +98,15 @@ class ShapeRecord(Record, kw_only=True):
 
 
 def of_shape(plan: Any) -> dict[str, Any]:
-    """Return what depends on a plan's shape: None where the tensions do not settle.
-
-    Lengths are None where there are none: as printed.
-    """
+    """Return what depends on a plan's shape: None where the tensions do not settle."""
     keys = ("tip_m", "tip_frame", "slack", "lengths_m", "strokes_m", "tip_error_per_length")
     result: dict[str, Any] = dict.fromkeys(keys)
     try:
         shape = plan.shape
         result |= {"tip_m": shape.tip, "tip_frame": shape.tip_frame, "slack": shape.slack}
-        if not plan.scene.has(PrintedStatics):
-            error = length_error(shape)
-            per_length = dict(zip(error.names, error.each.tolist(), strict=True))
-            lengths = {"lengths_m": plan.lengths, "strokes_m": plan.strokes}
-            result |= {**lengths, "tip_error_per_length": per_length}
+        error = length_error(shape)
+        result["tip_error_per_length"] = dict(zip(error.names, error.each.tolist(), strict=True))
+        result |= {"lengths_m": plan.lengths, "strokes_m": plan.strokes}
     except (OctoplanError, OutOfTime):
         pass
     return result
