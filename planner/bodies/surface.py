@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
+from scipy.spatial.transform import Rotation, Slerp
 
 from model.arm import Arm
 from model.paths import Array
 from model.rotations import matrices
+from model.shape import Shape
 from model.stations import tendon_offset
 
 
@@ -60,6 +63,22 @@ def tendon_lines(arm: Arm, s: Array, poses: Array) -> list[Array]:
 def along(arm: Arm, count: int) -> Array:
     """Return arc lengths [m] from base to tip, evenly spread, and the anchorages among them."""
     return np.union1d(np.linspace(0.0, arm.length, count), [section.at for section in arm.sections])
+
+
+def sketched_poses(shape: Shape, s: Array) -> Array:
+    """Return poses (N, 7) at arc lengths s (N,) [m], between those of the mesh's nodes.
+
+    Rotations at constant speed from node to node, and positions by a cubic in the length of such
+    arcs: on the mesh of a rough accuracy within a thousandth of L, at a tenth of the time that
+    Shape.poses takes, which integrates.
+    """
+    turned = Rotation.from_quat(shape.states[:, :4], scalar_first=True)
+    place, half = shape.states[:, 4:7], (turned[:-1].inv() * turned[1:]).magnitude() / 2
+    chords = np.linalg.norm(np.diff(place, axis=0), axis=1)
+    arcs = np.append(0.0, np.cumsum(chords / np.sinc(half / np.pi)))
+    midline = CubicHermiteSpline(arcs, place, turned.as_matrix()[:, :, 0])
+    quaternions = Slerp(shape.s, turned)(s).as_quat(scalar_first=True)
+    return np.hstack([quaternions, midline(np.interp(s, shape.s, arcs))])
 
 
 def _faces(along: int, around: int) -> NDArray[np.int64]:

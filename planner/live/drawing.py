@@ -13,7 +13,7 @@ from model.obstacles import Obstacle
 from model.paths import Array
 from model.rotations import from_matrix
 from model.shape import Shape
-from planner.bodies.surface import along, surface, tendon_lines
+from planner.bodies.surface import along, sketched_poses, surface, tendon_lines
 from planner.plan import Plan
 
 Colour = tuple[int, int, int]
@@ -60,35 +60,31 @@ class Picture:
         Pieces of the tendons from point to point [m].
     colours : (P, 2, 3)
         Of their ends, by tension.
-    ends : (n_tendons, 3)
-        Where tendons end [m].
-    aside : (n_tendons, 3)
-        Directions from the midline to there.
+    names : (n_tendons, 3)
+        Where the tendons' names are, beside their ends [m].
     """
 
     vertices: Array
     faces: NDArray[np.int64]
     tendons: Array
     colours: NDArray[np.uint8]
-    ends: Array
-    aside: Array
+    names: Array
 
 
 def picture(shape: Shape, most: Array) -> Picture:
     """Return the picture of a shape; tendons at `most` (n_tendons,) [N] have the last colour."""
     arm, s = shape.arm, along(shape.arm, _ALONG)
-    poses = shape.poses(s)
+    poses = sketched_poses(shape, s)
     vertices, faces = surface(arm, s, poses, _AROUND)
-    pieces, colours = [], []
     lines = tendon_lines(arm, s, poses)
-    for line, T, limit in zip(lines, shape.tensions, most, strict=True):
-        pieces.append(np.stack([line[:-1], line[1:]], axis=1))
-        colour = np.array(tension_colour(float(T), float(limit)), np.uint8)
-        colours.append(np.broadcast_to(colour, pieces[-1].shape))
+    pieces = [np.stack([line[:-1], line[1:]], axis=1) for line in lines]
+    each = [tension_colour(*of) for of in zip(shape.tensions.tolist(), most.tolist(), strict=True)]
+    colours = np.repeat(np.array(each, np.uint8), [len(piece) for piece in pieces], axis=0)
     ends = np.array([line[-1] for line in lines])
     out = ends - poses[np.searchsorted(s, [arm.sections[i].at for i, _ in arm.tendons]), 4:]
     aside = out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12)
-    return Picture(vertices, faces, np.vstack(pieces), np.vstack(colours), ends, aside)
+    both = np.repeat(colours[:, None], 2, axis=1)
+    return Picture(vertices, faces, np.vstack(pieces), both, ends + _ASIDE * arm.length * aside)
 
 
 def tension_colour(tension: float, most: float) -> Colour:
@@ -162,24 +158,34 @@ def set_camera(server: Any, arm: Arm) -> None:
     server.initial_camera.look_at = tuple((middle - [0.0, 0.0, 0.12 * arm.length]).tolist())
 
 
-def draw_arm(server: Any, shape: Shape, most: Array, labels: bool) -> None:
-    """Draw an arm and its tendons; `most` (n_tendons,) are those of the last colour [N]."""
-    seen, scene, arm = picture(shape, most), server.scene, shape.arm
-    with server.atomic():
-        scene.add_mesh_simple("/body", seen.vertices, seen.faces, color=_BODY, opacity=0.45)
+class ArmOnPage:
+    """An arm with its tendons and their names; made once, then moved."""
+
+    def __init__(self, server: Any, shape: Shape, most: Array) -> None:
+        """Draw a shape; `most` (n_tendons,) are the tensions of the last colour [N]."""
+        seen, scene, arm = picture(shape, most), server.scene, shape.arm
+        self._server = server
+        self._body = scene.add_mesh_simple(
+            "/body", seen.vertices, seen.faces, color=_BODY, opacity=0.45
+        )
         thickness = _THICK * arm.length
-        scene.add_line_segments("/tendons", seen.tendons, seen.colours, thickness=thickness)
-        places = seen.ends + _ASIDE * arm.length * seen.aside
-        for j, place in enumerate(places):
-            name, at = arm.tendon_name(j), tuple(place.tolist())
-            scene.add_label(
-                f"/labels/{name}",
-                name,
-                position=at,
-                visible=labels,
-                anchor="center-center",
-                font_screen_scale=0.7,
-            )
+        self._tendons = scene.add_line_segments(
+            "/tendons", seen.tendons, seen.colours, thickness=thickness
+        )
+        style = {"anchor": "center-center", "font_screen_scale": 0.7}
+        self._names = [
+            scene.add_label(f"/labels/{name}", name, position=place, **style)
+            for name, place in zip(arm.tendon_names, seen.names, strict=True)
+        ]
+
+    def move(self, shape: Shape, most: Array, named: bool) -> None:
+        """Draw another shape of the arm, with the names of its tendons or without."""
+        seen = picture(shape, most)
+        with self._server.atomic():
+            self._body.vertices = seen.vertices
+            self._tendons.points, self._tendons.colors = seen.tendons, seen.colours
+            for label, place in zip(self._names, seen.names, strict=True):
+                label.position, label.visible = place, named
 
 
 def add_obstacle(server: Any, name: str, obstacle: Obstacle) -> Any:

@@ -10,7 +10,6 @@ Limits of strokes and of the total pull are the plan's.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -28,6 +27,7 @@ from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from model.time_limit import limited
+from planner.live.goal import Goal
 from planner.program.limits import Limits, natural_tensions
 
 # What is drawn is as accurate as a pixel or so; nearer than that the arm is there.
@@ -46,56 +46,6 @@ _STILL = 3e-3
 # Within this of the goal, over the arm's length, effort may fall while the goal is missed by more:
 # the next step makes up for that.
 _BAND = 0.8 * THERE
-
-
-@dataclass(frozen=True, eq=False)
-class Goal:
-    """Where a point of the arm is to be, and which of its axes are to point where.
-
-    Attributes
-    ----------
-    s : float
-        Arc length of the point [m].
-    position : (3,) or None
-        [m].
-    axes : (3, 3)
-        Directions of t, n, b as columns, nan where they are free.
-    """
-
-    s: float
-    position: Array | None
-    axes: Array
-
-    def residual(self, shape: Shape) -> Array:
-        """Return what is missed: position over the arm's length, then directions."""
-        rows = [] if self.position is None else [self._off(shape) / shape.arm.length]
-        frame = shape.frame(self.s)
-        rows += [self.axes[:, k] - frame[:, k] for k in self._held]
-        return np.concatenate(rows)
-
-    def jacobian(self, shape: Shape, moved: Array) -> Array:
-        """Return its derivatives by tensions (rows, n_tendons), up to the sign.
-
-        By those of the pose at s (6, n_tendons).
-        """
-        rows = [] if self.position is None else [moved[:3] / shape.arm.length]
-        frame = shape.frame(self.s)
-        rows += [np.cross(moved[3:], frame[:, k], axisa=0, axisc=0) for k in self._held]
-        return np.vstack(rows)
-
-    def missed(self, shape: Shape) -> float:
-        """Return the distance to the position [m], without one the angle to the axes [rad]."""
-        if self.position is not None:
-            return float(np.linalg.norm(self._off(shape)))
-        chord = float(np.linalg.norm(self.residual(shape)))
-        return 2 * float(np.arcsin(min(chord / 2, 1.0)))
-
-    @property
-    def _held(self) -> list[int]:
-        return [k for k in range(3) if np.isfinite(self.axes[0, k])]
-
-    def _off(self, shape: Shape) -> Array:
-        return np.asarray(self.position) - np.asarray(shape.position(self.s))
 
 
 class Follower:

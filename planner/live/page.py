@@ -6,7 +6,6 @@ arm's tensions are planned and verified. What the page says is what is so at tha
 
 from __future__ import annotations
 
-import html
 import io
 import logging
 import socket
@@ -26,9 +25,9 @@ from planner.live import words
 from planner.live.drawing import (
     DARK,
     LIGHT,
+    ArmOnPage,
     add_obstacle,
     background,
-    draw_arm,
     draw_ellipsoid,
     draw_surroundings,
     set_camera,
@@ -53,6 +52,7 @@ class Page:
         # What goes away while it connects is no error that anyone has to see.
         logging.getLogger("websockets").addHandler(logging.NullHandler())
         self.session = session
+        self._arm: ArmOnPage | None = None
         with redirect_stdout(io.StringIO()):
             self._server = viser.ViserServer(host=host, port=port, verbose=False)
         self._seen, self._work = threading.Event(), Latest(self._rest)
@@ -94,19 +94,14 @@ class Page:
             position=handle.start[4:],
         )
 
-        def dragged(_: Any) -> None:
-            self.move()
-            for number, box in zip(handle.numbers, self._boxes, strict=True):
-                box.value = tuple(number.read(self.session.pose).tolist())
-
-        control.on_update(dragged)
+        control.on_update(lambda _: self.move())
         return control
 
     def _add_panel(self) -> None:
         """Add what is said, the numbers, the tensions, and what is switched."""
         gui, session = self._server.gui, self.session
         gui.add_html(words.TITLE)
-        self._said = gui.add_markdown("Settling the arm ...")
+        self._said = gui.add_html("Settling the arm ...")
         self._places = gui.add_html("")
         self._boxes = [self._add_numbers(number) for number in session.handle.numbers]
         self._bars = gui.add_html("")
@@ -184,7 +179,7 @@ class Page:
         try:
             more = self.session.step()
         except OctoplanError as reason:
-            self._tell(reason)
+            self._said.content = words.refused(reason)
             return
         self._draw()
         if more:
@@ -192,12 +187,17 @@ class Page:
         self._said.content = words.following(self.session, more)
 
     def _draw(self) -> None:
-        """Draw the arm as it is, with its numbers; in the worker's thread."""
+        """Draw the arm as it is, with its numbers and the target's; in the worker's thread."""
         session = self.session
-        if session.shape is not None:
-            draw_arm(self._server, session.shape, session.most, self._labels.value)
-            self._bars.content = words.tendons(session)
-            self._places.content = words.places(session)
+        if session.shape is None:
+            return
+        if self._arm is None:
+            self._arm = ArmOnPage(self._server, session.shape, session.most)
+        self._arm.move(session.shape, session.most, self._labels.value)
+        self._bars.content = words.tendons(session)
+        self._places.content = words.places(session)
+        for number, box in zip(session.handle.numbers, self._boxes, strict=True):
+            box.value = tuple(number.read(session.pose).tolist())
 
     def _rest(self) -> None:
         """Plan for the target, and say what that is; in the worker's thread."""
@@ -215,10 +215,7 @@ class Page:
             else:
                 self._server.scene.remove_by_name("/ellipsoid")
         except OctoplanError as reason:
-            self._tell(reason)
-
-    def _tell(self, reason: OctoplanError) -> None:
-        self._said.content = f"**{html.escape(str(reason))}**"
+            self._said.content = words.refused(reason)
 
 
 def _check_port(host: str, port: int) -> None:

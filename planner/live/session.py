@@ -17,14 +17,16 @@ from model.shape import Shape
 from model.stiffness import stiffness
 from model.time_limit import check_time
 from planner.live.follower import THERE, Follower
+from planner.live.goal import Goal, goal_of
 from planner.live.handles import Handle
 from planner.plan import Plan, plan
 from planner.program.limits import Limits
 from planner.question import checked_limits
+from planner.targets import BendingPlane, TipPose, TipPosition
 from planner.tendon_lengths import strokes, zeroed_at
 
 # The accuracy of ellipsoids; how long the arm moves on before it is drawn [s].
-_ROUGH, _PICTURE = 1e-2, 0.04
+_ROUGH, _PICTURE = 1e-2, 0.02
 
 
 class Session:
@@ -70,9 +72,19 @@ class Session:
         )
 
     @property
+    def target(self) -> TipPosition | TipPose | BendingPlane:
+        """What the handle asks for."""
+        return self.handle.target(self.pose)
+
+    @property
+    def goal(self) -> Goal:
+        """Where the target wants the arm."""
+        return goal_of(self.arm, self.target)
+
+    @property
     def missed(self) -> float:
         """How far the arm is from the target, see Goal.missed; infinite before its first step."""
-        return np.inf if self.shape is None else self.handle.goal(self.pose).missed(self.shape)
+        return np.inf if self.shape is None else self.goal.missed(self.shape)
 
     @property
     def is_there(self) -> bool:
@@ -87,8 +99,10 @@ class Session:
     @property
     def is_planned(self) -> bool:
         """Whether the arm as it is now is the last plan's, for the target as it is now."""
-        last = self.last
-        return last is not None and self.shape is last.shape and self._is_current(last)
+        last, now = self.last, ((self.target,), self.scene, self.there)
+        if last is None or self.shape is not last.shape:
+            return False
+        return (last.targets, last.scene, last.surroundings.obstacles) == now
 
     def step(self) -> bool:
         """Bring the arm nearer, for no longer than a picture; return whether more would do more.
@@ -98,7 +112,7 @@ class Session:
         follower = self._ready()
         if self.is_planned:
             return False
-        more = follower.approach(self.handle.goal(self.pose), _PICTURE)
+        more = follower.approach(self.goal, _PICTURE)
         self.shape = follower.shape
         return more
 
@@ -113,11 +127,11 @@ class Session:
         request = self._options | {"obstacles": self.there}
         if not self.there and not request.get("self_clearance"):
             request["clearance"] = 0.0  # there is nothing left to be clear of
-        target, scene = self.handle.target(self.pose), self.scene
-        result = plan(self.arm, target, scene, near=self._near(scene), progress=False, **request)
+        target, scene, near = self.target, self.scene, self._near
+        result = plan(self.arm, target, scene, near=near, progress=False, **request)
         check_time()  # what was cut short is no plan to go on with
         self.last = result
-        missed = self.handle.goal(self.pose).missed(result.shape)
+        missed = self.goal.missed(result.shape)
         if result.mode == "exact" or (missed < self.missed and not self.is_there):
             self.shape = self._follower.shape = result.shape
         return result
@@ -131,26 +145,25 @@ class Session:
     @property
     def most(self) -> Array:
         """The tension at which each tendon has its last colour, and its bar is full [N]."""
-        limits, T = self._limits, np.zeros(1) if self.shape is None else self.shape.tensions
-        upper = np.array(limits.upper)
-        return np.where(np.isfinite(upper) & (upper > 0), upper, max(float(T.max()), 1e-9))
+        if self._follower is None or self.shape is None:
+            return np.full(self.arm.n_tendons, np.nan)
+        upper = np.array(self._follower.limits.upper)
+        largest = max(float(self.shape.tensions.max()), 1e-9)
+        return np.where(np.isfinite(upper) & (upper > 0), upper, largest)
 
     @property
     def strokes(self) -> Array:
         """What winches have taken in (n_tendons,) [m]; nan before the first step."""
-        if self.shape is None:
+        if self._follower is None or self.shape is None:
             return np.full(self.arm.n_tendons, np.nan)
-        return strokes(self.shape, self._limits.stroke_zero)
+        return strokes(self.shape, self._follower.limits.stroke_zero)
 
-    @property
-    def _limits(self) -> Limits:
-        if self._follower is not None:
-            return self._follower.limits
+    def _limits(self, scene: Scene) -> Limits:
         options = self._options
         ends = (options.get("stroke_max"), options.get("stroke_min"))
         most, least = options.get("tension_max", np.inf), options.get("tension_min", 0.0)
         limits = checked_limits(self.arm, most, least, options.get("total_pull"), ends)
-        zero = zeroed_at(self.arm, self.scene, options.get("stroke_zero", "straight"))
+        zero = zeroed_at(self.arm, scene, options.get("stroke_zero", "straight"))
         return replace(limits, stroke_zero=zero)
 
     def _ready(self) -> Follower:
@@ -158,7 +171,8 @@ class Session:
         scene, around = self.scene, (self.there, self._options.get("clearance", 0.0))
         before, self._follower = self._follower, None
         if before is None or (before.shape.scene, before.around) != (scene, around):
-            arguments = (self.arm, scene, self._limits, around, bool(self._options.get("compile")))
+            code = bool(self._options.get("compile"))
+            arguments = (self.arm, scene, self._limits(scene), around, code)
             try:
                 before = Follower(*arguments, None if before is None else before.shape.tensions)
             except OctoplanError:
@@ -166,18 +180,13 @@ class Session:
         self._follower = before
         return before
 
-    def _is_current(self, p: Plan) -> bool:
-        """Whether a plan is for what is asked now."""
-        arguments = ((self.handle.target(self.pose),), self.scene, self.there)
-        return (p.targets, p.scene, p.surroundings.obstacles) == arguments
-
-    def _near(self, scene: Scene) -> Plan | None:
-        """Return the arm as it is now, as a plan that the next one begins with."""
+    @property
+    def _near(self) -> Plan | None:
+        """The arm as it is now, as a plan that the next one begins with."""
         last, shape = self.last, self.shape
-        if last is None or shape is None or last.scene != scene:
+        if last is None or shape is None or last.scene != self.scene:
             return None
         if shape is last.shape:
             return last
-        target = self.handle.target(self.pose)
         tensions = self.arm.by_section(shape.tensions)
-        return replace(last, tensions=tensions, targets=(target,), lam_x=(), lam_g=())
+        return replace(last, tensions=tensions, targets=(self.target,), lam_x=(), lam_g=())

@@ -1,4 +1,7 @@
-"""What the page says, as HTML and Markdown: where the arm is, and what is known of its tensions."""
+"""What the page says, as HTML: where the arm is, and what is known of its tensions.
+
+Not as Markdown, which browsers make in the background: while the arm moved it was never shown.
+"""
 
 from __future__ import annotations
 
@@ -17,16 +20,17 @@ _SMALL = "font-size:11px;padding:0 1em;font-variant-numeric:tabular-nums"
 def following(session: Session, more: bool) -> str:
     """Return what is said while the arm moves."""
     if session.is_there:
-        return f"**There** ({_missed(session)}); not verified yet."
+        return _said(f"<b>There</b> ({_missed(session)}); not verified yet.")
     if more:
-        return f"**Catching up**, {_missed(session)} to go."
+        return _said(f"<b>Catching up</b>, {_missed(session)} to go.")
     why = ": nearer it would not stand under its loads" * session.is_held
-    return f"**No nearer from here**, {_missed(session)} to go{why}; a plan will be searched for."
+    nearest = f"<b>No nearer from here</b>, {_missed(session)} to go{why}"
+    return _said(f"{nearest}; a plan will be searched for.")
 
 
 def looking(session: Session) -> str:
     """Return what is said while a plan is searched for."""
-    return f"{_place(session)}. Looking for the tensions of least effort ..."
+    return _said(f"{_place(session)}. Looking for the tensions of least effort ...")
 
 
 def planned(session: Session) -> str:
@@ -36,9 +40,14 @@ def planned(session: Session) -> str:
         return ""
     message = html.escape(p.outcome)
     if session.is_planned:
-        return message
-    here = "by tensions that are not verified: shown is the arm as it was dragged"
-    return f"{_place(session)}, {here}. The planner says: {message}"
+        return _said(message)
+    how = "by tensions that are not verified: shown is the arm as it was dragged"
+    return _said(f"{_place(session)}, {how}. The planner says: {message}")
+
+
+def refused(reason: Exception) -> str:
+    """Return what is said where the arm is not settled or planned."""
+    return _said(f"<b>{html.escape(str(reason))}</b>")
 
 
 def places(session: Session) -> str:
@@ -73,14 +82,18 @@ def tendons(session: Session) -> str:
     return f"<table style='width:100%;{_SMALL}'>{head}{''.join(rows)}</table>"
 
 
+def _said(text: str) -> str:
+    return f"<div style='font-size:14px;padding:0.3em 1em'>{text}</div>"
+
+
 def _place(session: Session) -> str:
     where = "There" if session.is_there else "Not there"
-    return f"**{where}** ({_missed(session)} off)"
+    return f"<b>{where}</b> ({_missed(session)} off)"
 
 
 def _missed(session: Session) -> str:
     """Return how far the arm is from the target, in mm or degrees."""
-    if session.handle.goal(session.pose).position is None:
+    if session.goal.position is None:
         return f"{np.degrees(session.missed):.1f} deg"
     missed = 1e3 * session.missed
     return f"{missed:.0f} mm" if missed >= 10 else f"{missed:.1f} mm"
