@@ -1,7 +1,7 @@
 """The page: a handle that is dragged, the arm that follows, tensions, and what happened; by viser.
 
-What browsers ask is handed to one worker, which follows the newest wish; once the handle rests, the
-arm's tensions are planned and verified. What the page says is what is so at that moment.
+What browsers ask is noted, and one thread follows the newest wish; once the handle rests, the arm's
+tensions are planned and verified. What the page says is what is so at that moment.
 """
 
 from __future__ import annotations
@@ -10,15 +10,14 @@ import io
 import logging
 import socket
 import threading
-from collections.abc import Callable
+import time
 from contextlib import redirect_stdout
 from typing import Any
 
 import numpy as np
 
-from model.effects import Effect
 from model.errors import InputError, OctoplanError, needed
-from model.obstacles import Obstacle
+from model.time_limit import OutOfTime, unless
 from planner.io.files import to_json
 from planner.io.saved_records import plan_record
 from planner.live import words
@@ -33,11 +32,12 @@ from planner.live.drawing import (
     set_camera,
 )
 from planner.live.handles import Numbers
-from planner.live.latest import Latest
 from planner.live.session import Session
 
-# How often a page that nobody looks at is looked after [s].
-_GLANCE = 0.1
+LOG = logging.getLogger(__name__)
+# After how long without a wish the arm is planned, and how often a page that nobody looks at is
+# looked after [s].
+_REST, _GLANCE = 0.2, 0.1
 
 
 class Page:
@@ -55,31 +55,35 @@ class Page:
         self._arm: ArmOnPage | None = None
         with redirect_stdout(io.StringIO()):
             self._server = viser.ViserServer(host=host, port=port, verbose=False)
-        self._seen, self._work = threading.Event(), Latest(self._rest)
+        self._seen, self._changed, self._ended = threading.Event(), threading.Event(), False
         self._server.on_client_connect(lambda _: self._seen.set())
         self._server.gui.set_panel_label("octoplan")
         set_camera(self._server, session.arm)
         self._control = self._add_handle()
         self._add_panel()
         self._show_colours(False)
+        self._worker = threading.Thread(target=self._work, daemon=True)
+        self._worker.start()
         self.move()
 
     def move(self) -> None:
         """Ask for the target that the handle's pose means."""
         self.session.pose = np.concatenate([self._control.wxyz, self._control.position])
-        self._work.put(self._follow)
+        self._changed.set()
 
     def wait(self, grace: float = 3.0) -> None:
         """Return once all browsers that looked at the page are gone for so many seconds."""
         self._seen.wait()
-        pause, empty = threading.Event(), 0.0
-        while empty < grace:
-            pause.wait(_GLANCE)
-            empty = 0.0 if self._server.get_clients() else empty + _GLANCE
+        last = time.monotonic()
+        while time.monotonic() < last + grace:
+            time.sleep(_GLANCE)
+            last = time.monotonic() if self._server.get_clients() else last
 
     def end(self) -> None:
-        """End the work, and the server."""
-        self._work.end()
+        """End the work, which is cut short, and the server."""
+        self._ended = True
+        self._changed.set()
+        self._worker.join()
         with redirect_stdout(io.StringIO()):
             self._server.stop()
 
@@ -93,7 +97,6 @@ class Page:
             wxyz=handle.start[:4],
             position=handle.start[4:],
         )
-
         control.on_update(lambda _: self.move())
         return control
 
@@ -108,20 +111,19 @@ class Page:
         gui.add_button("Save the plan").on_click(lambda event: self._save(event.client))
         with gui.add_folder("Effects and loads"):
             for effect in session.effects:
-                box = gui.add_checkbox(type(effect).__name__, initial_value=True)
-                box.on_update(self._switch(effect))
+                self._add_switch(type(effect).__name__, session.enabled, effect)
         if session.obstacles:
             with gui.add_folder("Obstacles"):
                 for i, obstacle in enumerate(session.obstacles):
-                    box = gui.add_checkbox(f"{i}: {type(obstacle).__name__}", initial_value=True)
-                    box.on_update(self._place(i, obstacle))
+                    drawn = add_obstacle(self._server, f"/obstacles/{i}", obstacle)
+                    self._add_switch(f"{i}: {type(obstacle).__name__}", session.present, i, drawn)
         with gui.add_folder("Shown"):
             self._labels = gui.add_checkbox("Names of tendons", initial_value=True)
-            self._labels.on_update(lambda _: self._work.put(self._draw))
+            self._labels.on_update(lambda _: self._changed.set())
             dark = gui.add_checkbox("Dark", initial_value=False)
             dark.on_update(lambda event: self._show_colours(event.target.value))
             self._shows = gui.add_checkbox("Compliance ellipsoid", initial_value=False)
-            self._shows.on_update(lambda _: self._work.put(lambda: None))
+            self._shows.on_update(lambda _: self._changed.set())
 
     def _add_numbers(self, each: Numbers) -> Any:
         """Add boxes in which numbers of the target are typed."""
@@ -131,14 +133,24 @@ class Page:
 
         def typed(event: Any) -> None:
             if event.client is None:
-                return  # written by the handle itself
-            now = np.concatenate([self._control.wxyz, self._control.position])
-            pose = each.write(now, np.array(event.target.value))
+                return  # written as the handle was dragged
+            pose = each.write(self.session.pose, np.array(event.target.value))
             self._control.wxyz, self._control.position = pose[:4], pose[4:]
             self.move()
 
         box.on_update(typed)
         return box
+
+    def _add_switch(self, label: str, states: Any, key: Any, drawn: Any = None) -> None:
+        """Add a box that switches an effect, or an obstacle and its drawing."""
+
+        def switched(event: Any) -> None:
+            states[key] = event.target.value
+            if drawn is not None:
+                drawn.visible = event.target.value
+            self.move()
+
+        self._server.gui.add_checkbox(label, initial_value=True).on_update(switched)
 
     def _show_colours(self, dark: bool) -> None:
         colours = DARK if dark else LIGHT
@@ -147,22 +159,6 @@ class Page:
         )
         self._server.scene.set_background_image(background(colours))
         draw_surroundings(self._server, self.session.arm, colours)
-
-    def _switch(self, effect: Effect) -> Callable[[Any], None]:
-        def switched(event: Any) -> None:
-            self.session.enabled[effect] = event.target.value
-            self.move()
-
-        return switched
-
-    def _place(self, i: int, obstacle: Obstacle) -> Callable[[Any], None]:
-        drawn = add_obstacle(self._server, f"/obstacles/{i}", obstacle)
-
-        def switched(event: Any) -> None:
-            self.session.present[i] = drawn.visible = event.target.value
-            self.move()
-
-        return switched
 
     def _save(self, client: Any) -> None:
         """Send the plan, where there is one of the arm as it is shown."""
@@ -174,20 +170,47 @@ class Page:
             return
         client.send_file_download("plan.json", to_json(plan_record(p)), save_immediately=True)
 
-    def _follow(self) -> None:
-        """Bring the arm nearer to the target, and draw it; in the worker's thread."""
-        try:
-            more = self.session.step()
-        except OctoplanError as reason:
-            self._said.content = words.refused(reason)
-            return
+    def _work(self) -> None:
+        """Follow the newest wish, and plan once there is none; a new one cuts that short."""
+        while self._changed.wait() and not self._ended:
+            self._changed.clear()
+            try:
+                with unless(lambda: self._ended):
+                    more = self._follow()
+                if more:
+                    self._changed.set()
+                elif not self._changed.wait(_REST):
+                    with unless(self._changed.is_set):
+                        self._rest()
+            except OutOfTime:
+                LOG.debug("cut short")
+            except OctoplanError as reason:
+                self._said.content = words.refused(reason)
+            except Exception:  # what goes wrong once does not end the page
+                LOG.exception("the arm was not brought nearer, or not planned")
+
+    def _follow(self) -> bool:
+        """Bring the arm nearer to the target, and draw it; return whether more would do more."""
+        more = self.session.step()
         self._draw()
-        if more:
-            self._work.go_on(self._follow)
         self._said.content = words.following(self.session, more)
+        return more
+
+    def _rest(self) -> None:
+        """Plan for the target, and say what that is."""
+        session = self.session
+        if not session.is_planned:
+            self._said.content = words.looking(session)
+        p = session.settled()
+        self._draw()
+        self._said.content = words.planned(session)
+        if self._shows.value and p is not None and p.mode == "exact":
+            draw_ellipsoid(self._server, p, *session.ellipsoid(p))
+        else:
+            self._server.scene.remove_by_name("/ellipsoid")
 
     def _draw(self) -> None:
-        """Draw the arm as it is, with its numbers and the target's; in the worker's thread."""
+        """Draw the arm as it is, with its numbers and the target's."""
         session = self.session
         if session.shape is None:
             return
@@ -198,24 +221,6 @@ class Page:
         self._places.content = words.places(session)
         for number, box in zip(session.handle.numbers, self._boxes, strict=True):
             box.value = tuple(number.read(session.pose).tolist())
-
-    def _rest(self) -> None:
-        """Plan for the target, and say what that is; in the worker's thread."""
-        session = self.session
-        try:
-            if session.shape is None:
-                return
-            if not session.is_planned:
-                self._said.content = words.looking(session)
-            p = session.settled()
-            self._draw()
-            self._said.content = words.planned(session)
-            if self._shows.value and p is not None and p.mode == "exact":
-                draw_ellipsoid(self._server, p, *session.ellipsoid(p))
-            else:
-                self._server.scene.remove_by_name("/ellipsoid")
-        except OctoplanError as reason:
-            self._said.content = words.refused(reason)
 
 
 def _check_port(host: str, port: int) -> None:

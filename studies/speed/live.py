@@ -55,12 +55,13 @@ class Timed(Page):
         self.moved = time.perf_counter()
         super().move()
 
-    def _follow(self) -> None:
+    def _follow(self) -> bool:
         began = self.moved
-        super()._follow()
+        more = super()._follow()
         now = time.perf_counter()
         self.drawn.append(now)
         self.delays.append(now - began)
+        return more
 
 
 def drag(page: Timed, seconds: float) -> float:

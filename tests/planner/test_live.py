@@ -15,11 +15,12 @@ from model import Arm, InputError, Scene, settle
 from model.compliance import at_nodes
 from model.effects import Buoyancy, Extension, TipLoad, Weight
 from model.obstacles import Sphere
+from model.time_limit import OutOfTime, check_time
 from planner.cli import main
 from planner.live.drawing import HIGH, SLACK, picture, tension_colour
 from planner.live.goal import goal_of
 from planner.live.handles import handle_of
-from planner.live.latest import Latest
+from planner.live.page import Page
 from planner.live.session import Session
 from planner.live.words import following, places, planned, tendons
 from planner.plan import plan
@@ -225,24 +226,34 @@ def test_tendons_are_coloured_by_tension() -> None:
     assert tension_colour(2.0, 1.0) == HIGH
 
 
-def test_the_newest_job_is_done_and_those_overtaken_are_not() -> None:
-    done: list[int] = []
-    held, began, rested = threading.Event(), threading.Event(), threading.Event()
+def test_what_goes_wrong_once_ends_no_page_and_a_plan_is_cut_short_by_the_next_wish() -> None:
+    pytest.importorskip("viser")
+    hand, port = session(), free_port()
+    steps, planned, cut = threading.Event(), threading.Event(), threading.Event()
 
-    def first() -> None:
-        began.set()
-        held.wait()
-        raise RuntimeError("one that fails ends none of the others")
+    def step() -> bool:
+        if steps.is_set():
+            return False
+        steps.set()
+        raise RuntimeError("a step that fails")
 
-    work = Latest(rested.set, rest=0.01)
-    work.put(first)
-    began.wait()
-    for k in range(5):
-        work.put(lambda k=k: done.append(k))  # type: ignore[misc]
-    held.set()
-    assert rested.wait(10)
-    work.end()
-    assert done == [4]
+    def settled() -> None:
+        planned.set()
+        try:
+            while True:
+                check_time()
+        except OutOfTime:
+            cut.set()
+            raise
+
+    hand.step, hand.settled = step, settled  # type: ignore[method-assign, assignment]
+    page = Page(hand, "localhost", port)
+    assert steps.wait(10)
+    for told in (planned, cut):
+        page.move()
+        assert told.wait(10)
+    page.end()
+    assert not page._worker.is_alive()
 
 
 def free_port() -> int:
