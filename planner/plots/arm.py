@@ -219,8 +219,8 @@ def fit(ax: Any, points: Array, fresh: bool) -> None:
     for name, c, width in zip("xyz", middle, size, strict=True):
         getattr(ax, f"set_{name}lim")(c - width / 2, c + width / 2)
         axis = getattr(ax, f"{name}axis")
-        # A short side has three ticks at least.
-        axis.set_major_locator(MultipleLocator(min(step, _round_step(float(width) / 5))))
+        # A short side has two ticks at least, and no more than there is room for.
+        axis.set_major_locator(MultipleLocator(min(step, _round_step(float(width) / 3.5))))
         axis.set_pane_color((0.97, 0.975, 0.98, 1.0))
         # Matplotlib offsets labels in proportion to the other two sides of the box.
         others = (size.sum() - width) / 2 / np.linalg.norm(size)

@@ -190,43 +190,28 @@ def _label_strains(ax: Axes, right: Axes, length: float) -> None:
 
 
 def plot_tensions(arm: Arm, tensions: Array, upper: Array, ax: Axes) -> None:
-    """Draw tensions (n,) [N] as bars by tendon name, with their maxima where comparable."""
-    n, most = tensions.size, float(tensions.max())
-    colours = PULL(pull_norm(tensions)(tensions))
-    ax.bar(np.arange(n), tensions, width=0.7, color=colours)
+    """Draw tensions (n,) [N] as bars by tendon name, with their maxima where comparable.
+
+    Of up to 16 tendons numbers are above the bars, upright where bars are narrow.
+    """
+    n, most = arm.n_tendons, float(tensions.max())
+    bars = ax.bar(range(n), tensions, width=0.7, color=PULL(pull_norm(tensions)(tensions)))
     near = np.isfinite(upper) & (upper <= _COMPARABLE * most if most > 0 else True)
     if near.any():
         at = np.flatnonzero(near)
         ax.hlines(upper[at], at - 0.42, at + 0.42, color=INK, lw=1.2, label="maximum")
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=SIZE)
-    top = max(most, float(upper[near].max(initial=0.0))) or 1.0
-    if n <= 16:
-        for j, tension in enumerate(tensions.tolist()):
-            if tension <= 0.02 * top:
-                continue
-            ax.annotate(
-                f"{tension:.{2 if n > 8 else 3}g}",
-                (j, tension),
-                (0, 2),
-                textcoords="offset points",
-                ha="center",
-                va="bottom",
-                fontsize=SIZE - (1.7 if n > 8 else 1),
-            )
-    _label_tensions(arm, ax, top)
-
-
-def _label_tensions(arm: Arm, ax: Axes, top: float) -> None:
-    n = arm.n_tendons
+    top, narrow, many = max(most, float(upper[near].max(initial=0.0))) or 1.0, n > 8, n > 16
+    if not many:
+        texts = [f"{T:.3g}" if T > 0.02 * top else "" for T in tensions]
+        style = {"rotation": 90 * narrow, "fontsize": SIZE - 1.5}
+        ax.bar_label(bars, texts, padding=2, **style)
     labelled(ax, y="tension [N]")
-    names = [f"$T_{{{arm.tendon_name(j)[2:]}}}$" for j in range(n)]
-    ax.set_xticks(
-        range(n), names, fontsize=SIZE if n <= 16 else SIZE - 2, rotation=0 if n <= 16 else 90
-    )
-    ax.set_xlim(-0.6, n - 0.4)
-    ax.set_ylim(0, 1.15 * top)
-    ends = np.cumsum([len(section.angles) for section in arm.sections])[:-1]
-    for end in ends:
-        ax.axvline(float(end) - 0.5, color=INK, lw=0.5, ls=":")
+    names = [f"$T_{{{name[2:]}}}$" for name in arm.tendon_names]
+    ax.set_xticks(range(n), names, fontsize=SIZE - 2 * many, rotation=90 * many)
     ax.tick_params(axis="x", length=0)
+    ax.set_xlim(-0.6, n - 0.4)
+    ax.set_ylim(0, (1.32 if narrow and not many else 1.15) * top)
+    for end in np.cumsum([len(section.angles) for section in arm.sections])[:-1]:
+        ax.axvline(float(end) - 0.5, color=INK, lw=0.5, ls=":")
     ax.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
