@@ -203,7 +203,7 @@ def plot_tensions(arm: Arm, tensions: Array, upper: Array, ax: Axes) -> None:
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=SIZE)
     top, narrow, many = max(most, float(upper[near].max(initial=0.0))) or 1.0, n > 8, n > 16
     if not many:
-        texts = [f"{T:.3g}" if T > 0.02 * top else "" for T in tensions]
+        texts = [f"{each:.3g}" if each > 0.02 * top else "" for each in tensions]
         style = {"rotation": 90 * narrow, "fontsize": SIZE - 1.5}
         ax.bar_label(bars, texts, padding=2, **style)
     labelled(ax, y="tension [N]")
