@@ -76,8 +76,8 @@ def plotted(value: Any, ax: Any = None) -> Any:
 
 
 def preformatted(text: str) -> str:
-    """Return a text as it stands, in HTML; long lines are broken."""
-    return f"<pre style='white-space:pre-wrap'>{html.escape(text)}</pre>"
+    """Return a text as it stands, in HTML; long lines are broken between words."""
+    return f"<pre style='white-space:pre-wrap;word-break:normal'>{html.escape(text)}</pre>"
 
 
 def html_table(rows: Sequence[Sequence[str]], title: str = "") -> str:

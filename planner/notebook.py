@@ -25,8 +25,8 @@ from planner.plan import Plan
 from planner.trajectory.certificate import MotionCertificate
 from planner.trajectory.result import Trajectory
 
-# Rows of a motion's table; digits of its tensions.
-_MOST = 25
+# Rows of a motion's table; tensions that are 0 there, over the largest.
+_MOST, _NOTHING = 25, 1e-6
 
 
 def force_to_show(k: Stiffness) -> float:
@@ -86,7 +86,8 @@ def _trajectory_table(motion: Trajectory) -> str:
     names = motion.arm.tendon_names
     rows = [["t [s]", *(f"{name} [N]" for name in names)]]
     step = -(-len(motion.times) // _MOST)
-    for t, T in zip(motion.times[::step], motion.flat[::step], strict=True):
+    shown = np.where(motion.flat > _NOTHING * motion.flat.max(), motion.flat, 0.0)
+    for t, T in zip(motion.times[::step], shown[::step], strict=True):
         rows.append([f"{t:.4g}", *(f"{each:.3g}" for each in T)])
     table = html_table(rows, f"every {step}th time" if step > 1 else "")
     return f"<p>{escape(motion.outcome)}</p>{table}{_motion_table(motion.certificate)}"

@@ -39,6 +39,8 @@ _NONE = 1e-4
 # How many more eigenvalues are looked at where they may be complex: the least real part need not be
 # that of the one nearest to a number below.
 _MORE = 8
+# Imaginary parts up to this, over the eigenvalue, are rounding.
+_REAL = 1e-9
 # No eigenvalue is looked for below this one.
 _LOWEST = -1e6
 
@@ -142,7 +144,7 @@ def stability(point: Linearised) -> float:
     if not is_loaded(point.system.scene):
         return _by_sections(point)
     try:
-        return float(_least(point, 1, _CLOSE)[0][0])
+        return float(_least(point, 1, _CLOSE)[0][0].real)
     except (SingularError, np.linalg.LinAlgError):
         return 0.0
 
@@ -167,9 +169,17 @@ def least_modes(point: Linearised, count: int) -> tuple[Array, Array]:
     the real parts count. Raises SingularError.
     """
     values, bends, shifted = _least(point, count, 0.0)
-    right = np.zeros((point.system.of.n_states, count))
-    right[np.ravel(point.system.of.stages)] = (rest_stiffness(point.system)[1] * bends.T).T
-    return values, shifted.solve(right)
+    return values.real, _spread(shifted, (bends * values).real)
+
+
+def _spread(point: Linearised, bends: Array, transposed: bool = False) -> Array:
+    """Return the changes of the states (n_states, count) in modes (n, count) at the stages."""
+    right = np.zeros((point.system.of.n_states, bends.shape[1]), bends.dtype)
+    right[np.ravel(point.system.of.stages)] = rest_stiffness(point.system)[1][:, None] * bends
+    if np.isrealobj(right):
+        return point.solve(right, transposed)
+    parts = [point.solve(np.ascontiguousarray(x), transposed) for x in (right.real, right.imag)]
+    return np.asarray(parts[0] + 1j * parts[1])
 
 
 def unstable_mode(point: Linearised) -> Array | None:
@@ -194,42 +204,51 @@ def stability_slope(point: Linearised) -> tuple[float, Array]:
     """Return the stability, and its derivatives by the tensions (n_tendons,) [1/N].
 
     With modes y and w of J and of its transpose, J y = lambda B y, the eigenvalue changes by
-    w . dJ y / (w . B y), dJ that of the equations' Jacobian as tensions and states change. Raises
-    SingularError.
+    w . dJ y / (w . B y), dJ that of the equations' Jacobian as tensions and states change. Where
+    loads have no potential both may be complex. Raises SingularError.
     """
     of, (weight, stiff) = point.system.of, rest_stiffness(point.system)
-    places, none = np.ravel(of.stages), np.zeros(of.n_states)
-    (value,), y = least_modes(point, 1)
-    y, B, near = y[:, 0], none.copy(), np.spacing(1e4)
-    B[places] = stiff
-    # Where there is an energy w is y times the weights at the stages.
-    w, right = none, none.copy()
-    right[places] = stiff * weight * y[places]
-    w = _less_stiff(point, value - near, stiff).solve(right, transposed=True)
-    H, (rows, columns) = point.system.hessian(point.x, w), of.equations.hessian.triplet
+    (value,), bends, shifted = _least(point, 1, 0.0)
+    if abs(value.imag) <= _REAL * abs(value):
+        # Inverse iteration, from the mode where there is an energy: of the same of two alike.
+        near = _less_stiff(point, value.real - np.spacing(1e4), stiff)
+        w = _spread(near, weight[:, None] * bends.real, transposed=True)
+    else:
+        (other,), left, _ = _least(point, 1, 0.0, transposed=True)
+        w = _spread(shifted, left.conj() if value.imag * other.imag < 0 else left, transposed=True)
+    y, w = _spread(shifted, bends)[:, 0], w[:, 0]
+    places, (rows, columns) = np.ravel(of.stages), of.equations.hessian.triplet
+    H = point.system.hessian(point.x, w.real) + 1j * point.system.hessian(point.x, w.imag)
     mode = np.append(np.zeros(of.first), y)
     by_unknowns = np.vstack([np.eye(of.first, of.n_tendons), point.by_tensions])
     slope = (mode[rows] * H) @ by_unknowns[columns]
-    return float(value), slope / (w @ (B * y))
+    return float(value.real), (slope / (w[places] @ (stiff * y[places]))).real
 
 
-def _least(point: Linearised, count: int, tolerance: float) -> tuple[Array, Array, Linearised]:
+def _least(
+    point: Linearised, count: int, tolerance: float, transposed: bool = False
+) -> tuple[Array, Array, Linearised]:
     """Return the least eigenvalues, their modes at the stages (n, count), and what spreads these.
 
     Those that are nearest to a number below them all; the last are the equations with so much less
     stiffness. Where loads have no potential eigenvalues may be complex, and more are looked at.
+    With `transposed` modes are those of the transpose.
     """
     below, shifted = _shifted(point, rest_stiffness(point.system)[1])
     more = 0 if is_conservative(point.system.scene) else _MORE
-    values, bends = _reciprocals(shifted, count + more, "LM", tolerance)
+    values, bends = _reciprocals(shifted, count + more, "LM", tolerance, transposed)
     with np.errstate(divide="ignore", invalid="ignore"):
         values = 1 / values
     least = np.argsort(values.real)[:count]
-    return values[least].real + below, (bends[:, least] * values[least]).real, shifted
+    return values[least] + below, bends[:, least], shifted
 
 
 def _reciprocals(
-    point: Linearised, count: int, which: Literal["LM", "SR"], tolerance: float
+    point: Linearised,
+    count: int,
+    which: Literal["LM", "SR"],
+    tolerance: float,
+    transposed: bool = False,
 ) -> tuple[Array, Array]:
     """Return the largest or least reciprocals of eigenvalues, and their modes at the stages (n, .).
 
@@ -243,7 +262,7 @@ def _reciprocals(
     def inverse(bends: Array) -> Array:
         right = np.zeros((of.n_states, *bends.shape[1:]))
         right[places] = (before * bends.T).T
-        return np.asarray((after * point.solve(right)[places].T).T)
+        return np.asarray((after * point.solve(right, transposed)[places].T).T)
 
     n = stiff.size
     operator = LinearOperator((n, n), matvec=inverse, dtype=float)

@@ -204,8 +204,7 @@ def plot_tensions(arm: Arm, tensions: Array, upper: Array, ax: Axes) -> None:
     top, narrow, many = max(most, float(upper[near].max(initial=0.0))) or 1.0, n > 8, n > 16
     if not many:
         texts = [f"{each:.3g}" if each > 0.02 * top else "" for each in tensions]
-        style = {"rotation": 90 * narrow, "fontsize": SIZE - 1.5}
-        ax.bar_label(bars, texts, padding=2, **style)
+        ax.bar_label(bars, texts, padding=2, rotation=90 * narrow, fontsize=SIZE - 1.5)
     labelled(ax, y="tension [N]")
     names = [f"$T_{{{name[2:]}}}$" for name in arm.tendon_names]
     ax.set_xticks(range(n), names, fontsize=SIZE - 2 * many, rotation=90 * many)

@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import eigvals
 
 from model import Anchorage, Arm, Linear, Scene, SnapError, settle
-from model.effects import Contact, Effect, Extension, PointLoad, TipLoad, Weight
+from model.effects import Buoyancy, Contact, Effect, Extension, PointLoad, TipLoad, Weight
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.stability import rest_stiffness, stability, stability_slope, stands
 from model.obstacles import Sphere
@@ -45,7 +45,16 @@ def test_swelling_that_takes_tendons_inwards_makes_the_straight_arm_unstable(
     assert bending > 0 or (scene == "anticlastic" and stretch < 0.7)
 
 
-@pytest.mark.parametrize("effects", [(Extension(), Weight()), Scene.silicone(Weight()).effects])
+@pytest.mark.parametrize(
+    "effects",
+    [
+        (Extension(), Weight()),
+        Scene.silicone(Weight()).effects,
+        # Of these the least stable modes are complex.
+        Scene.silicone(Weight(), Buoyancy(), TipLoad((-0.02, 0.005, 0.01), follower=True)).effects,
+        Scene.silicone(TipLoad((0.05, -0.2, 0.1), follower=True)).effects,
+    ],
+)
 def test_the_slope_of_stability_is_that_of_differences(effects: tuple[Effect, ...]) -> None:
     arm, scene, step = Arm.from_paper("table-4"), Scene(*effects), 1e-4
     T = np.array([0.1, 0.2, 0.01, 0.05, 0.1, 0.02, 0.3, 1.0, 0.02, 0.01, 0.5, 0.9])
