@@ -93,5 +93,5 @@ def _kinks(point: Linearised) -> Array:
         if term.kernel.name == "kink":
             c = system.p[of.equations.numbers_of("kink")].reshape(term.count, -1).T
             rows = term.kernel.value.map(term.count)(x[term.unknowns], c)
-            values[of.kinks] = -np.ravel(rows)
+            values[of.kinks] = -np.array(rows).ravel()
     return values
