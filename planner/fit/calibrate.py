@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import get_args
@@ -30,7 +29,6 @@ from planner.fit.measured import Measured, check_scale
 from planner.fit.residuals import Evaluation, UnsettledShapeError, from_rest
 from planner.fit.unknowns import Parameters, Unknown
 
-LOG = logging.getLogger(__name__)
 ACCURACY = 1e-5
 # How far apart tips are that are on different branches, over the arm's length.
 _ASTRAY = 1e-3

@@ -141,7 +141,7 @@ def _checked(arm: Arm, scene: Scene, unknowns: Iterable[Unknown]) -> Parameters:
     parameters = Parameters.of(arm, scene, unknowns)
     for unknown in parameters.unknowns:
         if unknown.prior or unknown.session is not None:
-            raise InputError("unknowns", unknown.name, "of a design without prior and session")
+            raise InputError(unknown.name, "a prior or session", "none in a design")
         if not all(k.startswith("arm.") and not k.startswith("arm.base") for k in unknown.keys):
             raise InputError("key", unknown.name, "numbers of the arm but for its base")
     return parameters
