@@ -15,7 +15,7 @@ from planner.effect_ablation import Switch, switch_effects
 from planner.fit.calibrate import calibrate
 from planner.fit.calibration import Calibration
 from planner.fit.design import Design, design
-from planner.fit.design_program import Making, Reach
+from planner.fit.making import Making, Reach
 from planner.fit.measured import Measured
 from planner.fit.unknowns import Unknown
 from planner.io.records import save_shape

@@ -19,15 +19,8 @@ from model.text import counted, in_notebook
 from model.time_limit import OutOfTime
 from model.time_limit import time_limit as within
 from planner.fit.calibrate import supported_scene
-from planner.fit.design_program import (
-    Making,
-    Objective,
-    Optimum,
-    Program,
-    Reach,
-    Targets,
-    checked_objective,
-)
+from planner.fit.design_program import Optimum, Program, Targets
+from planner.fit.making import Making, Objective, Reach, checked_objective
 from planner.fit.unknowns import Parameters, Unknown
 from planner.plan import Plan, plan
 from planner.program.limits import Limits

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, Literal
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -25,11 +25,10 @@ from model.arm import Arm
 from model.equilibrium.newton import Collocation
 from model.errors import InputError
 from model.paths import Array
-from model.quantities import ArcLength, Direction
 from model.scene import Scene
 from model.time_limit import check_time
 from model.transcription.system import System, neighbour
-from model.value import value
+from planner.fit.making import Making, Objective, Reach
 from planner.fit.unknowns import Parameters
 from planner.program.limits import Limits
 from planner.program.problem import Bounds, Problem, units
@@ -37,111 +36,11 @@ from planner.program.statement import Statement
 from planner.program.terms import stations_of
 from planner.solve.ipopt import TOGETHER, WARM, Solution
 from planner.solve.side_by_side import Part, SideBySide, joined
-from planner.targets import Softest, Stiffest
-from planner.targets.base import Free, Target, Terms, View
+from planner.targets.base import Target
 
 Targets = tuple[Target, ...]
-# Of the meshes; the residual up to which a task counts as met here: plans are certified afresh.
+# Of the meshes; the residual up to which a task counts as met: plans are certified afresh.
 _REFINEMENT, _MET = 2, 1e-7
-# By what the given arm may miss what can be made [mm].
-_VIOLATION = 1e-6
-# Places along the arm at which walls and radii are looked at.
-STATIONS = 9
-
-
-@value
-class Making:
-    """Limits of what can be made.
-
-    Attributes
-    ----------
-    wall : float
-        Least distance of a tendon from the surface [m].
-    radius : float
-        Least radius of the body [m].
-    spacing : float
-        Least distance between anchorages, and from the base to the first [m].
-    """
-
-    wall: ArcLength = 0.0
-    radius: ArcLength = 0.0
-    spacing: ArcLength = 0.0
-
-    def room(self, arm: Arm) -> Array:
-        """Return what is left of each limit over the arm's length (n,): 0 or above can be made."""
-        return np.concatenate([*self._rooms(arm).values(), [arm.length - arm.anchorages[0]]])
-
-    def check(self, arm: Arm) -> None:
-        """Raise InputError where an arm to begin with cannot be made."""
-        violation = -1e3 * float(self.room(arm).min()) * arm.length
-        if violation > _VIOLATION:
-            allowed = f"a limit that the given arm keeps: it misses it by {violation:.3g} mm"
-            raise InputError("making", self, allowed)
-
-    def binding(self, arm: Arm) -> tuple[str, ...]:
-        """Return what an arm has no room left of, in words; only of limits that were given."""
-        return tuple(
-            f"{name} {1e3 * getattr(self, name):g} mm"
-            for name, room in self._rooms(arm).items()
-            if getattr(self, name) and room.min() < 1e-6
-        )
-
-    def _rooms(self, arm: Arm) -> dict[str, Array]:
-        """Return what is left of each limit, over the arm's length."""
-        share = np.linspace(0.0, 1.0, STATIONS)
-        walls = []
-        for i, path in arm.offset_paths:
-            end = arm.sections[i].at
-            surface = (arm.hull or arm.radius).evaluate(share * end, arm.length)[0]
-            walls.append(surface - np.abs(path.evaluate(share * end, end)[0]) - self.wall)
-        radius = arm.radius.evaluate(share * arm.length, arm.length)[0] - self.radius
-        spacing = -np.diff([*arm.anchorages, 0.0]) - self.spacing
-        rooms = {"radius": radius, "wall": np.concatenate(walls), "spacing": spacing}
-        return {name: room / arm.length for name, room in rooms.items()}
-
-
-@value
-class Reach(Free):
-    """The farthest place of the tip along a direction (3,), base frame, within the tension limits.
-
-    By tensions of its own, beside those of the tasks.
-
-    Attributes
-    ----------
-    direction : (3,)
-        In the base frame.
-    """
-
-    direction: Direction
-
-    def parameters(self, arm: Arm) -> Array:
-        """See Target.parameters: the direction."""
-        return np.array(self.direction)
-
-    def terms(self, view: View, p: Any) -> Terms:
-        """See Target.terms."""
-        return Terms(objective={"reach": -(p.T @ view.tip) / view.arm.length})
-
-    def guess_towards(self, arm: Arm) -> Array | None:
-        """See Target.guess_towards: nowhere."""
-        return None
-
-
-Objective = Literal["effort"] | Stiffest | Softest | Reach
-
-
-def checked_objective(objective: Any, limits: Limits) -> Objective:
-    """Return what a design makes best within limits, or raise InputError."""
-    if isinstance(objective, Reach) and not np.all(np.isfinite(limits.upper)):
-        raise InputError("tension_max", limits.upper, "finite tensions where a reach is asked for")
-    if objective == "effort" or isinstance(objective, Reach):
-        return objective  # type: ignore[no-any-return]
-    if not isinstance(objective, Stiffest | Softest):
-        allowed = '"effort", Stiffest(direction), Softest(direction) or Reach(direction)'
-        raise InputError("objective", objective, allowed)
-    if objective.hold != "tension":
-        raise InputError("objective", objective, 'hold="tension": a stiffness with tensions held')
-    return objective
 
 
 @dataclass(frozen=True, eq=False)

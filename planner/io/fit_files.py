@@ -25,7 +25,7 @@ from model import Arm, InputError
 from model.errors import FileError
 from model.quantities import NotNegative, Positive
 from planner.fit.design import Design, design
-from planner.fit.design_program import Making, Objective, Reach
+from planner.fit.making import Making, Objective, Reach
 from planner.fit.measured import Measured
 from planner.fit.unknowns import Unknown
 from planner.io.codec import Table, in_si, quantity, value_of

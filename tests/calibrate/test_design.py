@@ -15,7 +15,8 @@ from model import Anchorage, Arm, InputError, Linear, Scene, settle
 from model.effects import Extension, Weight
 from planner import Making, Reach, Unknown, design, plan, stiffness
 from planner.cli import main
-from planner.fit.design_program import Objective, Program, Targets
+from planner.fit.design_program import Program, Targets
+from planner.fit.making import Objective
 from planner.fit.unknowns import Parameters
 from planner.program.limits import Limits
 from planner.targets import Backbone, Stiffest, TipPosition
