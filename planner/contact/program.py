@@ -62,7 +62,7 @@ class Optimality:
 
 
 @dataclass(frozen=True, eq=False)
-class Optimum:
+class ContactOptimum:
     """Where a program leads from an equilibrium.
 
     Attributes
@@ -95,7 +95,7 @@ class Optimum:
 
 def optimum(
     equilibria: Equilibria, begin: Linearised, start: Array | None = None, least: float = 0.0
-) -> Optimum:
+) -> ContactOptimum:
     """Return the optimum that a program leads to from an equilibrium, or from other tensions.
 
     With a stability of at least so much. Where the constraints cannot be met from there, where they
@@ -103,7 +103,7 @@ def optimum(
     """
     settle, point, steps = equilibria.near(begin), begin, [begin.tensions]
     for _ in range(_ROUNDS):
-        program = Program(equilibria.task, settle, point, least)
+        program = TensionProgram(equilibria.task, settle, point, least)
         y = program.solve(program.start if start is None else start / program.unit)
         if program.rows(y).violation > _MET:
             y = program.nearest(y)
@@ -116,11 +116,11 @@ def optimum(
             break
     path = tuple(tuple(T.tolist()) for T in (*steps, point.tensions))
     violation = rows.violation if rows.violation > _MET else 0.0
-    return Optimum(point, path, violation, optimality, least)
+    return ContactOptimum(point, path, violation, optimality, least)
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class Constraints:
     """Constraints at an equilibrium: values (m,), derivatives (m, n), how many are equalities."""
 
     point: Linearised
@@ -140,7 +140,7 @@ class Rows:
         return float(np.abs(self.short).max(initial=0.0))
 
 
-class Program:
+class TensionProgram:
     """The program of a task; unknowns are scaled tensions, then tangential forces on objects.
 
     Attributes
@@ -161,7 +161,7 @@ class Program:
         self._holds = [target for target in task.targets if isinstance(target, Hold)]
         self._stations = stations_of(task.arm, task.targets)
         self._numbers = target_numbers(task.arm, task.targets)
-        self._known, self.visited = dict[bytes, Rows | None](), list[Array]()
+        self._known, self.visited = dict[bytes, Constraints | None](), list[Array]()
         self.places, held = self.touching(begin), [begin.tensions / self.unit]
         for hold, grasp in zip(self._holds, self._grasps(begin), strict=True):
             tangential = np.einsum("kij,ki->kj", grasp.bases, grasp.best())
@@ -231,14 +231,14 @@ class Program:
         rates = [(at(step) - at(-step)) / (2 * _CHANGE) for step in _CHANGE * np.eye(self.n)]
         return np.array([stability(point) - self.least]), np.array([rates])
 
-    def rows(self, y: Array) -> Rows:
+    def rows(self, y: Array) -> Constraints:
         """Return the constraints at unknowns; raises what settling does."""
         rows = self._rows(y)
         if rows is None:
             raise UnsettledContactError(1.0, "none is found under these tensions")
         return rows
 
-    def _rows(self, y: Array) -> Rows | None:
+    def _rows(self, y: Array) -> Constraints | None:
         """Return the constraints at unknowns, None where nothing is settled; each sought once."""
         if y.tobytes() not in self._known:
             check_time()
@@ -247,7 +247,7 @@ class Program:
                 self._known[y.tobytes()] = self._evaluated(y)
         return self._known[y.tobytes()]
 
-    def _evaluated(self, y: Array) -> Rows:
+    def _evaluated(self, y: Array) -> Constraints:
         point, by_tensions = self._settle(self.unit * y[: self.n])
         system, total = point.system, self.task.allowed.total
         places = system.of.nodes[[system.mesh.node(s) for s in self._stations], :POSE]
@@ -270,9 +270,9 @@ class Program:
         for part, by_unknowns in equal + unequal:
             jacobian[first : first + part.size, : by_unknowns.shape[1]] = by_unknowns
             first += part.size
-        return Rows(point, values, jacobian, sum(part.size for part, _ in equal))
+        return Constraints(point, values, jacobian, sum(part.size for part, _ in equal))
 
-    def _near(self, y: Array, last: Rows) -> Rows:
+    def _near(self, y: Array, last: Constraints) -> Constraints:
         """Return the constraints at unknowns; large ones where nothing is settled.
 
         Raises UnsettledContactError where settling has failed too often.

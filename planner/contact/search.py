@@ -22,7 +22,7 @@ from model.time_limit import OutOfTime, time_limit
 from planner.contact.equilibria import REFINEMENT, Equilibria
 from planner.contact.guesses import guesses
 from planner.contact.load_path import LoadPath, rubs
-from planner.contact.program import Optimum, Program, optimum
+from planner.contact.program import ContactOptimum, TensionProgram, optimum
 from planner.program.terms import compliance_requests
 from planner.solve.task import SearchResult, Task, Trial
 from planner.targets.base import Target
@@ -79,7 +79,7 @@ class ContactSearch:
 
     def __init__(self, task: Task, begin: LoadPath | None = None) -> None:
         self.task, self.begin, self.equilibria = task, begin, Equilibria(task)
-        self.optima = list[Optimum]()
+        self.optima = list[ContactOptimum]()
 
     def run(self, seconds: float | None) -> SearchResult:
         """Return the best optimum from the guesses, or the best so far after so long."""
@@ -126,7 +126,7 @@ class ContactSearch:
             if followed or (agreed and self.task.starts is None) or tried == self.task.most:
                 return
 
-    def _from(self, load_path: LoadPath) -> Optimum:
+    def _from(self, load_path: LoadPath) -> ContactOptimum:
         """Return the optimum that a load path leads to; raises what settling does."""
         margin, begin = self.task.statement.margin, self.equilibria.along(load_path)
         end = optimum(self.equilibria, begin)
@@ -135,7 +135,7 @@ class ContactSearch:
             end = optimum(self.equilibria, begin, least=max(margin, _FLOOR))
         return replace(end, load_path=self._way_to(end, load_path))
 
-    def _way_to(self, end: Optimum, load_path: LoadPath) -> LoadPath | None:
+    def _way_to(self, end: ContactOptimum, load_path: LoadPath) -> LoadPath | None:
         """Return the shortest load path to an optimum: from rest, by the guess, by all steps."""
         for way in ((), load_path, (*load_path, *end.steps[1:-1])):
             with suppress(OctoplanError):
@@ -145,7 +145,7 @@ class ContactSearch:
                     return way
         return None
 
-    def _result(self, best: Optimum | None, stopped: bool) -> SearchResult:
+    def _result(self, best: ContactOptimum | None, stopped: bool) -> SearchResult:
         """Return what is told of the best; of where the search began where there is none."""
         trials = tuple(Trial(end.cost[2], not end.violation, 0) for end in self.optima)
         exact = best is not None and not best.violation
@@ -175,7 +175,7 @@ def optimality_of(task: Task, tensions: Array, shape: Shape, load_path: LoadPath
         rubbing, known = rubs(task.scene), shape.known
         begin = equilibria.along(load_path) if rubbing else equilibria.map.solve(tensions, known)
         settle = equilibria.near(begin)
-        program = Program(task, settle, settle(tensions)[0], least)
+        program = TensionProgram(task, settle, settle(tensions)[0], least)
         return program.optimality(program.start).residual
     except OctoplanError:
         return np.inf

@@ -19,7 +19,7 @@ from model.text import counted, in_notebook
 from model.time_limit import OutOfTime
 from model.time_limit import time_limit as within
 from planner.fit.calibrate import supported_scene
-from planner.fit.design_program import Optimum, Program, Targets
+from planner.fit.design_program import DesignOptimum, DesignProgram, Targets
 from planner.fit.making import Making, Objective, Reach, checked_objective
 from planner.fit.unknowns import Parameters, Unknown
 from planner.plan import Plan, plan
@@ -98,7 +98,7 @@ def design(
     making, limits = making or Making(), Limits.of(arm, tension_max)
     making.check(arm)
     objective = checked_objective(objective, limits)
-    program = Program(parameters, _tasks(arm, targets), limits, making, objective)
+    program = DesignProgram(parameters, _tasks(arm, targets), limits, making, objective)
     search, stopped = _Search(program, starts), False
     try:
         with within(time_limit):
@@ -154,17 +154,17 @@ def _tasks(arm: Arm, targets: Iterable[Any]) -> list[Targets]:
 class _Search:
     """Local optimisations of one design, by the values that they begin with."""
 
-    def __init__(self, program: Program, starts: int | None) -> None:
+    def __init__(self, program: DesignProgram, starts: int | None) -> None:
         self.program, self.starts = program, starts
-        self._tried: dict[bytes, Optimum | None] = {}
+        self._tried: dict[bytes, DesignOptimum | None] = {}
 
     @property
-    def optima(self) -> list[Optimum]:
+    def optima(self) -> list[DesignOptimum]:
         """Those that were found."""
         return [optimum for optimum in self._tried.values() if optimum is not None]
 
     @property
-    def best(self) -> Optimum:
+    def best(self) -> DesignOptimum:
         """The best of them."""
         return min(self.optima, key=lambda optimum: optimum.cost)
 
@@ -320,7 +320,7 @@ class Design:
         if not self.feasible:
             raise InputError("design", "tasks that are not met", "a design that meets all tasks")
         tasks, limits = [plan.targets for plan in self.plans], self.plans[0].limits
-        program = Program(self.parameters, tasks, limits, self.making)
+        program = DesignProgram(self.parameters, tasks, limits, self.making)
         T = np.array([np.ravel(plan.tensions) for plan in self.plans])
         return program.sensitivity(self.array, T) / self.effort
 

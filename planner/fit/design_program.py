@@ -44,7 +44,7 @@ _REFINEMENT, _MET = 2, 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Optimum:
+class DesignOptimum:
     """A local optimum.
 
     Attributes
@@ -71,7 +71,7 @@ class Optimum:
         return max(self.missed - _MET, 0.0), self.objective
 
 
-class Program:
+class DesignProgram:
     """Tasks of an arm with unknown numbers, which are `planned`; a reach is one task more."""
 
     def __init__(
@@ -128,7 +128,7 @@ class Program:
             parts.append(problem.closed(problem.free(T), states, numbers[i]))
         return np.concatenate([*parts, self.parameters.fractions(values)])
 
-    def solve(self, values: Array, tensions: Array, fixed: bool = False) -> Optimum:
+    def solve(self, values: Array, tensions: Array, fixed: bool = False) -> DesignOptimum:
         """Return the optimum that an arm and its plans lead to, numbers of the arm `fixed` or not.
 
         Or the best of all that were met on the way, where that is these themselves.
@@ -161,7 +161,7 @@ class Program:
             solution = self.stated.solve(WARM, solution.x, np.zeros(0), bounds, known)
         return x, bounds, solution
 
-    def _optimum(self, x: Array, bounds: Bounds) -> Optimum:
+    def _optimum(self, x: Array, bounds: Bounds) -> DesignOptimum:
         f, g = (np.array(v).ravel() for v in self.stated.values(x, []))
         off = np.concatenate([bounds[2] - g, g - bounds[3], [0.0]]).max()
         *each, z = self.stated.split(x)
@@ -169,7 +169,7 @@ class Program:
         T = np.array([problem.tensions(item) for problem, item in pairs])
         missed = float(off) if np.isfinite(off) else np.inf
         values = self.parameters.from_fractions(np.clip(z, 0.0, 1.0))
-        return Optimum(values, T, missed, self.worth * float(f[0]))
+        return DesignOptimum(values, T, missed, self.worth * float(f[0]))
 
     def all_numbers(self, z: Array) -> Array:
         """Return all numbers (n,) at z; raises InputError where no such arm can be."""
@@ -191,13 +191,13 @@ class Program:
 class Stated(SideBySide):
     """The program in CasADi's symbols: the tasks, with the numbers of the arm in common."""
 
-    def __init__(self, of: Program) -> None:
+    def __init__(self, of: DesignProgram) -> None:
         cuts = np.cumsum([0, *map(len, of.numbers(of.parameters.start))]).tolist()
         room, K = cuts[-1] - cuts[-2], of.K
         # CasADi does not keep the closed forms that a program calls.
         self._closed = [
-            ClosedForm(of.all_numbers, K, (cuts[-1], 1)),
-            ClosedForm(of.first_derivatives, K, (cuts[-1], K)),
+            NumbersOfArm(of.all_numbers, K, (cuts[-1], 1)),
+            NumbersOfArm(of.first_derivatives, K, (cuts[-1], K)),
         ]
 
         def state(at: SideBySide) -> tuple[list[Part], Part]:
@@ -252,7 +252,7 @@ def _part(
     )
 
 
-class ClosedForm(ca.Callback):
+class NumbersOfArm(ca.Callback):
     """A matrix of z (K,) in NumPy as CasADi calls it.
 
     No numbers where no such arm can be, so that the solver shortens its step.

@@ -37,7 +37,7 @@ Reached = Linearised | OctoplanError
 _ROUGHLY = 1e-4
 
 
-class Numbers(NamedTuple):
+class SessionNumbers(NamedTuple):
     """What equations and sensors take of the unknowns; of derivatives each with K columns more.
 
     Numbers of the equations (n_p,) and of the tendons' lengths (n,), arc lengths of the nodes
@@ -94,11 +94,11 @@ class Experiment:
         self._strokes = any(shape.strokes is not None for shape in shapes)
         self._first = dict[str, tuple[System, tuple[float, ...]]]()
 
-    def at(self, values: Array) -> dict[str, Equations]:
+    def at(self, values: Array) -> dict[str, SessionEquations]:
         """Return the equations of each session at values (K,); InputError where no arm can be."""
         return {name: self._equations(name, values) for name in dict.fromkeys(self.session)}
 
-    def _equations(self, name: str, values: Array) -> Equations:
+    def _equations(self, name: str, values: Array) -> SessionEquations:
         """Return the equations of a session, on the first mesh as it fits the arm of these values.
 
         Where places have passed each other, on a new one.
@@ -120,12 +120,12 @@ class Experiment:
         if stated is None:
             stated = system(arm, setting.scene, stages, refinement, at, True, machine_code)
             self._first[name] = stated, at
-        return Equations(self, name, values, setting, stated, self.numbers(setting, stated))
+        return SessionEquations(self, name, values, setting, stated, self.numbers(setting, stated))
 
-    def numbers(self, setting: Setting, stated: System) -> Numbers:
+    def numbers(self, setting: Setting, stated: System) -> SessionNumbers:
         """Return the numbers of equations, and of all sensors as a session's table places them."""
         scale = np.array(setting.table["tension_scale"], dtype=float)
-        return Numbers(
+        return SessionNumbers(
             stated.p,
             stated.length_numbers,
             stated.mesh.s,
@@ -150,7 +150,7 @@ class Experiment:
 
 
 @dataclass(frozen=True, eq=False)
-class Equations:
+class SessionEquations:
     """The equations of a session's shapes at values (K,) of the unknowns, and their numbers."""
 
     experiment: Experiment
@@ -158,20 +158,22 @@ class Equations:
     values: Array
     setting: Setting
     system: System
-    numbers: Numbers
+    numbers: SessionNumbers
 
     @cached_property
-    def derivatives(self) -> Numbers:
+    def derivatives(self) -> SessionNumbers:
         """Derivatives of the numbers by the unknowns, each (..., K), on nodes that move along."""
         parameters, here = self.experiment.parameters, self.setting
 
-        def numbers(values: Array) -> Numbers:
+        def numbers(values: Array) -> SessionNumbers:
             there, stated = parameters.setting(values, self.name, here), self.system
             if there.arm is not here.arm or there.scene is not here.scene:
                 stated = neighbour(stated, there.arm, there.scene)
             return self.experiment.numbers(there, stated)
 
-        return Numbers(*parameters.derivatives(numbers, self.numbers, self.values, self.name))
+        return SessionNumbers(
+            *parameters.derivatives(numbers, self.numbers, self.values, self.name)
+        )
 
     @cached_property
     def nodes(self) -> Index:

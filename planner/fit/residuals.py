@@ -23,7 +23,7 @@ from model.equilibrium.sensitivities import ByNumbers, along
 from model.machine.buffered import mapped
 from model.paths import Array
 from model.rotations import conjugate, multiply, rotate
-from planner.fit.experiment import Equations, Experiment, Reached, tensions_by_lengths
+from planner.fit.experiment import Experiment, Reached, SessionEquations, tensions_by_lengths
 
 # How often the way to other values is halved for shapes that one step does not lead to.
 _HALVINGS = 2
@@ -101,7 +101,7 @@ class Evaluation:
     ----------
     experiment : Experiment
     values : (K,)
-    at : dict of Equations
+    at : dict of SessionEquations
         Of each session.
     equilibria : dict of Linearised
         By the number of their shape, in order; without those left out or lost.
@@ -111,7 +111,7 @@ class Evaluation:
 
     experiment: Experiment
     values: Array
-    at: Mapping[str, Equations]
+    at: Mapping[str, SessionEquations]
     equilibria: Mapping[int, Linearised]
     lost: Mapping[int, OctoplanError]
 
@@ -120,7 +120,7 @@ class Evaluation:
         cls,
         experiment: Experiment,
         values: Array,
-        at: Mapping[str, Equations],
+        at: Mapping[str, SessionEquations],
         reached: Mapping[int, Reached],
     ) -> Evaluation:
         """Return the shapes that were reached, in order, and those that were not."""
@@ -177,7 +177,7 @@ class Evaluation:
             reached[i] = to.held(shape, end or OctoplanError("it jumps"))
         return Evaluation.of(experiment, values, at, reached)
 
-    def equations(self, i: int) -> Equations:
+    def equations(self, i: int) -> SessionEquations:
         """Return the equations of a shape."""
         return self.at[self.experiment.session[i]]
 

@@ -14,7 +14,7 @@ from planner.program.blocks import scaled
 
 
 @dataclass(frozen=True)
-class Lengths:
+class TendonLengths:
     """The lengths of the tendons, counted in the arm's; see planner.program.blocks."""
 
     of: Layout

@@ -31,7 +31,7 @@ from model.transcription.layout import POSE, Layout
 from model.transcription.system import System
 from planner.program.blocks import Block
 from planner.program.least_mode import LeastMode
-from planner.program.lengths import Lengths
+from planner.program.lengths import TendonLengths
 from planner.program.objective import Objective, Rows, split
 from planner.program.responses import Responses
 from planner.program.statement import Statement
@@ -137,7 +137,7 @@ class Program:
             self.responses.append(Responses(self.states, request, self.directions))
             self.directions += request.width
         self.modes = [LeastMode(self.states)] * statement.modes
-        self.lengths = [Lengths(of)] * statement.wound
+        self.lengths = [TendonLengths(of)] * statement.wound
         self._blocks: list[Block] = [
             self.states,
             *self.responses,

@@ -15,7 +15,7 @@ from model import Anchorage, Arm, InputError, Linear, Scene, settle
 from model.effects import Extension, Weight
 from planner import Making, Reach, Unknown, design, plan, stiffness
 from planner.cli import main
-from planner.fit.design_program import Program, Targets
+from planner.fit.design_program import DesignProgram, Targets
 from planner.fit.making import Objective
 from planner.fit.unknowns import Parameters
 from planner.program.limits import Limits
@@ -55,7 +55,7 @@ def test_derivatives_of_the_program_are_those_of_differences(
     """By tensions and states to rounding; by numbers of the arm as their differences are."""
     parameters = Parameters.of(_arm(), scene, [RADIUS, PLACE, OFFSET])
     tasks: list[Targets] = [(tip,) for tip in _tips()]
-    program = Program(parameters, tasks, Limits.of(_arm(), 5.0), Making(wall=1e-4), objective)
+    program = DesignProgram(parameters, tasks, Limits.of(_arm(), 5.0), Making(wall=1e-4), objective)
     rng = np.random.default_rng(0)
     T = rng.uniform(0, 0.1, (len(program.tasks), 8))
     of, x = program.stated.derivatives, program.begun(parameters.start, T)
@@ -163,7 +163,7 @@ def test_sensitivity_is_that_of_plans_made_anew(key: str) -> None:
 def test_optima_of_arms_begun_with_are_compared_in_newtons() -> None:
     parameters = Parameters.of(_arm(), PAPER, [RADIUS])
     for most in (0.1, 0.7):
-        program = Program(parameters, [(_tips()[0],)], Limits.of(_arm(), 5.0), Making())
+        program = DesignProgram(parameters, [(_tips()[0],)], Limits.of(_arm(), 5.0), Making())
         found = program.solve(parameters.start, np.full((1, 8), most), fixed=True)
         assert found.missed < 1e-6
         assert found.objective == pytest.approx(np.sum(found.tensions**2) / 2, rel=1e-9)

@@ -7,7 +7,7 @@ from model import Scene, settle
 from model.effects import Contact, ExactTendons, Extension
 from model.obstacles import Capsule
 from planner.contact.equilibria import Equilibria
-from planner.contact.program import Program
+from planner.contact.program import TensionProgram
 from planner.program.limits import Limits
 from planner.program.statement import Statement
 from planner.solve.task import Task
@@ -27,7 +27,7 @@ def test_derivatives_of_targets_grip_and_stability_are_those_of_settled_shapes()
     task = Task(ARM, targets, SCENE, limits, Statement(limited=True), 1e-6)
     equilibria = Equilibria(task)
     begin = equilibria.settled(T)
-    program = Program(task, equilibria.near(begin), begin, least=0.1)
+    program = TensionProgram(task, equilibria.near(begin), begin, least=0.1)
     y = program.start
     assert y.size > ARM.n_tendons
     y[ARM.n_tendons :] += 0.1
