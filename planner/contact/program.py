@@ -76,8 +76,8 @@ class ContactOptimum:
     optimality : Optimality
     least : float
         The stability that it was constrained to; 0 without.
-    load_path : LoadPath or None
-        What leads to it, its own tensions left out; None where nothing is known to.
+    load_path : LoadPath
+        What led to it, its own tensions left out.
     """
 
     point: Linearised
@@ -85,12 +85,17 @@ class ContactOptimum:
     violation: float
     optimality: Optimality
     least: float
-    load_path: LoadPath | None = None
+    load_path: LoadPath = ()
 
     @property
-    def cost(self) -> tuple[bool, float, float]:
-        """What is compared: that no load path leads there, its violation, its effort [N]."""
-        return self.load_path is None, self.violation, float(np.linalg.norm(self.point.tensions))
+    def effort(self) -> float:
+        """The norm of its tensions [N]."""
+        return float(np.linalg.norm(self.point.tensions))
+
+    @property
+    def cost(self) -> tuple[float, float]:
+        """What is compared: its violation, its effort [N]."""
+        return self.violation, self.effort
 
 
 def optimum(

@@ -1,4 +1,8 @@
-"""The search for plans in contact: optima, from several guesses, that the arm comes to."""
+"""The search for plans in contact: optima, from several guesses, that the arm comes to.
+
+They are found on a coarse mesh; the best is followed along its load path, and improved, on a finer
+one.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +10,12 @@ import math
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
+from time import monotonic
 
 import numpy as np
 
 from model.contact.forward import TouchingMap
+from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import STAGES
 from model.equilibrium.stability import stability
 from model.errors import InputError, OctoplanError
@@ -18,8 +24,9 @@ from model.paths import Array
 from model.progress import tell
 from model.scene import Scene
 from model.shape import Shape
-from model.time_limit import OutOfTime, time_limit
-from planner.contact.equilibria import REFINEMENT, Equilibria
+from model.time_limit import OutOfTime, check_time, time_limit
+from model.time_limit import end as deadline
+from planner.contact.equilibria import COARSE, FINE, Equilibria
 from planner.contact.guesses import guesses
 from planner.contact.load_path import LoadPath, rubs
 from planner.contact.program import ContactOptimum, TensionProgram, optimum
@@ -33,6 +40,8 @@ from planner.targets.wrap import Wrap
 _SAME = 1e-3
 # Where the arm would snap it is held to so much stability; the fraction of a margin that it may be.
 _FLOOR, _CLOSE = 1e-2, 1 - 1e-6
+# The part of a time limit that the search on the coarse mesh may take.
+_SEARCHED = 0.6
 # How far the tip may be from where a load path leads, over the arm's length.
 _ELSEWHERE = 1e-2
 # What is taken of the way to tensions without friction, and beyond.
@@ -78,18 +87,25 @@ class ContactSearch:
     """
 
     def __init__(self, task: Task, begin: LoadPath | None = None) -> None:
-        self.task, self.begin, self.equilibria = task, begin, Equilibria(task)
+        self.task, self.begin = task, begin
         self.optima = list[ContactOptimum]()
 
     def run(self, seconds: float | None) -> SearchResult:
         """Return the best optimum from the guesses, or the best so far after so long."""
-        stopped = False
+        stopped, best = False, None
         with time_limit(seconds):
             try:
-                self._slide() if rubs(self.task.scene) else self._search()
+                left = deadline() - monotonic()
+                with time_limit(_SEARCHED * left if math.isfinite(left) else None):
+                    self._slide() if rubs(self.task.scene) else self._search()
             except OutOfTime:
                 stopped = True
-        return self._result(min(self.optima, key=lambda end: end.cost, default=None), stopped)
+            try:
+                best = self._best()
+                check_time()
+            except OutOfTime:
+                stopped = True
+        return self._result(best, stopped)
 
     def _slide(self) -> None:
         """Find optima against friction, by what the targets take without.
@@ -105,53 +121,83 @@ class ContactSearch:
             free = np.ravel(plan.tensions)
             if plan.statement.mode == "exact" or plan.stopped:
                 break
-        point, low = self.equilibria.along(self.begin), np.array(self.task.allowed.lower)
+        equilibria, low = Equilibria(self.task, FINE), np.array(self.task.allowed.lower)
+        point = equilibria.along(self.begin)
         for factor in _SLID[: self.task.starts]:
             with suppress(OctoplanError):
                 start = np.maximum(T + factor * (free - T), low)
-                end = optimum(self.equilibria, point, start)
+                end = optimum(equilibria, point, start)
                 self.optima.append(replace(end, load_path=self.begin))
 
     def _search(self) -> None:
         """Find optima until two agree on the best, or there are as many as are asked for."""
+        coarse = Equilibria(self.task, COARSE)
         nearby = [] if self.begin is None else [self.begin]
-        from_rest = ((tuple(T.tolist()),) for T in guesses(self.task, self.equilibria))
+        from_rest = ((tuple(T.tolist()),) for T in guesses(self.task, coarse))
         for tried, load_path in enumerate(chain(nearby, from_rest), 1):
             tell("initial guesses", tried - 1, self.task.most)
             with suppress(OctoplanError):
-                self.optima.append(self._from(load_path))
-            met = sorted(end.cost[2] for end in self.optima if not any(end.cost[:2]))
+                self.optima.append(self._from(coarse, load_path))
+            met = sorted(end.effort for end in self.optima if not end.violation)
             agreed = len(met) > 1 and met[1] < met[0] * (1 + _SAME)
             followed = self.begin is not None and tried == len(met) == 1
             if followed or (agreed and self.task.starts is None) or tried == self.task.most:
                 return
 
-    def _from(self, load_path: LoadPath) -> ContactOptimum:
+    def _from(self, coarse: Equilibria, load_path: LoadPath) -> ContactOptimum:
         """Return the optimum that a load path leads to; raises what settling does."""
-        margin, begin = self.task.statement.margin, self.equilibria.along(load_path)
-        end = optimum(self.equilibria, begin)
+        margin, begin = self.task.statement.margin, coarse.along(load_path)
+        end = optimum(coarse, begin)
         at_end = stability(end.point)
         if at_end < max(margin, _FLOOR) and (end.violation or at_end < max(margin * _CLOSE, 0.0)):
-            end = optimum(self.equilibria, begin, least=max(margin, _FLOOR))
-        return replace(end, load_path=self._way_to(end, load_path))
+            end = optimum(coarse, begin, least=max(margin, _FLOOR))
+        return replace(end, load_path=load_path)
 
-    def _way_to(self, end: ContactOptimum, load_path: LoadPath) -> LoadPath | None:
-        """Return the shortest load path to an optimum: from rest, by the guess, by all steps."""
-        for way in ((), load_path, (*load_path, *end.steps[1:-1])):
-            with suppress(OctoplanError):
-                there = self.equilibria.along((*way, end.steps[-1]))
-                tips = [at.system.poses(at.states)[-1, 4:] for at in (there, end.point)]
-                if math.dist(*tips) < _ELSEWHERE * self.task.arm.length:
-                    return way
-        return None
+    def _best(self) -> ContactOptimum | None:
+        """Return the best optimum on the fine mesh to which a load path leads.
+
+        Where none does, the best on the coarse mesh.
+        """
+        order = sorted(self.optima, key=lambda end: end.cost)
+        if not order or rubs(self.task.scene):
+            return order[0] if order else None
+        fine = Equilibria(self.task, FINE)
+        for end in order:
+            guess = end.load_path
+            # From rest, by the guess, by all steps.
+            for way in ((), guess, (*guess, *end.steps[1:-1])):
+                with suppress(OctoplanError):
+                    refined = self._refined(fine, end, way)
+                    if refined is not None:
+                        return refined
+        return order[0]
+
+    def _refined(
+        self, fine: Equilibria, end: ContactOptimum, way: LoadPath
+    ) -> ContactOptimum | None:
+        """Return an optimum on the fine mesh if a load path leads there.
+
+        Raises what settling does.
+        """
+        start = fine.along((*way, end.steps[-1]))
+        if not self._is_near(start, end.point):
+            return None
+        refined = optimum(fine, start, least=end.least)
+        if bool(refined.violation) != bool(end.violation):
+            return None
+        there = fine.along((*way, refined.steps[-1]))
+        return replace(refined, load_path=way) if self._is_near(there, refined.point) else None
+
+    def _is_near(self, one: Linearised, other: Linearised) -> bool:
+        """Return whether the tips of two equilibria are at one place."""
+        tips = [at.system.poses(at.states)[-1, 4:] for at in (one, other)]
+        return math.dist(*tips) < _ELSEWHERE * self.task.arm.length
 
     def _result(self, best: ContactOptimum | None, stopped: bool) -> SearchResult:
         """Return what is told of the best; of where the search began where there is none."""
-        trials = tuple(Trial(end.cost[2], not end.violation, 0) for end in self.optima)
+        trials = tuple(Trial(end.effort, not end.violation, 0) for end in self.optima)
         exact = best is not None and not best.violation
-        statement = self.task.statement.but(
-            mode="exact" if exact else "nearest", refinement=REFINEMENT
-        )
+        statement = self.task.statement.but(mode="exact" if exact else "nearest", refinement=FINE)
         if best is None:
             *before, last = self.begin or (self.task.allowed.lower,)
             T = self.task.arm.by_section(np.array(last))
@@ -160,7 +206,7 @@ class ContactSearch:
         lam_g = (best.optimality.lam_stability,) if best.least else ()
         statement = statement.but(modes=int(best.least > 0), floor=best.least or statement.floor)
         low, high = np.array(self.task.allowed.lower), np.array(self.task.allowed.upper)
-        T, way = np.clip(best.point.tensions, low, high), best.load_path or ()
+        T, way = np.clip(best.point.tensions, low, high), best.load_path
         T = self.task.arm.by_section(T)
         return SearchResult(statement, T, lam_x, lam_g, trials, stopped, load_path=way)
 
@@ -170,7 +216,7 @@ def optimality_of(task: Task, tensions: Array, shape: Shape, load_path: LoadPath
 
     Of the shape that a load path leads to.
     """
-    equilibria, least = Equilibria(task), task.statement.least * task.statement.modes
+    equilibria, least = Equilibria(task, FINE), task.statement.least * task.statement.modes
     try:
         rubbing, known = rubs(task.scene), shape.known
         begin = equilibria.along(load_path) if rubbing else equilibria.map.solve(tensions, known)
