@@ -18,7 +18,7 @@ from planner.fit.design import Design, design
 from planner.fit.making import Making, Reach
 from planner.fit.measured import Measured
 from planner.fit.unknowns import Unknown
-from planner.io.records import save_shape
+from planner.io.csv_files import save_shape
 from planner.io.saved_files import load_calibration, load_plan
 from planner.many import FailedPlan, plan_many
 from planner.plan import Plan, plan

@@ -31,15 +31,14 @@ from planner.cli import (
 )
 from planner.effect_ablation import switch_effects
 from planner.io.calls import check_complete, in_motion, planned, settled, stiff
+from planner.io.csv_files import motion_csv, plan_csv, shape_csv
 from planner.io.records import (
     EffectsRecord,
     ExportRecord,
     ShapeRecord,
     StiffnessRecord,
     TrajectoryRecord,
-    plan_csv,
     record,
-    shape_csv,
 )
 from planner.io.saved_records import plan_record
 from planner.io.scene_file import Question, load
@@ -84,7 +83,7 @@ def trajectory(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Answ
         record(TrajectoryRecord, result),
         "trajectory",
         figure("motion", "plot_trajectory", result),
-        {"trajectory.csv": lambda: result.csv},
+        {"trajectory.csv": lambda: motion_csv(result)},
     )
 
 

@@ -167,7 +167,7 @@ class Calibration(Fitted):
         """
         flat = tuple(self.given_arm.flat(tensions).tolist())
         # Behind the markers, whose unknowns are not those of points that are said here.
-        none = [Point(0.0, _ORIGIN, None)] * len(self.parameters.table["points"])
+        none = [Point(0.0, _ORIGIN, None)] * len(self.parameters.given.points)
         places = [*none, *(Point(s, offset, _ORIGIN) for s, offset in points)]
         shape = Measured(flat, tuple(places), tip=_ORIGIN, session=session, name="the prediction")
         there = from_rest(self.experiment([shape]), self.array)

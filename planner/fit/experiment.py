@@ -29,7 +29,8 @@ from model.transcription.layout import POSE
 from model.transcription.system import System, neighbour, system
 from model.winches import Winches, rest_lengths
 from planner.fit.measured import FRAME, TIP, Measured
-from planner.fit.unknowns import MM, Parameters, Setting
+from planner.fit.unknowns import Parameters
+from planner.io.varied import Setting
 
 Index = NDArray[np.int64]
 Reached = Linearised | OctoplanError
@@ -124,28 +125,29 @@ class Experiment:
 
     def numbers(self, setting: Setting, stated: System) -> SessionNumbers:
         """Return the numbers of equations, and of all sensors as a session's table places them."""
-        scale = np.array(setting.table["tension_scale"], dtype=float)
+        scale = setting.tension_scale
         return SessionNumbers(
             stated.p,
             stated.length_numbers,
             stated.mesh.s,
             self._looked_at(setting),
-            self._offsets + self._shift(setting, "offset_mm", (3,)),
+            self._offsets + self._shift(setting, "offset", (3,)),
             scale,
             rest_lengths(stated.arm) if self._strokes else np.zeros_like(scale),
         )
 
     def _looked_at(self, setting: Setting) -> Array:
         s = np.where(self._point == TIP, setting.arm.length, self._s)
-        return np.asarray(s + self._shift(setting, "s_mm"))
+        return np.asarray(s + self._shift(setting, "s"))
 
-    def _shift(self, setting: Setting, key: str, size: tuple[int, ...] = ()) -> Array:
-        """Return by how much a key of the points looked at is off what it is said to be [m]."""
+    def _shift(self, setting: Setting, name: str, size: tuple[int, ...] = ()) -> Array:
+        """Return by how much `s` or `offset` of the points looked at is off what is said [m]."""
         shift = np.zeros((self._point.size, *size))
-        rows = zip(setting.table["points"], self.parameters.table["points"], strict=True)
-        for i, (now, said) in enumerate(rows):
-            if now is not said:
-                shift[self._point == i] = MM * (np.array(now[key]) - said[key])
+        for i, (now, said) in enumerate(
+            zip(setting.points, self.parameters.given.points, strict=True)
+        ):
+            if now != said:
+                shift[self._point == i] = np.array(now[name]) - said[name]
         return shift
 
 

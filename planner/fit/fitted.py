@@ -339,6 +339,5 @@ def parameters_of(
     InputError for unknown keys and sessions, and for bounds that do not fit.
     """
     most: Sequence[Any] = max((shape.points for shape in shapes), key=len, default=())
-    points = [{"s_mm": 1e3 * p.s, "offset_mm": [1e3 * x for x in p.offset]} for p in most]
     sessions = sorted({shape.session for shape in shapes} - {""})
-    return Parameters.of(arm, scene, unknowns, points, sessions)
+    return Parameters.of(arm, scene, unknowns, most, sessions)

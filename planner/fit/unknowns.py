@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 import math
-import re
-import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model import Arm, InputError, Scene, UnitWarning
-from model.loads import check_loads
+from model import Arm, InputError, Scene
 from model.paths import Array
 from model.value import Rule, value
-from planner.io.key_paths import changed, checked_key, steps, unit_of, value_at
-from planner.io.scene_file import arm_in, checked_table, scene_in, scene_table
-from planner.io.scene_tables import whole
+from planner.io.varied import Setting
 
-_SENSOR = re.compile(r"points\[\d+\]\.(s_mm|offset_mm\[[012]\])|tension_scale\[\d+\]")
-_MODEL, MM = ("arm.", "effects."), 1e-3
 # Steps of difference quotients, over the bounds' range; how near a bound an unknown is at it.
 _STEP, AT_BOUND = 2e-8, 1e-6
 
@@ -91,32 +83,19 @@ class Unknown:
         return self.session is None or self.session == session
 
 
-class Setting(NamedTuple):
-    """The table of Parameters at values of the unknowns, and arm and scene of it."""
-
-    table: dict[str, Any]
-    arm: Arm
-    scene: Scene
-
-
 @dataclass(frozen=True)
 class Parameters:
     """Unknowns of an arm and a scene, and of what was measured on it.
 
     Attributes
     ----------
-    table : dict
-        The scene file that has arm and scene, with all its defaults, and beside them "points"
-        (a dict of s_mm and offset_mm for each) and "tension_scale" (a number for each tendon).
+    given : Setting
+        Those given, of all of whose numbers the unknowns are some.
     unknowns : tuple of Unknown
-    arm, scene
-        Those given.
     """
 
-    table: dict[str, Any]
+    given: Setting
     unknowns: tuple[Unknown, ...]
-    arm: Arm
-    scene: Scene
 
     @classmethod
     def of(
@@ -124,7 +103,7 @@ class Parameters:
         arm: Arm,
         scene: Scene,
         unknowns: Iterable[Unknown],
-        points: Sequence[dict[str, Any]] = (),
+        points: Iterable[Any] = (),
         sessions: Sequence[str] = (),
     ) -> Parameters:
         """Return the parameters; InputError for unknown keys, sessions, and bounds that misfit."""
@@ -132,9 +111,7 @@ class Parameters:
         if not checked or not all(isinstance(unknown, Unknown) for unknown in checked):
             allowed = 'at least one, such as Unknown("arm.E_kPa", 50, 1000)'
             raise InputError("unknowns", checked, allowed)
-        table = whole(checked_table(scene_table(arm, scene), "scene"), Path())
-        table |= {"points": list(points), "tension_scale": [1.0] * arm.n_tendons}
-        parameters = cls(table, checked, arm, scene)
+        parameters = cls(Setting.of(arm, scene, points), checked)
         for unknown in checked:
             parameters._check(unknown, sessions)
         pairs = [(key, unknown.session) for unknown in checked for key in unknown.keys]
@@ -151,8 +128,8 @@ class Parameters:
             )
             raise InputError(f"{unknown.name}: session", unknown.session, allowed)
         for key in unknown.keys:
-            self._check_key(key)
-        start = self._value(unknown)
+            self.given.check_number(key)
+        start = self.given.number(unknown.keys[0])
         if not unknown.lower <= start <= unknown.upper:
             has = f"{start:g} {self.unit(unknown)}".rstrip()
             allowed = f"bounds that hold what arm or scene has, {has}"
@@ -164,34 +141,24 @@ class Parameters:
                     allowed += f"; {slip}? Then give {low:g} to {high:g}"
             raise InputError(unknown.name, (unknown.lower, unknown.upper), allowed)
 
-    def _check_key(self, key: str) -> None:
-        if key.startswith(("points", "tension_scale")):
-            if not _SENSOR.fullmatch(key) or value_at(self.table, steps(key)) is None:
-                below = len(self.table["points"])
-                allowed = f"points[i].s_mm and points[i].offset_mm[0] to [2], i below {below}"
-                raise InputError("key", key, f"{allowed}, or tension_scale[j] of a tendon")
-            return
-        scene = {k: v for k, v in self.table.items() if k not in ("points", "tension_scale")}
-        value = value_at(self.table, steps(checked_key(scene, key)))
-        whole_number = key.startswith("effects.friction.direction")
-        number = isinstance(value, float | int) and not isinstance(value, bool)
-        if not key.startswith(_MODEL) or whole_number or not number:
-            raise InputError("key", key, "a number of arm, effects or measurement")
+    @property
+    def arm(self) -> Arm:
+        """The arm that was given."""
+        return self.given.arm
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that was given."""
+        return self.given.scene
 
     def unit(self, unknown: Unknown) -> str:
         """Return the unit of an unknown's value."""
-        key = unknown.keys[0]
-        if key.startswith(_MODEL):
-            return unit_of(self.table, key)
-        return "" if key.startswith("tension_scale") else "mm"
-
-    def _value(self, unknown: Unknown) -> float:
-        return float(value_at(self.table, steps(unknown.keys[0])))
+        return self.given.unit(unknown.keys[0])
 
     @property
     def start(self) -> Array:
         """The values that arm and scene have already (K,)."""
-        return np.array([self._value(unknown) for unknown in self.unknowns])
+        return np.array([self.given.number(unknown.keys[0]) for unknown in self.unknowns])
 
     @property
     def lower(self) -> Array:
@@ -227,37 +194,22 @@ class Parameters:
         mean, std = np.array([row[1:] for row in rows]).reshape(-1, 2).T
         return (values[which] - mean) / std, np.diag(self.range)[which] / std[:, None]
 
-    def table_at(self, values: Array, session: str = "") -> dict[str, Any]:
-        """Return the table with values (K,) of the unknowns that belong to a session."""
+    def built(self, values: Array, session: str = "") -> tuple[Arm, Scene]:
+        """Return arm and scene of values (K,); InputError where no such arm can be."""
+        return self.setting(values, session)[1:]
+
+    def setting(self, values: Array, session: str = "", near: Setting | None = None) -> Setting:
+        """Return the setting of values (K,) of the unknowns that belong to a session; see its `at`.
+
+        InputError where no such arm can be.
+        """
         pairs = [
             (key, value)
             for unknown, value in zip(self.unknowns, values.tolist(), strict=True)
             if unknown.belongs(session)
             for key in unknown.keys
         ]
-        return changed(self.table, [key for key, _ in pairs], [value for _, value in pairs])
-
-    def built(self, values: Array, session: str = "") -> tuple[Arm, Scene]:
-        """Return arm and scene of values (K,); InputError where no such arm can be."""
-        return self.setting(values, session)[1:]
-
-    def setting(self, values: Array, session: str = "", near: Setting | None = None) -> Setting:
-        """Return table, arm and scene of values (K,); InputError where no such arm can be.
-
-        What does not differ from one nearby, or else from that given, is the same object.
-        """
-        table, near = (
-            self.table_at(values, session),
-            near or Setting(self.table, self.arm, self.scene),
-        )
-        with warnings.catch_warnings():
-            # Nobody gave these numbers: on its way a search passes any of them.
-            warnings.simplefilter("ignore", UnitWarning)
-            arm = near.arm if table["arm"] == near.table["arm"] else arm_in(table["arm"])
-            same = table["effects"] == near.table["effects"]
-            scene = near.scene if same else scene_in(table["effects"])
-        check_loads(arm, scene)
-        return Setting(table, arm, scene)
+        return self.given.at([key for key, _ in pairs], [value for _, value in pairs], near)
 
     def derivatives(
         self,

@@ -293,12 +293,13 @@ def table_of(value: Any) -> dict[str, Any]:
 
 
 def keys_of(value: Any, kind: type[Table]) -> dict[str, Any]:
-    """Return the keys of a table of a value's class."""
-    keys, hints, forms = KEYS[kind]
+    """Return the keys of a table of a value's class, or of values by the names of its keys."""
+    keys, hints, forms = KEYS.get(kind) or (_without_units(kind), None, {})
     tag = kind.__struct_config__.tag
     result: dict[str, Any] = {} if tag is None else {"type": tag}
     for name, key in keys.items():
-        result[key] = written(getattr(value, name), unit_of_type(hints[name]))
+        hint = hints[name] if hints else hints_of(kind)[key]
+        result[key] = written(getattr(value, name), unit_of_type(hint))
     for name, form in forms.items():
         result |= form.write(getattr(value, name))
     return result

@@ -120,7 +120,7 @@ def hint(value: Any, known: Sequence[Any]) -> str:
     return f'; did you mean "{near[0]}"?' if near else ""
 
 
-def checked_key(scene: dict[str, Any], key: str) -> str:
+def checked_key(scene: dict[str, Any], key: str, root: Any = SceneTable) -> str:
     """Return a key path if the scene has a single value there, or could; InputError if not."""
     if not _PATH.fullmatch(key):
         raise InputError("key", key, "a path such as arm.E_kPa, tensions[0][2], target.bend_deg")
@@ -137,7 +137,7 @@ def checked_key(scene: dict[str, Any], key: str) -> str:
         inside = [f"{key}{end}" if isinstance(end, str) else f"{key}[{end}]" for end in ends]
         text = ", ".join(inside) or "none in it"
         raise InputError("key", key, f"a single value, not all of {key}: {text}")
-    if value is None and not any(isinstance(k, _ONE) for k in kinds_at(SceneTable, scene, path)):
+    if value is None and not any(isinstance(k, _ONE) for k in kinds_at(root, scene, path)):
         raise InputError("key", key, f"a value that the scene has; give it {key} first")
     return key
 
@@ -173,6 +173,6 @@ def changed(scene: dict[str, Any], keys: Sequence[str], values: Sequence[Any]) -
     return new
 
 
-def unit_of(scene: dict[str, Any], key: str) -> str:
+def unit_of(scene: dict[str, Any], key: str, root: Any = SceneTable) -> str:
     """Return the unit of the value at a key path, as the annotation of its last key has it."""
-    return unit_of_type(type_at(scene, steps(key)))
+    return unit_of_type(type_at(scene, steps(key), root))

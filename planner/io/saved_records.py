@@ -187,7 +187,7 @@ FitRecord: Any = struct(
 
 
 def _scene_of(of: Any) -> dict[str, Any]:
-    table = of.parameters.table_at(of.array, "")
+    table = of.parameters.setting(of.array).table
     return {key: table[key] for key in ("arm", "effects")}
 
 

@@ -23,7 +23,7 @@ from planner.io.codec import arguments_of, in_si, table_of, value_of, written
 from planner.io.files import read_toml, toml_of
 from planner.io.key_paths import steps, value_at
 from planner.io.mistakes import check_modulus, checked, made, warn_of_slips
-from planner.io.object_tables import ArmTable, EffectsTable, arm_of, inlined, scene_of
+from planner.io.object_tables import arm_of, inlined, scene_of
 from planner.io.scene_tables import (
     LimitsTable,
     SceneTable,
@@ -304,13 +304,3 @@ def filled(raw: dict[str, Any], name: str) -> dict[str, Any]:
     """
     warn_of_slips(raw)
     return whole(checked_table(raw, name), Path(name).parent)
-
-
-def arm_in(table: dict[str, Any]) -> Arm:
-    """Return the arm of a table that is whole; InputError where no such arm can be."""
-    return arm_of(checked(table, ArmTable, "arm"))
-
-
-def scene_in(table: dict[str, Any]) -> Scene:
-    """Return the scene of a table of effects that is whole; InputError."""
-    return scene_of(checked(table, EffectsTable, "effects"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 from model.arm import Arm
 from model.checks import finite_array, positive
 from model.clearance.lines import Lines
-from model.errors import FileError, InputError
+from model.errors import InputError
 from model.mesh import FINEST_ACCURACY
 from model.paths import Array
 from model.scene import Scene
@@ -23,6 +22,7 @@ from model.time_limit import OutOfTime
 from model.units import STROKE, warn_unusual
 from planner.avoidance.rows import Avoidance
 from planner.avoidance.surroundings import Surroundings
+from planner.io.csv_files import load_waypoints
 from planner.plan import Plan, plan
 from planner.program.limits import Limits
 from planner.targets import TipPosition
@@ -34,7 +34,6 @@ QUASI_STATIC = 0.1
 # Of the mesh of centrelines; what waypoints keep besides the clearance, over L, for the way
 # between them.
 _MESH, _SPARE = 3, 1e-3
-_AXES = ("x_m", "y_m", "z_m")
 
 
 @dataclass(frozen=True)
@@ -223,7 +222,7 @@ def waypoints_of(path: Any, count: int) -> tuple[list[Any], Array | None]:
         For what is none of these, and no targets; FileError with the place in a file.
     """
     if isinstance(path, str | Path):
-        return _read(Path(path))
+        return load_waypoints(Path(path))
     if callable(path):
         if isinstance(count, bool) or not isinstance(count, int) or count < 1:
             raise InputError("waypoints", count, "a whole number from 1")
@@ -236,27 +235,6 @@ def waypoints_of(path: Any, count: int) -> tuple[list[Any], Array | None]:
     if not targets:
         raise InputError("targets", targets, "at least one target")
     return targets, None
-
-
-def _read(path: Path) -> tuple[list[Any], Array | None]:
-    """Return the targets and times of a .csv file."""
-    try:
-        rows = list(csv.DictReader(path.read_text().splitlines()))
-    except (OSError, UnicodeDecodeError) as reason:
-        raise FileError(str(path), "", f"cannot be read: {reason}") from None
-    if not rows:
-        raise FileError(str(path), "", f"no lines below a heading {', '.join(_AXES)}")
-    names = [*_AXES, *["t_s"] * ("t_s" in rows[0])]
-    numbers = np.zeros((len(rows), len(names)))
-    for (i, k), _ in np.ndenumerate(numbers):
-        text = rows[i].get(names[k])
-        try:
-            numbers[i, k] = float(text or "")
-        except ValueError:
-            problem = f"got {text!r}, allowed is a number"
-            raise FileError(str(path), f"line {i + 2}, {names[k]}", problem) from None
-    times = numbers[:, 3] if len(names) > 3 else None
-    return [TipPosition(tuple(row[:3])) for row in numbers], times
 
 
 def checked_times(times: Any, count: int) -> Array | None:

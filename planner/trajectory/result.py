@@ -18,6 +18,7 @@ from model.paths import Array
 from model.shape import Shape
 from model.stiffness import stiffness
 from model.text import in_notebook, plotted
+from planner.io.csv_files import motion_csv
 from planner.io.files import write_named
 from planner.trajectory.certificate import SAMPLED, MotionCertificate, certify_motion
 from planner.trajectory.question import GRAVITY, QUASI_STATIC, Question
@@ -172,7 +173,7 @@ class Trajectory:
 
             writer_of(Path(path))
             return save_motion(animate_trajectory(self), path)
-        return write_named(path, ".csv", self.csv)
+        return write_named(path, ".csv", motion_csv(self))
 
     def plot(self) -> Any:
         """Draw the motion; see planner.plots.motion."""
@@ -180,15 +181,6 @@ class Trajectory:
 
     def _repr_html_(self) -> str:
         return in_notebook(self)
-
-    @property
-    def csv(self) -> bytes:
-        """What is saved."""
-        names = [self.arm.tendon_name(j).replace(",", "_") for j in range(self.arm.n_tendons)]
-        head = ["t_s", *(f"{name}_N" for name in names), *(f"{name}_length_m" for name in names)]
-        rows = np.column_stack([self.times, self.flat, self.lengths]).tolist()
-        lines = [",".join(head), *(",".join(map(repr, row)) for row in rows)]
-        return ("\n".join(lines) + "\n").encode()
 
 
 def slowest_period(shape: Shape) -> float:

@@ -16,7 +16,7 @@ from model.obstacles import Box, Mesh, Moving, Sphere
 from planner import plan, sweep
 from planner.cli import main
 from planner.commands.files import Kind
-from planner.io.records import plan_csv
+from planner.io.csv_files import plan_csv
 from planner.io.scene_file import filled, load, question_of, scene_table
 from planner.sweeps.definition import load_sweep
 from planner.targets import TipPosition

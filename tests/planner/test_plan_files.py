@@ -44,8 +44,8 @@ from model.errors import FileError
 from planner import Plan, load_plan, plan, save_shape
 from planner.commands.files import schema_of
 from planner.io.codec import plain, value_of
+from planner.io.csv_files import shape_csv
 from planner.io.mistakes import checked
-from planner.io.records import shape_csv
 from planner.io.tables import exact
 from planner.targets import BendingPlane, TipPosition
 from tests.planner.test_scene_files import TARGETS
