@@ -10,9 +10,8 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -123,10 +122,6 @@ class ChunkFiles:
             allowed = "a chunk as it was written: remove it, start again, and it is computed anew"
             raise InputError("out", str(path), allowed) from None
 
-    def remove(self) -> None:
-        """Remove all chunks, whose sweep is written."""
-        shutil.rmtree(self.folder, ignore_errors=True)
-
     def _path(self, chunk: int) -> Path:
         return self.folder / f"{self._prefix}{chunk:06d}.npz"
 
@@ -135,34 +130,22 @@ class ChunkFiles:
         return f"{self.sweep.identity[:16]}-"
 
 
-class ChunksInMemory(dict[int, Rows]):
-    """The chunks of a sweep that is not written."""
-
-    write = dict.__setitem__
-
-    def read(self, chunk: int, name: str) -> NDArray[Any]:
-        """Return a variable of a chunk."""
-        return self[chunk][name]
-
-
 # The Dataset
 
-# What a variable of a chunk is read by.
-Read = Callable[[int, str], NDArray[Any]]
 # What is written at a time [bytes], and lies together in a Zarr folder.
 _BLOCK = 200_000
 _ENGINES = {".nc": "h5netcdf", ".zarr": "zarr"}
 _NUMBER = re.compile(r"-?\d[\d.]*(e[+-]?\d+)?")
 
 
-def gathered(sweep: Sweep, read: Read) -> Any:
+def gathered(sweep: Sweep, chunks: ChunkFiles) -> Any:
     """Return the Dataset of a sweep, all of whose chunks can be read; it is read when looked at."""
     xarray = needed("xarray", "sweep")
-    summary, width = _summary(sweep, read)
+    summary, width = _summary(sweep, chunks)
     variables, coords = dict[str, Any](), dict[str, Any]()
     for name, item in VARIABLES[sweep.job.compute].items():
         units = {"units": item.units} if item.units else {}
-        array = _array(sweep, read, name, item, width)
+        array = _array(sweep, chunks, name, item, width)
         variables[name] = ((*sweep.dims, *item.dims), array, {**units, "long_name": item.about})
     for axis in sweep.axes:
         attributes = {"key": axis.key, **({"units": axis.unit} if axis.unit else {})}
@@ -178,7 +161,7 @@ def gathered(sweep: Sweep, read: Read) -> Any:
     return xarray.Dataset(variables, coords, made)
 
 
-def _array(sweep: Sweep, read: Read, name: str, each: Variable, width: int) -> Any:
+def _array(sweep: Sweep, kept: ChunkFiles, name: str, each: Variable, width: int) -> Any:
     """Return a variable as an array of Dask's, chunk after chunk in the shape of the grid."""
     array = needed("dask.array", "sweep")
     kind, sizes = dtype_of(each, width), each.sizes(len(sweep.job.tendons))
@@ -186,7 +169,7 @@ def _array(sweep: Sweep, read: Read, name: str, each: Variable, width: int) -> A
     def part(block_id: tuple[int, ...]) -> NDArray[Any]:
         check_time()
         tell("chunks gathered", block_id[0] + 1, sweep.chunks)
-        return read(block_id[0], name).astype(kind)
+        return kept.read(block_id[0], name).astype(kind)
 
     counts = tuple(map(sweep.count, range(sweep.chunks)))
     like = np.empty((0,) * (1 + len(sizes)), kind)
@@ -261,14 +244,15 @@ def attributes_in(path: Path) -> dict[str, Any]:
         return {}
 
 
-def _summary(sweep: Sweep, read: Read) -> tuple[dict[str, Any], int]:
+def _summary(sweep: Sweep, kept: ChunkFiles) -> tuple[dict[str, Any], int]:
     """Return what became of the points, as attributes, and how long the longest outcome is.
 
     Of outcomes that differ by their numbers alone the first is counted with the others.
     """
     met, width, kinds = 0, 1, dict[str, tuple[str, int]]()
     for chunk in range(sweep.chunks):
-        good, outcomes = read(chunk, success(sweep.job.compute)), read(chunk, "outcome")
+        good = kept.read(chunk, success(sweep.job.compute))
+        outcomes = kept.read(chunk, "outcome")
         met += int(good.sum())
         width = max(width, outcomes.dtype.itemsize // 4)
         for outcome in outcomes[~good].tolist():

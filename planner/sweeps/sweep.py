@@ -5,11 +5,16 @@ from __future__ import annotations
 import logging
 import math
 import os
+import shutil
+import signal
 import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from itertools import islice
+from multiprocessing import resource_tracker
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from model.arm import Arm
@@ -23,7 +28,6 @@ from planner.sweeps.definition import Sweep, load_sweep, sweep_of
 from planner.sweeps.points import Job, Point, Rows, computed
 from planner.sweeps.store import (
     ChunkFiles,
-    ChunksInMemory,
     attributes_in,
     check_store,
     folder_of,
@@ -82,11 +86,31 @@ def on_machine(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Computed:
     alone = {} if jobs == 1 else {"initializer": _end_with, "initargs": (os.getpid(),)}
     pool = joblib.Parallel(jobs, return_as="generator_unordered", batch_size=1, **alone)
     try:
-        for chunk, rows in pool(work):
+        with _undisturbed():
+            results = pool(work)
+        for chunk, rows in results:
             del left[chunk]
             yield chunk, rows
     except broken:
         raise WorkersLostError(len(left)) from None
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Let processes that begin inside the block never hear Ctrl-C, as terminals send it to all.
+
+    This process hears it after the block; its workers end with it, and have nothing to say.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    # Which would let signals through once it has begun.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _one(
@@ -236,10 +260,11 @@ def sweep(
             _log.info("%s holds this sweep already; it is not run again", out)
         return opened(Path(out))
     _check(jobs)
-    chunks = ChunksInMemory()
-    _compute(wanted, list(range(wanted.chunks)), chunks, jobs, scheduler)
-    with in_order():
-        return gathered(wanted, chunks.read).load()
+    with (
+        TemporaryDirectory() as name,
+        _computed(wanted, Path(name) / "chunks", jobs, scheduler) as data,
+    ):
+        return data.load()
 
 
 def written(
@@ -251,14 +276,11 @@ def written(
     check_store(path)
     attributes = attributes_in(path)
     is_earlier = attributes.get("identity") == wanted.identity
-    chunks = ChunkFiles(folder_of(path), wanted)
     if not is_earlier:
-        _compute(wanted, chunks.left, chunks, jobs, scheduler)
-        with in_order():
-            data = gathered(wanted, chunks.read)
+        with _computed(wanted, folder_of(path), jobs, scheduler) as data:
             save(data, path)
         attributes = data.attrs
-    chunks.remove()
+    shutil.rmtree(folder_of(path), ignore_errors=True)
     return attributes, is_earlier
 
 
@@ -270,21 +292,23 @@ def _check(jobs: int) -> None:
         raise InputError("jobs", jobs, "a whole number from 1, or -1 for all processors")
 
 
-def _compute(
-    wanted: Sweep,
-    left: list[int],
-    chunks: ChunkFiles | ChunksInMemory,
-    jobs: int,
-    scheduler: str | None,
-) -> None:
-    """Compute the chunks that are left, by whoever works, and keep each as it comes."""
-    if not left:
-        return
-    if scheduler is not None:
-        computed = on_cluster(wanted, left, scheduler)
-    else:
-        computed = on_machine(wanted, left, jobs)
-    for done, (chunk, rows) in enumerate(computed, start=wanted.chunks - len(left) + 1):
+@contextmanager
+def _computed(wanted: Sweep, folder: Path, jobs: int, scheduler: str | None) -> Iterator[Any]:
+    """Yield the Dataset of a sweep, to be read in the block, once what is left of it is computed.
+
+    Each chunk is kept in a folder as it comes.
+    """
+    chunks = ChunkFiles(folder, wanted)
+    left = chunks.left
+    results: Computed = iter(())
+    if left:
+        by_cluster = scheduler is not None
+        results = (
+            on_cluster(wanted, left, scheduler) if by_cluster else on_machine(wanted, left, jobs)
+        )
+    for done, (chunk, rows) in enumerate(results, start=wanted.chunks - len(left) + 1):
         chunks.write(chunk, rows)
         check_time()
         tell("points", done * wanted.size // wanted.chunks, wanted.size)
+    with in_order():
+        yield gathered(wanted, chunks)

@@ -85,7 +85,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         asking(Unknown("effects.friction.mu", 0, 1)),
         "give it effects.friction first",
     ),
-    "no such point": (asking(Unknown("points[1].s_mm", 0, 1)), "i below 1"),
+    "no such point": (asking(Unknown("points[1].s_mm", 0, 1)), r"in points \[0\] to \[0\]"),
     "bounds beside": (of_modulus(200, 300), "120 kPa"),
     "no session": (of_modulus(50, 300, session="A"), "no shape has a session"),
     "twice": (asking(E, E), "each key once"),
