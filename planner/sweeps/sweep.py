@@ -301,11 +301,10 @@ def _computed(wanted: Sweep, folder: Path, jobs: int, scheduler: str | None) -> 
     chunks = ChunkFiles(folder, wanted)
     left = chunks.left
     results: Computed = iter(())
-    if left:
-        by_cluster = scheduler is not None
-        results = (
-            on_cluster(wanted, left, scheduler) if by_cluster else on_machine(wanted, left, jobs)
-        )
+    if left and scheduler is not None:
+        results = on_cluster(wanted, left, scheduler)
+    elif left:
+        results = on_machine(wanted, left, jobs)
     for done, (chunk, rows) in enumerate(results, start=wanted.chunks - len(left) + 1):
         chunks.write(chunk, rows)
         check_time()
