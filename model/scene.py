@@ -2,19 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from model.checks import kind
-from model.effects import (
-    Contact,
-    Effect,
-    ExactTendons,
-    Extension,
-    NeoHookean,
-    PointLoad,
-    PointMass,
-    PrintedStatics,
-)
+from model.effects import Effect, ExactTendons, Extension, NeoHookean, PrintedStatics
 from model.errors import InputError
 from model.text import in_notebook
 from model.value import value
@@ -95,13 +86,9 @@ class Scene:
         return self.find(kind) is not None
 
 
-def _place(effect: Effect) -> tuple[str, float, tuple[float, ...]]:
+def _place(effect: Effect) -> tuple[str, tuple[Any, ...]]:
     """Return what no two effects of a scene share, and by which they are in order."""
-    values = effect if isinstance(effect, PointLoad | PointMass) else None
-    offset = values.offset if isinstance(values, PointMass) else None
-    if isinstance(effect, Contact):
-        offset = tuple(effect.obstacle.numbers.tolist())
-    return type(effect).__name__, values.s if values else 0.0, offset or ()
+    return type(effect).__name__, effect.place
 
 
 _LOADS = (

@@ -7,17 +7,15 @@ themselves. They are loaded at first use, so that `import octoplan` costs nothin
 
 from __future__ import annotations
 
+# What is loaded here is loaded before Ctrl-C is heard: as little as can be.
 import os
 import signal
 import sys
-from contextlib import suppress
-from functools import partial
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
-from octoplan_packages import check_own
-
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from model import *
     from model.effects import *
     from model.obstacles import *
@@ -82,13 +80,24 @@ def _end(number: int, _: object) -> None:
     """End at once; what is being written is removed, what is written is told."""
     end = getattr(sys.modules.get("planner.io.files"), "end", None)
     kept = "nothing was written" if end is None else end()
-    with suppress(OSError):
+    try:
         os.write(2, f"octoplan: {_SAID[signal.Signals(number)]}; {kept}\n".encode())
-    os._exit(128 + number)
+    finally:
+        os._exit(128 + number)
+
+
+def check_own(*names: str) -> None:
+    """Raise ImportError where a user's file hides a package; see octoplan_packages."""
+    from octoplan_packages import check_own as check
+
+    check(*names)
 
 
 def __getattr__(name: str) -> Any:
     """Return a public name, or the version as it is installed."""
+    from functools import partial
+    from importlib import import_module
+
     if name == "__version__":
         return import_module("importlib.metadata").version("octoplan")
     if name == "__all__":
@@ -100,7 +109,7 @@ def __getattr__(name: str) -> Any:
         for module in map(import_module, _MODULES):
             if name in module.__all__:
                 return getattr(module, name)
-    import difflib  # seldom needed, and what comes before Ctrl-C is heard is to be short
+    import difflib
 
     near = difflib.get_close_matches(name, [] if name.startswith("_") else _names(), n=1)
     advice = f"; did you mean {near[0]!r}?" if near else ""
@@ -115,5 +124,7 @@ def __dir__() -> list[str]:
 
 
 def _names() -> list[str]:
+    from importlib import import_module
+
     check_own("model", "planner")
     return sorted({name for module in map(import_module, _MODULES) for name in module.__all__})

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from model.checks import SUCH
 from model.value import value
 
@@ -9,6 +11,11 @@ from model.value import value
 @value
 class Effect:
     """Base of all effects. An effect that is not in the scene leaves no trace in its equations."""
+
+    @property
+    def place(self) -> tuple[Any, ...]:
+        """Where it acts: of kinds that say so a scene may have several, at different places."""
+        return ()
 
 
 SUCH[Effect] = "an effect such as Extension()"

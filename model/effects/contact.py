@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from msgspec import Meta
 
@@ -46,6 +46,11 @@ class Contact(Effect):
 
     obstacle: Convex
     friction: NotNegative = 0.0
+
+    @property
+    def place(self) -> tuple[Any, ...]:
+        """What tells its obstacle from others of its kind."""
+        return tuple(self.obstacle.numbers.tolist())
 
 
 @value

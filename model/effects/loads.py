@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from model.effects.base import Effect
 from model.quantities import (
     Acceleration,
@@ -94,6 +96,11 @@ class PointLoad(Effect):
     s: ArcLength
     force: Force
 
+    @property
+    def place(self) -> tuple[Any, ...]:
+        """Its arc length."""
+        return (self.s,)
+
 
 @value
 class PointMass(Effect):
@@ -116,6 +123,11 @@ class PointMass(Effect):
     s: ArcLength
     mass: Mass
     offset: Place | None = None
+
+    @property
+    def place(self) -> tuple[Any, ...]:
+        """Its arc length, and its offset."""
+        return self.s, self.offset or ()
 
 
 @value

@@ -16,7 +16,7 @@ import model.obstacles
 import planner.targets
 from model.anchorage import Anchorage, Material, RestCurvature
 from model.arm import PAPER_ARMS, PAPER_FRAME, Arm
-from model.effects import Contact, Effect, PointLoad, PointMass, PrintedStatics
+from model.effects import Contact, Effect, PrintedStatics
 from model.errors import FileError, InputError
 from model.obstacles import Box, Mesh, Moving, Obstacle
 from model.obstacles.base import Convex
@@ -43,7 +43,7 @@ from planner.io.codec import (
     written,
 )
 from planner.io.tables import TABLES, fields_of, struct, table, type_in_file
-from planner.targets import Bend, Hold, MinimumStiffness, Softest, Stiffest, Target, TipPose
+from planner.targets import Hold, MinimumStiffness, Softest, Stiffest, Target, TipPose
 
 Frame = tuple[tuple[float, ...], ...]
 Numbers = tuple[float, ...]
@@ -164,14 +164,10 @@ READ[ArmTable] = arm_of
 # Obstacles
 
 
-def public(module: Any, kind: Any = object) -> list[Any]:
-    """Return the classes that a package exports, of a kind but not that itself."""
+def public(module: Any) -> list[Any]:
+    """Return the classes that a package exports: each is written in some way, or no import."""
     exported = (getattr(module, name) for name in module.__all__)
-    return [
-        item
-        for item in exported
-        if isinstance(item, type) and issubclass(item, kind) and item is not kind
-    ]
+    return [item for item in exported if isinstance(item, type)]
 
 
 def tag_of(kind: type) -> str:
@@ -205,7 +201,7 @@ _OBSTACLE_FORMS: dict[Any, dict[str, Any]] = {
     Box: {"frame": _EDGES},
     Mesh: {"vertices": _VERTICES, "more": _FILE},
 }
-_KINDS = public(model.obstacles, Obstacle)
+_KINDS = [kind for kind in public(model.obstacles) if kind not in (Obstacle, Moving)]
 _SHAPES = {kind: table(kind, tag=tag_of(kind), **_OBSTACLE_FORMS.get(kind, {})) for kind in _KINDS}
 
 
@@ -274,8 +270,9 @@ WRITE[Contact] = lambda item: {**table_of(item.obstacle), "friction": item.frict
 # Keys that enable several effects at once.
 BUNDLES = {"silicone": Scene.silicone(), "as_printed": Scene.as_printed()}
 _SILICONE = "what a real silicone arm calls for: extension, exact_tendons and neo_hookean"
-_SEVERAL = (PointLoad, PointMass, Contact)
-_EFFECTS: list[type[Effect]] = public(model.effects, Effect)
+_EFFECTS: list[type[Effect]] = [kind for kind in public(model.effects) if kind is not Effect]
+# Of those that have a place a scene may have several.
+_SEVERAL = [item for item in _EFFECTS if item.place is not Effect.place]
 # What has no arguments but switches is a switch, with these beside it.
 _SWITCHES = [item for item in _EFFECTS if {*get_type_hints(item).values()} <= {bool}]
 
@@ -395,12 +392,10 @@ _TARGET_FORMS: dict[Any, dict[str, Any]] = {
     MinimumStiffness: {"direction": Form(_AGAINST, _stiffness, _stiffness_keys)},
     Hold: {"wrench": Form(_WRENCH, lambda force, moment: (*force, *(moment or ())), _wrench_keys)},
 }
-# What a target is made of, or states itself with, is no target.
-_PARTS = {Target, Bend, planner.targets.Terms, planner.targets.View}
 _TABLES = {
     kind: table(kind, tag=tag_of(kind), **_TARGET_FORMS.get(kind, {}))
     for kind in public(planner.targets)
-    if kind not in _PARTS
+    if hasattr(kind, "terms") and kind is not Target
 }
 TARGETS = tuple(_TABLES)
 TargetTable: Any = choice(list(_TABLES.values()))

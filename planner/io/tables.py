@@ -124,7 +124,7 @@ def fields_of(kind: Any, skip: Container[str] = ()) -> Iterator[tuple[str, Any, 
     for name, argument in inspect.signature(kind).parameters.items():
         if name in skip:
             continue
-        hint, default = hints_of(kind)[name], argument.default
+        hint, default = hints_of(kind).get(name), argument.default
         unit = unit_of_type(hint)
         try:
             held = type_in_file(hint)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import jsonschema
@@ -25,7 +28,7 @@ from planner.sweeps.definition import sweep_of
 from planner.targets import TipPosition
 from tests.io.values import EFFECTS, OBSTACLES, TARGETS, arms, scenes, values_of
 
-ARM = Arm.from_paper("table-4")
+ARM, ROOT = Arm.from_paper("table-4"), Path(__file__).parents[2]
 FEW = settings(
     max_examples=5,
     deadline=None,
@@ -179,6 +182,36 @@ def test_an_argument_without_a_key_is_an_error_at_import() -> None:
         table(Magnet)
     with pytest.raises(InputError, match="others have no keys"):
         table_of(Magnet(1.0))
+
+
+NEW = """
+import model.effects, model.obstacles, planner.targets
+class Magnet({base}):
+    "A value that nobody said how to write."
+    field: complex
+    def __init__(self, field: complex) -> None: ...
+    def terms(self): ...
+{package}.Magnet = Magnet
+{package}.__all__.append("Magnet")
+import planner.io.object_tables
+"""
+# What is public in each package, and what it derives from, if from anything.
+PUBLIC = {
+    "model.effects": "model.effects.Effect",
+    "model.obstacles": "model.obstacles.Obstacle",
+    "planner.targets": "object",
+}
+
+
+@pytest.mark.parametrize("package", PUBLIC)
+def test_a_public_value_that_cannot_be_written_is_an_error_at_import(package: str) -> None:
+    """The packages export it before the tables are made, which are then refused."""
+    first = "import sys, types; root = types.ModuleType('planner'); "
+    first += f"root.__path__ = [{str(ROOT / 'planner')!r}]; sys.modules['planner'] = root"
+    code = f"{first}\n{NEW.format(base=PUBLIC[package], package=package)}"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "TypeError: Magnet.field has no key" in done.stderr, done.stderr
 
 
 @pytest.mark.parametrize(("unit", "over"), [("mm", 1e3), ("g", 1e3), ("kPa", 1e-3)])
