@@ -49,7 +49,8 @@ _UNSETTLED, _ACTIVE, _DEPENDENT, _STEP, _CHANGE = 1e3, 1e-6, 1e-9, 1e-6, 1e-4
 # By how much cones are blunt at their tips, and what tangential forces cost, so that those that
 # nothing determines are small.
 _BLUNT, _COST = 1e-7, 1e-9
-_SLSQP = {"ftol": 1e-14, "maxiter": 60}
+# Stability is rounded to some 1e-13: lesser violations are not waited for.
+_SLSQP = {"ftol": 1e-12, "maxiter": 60}
 
 
 @dataclass(frozen=True, eq=False)
