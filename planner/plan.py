@@ -354,5 +354,5 @@ def _kept_clear(near: Answer, task: Task, around: Surroundings) -> SearchResult 
     result = warm_start(near, keeping(task, near.avoidance))
     if result is None or result.stopped or result.jump:
         return None
-    line = line_of(task, result.statement, np.ravel(result.tensions), finished=True)
+    line = line_of(task, np.ravel(result.tensions))
     return result if line is not None and around.keeps(line) else None

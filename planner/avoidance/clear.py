@@ -7,19 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
 from model.centreline import Centreline
-from model.equilibrium.newton import STAGES, Collocation
+from model.clearance.lines import Lines
 from model.errors import OctoplanError
 from model.obstacles.bodies import Bodies
 from model.paths import Array
-from planner.avoidance.places import near_places
 from planner.avoidance.rows import Avoidance
 from planner.avoidance.surroundings import Surroundings
 from planner.initial_guess.many_arms import bend_coordinates, many_places, residuals
-from planner.program.statement import Statement
 from planner.program.terms import pulling_tendons
 from planner.solve.refine import settled
 from planner.solve.task import Task
@@ -28,44 +27,24 @@ from planner.solve.task import Task
 _DRAWN, _TOGETHER, _LOOKED_AT, _MOST = 6000, 200, 40, 6
 
 
-def keeping(task: Task, avoidance: Avoidance | None) -> Task:
+def keeping(task: Task, avoidance: Avoidance) -> Task:
     """Return a task with inequalities."""
-    if avoidance is None or not avoidance.rows:
-        return task
-    return replace(task, targets=(*task.targets, avoidance))
+    return replace(task, targets=(*task.targets, avoidance)) if avoidance.rows else task
 
 
-def line_of(
-    task: Task, statement: Statement, T: Array, finished: bool = False
-) -> Centreline | None:
-    """Return the centreline of an arm under tensions on a mesh; None if it does not settle.
-
-    Of a plan that is `finished` on the mesh of its shape, and near it.
-    """
-    arm, scene = task.arm, task.scene
+def line_of(task: Task, T: Array) -> Centreline | None:
+    """Return the centreline of a plan's settled shape; None if it does not settle."""
     try:
-        places = tuple(Avoidance(()).stations(arm))
-        refinement, near = statement.refinement, None
-        if finished:
-            shape = settled(arm, T, scene, task.accuracy, task.machine_code)
-            refinement, near = shape.refinement, shape.known
-        form = STAGES, refinement, places, True, task.machine_code
-        forward = Collocation(arm, scene, *form)
-        return Centreline.at_states(forward.system, forward.solve(T, near).states)
+        return Centreline.of(settled(task.arm, T, task.scene, task.accuracy, task.machine_code))
     except (OctoplanError, np.linalg.LinAlgError):
         return None
 
 
-def clear_arms(task: Task, surroundings: Surroundings) -> list[Array]:
+def clear_arms(task: Task, surroundings: Surroundings, lines: Lines) -> list[Array]:
     """Return tensions of arms that touch nothing, the nearest to the targets first."""
-    task, clear = task.simple, list[Array]()
-    for k, T in enumerate(_likely_clear(task, surroundings)):
-        line = line_of(task, task.coarse("exact"), T)
-        if line is not None and all(near.gap >= 0 for near in near_places(line, surroundings)):
-            clear.append(T)
-        if len(clear) == _MOST or k == _LOOKED_AT:
-            break
-    return clear
+    drawn = list(islice(_likely_clear(task.simple, surroundings), _LOOKED_AT))
+    clear = (T for T in drawn if (line := lines(T)) is not None and surroundings.keeps(line))
+    return list(islice(clear, _MOST))
 
 
 def _likely_clear(task: Task, surroundings: Surroundings) -> Iterator[Array]:

@@ -23,7 +23,7 @@ from model.paths import Array
 from model.rotations import matrix
 from model.transcription.equations import Equations, Kernel, Term
 from model.transcription.layout import POSE
-from planner.targets.base import Free, Target, Terms, View
+from planner.targets.base import Target
 
 # Slots of an element come so many at a time, and every element has some: that makes one program of
 # nearly all that is to be kept clear of. Those that are empty keep clear of a ball far off.
@@ -81,7 +81,7 @@ class Apart:
 
 
 @dataclass(frozen=True)
-class Avoidance(Free):
+class Avoidance(Target):
     """The inequalities of a plan, stated as a target of inequalities that never yield.
 
     `room` is for how many bodies each element has slots at least, so that plans share a program.
@@ -110,9 +110,9 @@ class Avoidance(Free):
         """Two places and the distance to keep, of each row of two places."""
         return [(r.place, r.other, r.keep) for r in self.rows if isinstance(r.other, Place)]
 
-    def structure(self, arm: Arm) -> Hashable:
+    def structure(self, arm: Arm) -> tuple[Hashable, ...]:
         """See Target.structure."""
-        return (type(self).__name__, tuple(self._slots(arm)), tuple(self._elements(arm)))
+        return type(self).__name__, tuple(self._slots(arm)), tuple(self._elements(arm))
 
     def stations(self, arm: Arm) -> tuple[float, ...]:
         """See Target.stations: the nodes of the coarsest mesh."""
@@ -135,10 +135,6 @@ class Avoidance(Free):
             parts += [_weights(arm, one), _weights(arm, other), np.array([keep])]
         return np.concatenate(parts)
 
-    def terms(self, view: View, p: ca.MX) -> Terms:
-        """See Target.terms: none; its inequalities are `gaps`."""
-        return Terms()
-
     def gaps(self, arm: Arm, stations: Sequence[float], machine_code: bool = False) -> Equations:
         """Return how much farther off than they have to be the places are [m], by the poses.
 
@@ -156,9 +152,6 @@ class Avoidance(Free):
             Term(_from_place(), np.hstack(list(both[pairs.T])).T, rows[:, slots.size :]),
         ]
         return Equations(POSE * (1 + len(stations)), rows.size, terms, machine_code)
-
-    def guess_towards(self, arm: Arm) -> None:
-        """See Target.guess_towards: nowhere."""
 
     def _slots(self, arm: Arm) -> list[int]:
         """Return the element of each slot for a body."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from typing import Annotated
 
 import casadi as ca
@@ -16,11 +15,11 @@ from model.paths import Array
 from model.quantities import Length, NotNegative, Place
 from model.units import length_text
 from model.value import value
-from planner.targets.base import Free, Terms, View, check_near
+from planner.targets.base import Target, Terms, View, check_near
 
 
 @value
-class Backbone(Free):
+class Backbone(Target):
     """Pass as near as the limits allow to points, in the sense of weighted least squares.
 
     Attributes
@@ -56,10 +55,6 @@ class Backbone(Free):
             )
         if min(np.diff(self.stations(arm), prepend=0.0)) < 1e-6 * arm.length:
             raise InputError("Backbone.points", self.points, "points apart from each other")
-
-    def structure(self, arm: Arm) -> Hashable:
-        """See Target.structure."""
-        return ("Backbone", self.stations(arm))
 
     def stations(self, arm: Arm) -> tuple[float, ...]:
         """See Target.stations."""

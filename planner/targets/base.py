@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any, Protocol
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -87,7 +87,6 @@ class View:
         self, arm: Arm, poses: Mapping[float, ca.MX], compliance: ca.MX | None = None
     ) -> None:
         self.arm, self._poses, self._compliance = arm, poses, compliance
-        self._frames: dict[float, ca.MX] = {}
         self.base_frame = ca.MX(ca.DM(np.array(arm.base_frame)))
         self.base_position = ca.MX(ca.DM(np.array(arm.base_position)))
 
@@ -97,11 +96,7 @@ class View:
 
     def frame(self, s: float) -> ca.MX:
         """Return the frame (3, 3), columns t, n, b, at station s."""
-        if s <= 0:
-            return self.base_frame
-        if s not in self._frames:
-            self._frames[s] = _frame()(self._poses[s][:4])
-        return self._frames[s]
+        return _frame()(self._poses[s][:4]) if s > 0 else self.base_frame
 
     def rotation_from(self, s: float, wanted: ca.MX) -> ca.MX:
         """Return 2 sin(a / 2) u (3,): rotation by a about u [rad] from a frame to that at s.
@@ -141,8 +136,8 @@ def _rotation() -> ca.Function:
     return ca.Function("rotation", [q, wanted], [2 * relative[1:]])
 
 
-class Target(Protocol):
-    """A shape that is wanted.
+class Target:
+    """A shape that is wanted; of itself it asks for nothing.
 
     The numbers of a target enter the equations as parameters, so that two targets of one structure
     share what is built.
@@ -151,63 +146,41 @@ class Target(Protocol):
     def check(self, arm: Arm) -> None:
         """Raise InputError if the target is not one that this arm can be asked for."""
 
-    def structure(self, arm: Arm) -> Hashable:
+    def structure(self, arm: Arm) -> tuple[Hashable, ...]:
         """Return what the equations depend on besides the parameters."""
+        return type(self).__name__, self.stations(arm), self.compliance_request()
 
     def stations(self, arm: Arm) -> tuple[float, ...]:
-        """Return the arc lengths at which the target looks at the shape [m]."""
+        """Return the arc lengths at which the target looks at the shape [m]: the tip's."""
+        return (arm.length,)
 
     def parameters(self, arm: Arm) -> Array:
         """Return the target's numbers (n,)."""
+        return np.zeros(0)
 
     def terms(self, view: View, p: ca.MX) -> Terms:
         """Return the residuals of the shape in view, with the numbers p (n,)."""
+        return Terms()
 
     def tendons(self, arm: Arm) -> frozenset[int]:
         """Return the tendons that may pull."""
-
-    def prescribed(self, arm: Arm) -> Mapping[str, Array]:
-        """Return the quantities that the target fixes, by name; two targets have to agree."""
-
-    def compliance_request(self) -> ComplianceRequest | None:
-        """Return the compliance of the tip that it is stated with, if it is."""
-
-    def directions(self, p: ca.MX) -> ca.MX:
-        """Return the directions (3, width) of its request, base frame, from its numbers p."""
-
-    def guess_towards(self, arm: Arm) -> Array | None:
-        """Return a point (3,) towards which initial guesses bend the arm [m]."""
-
-
-class Free:
-    """Defaults of a target that fixes nothing in particular."""
-
-    def check(self, arm: Arm) -> None:
-        """See Target.check."""
-
-    def structure(self, arm: Arm) -> Hashable:
-        """See Target.structure."""
-        return type(self).__name__
-
-    def stations(self, arm: Arm) -> tuple[float, ...]:
-        """See Target.stations: the tip."""
-        return (arm.length,)
-
-    def tendons(self, arm: Arm) -> frozenset[int]:
-        """See Target.tendons: all."""
         return frozenset(range(arm.n_tendons))
 
     def prescribed(self, arm: Arm) -> Mapping[str, Array]:
-        """See Target.prescribed: none."""
+        """Return the quantities that the target fixes, by name; two targets have to agree."""
         return {}
 
     def compliance_request(self) -> ComplianceRequest | None:
-        """See Target.compliance_request: none."""
+        """Return the compliance of the tip that it is stated with, if it is."""
         return None
 
     def directions(self, p: ca.MX) -> ca.MX:
-        """See Target.directions: none."""
+        """Return the directions (3, width) of its request, base frame, from its numbers p."""
         return ca.MX(3, 0)
+
+    def guess_towards(self, arm: Arm) -> Array | None:
+        """Return a point (3,) towards which initial guesses bend the arm [m], if there is one."""
+        return None
 
 
 def check_near(arm: Arm, field: str, points: Any) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from typing import Annotated
 
 import casadi as ca
@@ -14,11 +14,11 @@ from model.paths import Array
 from model.quantities import Angle, unit
 from model.units import ANGLE, warn_unusual
 from model.value import value
-from planner.targets.base import Free, Terms, View, toward
+from planner.targets.base import Target, Terms, View, toward
 
 
 @value
-class BendingPlane(Free):
+class BendingPlane(Target):
     """Bend by an angle in a plane, pulling tendons of one section only.
 
     The plane is where the tip goes, as section 6.1 and figure 10 have it: towards
@@ -45,10 +45,6 @@ class BendingPlane(Free):
     def check(self, arm: Arm) -> None:
         """See Target.check."""
         arm.tendons_of(self.section)
-
-    def structure(self, arm: Arm) -> Hashable:
-        """See Target.structure."""
-        return ("BendingPlane", self.section)
 
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters: e (3,) and the bend."""

@@ -15,7 +15,7 @@ from model.paths import Array
 from model.quantities import Angle, Place, unit
 from model.units import ANGLE, warn_unusual
 from model.value import value
-from planner.targets.base import Free, Terms, View, check_near, toward
+from planner.targets.base import Target, Terms, View, check_near, toward
 
 
 class Bend(NamedTuple):
@@ -39,7 +39,7 @@ def stretches(arm: Arm) -> tuple[float, float, float, float]:
 
 
 @value
-class Fetch(Free):
+class Fetch(Target):
     """Three prescribed bends; `Fetch.reach(...)` is the form that brings the tip to a mouth.
 
     Each is seen in the frame in which its stretch begins: there the tangent at its end is
@@ -107,7 +107,7 @@ class Fetch(Free):
 
 
 @value
-class FetchReach(Free):
+class FetchReach(Target):
     """Bring the tip as near to a mouth as the limits allow, through three bends.
 
     Attributes
@@ -134,9 +134,9 @@ class FetchReach(Free):
         stretches(arm)
         check_near(arm, "FetchReach.mouth", self.mouth)
 
-    def structure(self, arm: Arm) -> Hashable:
+    def structure(self, arm: Arm) -> tuple[Hashable, ...]:
         """See Target.structure."""
-        return ("FetchReach", self.plane is None)
+        return *super().structure(arm), self.plane is None
 
     def stations(self, arm: Arm) -> tuple[float, ...]:
         """See Target.stations."""

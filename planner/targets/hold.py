@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
-
-import casadi as ca
 import numpy as np
 
 from model.arm import Arm
@@ -13,7 +10,7 @@ from model.obstacles.base import Convex
 from model.paths import Array
 from model.quantities import NotNegative
 from model.value import value
-from planner.targets.base import Free, Terms, View
+from planner.targets.base import Target
 
 WRENCH = "balance of the held wrench"
 # What moments are divided by to be compared with forces, over the arm's length.
@@ -21,7 +18,7 @@ LEVER = 0.1
 
 
 @value
-class Hold(Free):
+class Hold(Target):
     """Contact forces with which the arm can balance a wrench on an object.
 
     The static grasp problem: the normal forces are those of the arm in equilibrium, without
@@ -57,18 +54,6 @@ class Hold(Free):
         scaled = np.array(self.wrench)
         scaled[3:] /= LEVER * arm.length
         return float(np.linalg.norm(scaled))
-
-    def structure(self, arm: Arm) -> Hashable:
-        """See Target.structure."""
-        return type(self).__name__
-
-    def parameters(self, arm: Arm) -> Array:
-        """See Target.parameters: none, what it is about are forces."""
-        return np.zeros(0)
-
-    def terms(self, view: View, p: ca.MX) -> Terms:
-        """See Target.terms: none of poses; see planner.contact.grasp."""
-        return Terms()
 
     def guess_towards(self, arm: Arm) -> Array:
         """See Target.guess_towards: the object's centre."""

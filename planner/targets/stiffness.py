@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from dataclasses import field
 from functools import cache
 from typing import Annotated, Any
@@ -17,13 +16,13 @@ from model.paths import Array
 from model.quantities import Direction, Stiffness, Tension
 from model.stiffness import Hold
 from model.value import Rule, value
-from planner.targets.base import OVER_WANTED, ComplianceRequest, Free, Terms, View
+from planner.targets.base import OVER_WANTED, ComplianceRequest, Target, Terms, View
 
 SHARE = f"stiffness{OVER_WANTED}"
 
 
 @value
-class _Directed(Free):
+class _Directed(Target):
     """What is said of the tip's stiffness along a direction.
 
     The stiffness is the force per displacement along the direction, with the tip free to move
@@ -37,14 +36,6 @@ class _Directed(Free):
     def __post_init__(self) -> None:
         _check_hold(type(self).__name__, self.hold, self.tendon_EA)
 
-    def structure(self, arm: Arm) -> Hashable:
-        """See Target.structure."""
-        return type(self).__name__, self.compliance_request()
-
-    def stations(self, arm: Arm) -> tuple[float, ...]:
-        """See Target.stations: the tip, so that a stiffness can be asked for alone."""
-        return (arm.length,)
-
     def compliance_request(self) -> ComplianceRequest:
         """See Target.compliance_request: along one direction."""
         return ComplianceRequest(self.hold, 1, self.tendon_EA)
@@ -56,10 +47,6 @@ class _Directed(Free):
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters: the direction, the compliance of the arm at rest."""
         return np.append(self.direction, rest_compliance(arm))
-
-    def guess_towards(self, arm: Arm) -> Array | None:
-        """See Target.guess_towards: nowhere."""
-        return None
 
 
 @value
@@ -113,7 +100,7 @@ def _direction_or_matrix(name: str, argument: Any) -> tuple[Any, ...]:
 
 
 @value
-class MinimumStiffness(Free):
+class MinimumStiffness(Target):
     """The tip at least so stiff: against forces along a direction, or against all of them.
 
     Attributes
@@ -138,14 +125,6 @@ class MinimumStiffness(Free):
 
     def __post_init__(self) -> None:
         _check_hold("MinimumStiffness", self.hold, self.tendon_EA)
-
-    def structure(self, arm: Arm) -> Hashable:
-        """See Target.structure."""
-        return "MinimumStiffness", self.compliance_request()
-
-    def stations(self, arm: Arm) -> tuple[float, ...]:
-        """See Target.stations: the tip, so that a stiffness can be asked for alone."""
-        return (arm.length,)
 
     def compliance_request(self) -> ComplianceRequest:
         """See Target.compliance_request: along one direction, or all three."""
@@ -173,10 +152,6 @@ class MinimumStiffness(Free):
             return Terms(inequality=inequality, low_priority=weights, shares=weights)
         name = "stiffness above that wanted"
         return Terms(inequality={name: _minors()(view.compliance)}, low_priority=frozenset({name}))
-
-    def guess_towards(self, arm: Arm) -> Array | None:
-        """See Target.guess_towards: nowhere."""
-        return None
 
 
 @cache

@@ -15,34 +15,20 @@ from model.paths import Array
 from model.quantities import Direction, Matrix, Place, Positive
 from model.rotations import from_matrix
 from model.value import Rule, value
-from planner.targets.base import Free, Terms, View, check_near
+from planner.targets.base import Target, Terms, View, check_near
 
 POSITION, DIRECTION, ROTATION = "tip position", "tip direction", "tip rotation"
 
 
 @value
-class TipPosition(Free):
-    """The tip at a point.
-
-    Attributes
-    ----------
-    position : (3,)
-        In the base frame [m].
-    """
+class _AtPlace(Target):
+    """The tip at a point."""
 
     position: Place
 
     def check(self, arm: Arm) -> None:
         """See Target.check."""
-        check_near(arm, "TipPosition.position", self.position)
-
-    def parameters(self, arm: Arm) -> Array:
-        """See Target.parameters."""
-        return np.array(self.position)
-
-    def terms(self, view: View, p: ca.MX) -> Terms:
-        """See Target.terms."""
-        return Terms(equality={POSITION: (view.tip - p) / view.arm.length}, units={POSITION: "L"})
+        check_near(arm, f"{type(self).__name__}.position", self.position)
 
     def prescribed(self, arm: Arm) -> Mapping[str, Array]:
         """See Target.prescribed."""
@@ -54,22 +40,35 @@ class TipPosition(Free):
 
 
 @value
-class _Oriented(Free):
-    """The tip at a point and oriented somehow, with weights between the two."""
+class TipPosition(_AtPlace):
+    """The tip at a point.
 
-    position: Place
+    Attributes
+    ----------
+    position : (3,)
+        In the base frame [m].
+    """
 
-    def check(self, arm: Arm) -> None:
-        """See Target.check."""
-        check_near(arm, f"{type(self).__name__}.position", self.position)
-
-    def guess_towards(self, arm: Arm) -> Array:
-        """See Target.guess_towards."""
+    def parameters(self, arm: Arm) -> Array:
+        """See Target.parameters."""
         return np.array(self.position)
+
+    def terms(self, view: View, p: ca.MX) -> Terms:
+        """See Target.terms."""
+        return Terms(equality={POSITION: (view.tip - p) / view.arm.length}, units={POSITION: "L"})
+
+
+def _oriented(view: View, p: ca.MX, name: str, off: ca.MX, weights: tuple[float, float]) -> Terms:
+    """Return the terms of a tip at a point that is oriented somehow, with weights of both."""
+    return Terms(
+        equality={POSITION: (view.tip - p[:3]) / view.arm.length, name: off},
+        weights=dict(zip((POSITION, name), weights, strict=True)),
+        units={POSITION: "L", name: "rad"},
+    )
 
 
 @value
-class TipPointing(_Oriented):
+class TipPointing(_AtPlace):
     """The tip at a point, its tangent along a direction; how it rolls about that is free.
 
     What a camera, a nozzle or a needle at the tip needs: five conditions, one fewer than TipPose.
@@ -89,9 +88,9 @@ class TipPointing(_Oriented):
     direction: Direction
     weights: tuple[Positive, Positive] = (1.0, 1.0)
 
-    def structure(self, arm: Arm) -> Hashable:
+    def structure(self, arm: Arm) -> tuple[Hashable, ...]:
         """See Target.structure."""
-        return "TipPointing", self.weights
+        return *super().structure(arm), self.weights
 
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters: the position, the quaternion of a frame with that tangent."""
@@ -107,19 +106,15 @@ class TipPointing(_Oriented):
         across it, (y, z) has the norm sin(a / 2), whatever r.
         """
         off = view.rotation_from(view.arm.length, p[3:])[1:]
-        return Terms(
-            equality={POSITION: (view.tip - p[:3]) / view.arm.length, DIRECTION: off},
-            weights=dict(zip((POSITION, DIRECTION), self.weights, strict=True)),
-            units={POSITION: "L", DIRECTION: "rad"},
-        )
+        return _oriented(view, p, DIRECTION, off, self.weights)
 
     def prescribed(self, arm: Arm) -> Mapping[str, Array]:
         """See Target.prescribed."""
-        return {POSITION: np.array(self.position), DIRECTION: np.array(self.direction)}
+        return {**super().prescribed(arm), DIRECTION: np.array(self.direction)}
 
 
 @value
-class TipPose(_Oriented):
+class TipPose(_AtPlace):
     """The tip at a point with a frame.
 
     Attributes
@@ -137,9 +132,9 @@ class TipPose(_Oriented):
     frame: Annotated[Matrix, Rule(partial(orthonormal, rounding=1e-6))]
     weights: tuple[Positive, Positive] = (1.0, 1.0)
 
-    def structure(self, arm: Arm) -> Hashable:
+    def structure(self, arm: Arm) -> tuple[Hashable, ...]:
         """See Target.structure."""
-        return "TipPose", self.weights
+        return *super().structure(arm), self.weights
 
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters: the position, then the frame's quaternion."""
@@ -148,12 +143,8 @@ class TipPose(_Oriented):
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms and View.rotation_from."""
         off = view.rotation_from(view.arm.length, p[3:])
-        return Terms(
-            equality={POSITION: (view.tip - p[:3]) / view.arm.length, ROTATION: off},
-            weights=dict(zip((POSITION, ROTATION), self.weights, strict=True)),
-            units={POSITION: "L", ROTATION: "rad"},
-        )
+        return _oriented(view, p, ROTATION, off, self.weights)
 
     def prescribed(self, arm: Arm) -> Mapping[str, Array]:
         """See Target.prescribed."""
-        return {POSITION: np.array(self.position), "tip frame": np.array(self.frame)}
+        return {**super().prescribed(arm), "tip frame": np.array(self.frame)}

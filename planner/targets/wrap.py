@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import replace
-from functools import cache
 from itertools import pairwise
 
 import casadi as ca
@@ -18,7 +17,7 @@ from model.paths import Array
 from model.quantities import ArcLength, Length, Positive
 from model.units import length_text
 from model.value import value
-from planner.targets.base import OVER_WANTED, Free, Terms, View
+from planner.targets.base import OVER_WANTED, Target, Terms, View
 
 NEAR, CLEAR, TURNS = "nearness along the obstacle", "gap to the obstacle", f"turns{OVER_WANTED}"
 # Places at which the part is looked at, its ends among them.
@@ -28,7 +27,7 @@ _TINY = 1e-24
 
 
 @value
-class Wrap(Free):
+class Wrap(Target):
     """A part of the arm along an obstacle, for a contact length or so many turns round it.
 
     A part lies along an obstacle where the gap between surfaces is from 0 to `tolerance` times the
@@ -131,9 +130,9 @@ class Wrap(Free):
             allowed = f"an obstacle within reach: it is {1e3 * distance:.4g} mm from the base"
             raise InputError("Wrap.obstacle", self.obstacle, allowed)
 
-    def structure(self, arm: Arm) -> Hashable:
+    def structure(self, arm: Arm) -> tuple[Hashable, ...]:
         """See Target.structure."""
-        return type(self).__name__, self.stations(arm), self.turns is None
+        return *super().structure(arm), self.turns is None
 
     def stations(self, arm: Arm) -> tuple[float, ...]:
         """See Target.stations."""
@@ -156,7 +155,7 @@ class Wrap(Free):
         inequality = {NEAR: (p[SIZE] * radii - gap) / L, CLEAR: gap / L}
         if self.turns is not None:
             normals = [normal for _, normal in rows]
-            angle = sum((_angle()(*pair) for pair in pairwise(normals)), ca.MX(0))
+            angle = sum((_angle(*pair) for pair in pairwise(normals)), ca.MX(0))
             inequality[TURNS] = angle / (2 * np.pi * p[SIZE + 1]) - 1
         return Terms(inequality=inequality, units={NEAR: "L", CLEAR: "L"})
 
@@ -170,9 +169,7 @@ class Wrap(Free):
         return np.asarray(points[k] - d[k] * self.obstacle.gradient(points[k]))
 
 
-@cache
-def _angle() -> ca.Function:
-    """Return two unit vectors -> the angle between them [rad]."""
-    a, b = ca.SX.sym("a", 3), ca.SX.sym("b", 3)
+def _angle(a: ca.MX, b: ca.MX) -> ca.MX:
+    """Return the angle between two unit vectors (3,) [rad]."""
     half = ca.sqrt(ca.sumsqr(a - b) + _TINY) / 2
-    return ca.Function("angle", [a, b], [2 * ca.asin(ca.fmin(half, 1))])
+    return 2 * ca.asin(ca.fmin(half, 1))

@@ -18,7 +18,7 @@ from model.clearance.way import Moving, Tensions
 from model.obstacles import numbers_of
 from model.obstacles.base import Convex
 from model.paths import Array
-from planner.avoidance.places import near_places, updated
+from planner.avoidance.places import avoiding
 from planner.avoidance.rows import Avoidance, Place
 from planner.avoidance.surroundings import Surroundings
 from planner.trajectory.question import Question
@@ -83,7 +83,7 @@ def _updated(
         numbers = {tuple(obstacle.tolist()) for obstacle in numbers_of(convex)}
         kept = (r for r in before.rows if isinstance(r.other, Place) or r.other in numbers)
         before = replace(before, rows=tuple(kept))
-    return updated(before, near_places(line, surroundings), line, surroundings)
+    return avoiding(line, surroundings, before)
 
 
 @dataclass(frozen=True, eq=False)

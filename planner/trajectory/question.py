@@ -20,7 +20,7 @@ from model.settle import settle
 from model.shape import Shape
 from model.time_limit import OutOfTime
 from model.units import STROKE, warn_unusual
-from planner.avoidance.rows import Avoidance
+from planner.avoidance.rows import grid
 from planner.avoidance.surroundings import Surroundings
 from planner.io.csv_files import load_waypoints
 from planner.plan import Plan, plan
@@ -189,7 +189,7 @@ class Question:
 
     def lines(self) -> Lines:
         """Return centrelines by tensions, under loads each near the one before."""
-        places = tuple(Avoidance(()).stations(self.arm))
+        places = tuple(grid(self.arm)[1:].tolist())
         return Lines(self.arm, self.scene, _MESH, places, self.machine_code)
 
     def places(self) -> Callable[[Array], Array]:
