@@ -16,23 +16,22 @@ from itertools import islice
 
 import numpy as np
 
-from model.clearance import clearances
 from model.clearance.lines import Lines
 from model.paths import Array
 from model.progress import tell
 from model.time_limit import OutOfTime, time_limit
 from planner.avoidance.clear import clear_arms, keeping, line_of
-from planner.avoidance.places import avoiding
+from planner.avoidance.places import EXCHANGED, avoiding
 from planner.avoidance.rows import Avoidance, grid
-from planner.avoidance.surroundings import Surroundings, nearest_in_words
+from planner.avoidance.surroundings import Surroundings
 from planner.program.statement import Mode
 from planner.solve.ipopt import Candidate
 from planner.solve.refine import refine
 from planner.solve.search import Search
 from planner.solve.task import SearchResult, Task, Trial
 
-# Plans that are led around which are enough, and how often places are exchanged for one.
-_ENOUGH, _EXCHANGED = 2, 16
+# Plans that are led around which are enough.
+_ENOUGH = 2
 
 
 class Around:
@@ -76,13 +75,7 @@ class Around:
     def _in_the_way(self, result: SearchResult) -> str | None:
         """Return what a plan comes nearest to in words, None where it keeps clear."""
         line = line_of(self.task, np.ravel(result.tensions))
-        if line is None:
-            return ""
-        if self.surroundings.keeps(line):
-            return None
-        return nearest_in_words(
-            clearances(line, self.surroundings.obstacles, self.surroundings.least)
-        )
+        return "" if line is None else self.surroundings.in_the_way(line) or None
 
     def _around(self, search: Search, result: SearchResult) -> SearchResult:
         """Return the best of what is led around, the plan without surroundings if nothing is."""
@@ -116,7 +109,7 @@ class Around:
         """Return the plan that keeps clear to which tensions lead, with its objective."""
         avoidance: Avoidance | None = None
         optimum: Candidate | None = None
-        for _ in range(_EXCHANGED):
+        for _ in range(EXCHANGED):
             line = self._lines(T)
             if line is None:
                 return None

@@ -14,6 +14,8 @@ from model.rotations import matrices
 from planner.avoidance.rows import Apart, Avoidance, Place, cubic, element_of, grid
 from planner.avoidance.surroundings import Surroundings
 
+# How often places are exchanged for those of the arm that keeps clear of them.
+EXCHANGED = 16
 # Even points that are looked at: the parabola through three is off by a few thousandths of a
 # millimetre where an arm of half a metre passes a body of 5 mm.
 _POINTS = 257

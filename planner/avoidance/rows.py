@@ -29,7 +29,6 @@ from planner.targets.base import Target
 # nearly all that is to be kept clear of. Those that are empty keep clear of a ball far off.
 _SLOTS = 2
 _FAR = 10.0
-_TINY = 1e-60
 
 
 @dataclass(frozen=True)
@@ -123,17 +122,13 @@ class Avoidance(Target):
         base, slots = np.array(arm.base_position), self._slots(arm)
         far = np.array([*base, *np.eye(3).ravel(), 0.0, 0.0, 0.0, _FAR * arm.length, 0.0])
         nothing = np.concatenate([np.zeros(7), far, [-3 * _FAR * arm.length]])
-        held: dict[int, list[Array]] = {}
+        numbers, free = np.tile(nothing, (len(slots), 1)), list[int | None](slots)
         for row in self.bodies:
-            numbers = np.concatenate([_weights(arm, row.place), np.array(row.other), [row.keep]])
-            held.setdefault(element_of(arm, row.place.s), []).append(numbers)
-        parts = [np.zeros(0)]
-        for k in sorted(set(slots)):
-            rows = held.get(k, [])
-            parts += rows + [nothing] * (slots.count(k) - len(rows))
-        for one, other, keep in self.pairs:
-            parts += [_weights(arm, one), _weights(arm, other), np.array([keep])]
-        return np.concatenate(parts)
+            i = free.index(element_of(arm, row.place.s))
+            body, free[i] = np.array(row.other), None
+            numbers[i] = np.concatenate([_weights(arm, row.place), body, [row.keep]])
+        pairs = [[*_weights(arm, a), *_weights(arm, b), keep] for a, b, keep in self.pairs]
+        return np.concatenate([numbers.ravel(), np.ravel(pairs)])
 
     def gaps(self, arm: Arm, stations: Sequence[float], machine_code: bool = False) -> Equations:
         """Return how much farther off than they have to be the places are [m], by the poses.
@@ -204,7 +199,7 @@ def _from_place() -> Kernel:
     """Return the kernel of a place near another: poses of their stations (28,); their numbers."""
     y, c = ca.SX.sym("y", 4 * POSE), ca.SX.sym("c", 15)
     apart = _point(y[: 2 * POSE], c[:7]) - _point(y[2 * POSE :], c[7:14])
-    return Kernel("from_place", y, c, ca.sqrt(ca.sumsqr(apart) + _TINY) - c[-1])
+    return Kernel("from_place", y, c, ca.sqrt(ca.sumsqr(apart)) - c[-1])
 
 
 def _point(poses: ca.SX, numbers: ca.SX) -> ca.SX:

@@ -84,6 +84,12 @@ class Surroundings:
         gaps = clearances(line, self.obstacles, self.least, self.clearance)
         return all(gaps[name].gap >= gap for name, gap in self.least.items())
 
+    def in_the_way(self, line: Centreline) -> str:
+        """Return the nearest to an arm that does not keep clear, in words; "" of one that does."""
+        if self.keeps(line):
+            return ""
+        return nearest_in_words(clearances(line, self.obstacles, self.least))
+
 
 NOTHING = Surroundings()
 

@@ -18,14 +18,13 @@ from model.clearance.way import Moving, Tensions
 from model.obstacles import numbers_of
 from model.obstacles.base import Convex
 from model.paths import Array
-from planner.avoidance.places import avoiding
+from planner.avoidance.places import EXCHANGED, avoiding
 from planner.avoidance.rows import Avoidance, Place
 from planner.avoidance.surroundings import Surroundings
 from planner.trajectory.question import Question
 from planner.trajectory.time_law import Timed
 from planner.trajectory.waypoints import Waypoint, Waypoints
 
-_ROUNDS = 20
 # Shares of the way where a further waypoint parts it.
 _INSIDE = 0.02
 
@@ -36,7 +35,7 @@ def cleared(question: Question) -> Waypoints:
     if not question.surroundings:
         return waypoints
     lines = question.lines()
-    for _ in range(_ROUNDS):
+    for _ in range(EXCHANGED):
         corrected = _corrected(question, waypoints, lines)
         if corrected is None or not waypoints.solve(corrected):
             break

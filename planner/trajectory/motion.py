@@ -10,7 +10,6 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import kind, positive
-from model.clearance import clearances
 from model.errors import InputError
 from model.loads import contacts
 from model.machine.compiled import Compile, checked_compile
@@ -31,6 +30,7 @@ from planner.trajectory.question import (
     Question,
     Rates,
     checked_times,
+    of_target,
     waypoints_of,
 )
 from planner.trajectory.result import Trajectory
@@ -162,11 +162,8 @@ def _checked(arm: Arm, path: Iterable[Any]) -> tuple[tuple[Target, ...], ...]:
     """Return the targets of each waypoint; InputError names the one that is not allowed."""
     checked = []
     for i, target in enumerate(path):
-        try:
+        with of_target(i):
             checked.append(check_targets(arm, target))
-        except InputError as reason:
-            name = f"targets[{i}]: {reason.field}"
-            raise InputError(name, reason.given, reason.allowed) from None
     return tuple(checked)
 
 
@@ -185,10 +182,9 @@ def _start(arm: Arm, start: Any, limits: Limits) -> Array:
 def _check_start(question: Question) -> None:
     """Raise InputError where the arm is too near to something before it moves."""
     line, surroundings = question.lines()(question.start), question.surroundings.at(0.0)
-    if not surroundings or line is None or surroundings.keeps(line):
+    nearest = surroundings.in_the_way(line) if surroundings and line is not None else ""
+    if not nearest:
         return
-    gaps = clearances(line, surroundings.obstacles, surroundings.least)
-    nearest = min(gaps.values(), key=lambda clear: clear.gap)
     distance = 1e3 * surroundings.clearance
     kept = f"{distance:g} mm of clearance" if distance else "clear"
     allowed = f"a start or obstacles that leave the arm {kept} before it moves: {nearest}"

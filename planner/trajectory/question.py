@@ -1,8 +1,9 @@
-"""What is asked of a motion: its targets, how fast tensions and strokes may change, when."""
+"""The definition of a motion: its targets, how fast tensions and strokes may change, when."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -116,7 +117,7 @@ class Rates:
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What is asked of a motion.
+    """The definition of a motion.
 
     `start` are the tensions (n_tendons,) that it begins with [N], `begin` the plan they are of.
     """
@@ -152,7 +153,7 @@ class Question:
         Raises InputError, with the targets after it that are missed as well, if there is none.
         """
         last = i
-        try:
+        with of_target(i):
             result = self._plan(i, near, starts)
             if result.mode == "exact":
                 return result
@@ -160,9 +161,6 @@ class Question:
                 if self._plan(last + 1).mode == "exact":
                     break
                 last += 1
-        except InputError as reason:
-            name = f"targets[{i}]: {reason.field}"
-            raise InputError(name, reason.given, reason.allowed) from None
         place = f"targets[{i}]" + (last > i) * f" to [{last}]"
         raise InputError(place, "out of reach", f"targets that can be met: {result.outcome}")
 
@@ -205,6 +203,16 @@ class Question:
             return np.concatenate([lines.lengths(T), tip])
 
         return places
+
+
+@contextmanager
+def of_target(i: int) -> Iterator[None]:
+    """Let errors of input name the target that they are about."""
+    try:
+        yield
+    except InputError as reason:
+        name = f"targets[{i}]: {reason.field}"
+        raise InputError(name, reason.given, reason.allowed) from None
 
 
 def waypoints_of(path: Any, count: int) -> tuple[list[Any], Array | None]:

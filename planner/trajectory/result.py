@@ -1,4 +1,4 @@
-"""A motion that was found: tensions over time, what was asked, and how it was checked."""
+"""A motion: tensions over time, its definition, and how it was checked."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Trajectory:
     Attributes
     ----------
     question : Question
-        What was asked.
+        Its definition.
     way : Timed
         The waypoints and the pace between them.
     met : tuple of int

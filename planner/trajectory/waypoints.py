@@ -131,8 +131,14 @@ class Waypoints:
     def _stop(self, waypoint: Waypoint) -> Stop:
         """Return a waypoint as a program; tendons that may not pull there keep to their minima."""
         question = self.question
-        asked = (question.arm, question.scene, waypoint.stated, question.limits, self.statement)
-        problem = Problem(*asked, question.machine_code)
+        definition = (
+            question.arm,
+            question.scene,
+            waypoint.stated,
+            question.limits,
+            self.statement,
+        )
+        problem = Problem(*definition, question.machine_code)
         lbx, ubx, lbg, ubg = problem.bounds
         at_targets = question.limits.restricted(pulling_tendons(question.arm, waypoint.stated))
         held = np.flatnonzero(np.array(at_targets.upper) <= question.limits.lower)
