@@ -13,7 +13,7 @@ from model.quantities import ArcLength, Direction
 from model.value import value
 from planner.program.limits import Limits
 from planner.targets import Softest, Stiffest
-from planner.targets.base import Free, Terms, View
+from planner.targets.base import Target, Terms, View
 
 # By what the given arm may miss what can be made [mm].
 _VIOLATION = 1e-6
@@ -73,7 +73,7 @@ class Making:
 
 
 @value
-class Reach(Free):
+class Reach(Target):
     """The farthest place of the tip along a direction (3,), base frame, within the tension limits.
 
     By tensions of its own, beside those of the tasks.
@@ -93,10 +93,6 @@ class Reach(Free):
     def terms(self, view: View, p: Any) -> Terms:
         """See Target.terms."""
         return Terms(objective={"reach": -(p.T @ view.tip) / view.arm.length})
-
-    def guess_towards(self, arm: Arm) -> Array | None:
-        """See Target.guess_towards: nowhere."""
-        return None
 
 
 Objective = Literal["effort"] | Stiffest | Softest | Reach
