@@ -44,9 +44,8 @@ class Settled(Protocol):
     def s(self) -> Array:
         """Arc lengths of the mesh's nodes (N + 1,) [m]."""
 
-    @property
-    def states(self) -> Array:
-        """Poses (N + 1, 7 or more) there."""
+    def poses(self, s: Any) -> Array:
+        """Return poses (K, 7) at arc lengths (K,) [m]."""
 
     def strains(self, s: Any) -> Array:
         """Return tau, xi, k, q (K, 4 or more) at arc lengths (K,) [m]."""
@@ -79,16 +78,17 @@ class Centreline:
     machine_code: bool = False
 
     @classmethod
-    def of(cls, shape: Settled) -> Centreline:
-        """Return that of a settled shape."""
-        s = shape.s
+    def of(cls, shape: Settled, at: Sequence[float] = ()) -> Centreline:
+        """Return that of a settled shape, whose nodes are with arc lengths `at` among them."""
+        s = np.sort(np.append(shape.s, at))
+        s = s[np.append(True, np.diff(s) > 1e-9 * shape.arm.length)]
         h = np.diff(s)
         at = (s[:-1, None] + h[:, None] * gauss(STAGES).c).ravel()
         rows = shape.strains(at)
         kappa = rows[:, :3] * (1 + rows[:, 3:4])
         nu = np.hstack([1 + rows[:, 3:4], rows[:, 4:], np.zeros((len(at), 6 - rows.shape[1]))])
         kappa, nu = (values.reshape(-1, STAGES, 3) for values in (kappa, nu))
-        return cls(shape.arm, shape.scene, s, shape.states[:, :7], kappa, nu)
+        return cls(shape.arm, shape.scene, s, shape.poses(s), kappa, nu)
 
     @classmethod
     def at_states(cls, system: System, states: Array) -> Centreline:

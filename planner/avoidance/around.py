@@ -109,23 +109,24 @@ class Around:
         """Return the plan that keeps clear to which tensions lead, with its objective."""
         avoidance: Avoidance | None = None
         optimum: Candidate | None = None
+        line = self._lines(T)
         for _ in range(EXCHANGED):
-            line = self._lines(T)
             if line is None:
                 return None
             lasting = avoidance is not None and all(row.is_lasting for row in avoidance.rows)
-            if optimum is not None and lasting and self.surroundings.keeps(line):
+            avoidance, gap = avoiding(line, self.surroundings, avoidance)
+            if optimum is not None and lasting and gap >= self.surroundings.clearance:
                 fine = refine(optimum, self.task.accuracy)
                 line = None if fine is None else line_of(self.task, fine.tensions)
                 if fine is None or line is None:
                     return None
                 if self.surroundings.keeps(line):
                     return optimum.f, SearchResult.at(fine, self.trials)
-            avoidance = avoiding(line, self.surroundings, avoidance)
+                avoidance, _ = avoiding(line, self.surroundings, avoidance)
             search = Search(keeping(self.task, avoidance))
-            optimum = search.from_tensions(mode, T, near=optimum is not None)
+            optimum = search.exchanged(optimum) if optimum else search.from_tensions(mode, T)
             self.trials += search.trials
             if optimum is None:
                 return None
-            T = optimum.tensions
+            line = self._lines(optimum.tensions)
         return None

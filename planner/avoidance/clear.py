@@ -16,7 +16,8 @@ from model.clearance.lines import Lines
 from model.errors import OctoplanError
 from model.obstacles.bodies import Bodies
 from model.paths import Array
-from planner.avoidance.rows import Avoidance
+from planner.avoidance.places import least_gap
+from planner.avoidance.rows import Avoidance, grid
 from planner.avoidance.surroundings import Surroundings
 from planner.initial_guess.many_arms import bend_coordinates, many_places, residuals
 from planner.program.terms import pulling_tendons
@@ -35,15 +36,17 @@ def keeping(task: Task, avoidance: Avoidance) -> Task:
 def line_of(task: Task, T: Array) -> Centreline | None:
     """Return the centreline of a plan's settled shape; None if it does not settle."""
     try:
-        return Centreline.of(settled(task.arm, T, task.scene, task.accuracy, task.machine_code))
+        shape = settled(task.arm, T, task.scene, task.accuracy, task.machine_code)
+        return Centreline.of(shape, grid(task.arm).tolist())
     except (OctoplanError, np.linalg.LinAlgError):
         return None
 
 
 def clear_arms(task: Task, surroundings: Surroundings, lines: Lines) -> list[Array]:
     """Return tensions of arms that touch nothing, the nearest to the targets first."""
-    drawn = list(islice(_likely_clear(task.simple, surroundings), _LOOKED_AT))
-    clear = (T for T in drawn if (line := lines(T)) is not None and surroundings.keeps(line))
+    drawn = islice(_likely_clear(task.simple, surroundings), _LOOKED_AT)
+    results = ((T, line) for T in drawn if (line := lines(T)) is not None)
+    clear = (T for T, line in results if least_gap(line, surroundings) >= 0)
     return list(islice(clear, _MOST))
 
 

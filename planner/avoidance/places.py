@@ -19,6 +19,9 @@ EXCHANGED = 16
 # Even points that are looked at: the parabola through three is off by a few thousandths of a
 # millimetre where an arm of half a metre passes a body of 5 mm.
 _POINTS = 257
+# Where two parts of the arm lie side by side their even points are near to each other by turns:
+# pairs of places are so many points apart, and sought between points by closing in so often.
+_APART, _CLOSER = 17, 3
 # What is nearer than so much more than asked for gets an inequality beforehand, over L; the same
 # of arms that touch nothing, to stay on the side where they are.
 _NEAR, _WATCHED = 0.02, 0.15
@@ -26,52 +29,88 @@ _NEAR, _WATCHED = 0.02, 0.15
 _SAME = 5e-3
 
 
-def avoiding(line: Centreline, surroundings: Surroundings, before: Avoidance | None) -> Avoidance:
-    """Return inequalities where an arm is near, and those from before elsewhere.
+def avoiding(
+    line: Centreline, surroundings: Surroundings, before: Avoidance | None
+) -> tuple[Avoidance, float]:
+    """Return inequalities where an arm is near, and those from before elsewhere; the least gap [m].
 
     At first also where an arm that touches nothing is not so near.
     """
-    first = before is None and surroundings.keeps(line)
-    rows = _near(line, surroundings, _WATCHED if first else _NEAR)
+    near = _near(line, surroundings, _NEAR if before else _WATCHED)
+    least = min((gap for gap, _ in near), default=np.inf)
+    if not before and least < surroundings.clearance:
+        near = _near(line, surroundings, _NEAR)
+    rows = [row for _, row in near]
     for row in before.rows if before else ():
         if row.is_lasting and not any(_is_same(line, row, other) for other in rows):
             other = row.other.s if isinstance(row.other, Place) else np.array(row.other)
             rows.append(_row(line, surroundings, row.place.s, other, row.is_part))
-    return Avoidance(tuple(rows))
+    return Avoidance(tuple(rows)), least
 
 
-def _near(line: Centreline, surroundings: Surroundings, within: float) -> list[Apart]:
-    """Return rows where an arm is about as near as is allowed, or nearer."""
-    s = np.linspace(0.0, line.arm.length, _POINTS)
-    points, radius = line.at(s)
-    turned, most = line.turned(s), surroundings.clearance + within * line.arm.length
-    plane = [base_plane(line.arm)] * surroundings.of_itself
-    bodies = Bodies([*surroundings.obstacles, *plane])
-    gaps = bodies.at(points[:, None])[0] - radius[:, None]
-    gaps[0] = np.inf  # the base stays where it is
-    gaps[turned < np.pi / 2, len(surroundings.obstacles) :] = np.inf
-    rows = list[Apart]()
+class _Sampled:
+    """Gaps [m] of an arm at even points: from bodies (K, n), and of pairs of points (K, K)."""
+
+    def __init__(self, line: Centreline, surroundings: Surroundings) -> None:
+        self.s = np.linspace(0.0, line.arm.length, _POINTS)
+        (points, radius), turned = line.at(self.s), line.turned(self.s)
+        plane = [base_plane(line.arm)] * surroundings.of_itself
+        self.bodies = Bodies([*surroundings.obstacles, *plane])
+        self.from_bodies = self.bodies.at(points[:, None])[0] - radius[:, None]
+        self.from_bodies[0] = np.inf  # the base stays where it is
+        self.from_bodies[turned < np.pi / 2, len(surroundings.obstacles) :] = np.inf
+        self.of_pairs = np.full((1, 1), np.inf)
+        if surroundings.of_itself:
+            apart = np.linalg.norm(points[:, None] - points, axis=2) - radius[:, None] - radius
+            self.of_pairs = np.where(turned - turned[:, None] < np.pi, np.inf, apart)
+
+
+def least_gap(line: Centreline, surroundings: Surroundings) -> float:
+    """Return how far an arm is from what it is to keep clear of, at even points [m]."""
+    sampled = _Sampled(line, surroundings)
+    return float(min(sampled.from_bodies.min(initial=np.inf), sampled.of_pairs.min()))
+
+
+def _near(line: Centreline, surroundings: Surroundings, within: float) -> list[tuple[float, Apart]]:
+    """Return the gaps [m] and rows where an arm is about as near as is allowed, or nearer."""
+    sampled, near = _Sampled(line, surroundings), list[tuple[float, Apart]]()
+    s, most = sampled.s, surroundings.clearance + within * line.arm.length
+    gaps = sampled.from_bodies
     for i, k in np.argwhere((gaps <= minimum_filter(gaps, (3, 1))) & (gaps < most)):
-        at, body = _least(s, gaps[:, k], i), bodies.obstacles[k]
+        (at, gap), body = _least(s, gaps[:, k], i), sampled.bodies.obstacles[k]
         numbers = body.nearest_part(line.at(np.array([at]))[0][0])
-        rows.append(_row(line, surroundings, at, numbers, not isinstance(body, Convex)))
-    if surroundings.of_itself:
-        gaps = np.linalg.norm(points[:, None] - points, axis=2) - radius[:, None] - radius
-        gaps[turned - turned[:, None] < np.pi] = np.inf
-        for i, k in np.argwhere((gaps <= minimum_filter(gaps, 3)) & (gaps < most)):
-            one, other = _least(s, gaps[:, k], i), _least(s, gaps[i], k)
-            rows.append(_row(line, surroundings, one, other))
-    return rows
+        is_part = not isinstance(body, Convex)
+        near.append((gap, _row(line, surroundings, at, numbers, is_part)))
+    gaps = sampled.of_pairs
+    for i, k in np.argwhere((gaps <= minimum_filter(gaps, _APART)) & (gaps < most)):
+        one, other, gap = _nearest_pair(line, s[i], s[k], s[1])
+        near.append((gap, _row(line, surroundings, one, other)))
+    return near
 
 
-def _least(s: Array, gaps: Array, i: int) -> float:
-    """Return where the parabola through three samples (K,) is least, about the i-th."""
+def _least(s: Array, gaps: Array, i: int) -> tuple[float, float]:
+    """Return where the parabola through three samples (K,) is least, about the i-th, and it."""
     if 0 < i < s.size - 1:
         before, at, after = gaps[i - 1 : i + 2]
-        bend = before - 2 * at + after
+        bend, slope = before - 2 * at + after, (after - before) / 2
         if 0 < bend < np.inf:
-            return float(s[i] + s[1] * (before - after) / (2 * bend))
-    return float(s[i])
+            return float(s[i] - s[1] * slope / bend), float(at - slope**2 / (2 * bend))
+    return float(s[i]), float(gaps[i])
+
+
+def _nearest_pair(
+    line: Centreline, one: float, other: float, step: float
+) -> tuple[float, float, float]:
+    """Return the places of an arm that are nearest to each other, about two, and their gap."""
+    least = np.inf
+    for _ in range(_CLOSER):
+        around = np.linspace(-step, step, 9)
+        a, b = (np.clip(s + around, 0.0, line.arm.length) for s in (one, other))
+        points, radius = line.at(np.concatenate([a, b]))
+        gaps = np.linalg.norm(points[:9, None] - points[9:], axis=2) - radius[:9, None] - radius[9:]
+        i, k = np.unravel_index(np.argmin(gaps), gaps.shape)
+        one, other, least, step = float(a[i]), float(b[k]), float(gaps[i, k]), step / 4
+    return one, other, least
 
 
 def _is_same(line: Centreline, row: Apart, other: Apart) -> bool:

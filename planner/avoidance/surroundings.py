@@ -81,14 +81,13 @@ class Surroundings:
 
     def keeps(self, line: Centreline) -> bool:
         """Return whether the arm of a centreline is verified to keep clear."""
-        gaps = clearances(line, self.obstacles, self.least, self.clearance)
-        return all(gaps[name].gap >= gap for name, gap in self.least.items())
+        return not self.in_the_way(line)
 
     def in_the_way(self, line: Centreline) -> str:
         """Return the nearest to an arm that does not keep clear, in words; "" of one that does."""
-        if self.keeps(line):
-            return ""
-        return nearest_in_words(clearances(line, self.obstacles, self.least))
+        gaps = clearances(line, self.obstacles, self.least, self.clearance)
+        keeps = all(gaps[name].gap >= gap for name, gap in self.least.items())
+        return "" if keeps else nearest_in_words(gaps)
 
 
 NOTHING = Surroundings()

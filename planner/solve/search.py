@@ -195,12 +195,11 @@ class Search:
             tell(_PHASES[reading.mode], len(reading.trials), self.task.most)
             self._keep(self.solve(statement, T))
 
-    def solve(self, statement: Statement, T: Array, near: bool = False) -> Candidate:
-        """Return what tensions (n_tendons,) [N] lead to; an optimum near them if that is wanted."""
-        problem = self.task.problem(statement)
-        x, p = problem.guess(T, near), problem.parameters(SEARCHED)
-        candidate = solve(problem, x, p, purpose="near") if near else None
-        if candidate is None and self.task.statement.solver == "fatrop":
+    def solve(self, statement: Statement, T: Array) -> Candidate:
+        """Return what tensions (n_tendons,) [N] lead to."""
+        problem, candidate = self.task.problem(statement), None
+        x, p = problem.guess(T), problem.parameters(SEARCHED)
+        if self.task.statement.solver == "fatrop":
             candidate = by_stages(problem, x, p)
         if candidate is None or not candidate.met:
             candidate = solve(problem, x, p)
@@ -223,10 +222,28 @@ class Search:
         stable = least >= self._margin - _COARSE * (self._margin > 0)
         (self._now.met if stable else self._now.unstable).append(optimum)
 
-    def from_tensions(self, mode: Mode, T: Array, near: bool) -> Candidate | None:
+    def from_tensions(self, mode: Mode, T: Array) -> Candidate | None:
         """Return the optimum that tensions lead to, as stable as it has to be."""
+        return self._from(mode, self.solve(self.task.coarse(mode), T))
+
+    def exchanged(self, optimum: Candidate) -> Candidate | None:
+        """Return the optimum near one of the same targets, among other inequalities."""
+        before = optimum.problem
+        problem = before.but(targets=self.task.targets)
+        own = np.split(optimum.lam_g, np.cumsum([row.size for row in before.rows])[:-1])
+        pairs = zip(own, problem.rows, strict=True)
+        lam_g = [lam if lam.size == row.size else np.zeros(row.size) for lam, row in pairs]
+        multipliers = optimum.lam_x, np.concatenate(lam_g)
+        p = problem.parameters(SEARCHED)
+        return self._from(
+            before.statement.mode, solve(problem, optimum.x, p, None, multipliers, "near")
+        )
+
+    def _from(self, mode: Mode, candidate: Candidate) -> Candidate | None:
+        """Return a candidate if it is an optimum, held to its stability where need be."""
+        check_time()
         self._now = _Reading(mode, iter(()))
-        self._keep(self.solve(self.task.coarse(mode), T, near))
+        self._keep(candidate)
         if self._now.met:
             return self._now.met[0]
         for optimum in self._now.unstable:

@@ -82,7 +82,7 @@ def _updated(
         numbers = {tuple(obstacle.tolist()) for obstacle in numbers_of(convex)}
         kept = (r for r in before.rows if isinstance(r.other, Place) or r.other in numbers)
         before = replace(before, rows=tuple(kept))
-    return avoiding(line, surroundings, before)
+    return avoiding(line, surroundings, before)[0]
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,9 +12,17 @@ import pytest
 from model import Arm, Scene, settle
 from model.effects import Buoyancy, Extension, Weight
 from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from model.rotations import matrices
 from model.shape import Shape
 from planner import Plan, load_plan, plan
+from planner.avoidance.clear import line_of
+from planner.avoidance.places import avoiding
+from planner.avoidance.rows import cubic, element_of, grid
+from planner.avoidance.surroundings import Surroundings
 from planner.io.scene_file import read
+from planner.program.limits import Limits
+from planner.program.statement import Statement
+from planner.solve.task import Task
 from planner.targets import BendingPlane, TipPosition
 from tests.oracles import Array
 
@@ -124,6 +132,23 @@ def test_behind_the_base_is_told_and_avoided_on_request() -> None:
     assert not q.certificate.passed
     assert q.certificate.clearance >= 0
     assert not q.certificate.warnings
+
+
+def test_places_are_read_off_the_stations_of_the_settled_arm() -> None:
+    """Its mesh has other nodes, the nearest of which were read instead, up to 3 mm away."""
+    T = np.zeros(12)
+    T[10], T[6] = 14.0, 5.0
+    question = (ARM, (TARGET,), SCENE, Limits.of(ARM, 20.0), Statement(), 1e-6)
+    line, shape = line_of(Task(*question), T), settle(ARM, T, SCENE, 1e-8)
+    assert line is not None
+    avoidance, _ = avoiding(line, Surroundings(of_itself=True), None)
+    assert avoidance.rows
+    for place in (row.place for row in avoidance.rows):
+        k = element_of(ARM, place.s)
+        poses = shape.poses(grid(ARM)[k : k + 2])
+        ends = np.stack([poses[:, 4:], matrices(poses[:, :4])[:, :, 0]], axis=1).reshape(-1, 3)
+        read = cubic(ARM, place.s, place.length) @ ends + place.shift
+        np.testing.assert_allclose(read, shape.position(place.s), atol=1e-6)
 
 
 def test_an_arm_that_passes_through_itself_says_so(free: Plan) -> None:
