@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -115,8 +115,8 @@ class Options:
             self.time_limit = question.time_limit
             shorten(question.time_limit + GRACE)
         accuracy = question.accuracy if accuracy is None else accuracy
-        compiled = compiled or question.compile
-        return replace(question, accuracy=accuracy, compile=compiled, time_limit=self.time_limit)
+        compiled = compiled or question.options["compile"]
+        return question.but(accuracy=accuracy, compile=compiled, time_limit=self.time_limit)
 
 
 @Parameter(name="*")

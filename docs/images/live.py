@@ -17,6 +17,7 @@ from PIL import Image
 from playwright.sync_api import Page as Viewer
 from playwright.sync_api import sync_playwright
 
+from planner import plan
 from planner.io.scene_file import load
 from planner.live.drawing import DARK, LIGHT, Colour
 from planner.live.handles import handle_of
@@ -39,7 +40,7 @@ def main() -> None:
     asked = load(args.scene)
     with socket.create_server(("localhost", 0)) as free:
         port = int(free.getsockname()[1])
-    session = Session(asked.arm, asked.scene, handle_of(asked.arm, asked.targets), asked.options)
+    session = Session(asked.arm, asked.scene, handle_of(asked.arm, asked.targets), asked.of(plan))
     page = Page(session, "localhost", port)
     with sync_playwright() as play:
         browser = play.chromium.launch(executable_path=shutil.which("chromium"), args=OPTIONS)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -47,6 +46,7 @@ from planner.live.page import Page
 from planner.live.session import Session
 from planner.notebook import force_to_show
 from planner.plan import Plan
+from planner.plan import plan as make_plan
 from planner.report import settled_text, switch_table
 from planner.trajectory.result import Trajectory
 
@@ -159,12 +159,10 @@ def live(
     """
     question = load(scene)
     check_complete(question, "target", "limits")
-    if accuracy is not None:
-        question = replace(question, accuracy=accuracy)
-    machine_code = compile or question.compile
-    arguments = question.options | {"accuracy": question.accuracy, "compile": machine_code}
+    more = {} if accuracy is None else {"accuracy": accuracy}
+    question = question.but(compile=compile or question.options["compile"], time_limit=None, **more)
     handle = handle_of(question.arm, question.targets)
-    page = Page(Session(question.arm, question.scene, handle, arguments), host, port)
+    page = Page(Session(question.arm, question.scene, handle, question.of(make_plan)), host, port)
     sys.stderr.write(f"octoplan: http://{host}:{port} (ends with the last browser)\n")
     page.wait()
     page.end()
@@ -209,7 +207,7 @@ def export(
         arguments = (question.arm, question.scene, to, question.tensions, question.accuracy)
         result = export_map(*arguments, precision, name)
     elif what == "plan":
-        fine = replace(question, accuracy=min(question.accuracy, _PLANNED))
+        fine = question.but(accuracy=min(question.accuracy, _PLANNED))
         result = export_plan(planned(fine), to, question.accuracy, precision, name)
     else:
         return _bodies(question, name, to, what, links)
@@ -223,7 +221,7 @@ def export(
 
 def _bodies(question: Question, name: str, to: Path, what: What, links: int) -> Answer:
     """Write the arm as it settles under the scene's tensions, by its lengths, or by its plan."""
-    by_plan = question.tensions is None and not question.winches and question.targets
+    by_plan = question.targets and question.tensions is None and "lengths" not in question.options
     shape = planned(question).shape if by_plan else settled(question)
     files = export_shape(shape, to, what, name, links)
     text = f"{', '.join(file.name for file in files)} in {to}"

@@ -1,15 +1,14 @@
-"""What a scene file asks, handed to the functions that compute it, with its time limit."""
+"""What a scene file asks, handed to the functions that compute it."""
 
 from __future__ import annotations
-
-from typing import Any
 
 from model import Shape, settle
 from model.errors import FileError
 from model.stiffness import Stiffness, stiffness
-from model.time_limit import limited
+from planner.io.codec import names_of
 from planner.io.mistakes import located
 from planner.io.scene_file import Question
+from planner.io.scene_tables import MotionTable
 from planner.plan import Plan, plan
 from planner.trajectory.motion import trajectory
 from planner.trajectory.result import Trajectory
@@ -22,8 +21,6 @@ _EXAMPLES = {
     "position_mm = [250, 0, -150]",
     "motion": "a [motion] table, such as [motion] rate_max = 5.0 (N/s), or times_s",
 }
-# Options of plans that motions have none of.
-_OF_PLANS = ("norm", "solver", "stability_margin")
 
 
 def check_complete(question: Question, *keys: str) -> None:
@@ -32,7 +29,7 @@ def check_complete(question: Question, *keys: str) -> None:
         "target": question.targets,
         "limits": "tension_max" in question.options,
         "waypoints": question.waypoints,
-        "motion": any(item is not None for item in question.motion.values()),
+        "motion": any(question.options.get(name) for name in names_of(MotionTable)),
         "tensions": question.tensions is not None,
     }
     for key in keys:
@@ -49,42 +46,35 @@ def _tensions_example(question: Question) -> str:
 
 def check_held(question: Question) -> None:
     """Raise FileError for a scene file that has neither tensions nor lengths."""
-    if not question.winches:
+    if "lengths" not in question.options:
         check_complete(question, "tensions")
-
-
-def _common(question: Question) -> dict[str, Any]:
-    return {"accuracy": question.accuracy, "compile": question.compile}
 
 
 def settled(question: Question) -> Shape:
     """Return the shape under a scene file's tensions or lengths; FileError without any."""
     check_held(question)
-    more = question.winches | _common(question)
-    with limited(question.time_limit), located(question.name, ""):
-        return settle(question.arm, question.tensions, question.scene, **more)
+    with located(question.name, ""):
+        return settle(question.arm, question.tensions, question.scene, **question.of(settle))
 
 
 def stiff(question: Question) -> Stiffness:
     """Return the stiffness that a scene file asks for; FileError without tensions or lengths."""
     check_held(question)
-    more = question.stiffness | question.winches | _common(question)
-    with limited(question.time_limit), located(question.name, ""):
+    more = question.of(stiffness) | question.stiffness
+    with located(question.name, ""):
         return stiffness(question.arm, question.tensions, question.scene, **more)
 
 
 def planned(question: Question) -> Plan:
     """Return the plan that a scene file asks for; FileError without target or limits."""
     check_complete(question, "target", "limits")
-    more = {**question.options, **_common(question), "time_limit": question.time_limit}
     with located(question.name, ""):
-        return plan(question.arm, question.targets, question.scene, **more)
+        return plan(question.arm, question.targets, question.scene, **question.of(plan))
 
 
 def in_motion(question: Question) -> Trajectory:
     """Return the motion that a scene file asks for; FileError for what it lacks."""
     check_complete(question, "waypoints", "motion", "limits")
-    options = {key: item for key, item in question.options.items() if key not in _OF_PLANS}
-    more = {**options, **question.motion, **_common(question), "time_limit": question.time_limit}
+    ways, more = list(question.waypoints), question.of(trajectory)
     with located(question.name, ""):
-        return trajectory(question.arm, list(question.waypoints), question.scene, **more)
+        return trajectory(question.arm, ways, question.scene, **more)

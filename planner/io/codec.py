@@ -168,7 +168,7 @@ def arguments_of(value: Table, kind: type[Table] | None = None) -> dict[str, Any
     of a kind of which it has all keys.
     """
     kind = kind or type(value)
-    keys, hints, forms = KEYS.get(kind) or (_without_units(kind), None, {})
+    keys, hints, forms = KEYS.get(kind) or (names_of(kind), None, {})
     result = {
         name: read(hints[name] if hints else hints_of(kind)[key], getattr(value, key), key)
         for name, key in keys.items()
@@ -179,7 +179,8 @@ def arguments_of(value: Table, kind: type[Table] | None = None) -> dict[str, Any
 
 
 @cache
-def _without_units(kind: Any) -> dict[str, str]:
+def names_of(kind: Any) -> dict[str, str]:
+    """Return the keys of a table by their names without the unit."""
     hints = hints_of(kind)
     units = {key: unit_of_type(hints[key]).replace("/", "_") for key in hints}
     return {key.removesuffix(f"_{unit}" if unit else ""): key for key, unit in units.items()}
@@ -294,7 +295,7 @@ def table_of(value: Any) -> dict[str, Any]:
 
 def keys_of(value: Any, kind: type[Table]) -> dict[str, Any]:
     """Return the keys of a table of a value's class, or of values by the names of its keys."""
-    keys, hints, forms = KEYS.get(kind) or (_without_units(kind), None, {})
+    keys, hints, forms = KEYS.get(kind) or (names_of(kind), None, {})
     tag = kind.__struct_config__.tag
     result: dict[str, Any] = {} if tag is None else {"type": tag}
     for name, key in keys.items():

@@ -23,20 +23,6 @@ from planner.io.scene_file import scene_beside, written_question
 from planner.io.scene_tables import SceneKey
 from planner.io.tables import Accuracy, table
 
-_UNKNOWNS = """
-[[unknowns]]
-key = "arm.E_kPa"
-lower = 50.0
-upper = 500.0"""
-_SUCH = f'\n\nscene = "scene.toml"\nmeasured = "shapes.csv"{_UNKNOWNS}'
-_DESIGN = f"""
-
-scene = "scene.toml"
-[[tasks]]
-type = "tip-position"
-position_mm = [200.0, 150.0, -200.0]{_UNKNOWNS.replace("E_kPa", "radius_mm[1]")}"""
-
-
 MakingTable: Any = table(Making)
 ReachTable: Any = table(Reach, tag="reach")
 UnknownTable: Any = table(Unknown)
@@ -81,8 +67,8 @@ def load_asked(path: str | Path) -> dict[str, Any]:
     Raises FileError with the file, the key and what is allowed.
     """
     path = Path(path)
-    name, needed = str(path), {"unknowns": f"a calibration file is such as {_SUCH}"}
-    file = checked(read_toml(path)[0], CalibrationFile, name, needed)
+    name = str(path)
+    file = checked(read_toml(path)[0], CalibrationFile, name, "unknowns", "calibrate")
     with scene_beside(file.scene, path) as (scene, scene_name, _):
         question = written_question(scene, scene_name)
     names = [point.name for point in file.points]
@@ -103,8 +89,8 @@ def load_asked(path: str | Path) -> dict[str, Any]:
 def run_design(path: str | Path) -> Design:
     """Return the design that a file asks for; FileError with the file and the key."""
     path = Path(path)
-    name, needed = str(path), {"tasks": f"a design file is such as {_DESIGN}"}
-    file = checked(read_toml(path)[0], DesignFile, name, needed)
+    name = str(path)
+    file = checked(read_toml(path)[0], DesignFile, name, "tasks", "design")
     with scene_beside(file.scene, path) as (scene, scene_name, _):
         question = written_question(scene, scene_name)
     if question.options.get("tension_min") or question.options.get("total_pull"):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import operator
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from typing import Any, TypeVar
 
@@ -36,7 +36,6 @@ from planner.io.object_tables import KEYS
 
 R = TypeVar("R")
 _LONG = 60
-_NOTHING: Mapping[str, str] = {}
 _WORDS: dict[type[inspect.Type], str] = {
     inspect.IntType: "a whole number",
     inspect.FloatType: "a number",
@@ -53,14 +52,14 @@ _SIGNS: dict[str, Any] = {
 }
 
 
-def checked(table: Any, kind: Any, name: str, needed: Mapping[str, str] = _NOTHING) -> Any:
+def checked(table: Any, kind: Any, name: str, needed: str = "", command: str = "") -> Any:
     """Return what a file holds as a table of a kind; FileError where a key is missing or wrong.
 
-    `needed` are keys without which it is another file, and what is said where one is missing.
+    `needed` is a key without which it is no file for a command.
     """
-    for key, text in needed.items():
-        if key not in table:
-            raise FileError(name, key, f"missing; {text}")
+    if needed and needed not in table:
+        such = f"`octoplan new --kind {command} FILE` writes a file that has it"
+        raise FileError(name, needed, f"missing; {such}")
     try:
         return msgspec.convert(table, kind)
     except msgspec.ValidationError as reason:

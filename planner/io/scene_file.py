@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import partial
+from inspect import signature
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,7 +16,6 @@ from model import Arm, InputError, Scene
 from model.effects import SelfContact
 from model.errors import FileError
 from model.loads import check_loads
-from model.machine.compiled import Compile
 from model.units import STROKE, length_text, warn_unusual
 from model.winches import Winches, rest_lengths
 from planner.avoidance.surroundings import surroundings
@@ -26,6 +26,7 @@ from planner.io.mistakes import check_modulus, checked, made, warn_of_slips
 from planner.io.object_tables import arm_of, inlined, scene_of
 from planner.io.scene_tables import (
     LimitsTable,
+    OptionsTable,
     SceneTable,
     StiffnessTable,
     whole,
@@ -46,25 +47,14 @@ class Question:
     arm, scene
     targets : tuple of Target
         What `plan` is to reach; none if the file has none.
-    tensions : list or None
-        [N], as settle takes them.
-    winches : dict
-        Further arguments of settle, if the file has lengths or strokes.
-    accuracy : float
-        Tip error over arm length.
-    options : dict
-        Further arguments of plan: norm, form, what to keep clear of and, if the file has limits,
-        these.
-    stiffness : dict
-        Further arguments of stiffness.
-    compile : bool or "auto"
-        As settle, plan and stiffness take it.
     waypoints : tuple of Target
         What `trajectory` is to reach, in order.
-    motion : dict
-        Further arguments of trajectory: rates and times.
-    time_limit : float or None
-        After how long an answer has to be there [s].
+    tensions : list or None
+        [N], as settle takes them.
+    options : dict
+        Further arguments of settle, stiffness, plan and trajectory, by their names in these.
+    stiffness : dict
+        Those of stiffness alone.
     name : str
         Of the file.
     """
@@ -72,16 +62,30 @@ class Question:
     arm: Arm
     scene: Scene
     targets: tuple[Target, ...]
+    waypoints: tuple[Target, ...]
     tensions: Any
-    winches: dict[str, Any]
-    accuracy: float
     options: dict[str, Any]
     stiffness: dict[str, Any]
-    compile: Compile = False
-    waypoints: tuple[Target, ...] = ()
-    motion: dict[str, Any] = field(default_factory=dict)
-    time_limit: float | None = None
     name: str = "scene"
+
+    def of(self, function: Callable[..., Any]) -> dict[str, Any]:
+        """Return the options that a function takes."""
+        names = signature(function).parameters
+        return {key: item for key, item in self.options.items() if key in names}
+
+    @property
+    def accuracy(self) -> float:
+        """Tip error over arm length."""
+        return float(self.options["accuracy"])
+
+    @property
+    def time_limit(self) -> float | None:
+        """After how long an answer has to be there [s]."""
+        return self.options.get("time_limit")
+
+    def but(self, **options: Any) -> Question:
+        """Return the question with other options."""
+        return replace(self, options=self.options | options)
 
 
 def load(path: str | Path) -> Question:
@@ -134,24 +138,20 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
     )
     if targets:
         build("targets", partial(check_targets, arm), targets)
+    options = _but_none(arguments_of(table, OptionsTable)) | winches
     obstacles = list(each("obstacles", partial(_obstacle, Path(name).parent)))
-    clear = in_si(table.clearance_mm, "mm"), table.self_clearance
+    clear = options["clearance"], options["self_clearance"]
     where, moves = "obstacles" if obstacles else "clearance_mm", bool(ways)
-    around = build(
-        where, lambda of: surroundings(arm, targets + ways, of, *clear, moves), obstacles
-    )
-    options = {key: getattr(table, key) for key in ("solver", "stability_margin")}
-    options["norm"] = str(table.norm)
-    if around:
-        options |= {"obstacles": obstacles, "clearance": clear[0], "self_clearance": clear[1]}
+    build(where, lambda of: surroundings(arm, targets + ways, of, *clear, moves), obstacles)
+    options |= {"obstacles": obstacles} | _but_none(arguments_of(table.motion))
     if table.limits is not None:
         options |= build("limits", partial(_limits, arm), table.limits)
     stiff = build("stiffness", partial(_stiffness, arm), table.stiffness)
-    motion = arguments_of(table.motion)
-    if not motion["quasi_static"]:
-        del motion["quasi_static"]
-    held = (table.tensions, winches, table.accuracy, options, stiff, table.compile)
-    return Question(arm, scene, targets, *held, ways, motion, table.time_limit_s, name)
+    return Question(arm, scene, targets, ways, table.tensions, options, stiff, name)
+
+
+def _but_none(arguments: dict[str, Any]) -> dict[str, Any]:
+    return {key: item for key, item in arguments.items() if item is not None}
 
 
 def _scene(arm: Arm, table: Any) -> Scene:
@@ -203,24 +203,21 @@ def checked_table(raw: dict[str, Any], name: str) -> SceneTable:
     """Return the table of what a scene file holds, its keys checked one by one; FileError."""
     if "sweep" in raw:
         raise FileError(name, "sweep", f"this is a sweep file, for `octoplan sweep {name}`")
-    needed = 'a scene needs an arm, such as [arm] preset = "table-4"'
-    table: SceneTable = checked(raw, SceneTable, name, {"arm": needed})
+    table: SceneTable = checked(raw, SceneTable, name, "arm", "plan")
     return table
 
 
 def _limits(arm: Arm, table: LimitsTable) -> dict[str, Any]:
     """Return the limits as plan takes them, checked."""
-    result = {key: item for key, item in arguments_of(table).items() if item is not None}
+    result = _but_none(arguments_of(table))
     limits = Limits.of(arm, result["tension_max"], result["tension_min"], result.get("total_pull"))
     limits.with_strokes(arm, result.get("stroke_max"), result.get("stroke_min"))
     return result
 
 
 def _stiffness(arm: Arm, table: StiffnessTable) -> dict[str, Any]:
-    result = arguments_of(table)
-    if result["at"] is None:
-        result["at"] = "tip"
-    elif result["at"] > arm.length:
+    result = _but_none(arguments_of(table))
+    if result.get("at", 0.0) > arm.length:
         allowed = f"up to the arm's length, {length_text(arm.length)}"
         raise InputError("at", result["at"], allowed)
     if table.tendon_EA is not None and table.hold != "length":
@@ -248,7 +245,7 @@ def _winches(arm: Arm, table: SceneTable) -> dict[str, Any]:
     if table.strokes_mm is not None:
         lengths = _left(arm, in_si(table.strokes_mm, "mm"))
     Winches.of(arm, table.tensions, lengths, table.tendon_EA, outside)
-    return {"lengths": lengths, "tendon_EA": table.tendon_EA, "tendon_outside": outside}
+    return {"lengths": lengths, "tendon_outside": outside}
 
 
 def _left(arm: Arm, strokes: Any) -> list[float]:

@@ -85,50 +85,9 @@ class StiffnessTable(Table, frozen=True):
     ] = True
 
 
-class SceneTable(Table, frozen=True):
-    """A scene file: an arm, the effects enabled, and what is asked."""
+class OptionsTable(Table, frozen=True, kw_only=True):
+    """Options of what is asked, which settle, stiffness, plan and trajectory have as arguments."""
 
-    arm: ArmTable
-    effects: EffectsTable = EffectsTable()
-    target: Annotated[TargetTable | None, Meta(description="what plan is to reach")] = None
-    targets: Annotated[
-        tuple[TargetTable, ...], Meta(description="what plan is to reach, all together")
-    ] = ()
-    waypoints: Annotated[
-        tuple[TargetTable, ...], Meta(description="what trajectory is to reach, in order")
-    ] = ()
-    motion: MotionTable = MotionTable()
-    obstacles: Annotated[
-        tuple[ObstacleTable, ...], Meta(description="what the arm keeps clear of, all along")
-    ] = ()
-    clearance_mm: Annotated[
-        NotNegative, quantity("least distance of the arm's surface from obstacles", "mm")
-    ] = 0.0
-    self_clearance: Annotated[
-        bool,
-        Meta(description="whether it stays as far from itself and from behind its base plane"),
-    ] = False
-    limits: LimitsTable | None = None
-    tensions: Annotated[Tensions | None, quantity("a row a section, tip first, or flat", "N")] = (
-        None
-    )
-    lengths_mm: Annotated[
-        Tensions | None,
-        quantity(
-            "what winches leave of tendons between base and anchorage, like tensions; nan where a "
-            "tension is given, which is nan where a length is",
-            "mm",
-        ),
-    ] = None
-    strokes_mm: Annotated[
-        Tensions | None,
-        quantity("in place of lengths_mm: what is taken in from the straight arm", "mm"),
-    ] = None
-    tendon_EA: TendonEA = None
-    tendon_outside_mm: Annotated[
-        NotNegative, quantity("tendon between winch and base, which stretches too", "mm")
-    ] = 0.0
-    stiffness: StiffnessTable = StiffnessTable()
     accuracy: Annotated[Accuracy, Meta(description="tip error over arm length")] = 1e-6
     time_limit_s: Annotated[
         Positive | None,
@@ -152,6 +111,52 @@ class SceneTable(Table, frozen=True):
     solver: Annotated[
         Literal["auto", "ipopt", "fatrop"], Meta(description="what solves the program")
     ] = "auto"
+    clearance_mm: Annotated[
+        NotNegative, quantity("least distance of the arm's surface from obstacles", "mm")
+    ] = 0.0
+    self_clearance: Annotated[
+        bool,
+        Meta(description="whether it stays as far from itself and from behind its base plane"),
+    ] = False
+    tendon_EA: TendonEA = None
+    tendon_outside_mm: Annotated[
+        NotNegative, quantity("tendon between winch and base, which stretches too", "mm")
+    ] = 0.0
+
+
+class SceneTable(OptionsTable, frozen=True, kw_only=True):
+    """A scene file: an arm, the effects enabled, and what is asked."""
+
+    arm: ArmTable
+    effects: EffectsTable = EffectsTable()
+    target: Annotated[TargetTable | None, Meta(description="what plan is to reach")] = None
+    targets: Annotated[
+        tuple[TargetTable, ...], Meta(description="what plan is to reach, all together")
+    ] = ()
+    waypoints: Annotated[
+        tuple[TargetTable, ...], Meta(description="what trajectory is to reach, in order")
+    ] = ()
+    motion: MotionTable = MotionTable()
+    obstacles: Annotated[
+        tuple[ObstacleTable, ...], Meta(description="what the arm keeps clear of, all along")
+    ] = ()
+    limits: LimitsTable | None = None
+    tensions: Annotated[Tensions | None, quantity("a row a section, tip first, or flat", "N")] = (
+        None
+    )
+    lengths_mm: Annotated[
+        Tensions | None,
+        quantity(
+            "what winches leave of tendons between base and anchorage, like tensions; nan where a "
+            "tension is given, which is nan where a length is",
+            "mm",
+        ),
+    ] = None
+    strokes_mm: Annotated[
+        Tensions | None,
+        quantity("in place of lengths_mm: what is taken in from the straight arm", "mm"),
+    ] = None
+    stiffness: StiffnessTable = StiffnessTable()
     form: Annotated[
         Literal["condensed", "multiple-shooting"] | None,
         Meta(description="deprecated, has no effect: there is one program"),

@@ -130,14 +130,6 @@ class Sweep:
 
 # Sweep files
 
-_SUCH = """
-
-scene = "scene.toml"
-[sweep]
-compute = "settle"
-[[sweep.axes]]
-key = "arm.E_kPa"
-values = [100.0, 120.0]"""
 # What both NetCDF and the files of a Zarr folder can be named.
 _NAME, _LONGEST = re.compile(r"\w([^/\\\x00-\x1f\x7f]*\S)?"), 200
 
@@ -159,8 +151,7 @@ def _sweep(
     raw: dict[str, Any], path: Path, time_limit: float | None, texts: dict[str, str]
 ) -> Sweep:
     name = str(path)
-    needed = {"sweep": f"a sweep file is such as {_SUCH}"}
-    file: SweepFile = checked(raw, SweepFile, name, needed)
+    file: SweepFile = checked(raw, SweepFile, name, "sweep", "sweep")
     with scene_beside(file.scene, path) as (held, scene_name, text):
         scene = filled(held, scene_name)
         question = question_of(scene, scene_name)
@@ -173,9 +164,8 @@ def _sweep(
     with located(name, "sweep.compute"):
         _check_compute(question, file.sweep.compute)
     axes = _axes(file.sweep, scene, scene_name, name)
-    closed = (
-        file.sweep.compute == "settle" and not is_loaded(question.scene) and not question.winches
-    )
+    by_lengths = "lengths" in question.options
+    closed = file.sweep.compute == "settle" and not is_loaded(question.scene) and not by_lengths
     together = closed and all(axis.key.startswith("tensions") for axis in axes)
     tendons = tuple(question.arm.tendon_names)
     keys = tuple(axis.key for axis in axes)

@@ -243,7 +243,7 @@ def _together(job: Job, points: Sequence[Point]) -> Rows:
     T = np.repeat(question.arm.flat(question.tensions)[None], len(points), axis=0)
     T[:, [_column(question, key) for key in job.keys]] = points
     arguments = (question.arm, T, question.scene, question.accuracy)
-    many = settle_many(*arguments, compile=question.compile, errors="nan")
+    many = settle_many(*arguments, compile=question.options["compile"], errors="nan")
     failed = {i: _row(job, points[i]) for i, text in enumerate(many.problems) if text}
     width = max([len(SETTLED), *(row["outcome"].dtype.itemsize // 4 for row in failed.values())])
     rows = blank(job.compute, len(job.tendons), len(points), width)

@@ -28,6 +28,7 @@ import numpy as np
 
 from model.effects import Buoyancy, Extension, Weight
 from model.scene import Scene
+from planner import plan
 from planner.io.scene_file import load
 from planner.live.handles import handle_of
 from planner.live.page import Page
@@ -130,7 +131,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     from playwright.sync_api import sync_playwright
 
     request = load(args.scene)
-    options = request.options | {"accuracy": request.accuracy, "compile": args.compile}
+    options = request.but(compile=args.compile).of(plan)
     options["tension_max"] = np.maximum(options["tension_max"], _PULL)
     bare = {name: value for name, value in options.items() if "clear" not in name}
     free = bare | {"obstacles": ()}

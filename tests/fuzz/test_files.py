@@ -134,9 +134,7 @@ def planned(seed: int) -> str:
             question.arm,
             question.targets,
             question.scene,
-            accuracy=question.accuracy,
-            time_limit=SECONDS,
-            **question.options,
+            **question.but(time_limit=SECONDS).of(plan),
         )
     except OctoplanError as problem:
         assert str(problem)

@@ -15,7 +15,7 @@ OWN = "[arm]\nlength_mm = 300\nradius_mm = [10, 5]\n"
 
 # What is in the file; what the message has to say.
 FILES: dict[str, tuple[str, str]] = {
-    "empty": ("", 'arm: missing; a scene needs an arm, such as [arm] preset = "table-4"'),
+    "empty": ("", "arm: missing; `octoplan new --kind plan FILE` writes"),
     "key misspelt": (
         "[arm]\nlenght_mm = 3",
         'arm.lenght_mm: no such key; did you mean "length_mm"?',

@@ -14,7 +14,7 @@ import pytest
 
 import model.effects
 import planner.targets
-from model import Anchorage, Arm, Linear, Material, RestCurvature, Sampled, Scene
+from model import Anchorage, Arm, Linear, Material, RestCurvature, Sampled, Scene, settle
 from model.arm import PAPER_ARMS
 from model.effects import (
     Buoyancy,
@@ -33,6 +33,7 @@ from model.effects import (
 )
 from model.errors import FileError
 from model.obstacles import Sphere
+from planner import plan
 from planner.commands.files import schema_of
 from planner.io.object_tables import ArmTable, Preset, TargetTable
 from planner.io.scene_file import load, read
@@ -274,18 +275,21 @@ def test_limits_and_what_is_asked_of_stiffness_are_read() -> None:
         "[stiffness]\nhold = 'length'\nat_mm = 250\ntendon_EA = 1000\nrelease = true"
     )
     question = read(text.encode())
-    assert question.accuracy == 1e-4
-    assert question.compile == "auto"
     assert question.tensions == [1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 2, 3]
-    assert question.options == {
-        "norm": "1",
+    assert question.of(plan) == {
+        "accuracy": 1e-4,
+        "compile": "auto",
+        "norm": 1,
         "solver": "ipopt",
-        "stability_margin": None,
+        "clearance": 0.0,
+        "self_clearance": False,
+        "obstacles": [],
         "stroke_zero": "straight",
         "tension_max": ((1, 2, 3, 4), (5, 6, 7, 8), (9, 10, 11, 12)),
         "tension_min": 0.5,
         "total_pull": 30,
     }
+    assert question.of(settle) == {"accuracy": 1e-4, "compile": "auto", "tendon_outside": 0.0}
     assert question.stiffness == {"hold": "length", "at": 0.25, "tendon_EA": 1e3, "release": True}
     VALIDATOR.validate(tomllib.loads(text))
 

@@ -82,7 +82,7 @@ def test_scene_files_may_hold_some_tendons_by_tension(tmp_path: Path) -> None:
     strokes = "[[nan, 5, 0, -6.0], [0, 0, 3, -3.0], [0, -1, 0, 2.0]]"
     pulls = "[[0.1, nan, nan, nan], [nan, nan, nan, nan], [nan, nan, nan, nan]]"
     asked = load(scene_file(tmp_path, f"strokes_mm = {strokes}\ntensions = {pulls}"))
-    shape = settle(asked.arm, asked.tensions, asked.scene, **asked.winches)
+    shape = settle(asked.arm, asked.tensions, asked.scene, **asked.of(settle))
     assert shape.tensions[0] == 0.1
 
 

@@ -212,8 +212,8 @@ def test_scene_and_sweep_files_taken_for_each_other_are_told(
     path = written(tmp_path, GRID)
     assert main(["sweep", str(tmp_path / "scene.toml")]) == 2
     told = capsys.readouterr().err
-    assert "sweep: missing; a sweep file is such as" in told
-    path.write_text(told.partition("such as")[2])
-    assert main(["sweep", str(path)]) == 0
+    assert "sweep: missing; `octoplan new --kind sweep FILE` writes" in told
+    first = tmp_path / "first.toml"
+    assert main(["new", "--kind", "sweep", str(first)]) == main(["sweep", str(first)]) == 0
     assert main(["plan", str(path)]) == 2
     assert f"`octoplan sweep {path}`" in capsys.readouterr().err
