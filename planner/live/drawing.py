@@ -97,7 +97,11 @@ def tension_colour(tension: float, most: float) -> Colour:
 
 
 def draw_surroundings(server: Any, arm: Arm, colours: Colours) -> None:
-    """Draw what stands still: the plate at the base, and a floor with its scale in mm."""
+    """Draw what stands still: the plate at the base, and a floor with its scale in mm.
+
+    Nothing casts shadows: without a graphics card they took three quarters of a frame.
+    """
+    server.scene.configure_default_lights(cast_shadow=False)
     R = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0])
     frame, thickness = np.array(arm.base_frame), _PLATE_THICK * arm.length
     server.scene.add_cylinder(
@@ -143,11 +147,10 @@ def _draw_floor(scene: Any, arm: Arm, colours: Colours) -> None:
             scene.add_label(f"/scale/{name}{k:.3f}", message, position=at, font_screen_scale=0.75)
 
 
-def background(colours: Colours) -> NDArray[np.uint8]:
-    """Return the background as an image (H, W, 3)."""
-    share = np.linspace(0.0, 1.0, 256)[:, None, None]
-    image = (1 - share) * np.array(colours.top) + share * np.array(colours.bottom)
-    return np.broadcast_to(image, (256, 8, 3)).astype(np.uint8)
+def backdrop(colours: Colours) -> str:
+    """Return HTML that gives the page its background; an image costs browsers a pass by frame."""
+    top, bottom = f"rgb{colours.top}", f"rgb{colours.bottom}"
+    return f"<style>canvas[data-engine] {{ background: linear-gradient({top}, {bottom}) }}</style>"
 
 
 def set_camera(server: Any, arm: Arm) -> None:

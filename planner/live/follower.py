@@ -3,22 +3,26 @@
 Each step settles the arm near the shape before and takes the tensions of least effort that bring
 it nearer, by the derivatives of that shape. It needs no optimum to begin with, so that the arm
 moves on where a plan has to be searched for; the plan of what is reached comes after. Under loads
-no step leads to a shape that does not stand, and one that would is held to a margin of stability.
-Limits of strokes and of the total pull are the plan's.
+it is on a coarse mesh, no step leads to a shape that does not stand, and one that would is held to
+a margin of stability. Limits of strokes and of the total pull are the plan's.
 """
 
 from __future__ import annotations
 
 import time
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
 from model.arm import Arm
 from model.compliance import at_nodes
-from model.equilibrium.newton import Collocation, newton
+from model.equilibrium.linearised import Linearised
+from model.equilibrium.newton import STAGES, Collocation, newton
 from model.equilibrium.stability import stability_slope, stands
-from model.errors import OctoplanError
+from model.errors import OctoplanError, SingularError
+from model.forward import by_collocation
 from model.loads import contacts, is_loaded
 from model.obstacles import Obstacle
 from model.obstacles.bodies import Bodies
@@ -32,6 +36,8 @@ from planner.program.limits import Limits, natural_tensions
 
 # What is drawn is as accurate as a pixel or so; nearer than that the arm is there.
 ACCURACY, THERE = 1e-3, 1e-3
+# How many times larger than elsewhere the last steps of Newton's method may be, on this mesh.
+_LOOSER, _COARSE = 1e4, 1
 # The farthest that a step goes, over the arm's length or in rad, and by each tendon alone [rad];
 # how often it is tried.
 _FAR, _REACH, _TRIALS = 0.15, 1.0, 6
@@ -46,6 +52,25 @@ _STILL = 3e-3
 # Within this of the goal, over the arm's length, effort may fall while the goal is missed by more:
 # the next step makes up for that.
 _BAND = 0.8 * THERE
+
+
+class _Rows(NamedTuple):
+    """The linearised problem of a shape.
+
+    What changes of tensions do to what is missed (rows, n_tendons), what is missed of the goal, and
+    by how much nodes are too near to obstacles, over the arm's length.
+    """
+
+    by_tensions: Array
+    missed: Array
+    gaps: Array
+
+
+class _Stability(NamedTuple):
+    """The stability of a shape, and its derivatives by tensions (n_tendons,) [1/N]."""
+
+    value: float
+    slope: Array
 
 
 class Follower:
@@ -82,9 +107,18 @@ class Follower:
         self._unit = float(self._natural.mean())
         self._bodies = Bodies(around[0]) if around[0] else None
         self._machine_code, self._reach, self.brink = machine_code, _REACH, False
-        self._heavy = is_loaded(scene) and not contacts(scene)
+        self._unheld = _Stability(np.inf, np.zeros(arm.n_tendons))
         start = self._low if tensions is None else np.clip(tensions, self._low, self._high)
-        self.shape = settle(arm, start, scene, ACCURACY, compile=machine_code)
+        self.begin(settle(arm, start, scene, ACCURACY, compile=machine_code))
+
+    def begin(self, shape: Shape) -> None:
+        """Go on from a shape of the arm; under loads on the coarse mesh, where it stands on it."""
+        self.shape, self._stability, point = shape, self._unheld, _under_loads(shape)
+        if point is not None:
+            code = self._machine_code
+            coarse = by_collocation(shape.arm, shape.scene, STAGES, _COARSE, machine_code=code)
+            result = self._near(coarse, point, shape.tensions)
+            self.shape = shape if result is None else replace(result, refinement=_COARSE)
 
     def approach(self, goal: Goal, seconds: float) -> bool:
         """Take steps towards a goal for so long; return whether more would bring it nearer."""
@@ -98,54 +132,65 @@ class Follower:
     def _step(self, goal: Goal) -> bool:
         """Take one step; return whether that was not the last.
 
-        Where it leads to nothing better it is taken again from a smaller trust region, a box.
+        Where it leads to nothing better it is taken again from a smaller trust region, a box. Where
+        the linearised problem promises nothing better it is not taken at all.
         """
         T, rows = self.shape.tensions, self._rows(goal)
         for _ in range(_TRIALS):
-            wanted = np.clip(T + self._change(*rows), self._low, self._high)
-            result, worth = self._settled(wanted), self._merit(goal, self.shape)
-            merit = np.inf if result is None else self._merit(goal, result)
-            if result is not None and merit < worth:
-                self.shape, self._reach = result, min(2 * self._reach, _REACH)
-                return merit < (1 - _STILL) * worth
-            self._reach, self.brink = self._reach / 4, self._heavy
+            wanted = np.clip(T + self._change(rows), self._low, self._high)
+            worth = self._merit(rows.missed, rows.gaps, T, self._stability.value)
+            if self._promised(rows, wanted - T) > (1 - _STILL) * worth:
+                if self._reach == _REACH:
+                    break
+                self._reach = _REACH  # little is promised of a small region
+                continue
+            result = self._settled(wanted)
+            if result is not None:
+                stability = _stability(result) if self.brink else self._unheld
+                missed, gaps = goal.residual(result), self._clear(result)[0]
+                merit = self._merit(missed, gaps, wanted, stability.value)
+                if merit < worth:
+                    self.shape, self._stability = result, stability
+                    self._reach = min(2 * self._reach, _REACH)
+                    return merit < (1 - _STILL) * worth
+            self._reach, self.brink = self._reach / 4, _under_loads(self.shape) is not None
         self._reach = _REACH
         return False
 
-    def _rows(self, goal: Goal) -> tuple[Array, Array]:
-        """Return what changes of tensions do to what is missed, and what they are to do.
-
-        (rows, n_tendons) and (rows,): to the goal, a part of the way if that is far, and to nodes
-        of the arm that are too near to obstacles.
-        """
-        shape, missed = self.shape, goal.residual(self.shape)
-        most = _FAR / max(float(np.linalg.norm(missed)), 1e-12)
+    def _rows(self, goal: Goal) -> _Rows:
+        """Return the linearised problem: of the goal, and of nodes that are too near obstacles."""
+        shape = self.shape
         gaps, ways = self._clear(shape)
         at, which = np.nonzero(gaps > 0)
         nodes = [int(np.abs(shape.s - goal.s).argmin()), *(at + 1).tolist()]
         moved = [each.pose_tension for each in at_nodes(shape, nodes)]
         keep = [way @ each[:3] for way, each in zip(ways[at, which], moved[1:], strict=True)]
         rows = [goal.jacobian(shape, moved[0]), *(row[None] / shape.arm.length for row in keep)]
-        return np.vstack(rows), np.append(missed * min(1.0, most), gaps[at, which])
+        return _Rows(np.vstack(rows), goal.residual(shape), gaps[at, which])
 
-    def _change(self, A: Array, b: Array) -> Array:
+    def _change(self, rows: _Rows) -> Array:
         """Return the change of tensions that meets rows best, of least effort, within limits.
 
-        Once a step was refused stability is held to its margin where it would fall below.
+        A part of the way if the goal is far. Once a step was refused stability is held to its
+        margin where it would fall below.
         """
-        T, effort, known = self.shape.tensions, _EFFORT / self._unit, self.shape.known
-        rows = np.vstack([A, effort * np.eye(T.size)])
-        right, reach = np.append(b, -effort * T), self._reach * self._natural
+        T, effort = self.shape.tensions, _EFFORT / self._unit
+        part = min(1.0, _FAR / max(float(np.linalg.norm(rows.missed)), 1e-12))
+        matrix = np.vstack([rows.by_tensions, effort * np.eye(T.size)])
+        right = np.concatenate([part * rows.missed, rows.gaps, -effort * T])
+        reach = self._reach * self._natural
         low = np.maximum(self._low - T, -reach) - 1e-12
         bounds = low, np.maximum(np.minimum(self._high - T, reach), low + 2e-12)
-        change = lsq_linear(rows, right, bounds, method="bvls").x
-        if self.brink and known is not None:
-            stability, slope = stability_slope(known)
-            self.brink = bool(stability + slope @ change < MARGIN)
+        change = lsq_linear(matrix, right, bounds, method="bvls").x
+        if self.brink:
+            if self._stability is self._unheld:
+                self._stability = _stability(self.shape)
+            value, slope = self._stability
+            self.brink = bool(value + slope @ change < MARGIN)
             if self.brink:
-                rows = np.vstack([rows, _FIRM * slope])
-                right = np.append(right, _FIRM * (MARGIN - stability))
-                change = lsq_linear(rows, right, bounds, method="bvls").x
+                matrix = np.vstack([matrix, _FIRM * slope])
+                right = np.append(right, _FIRM * (MARGIN - value))
+                change = lsq_linear(matrix, right, bounds, method="bvls").x
         return np.asarray(change)
 
     def _settled(self, tensions: Array) -> Shape | None:
@@ -153,27 +198,37 @@ class Follower:
 
         Under loads it is on the same mesh, and nothing far is searched for.
         """
-        shape, code = self.shape, self._machine_code
-        arm, scene, known = shape.arm, shape.scene, shape.known
+        shape, point = self.shape, _under_loads(self.shape)
         try:
-            if known is None or contacts(scene):
-                with limited(_LONG):
-                    return settle(arm, tensions, scene, ACCURACY, compile=code, near=shape)
-            guess = Collocation.on(known.system).carried(tensions, known)
-            here = newton(known.system, tensions, 1.0, guess)
+            if point is not None:
+                return self._near(Collocation.on(point.system), point, tensions)
+            code = self._machine_code
+            with limited(_LONG):
+                return settle(shape.arm, tensions, shape.scene, ACCURACY, compile=code, near=shape)
         except OctoplanError:
             return None
-        if here is None or not stands(here):
-            return None
-        return Shape(arm, scene, shape.error, here, shape.refinement)
 
-    def _merit(self, goal: Goal, shape: Shape) -> float:
+    def _near(self, forward: Collocation, now: Linearised, tensions: Array) -> Shape | None:
+        """Return the shape on a mesh near the one now; None where none stands there."""
+        guess, shape = forward.carried(tensions, now), self.shape
+        point = newton(forward.system, tensions, 1.0, guess, looser=_LOOSER)
+        if point is None or not stands(point):
+            return None
+        return Shape(shape.arm, shape.scene, ACCURACY, point, shape.refinement)
+
+    def _promised(self, rows: _Rows, change: Array) -> float:
+        """Return the merit after a change of tensions, were the arm as it is linearised."""
+        by, n = rows.by_tensions @ change, rows.missed.size
+        value, slope = self._stability
+        T, value = self.shape.tensions + change, value + float(slope @ change)
+        return self._merit(rows.missed - by[:n], rows.gaps - by[n:], T, value)
+
+    def _merit(self, missed: Array, gaps: Array, tensions: Array, stability: float) -> float:
         """Return what is missed beyond what counts as there, and the effort, squared."""
-        room = np.maximum(self._clear(shape)[0], 0.0)
-        missed = float(np.sqrt(np.sum(goal.residual(shape) ** 2) + np.sum(room**2)))
-        effort = _EFFORT * shape.tensions / self._unit
-        weak = _FIRM * max(MARGIN - shape.stability, 0.0) if self.brink else 0.0
-        return weak**2 + max(missed - _BAND, 0.0) ** 2 + float(effort @ effort)
+        missing = np.sqrt(missed @ missed + np.sum(np.maximum(gaps, 0.0) ** 2))
+        effort = _EFFORT * tensions / self._unit
+        weak = _FIRM * max(MARGIN - stability, 0.0) if self.brink else 0.0
+        return float(weak**2 + max(missing - _BAND, 0.0) ** 2 + effort @ effort)
 
     def _clear(self, shape: Shape) -> tuple[Array, Array]:
         """Return by how much the nodes of the arm are too near to obstacles, over its length.
@@ -186,3 +241,21 @@ class Follower:
         radius = arm.radius.evaluate(s, arm.length)[0]
         gap, way = self._bodies.at(shape.states[1:, None, 4:7])
         return (self.around[1] + radius[:, None] - gap) / arm.length, way
+
+
+def _under_loads(shape: Shape) -> Linearised | None:
+    """Return the equilibrium of a shape that loads bend, whose mesh is kept; None of others.
+
+    What touches something is settled on meshes that do.
+    """
+    return None if contacts(shape.scene) or not is_loaded(shape.scene) else shape.known
+
+
+def _stability(shape: Shape) -> _Stability:
+    """Return how stable a shape under loads is; 0 where it is about to buckle."""
+    point = _under_loads(shape)
+    assert point is not None
+    try:
+        return _Stability(*stability_slope(point))
+    except SingularError:
+        return _Stability(0.0, np.zeros(shape.tensions.size))

@@ -26,7 +26,7 @@ from planner.live.drawing import (
     LIGHT,
     ArmOnPage,
     add_obstacle,
-    background,
+    backdrop,
     draw_ellipsoid,
     draw_surroundings,
     set_camera,
@@ -104,6 +104,7 @@ class Page:
         """Add what is said, the numbers, the tensions, and what is switched."""
         gui, session = self._server.gui, self.session
         gui.add_html(words.TITLE)
+        self._backdrop = gui.add_html("")
         self._said = gui.add_html("Settling the arm ...")
         self._places = gui.add_html("")
         self._boxes = [self._add_numbers(number) for number in session.handle.numbers]
@@ -157,7 +158,7 @@ class Page:
         self._server.gui.configure_theme(
             dark_mode=dark, show_logo=False, show_share_button=False, brand_color=(31, 111, 180)
         )
-        self._server.scene.set_background_image(background(colours))
+        self._backdrop.content = backdrop(colours)
         draw_surroundings(self._server, self.session.arm, colours)
 
     def _save(self, client: Any) -> None:

@@ -133,7 +133,8 @@ class Session:
         self.last = result
         missed = self.goal.missed(result.shape)
         if result.mode == "exact" or (missed < self.missed and not self.is_there):
-            self.shape = self._follower.shape = result.shape
+            self.shape = result.shape
+            self._follower.begin(result.shape)
         return result
 
     def ellipsoid(self, p: Plan) -> tuple[Array, Array]:
