@@ -37,7 +37,7 @@ _signature = cache(inspect.signature)
 
 
 def arguments(kind: Any) -> tuple[str, ...]:
-    """Return the names of what a class is made of."""
+    """Return the names of the arguments of a class, or of a function."""
     return tuple(_signature(kind).parameters)
 
 

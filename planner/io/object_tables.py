@@ -130,7 +130,8 @@ def _inline(kind: Any) -> Form:
     return Form(keys, lambda *each: kind(*map(read, hints, each)), table_of)
 
 
-Preset: Any = Literal[tuple(PAPER_ARMS)]
+_PRESETS = {name: Arm.from_paper(name) for name in PAPER_ARMS}
+Preset: Any = Literal[tuple(_PRESETS)]
 TABLES[RestCurvature], TABLES[Anchorage] = table(RestCurvature), table(Anchorage)
 _PRESET = "an arm of the paper, in place of length_mm, radius_mm and sections"
 ArmTable: Any = table(
@@ -149,11 +150,11 @@ def arm_of(argument: Any) -> Arm:
         allowed = "either a preset, or length_mm, radius_mm and sections of an arm of your own"
         raise InputError("preset", argument.preset, allowed)
     if argument.preset is None and missing:
-        allowed = f"a preset ({', '.join(PAPER_ARMS)}), or length_mm, radius_mm and sections"
+        allowed = f"a preset ({', '.join(_PRESETS)}), or length_mm, radius_mm and sections"
         raise InputError("arm", f"no {', no '.join(missing)}", allowed)
     result = arguments_of(argument)
     if argument.preset is not None:
-        like = Arm.from_paper(argument.preset)
+        like = _PRESETS[argument.preset]
         result |= {"length": like.length, "radius": like.radius, "sections": like.sections}
     return Arm(**result)
 

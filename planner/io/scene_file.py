@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from inspect import signature
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,7 +18,7 @@ from model.loads import check_loads
 from model.units import STROKE, length_text, warn_unusual
 from model.winches import Winches, rest_lengths
 from planner.avoidance.surroundings import surroundings
-from planner.io.codec import arguments_of, in_si, table_of, value_of, written
+from planner.io.codec import arguments, arguments_of, in_si, table_of, value_of, written
 from planner.io.files import read_toml, toml_of
 from planner.io.key_paths import steps, value_at
 from planner.io.mistakes import check_modulus, checked, made, warn_of_slips
@@ -70,8 +69,7 @@ class Question:
 
     def of(self, function: Callable[..., Any]) -> dict[str, Any]:
         """Return the options that a function takes."""
-        names = signature(function).parameters
-        return {key: item for key, item in self.options.items() if key in names}
+        return {key: self.options[key] for key in arguments(function) if key in self.options}
 
     @property
     def accuracy(self) -> float:

@@ -132,7 +132,8 @@ class ChunkFiles:
 
 # The Dataset
 
-# What is written at a time [bytes], and lies together in a Zarr folder.
+# Points that are read at a time; what is written at a time [bytes], and lies together in Zarr.
+_READ = 4096
 _BLOCK = 200_000
 _ENGINES = {".nc": "h5netcdf", ".zarr": "zarr"}
 _NUMBER = re.compile(r"-?\d[\d.]*(e[+-]?\d+)?")
@@ -165,15 +166,19 @@ def _array(sweep: Sweep, kept: ChunkFiles, name: str, each: Variable, width: int
     """Return a variable as an array of Dask's, chunk after chunk in the shape of the grid."""
     array = needed("dask.array", "sweep")
     kind, sizes = dtype_of(each, width), each.sizes(len(sweep.job.tendons))
+    several = max(1, _READ // sweep.chunk)
 
     def part(block_id: tuple[int, ...]) -> NDArray[Any]:
+        first = block_id[0] * several
+        there = range(first, min(first + several, sweep.chunks))
         check_time()
-        tell("chunks gathered", block_id[0] + 1, sweep.chunks)
-        return kept.read(block_id[0], name).astype(kind)
+        tell("chunks gathered", there.stop, sweep.chunks)
+        return np.concatenate([kept.read(chunk, name).astype(kind) for chunk in there])
 
-    counts = tuple(map(sweep.count, range(sweep.chunks)))
+    counts = [sweep.count(chunk) for chunk in range(sweep.chunks)]
+    parts = tuple(sum(counts[i : i + several]) for i in range(0, sweep.chunks, several))
     like = np.empty((0,) * (1 + len(sizes)), kind)
-    chunks = (counts, *((size,) for size in sizes))
+    chunks = (parts, *((size,) for size in sizes))
     flat = array.map_blocks(part, chunks=chunks, dtype=kind, meta=like)
     shape = (*sweep.dims.values(), *sizes)
     blocks = array.core.normalize_chunks("auto", shape, _BLOCK, kind)
