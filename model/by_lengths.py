@@ -12,8 +12,8 @@ by Newton steps, of least norm in combinations of tensions that no length feels.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -23,7 +23,6 @@ from model.contact.forward import TouchingMap
 from model.equilibrium.linearised import Equilibrium, Linearised
 from model.equilibrium.newton import (
     CLOSE,
-    NEAR,
     STAGES,
     Collocation,
     carried_strains,
@@ -44,17 +43,16 @@ from model.winches import ROUNDING, Winches, least, slackened
 
 # Stages of the elements on which the least energy is sought.
 _STAGES = 2
-# What lengths may be off over the arm's length on meshes that are not the last one.
-_ON_THE_WAY = 1e-9
 # Newton steps; that one is the last which changes tensions by no more than this share, or which
 # will leave no more than this share of rounding, as its error goes by the square.
 _STEPS, _LAST, _SQUARE = 30, 1e-5, 0.1
 # What is left of taut tendons after a step, over rounding, where others keep them from it.
 _APART = 10.0
-# What is left of tendons that are slack, and what taut ones may be off, over the arm's length.
+# What is left of tendons that are slack, and what taut ones may be off, over the arm's length; on
+# meshes that are not the last one all.
 _NEARLY = 1e-9
-# How often a step is halved that leads to no equilibrium, and the least step in what tendons lack.
-_HALVINGS, _LEAST_STEP = 6, 1 / 128
+# How often a step is halved that leads to no equilibrium.
+_HALVINGS = 6
 
 
 class AtLengths(Protocol):
@@ -117,9 +115,7 @@ class UnloadedLengths:
             left = winches.lacks(self._lengths(0 * winches.tensions).lengths, 0 * winches.tensions)
             if left[winches.held].min() >= -ROUNDING * arm.length:
                 return 0 * winches.tensions
-        result = led(
-            self._begins(near), lambda: self._lengths(winches.tensions), winches, self._beside, arm
-        )
+        result = led(self._begins(near), winches, self._beside, arm)
         if result is None:
             raise self._crushed or unknown_least(arm, winches)
         return result.tensions
@@ -175,7 +171,7 @@ def tightened(
         tight = np.flatnonzero(held & (taut | (left <= limit)))
         M = np.diag(winches.stretch[tight]) - at.length_tension[np.ix_(tight, tight)]
         T = now.copy()
-        T[tight], well, whole = least(M, left[tight], now[tight], rounding)
+        T[tight], well = least(M, left[tight], now[tight], rounding)
         beyond = left[tight] + M @ (T - now)[tight]
         slack = (T[tight] == 0) & (beyond > rounding)
         apart = np.abs(beyond[T[tight] > 0]).max(initial=0.0) > _APART * rounding
@@ -185,43 +181,21 @@ def tightened(
         after = _stepped(at, T, beside) if np.isfinite(T).all() else None
         if after is None:
             return None
-        if whole and small and not (apart and slack.any()):
+        if small and not (apart and slack.any()):
             lacks = winches.lacks(after.lengths, T)
             missed = held & (lacks <= nearly)
             missed[tight] = np.abs(lacks[tight]) > np.where(T[tight] > 0, close, np.inf)
             if not missed.any():
                 return after
         nearly[taut & (T == 0)], last = rounding, change
-        if apart and whole:
+        if apart:
             nearly[tight[slack]] = -rounding
         at = after
     return None
 
 
-def followed(
-    at: _At, winches: Winches, beside: Callable[[_At, Array], _At | None], arm: Arm
-) -> _At | None:
-    """Return the equilibrium by lengths that one with longer tendons is led to; None if to none.
-
-    What its tendons lack shrinks in steps that are halved where they lead nowhere.
-    """
-    longer, share, step = np.maximum(at.lengths - winches.lengths, 0.0), 0.0, 0.5
-    while share < 1:
-        after = min(1.0, share + step)
-        part = replace(winches, lengths=winches.lengths + (1 - after) * longer)
-        result = tightened(at, part, beside, arm)
-        if result is not None:
-            at, share, step = result, after, 2 * step
-        elif step > _LEAST_STEP:
-            step /= 2
-        else:
-            return None
-    return at
-
-
 def led(
-    begins: Iterable[_At | None],
-    free: Callable[[], _At],
+    begins: Iterable[_At],
     winches: Winches,
     beside: Callable[[_At, Array], _At | None],
     arm: Arm,
@@ -229,13 +203,10 @@ def led(
 ) -> _At | None:
     """Return the equilibrium by lengths near the first of some that have one near; None for none.
 
-    Else the one that is reached from that of `free` winches; see tightened and followed.
+    See tightened.
     """
-    for at in begins:
-        result = None if at is None else tightened(at, winches, beside, arm, rounding)
-        if result is not None:
-            return result
-    return followed(free(), winches, beside, arm)
+    results = (tightened(at, winches, beside, arm, rounding) for at in begins)
+    return next((result for result in results if result is not None), None)
 
 
 def _stepped(at: _At, tensions: Array, beside: Callable[[_At, Array], _At | None]) -> _At | None:
@@ -281,9 +252,8 @@ class GivenLengths:
         return tightened(end, self.winches, _beside(forward), self.arm) or end
 
     def _loaded(self, forward: Collocation, near: Equilibrium | None) -> Linearised:
-        begins, beside = self._begins(forward, near), _beside(forward)
-        free = partial(forward.solve, self.winches.tensions)
-        result = led(begins, free, self.winches, beside, self.arm, _ON_THE_WAY)
+        begins = (at for at in self._begins(forward, near) if at is not None)
+        result = led(begins, self.winches, _beside(forward), self.arm, _NEARLY)
         if result is None:
             raise unknown_least(self.arm, self.winches)
         return result
@@ -296,7 +266,7 @@ class GivenLengths:
             if isinstance(forward, TouchingMap):
                 yield forward.solve(T, near)
             else:
-                yield newton(forward.system, T, 1.0, forward.carried(T, near), NEAR)
+                yield newton(forward.system, T, 1.0, forward.carried(T, near), CLOSE)
         if isinstance(forward, TouchingMap):
             yield forward.by_lengths(self.winches)
             return

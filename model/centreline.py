@@ -20,7 +20,7 @@ from model.cross_section.law import CrossSection, kinematics
 from model.effects import NeoHookean
 from model.equilibrium.newton import STAGES
 from model.machine.buffered import Mapped
-from model.paths import Array
+from model.paths import SAME, Array
 from model.rotations import half_turn, multiply, unit_matrix
 from model.scene import Scene
 from model.transcription.collocation import gauss, rotation_vectors
@@ -148,7 +148,7 @@ class Centreline:
 
     @property
     def _close(self) -> float:
-        return 1e-9 * self.arm.length
+        return SAME * self.arm.length
 
     def _shares(self, s: Array) -> tuple[Counts, Array]:
         """Return the elements that arc lengths are in, and what share of them is before them."""

@@ -25,7 +25,7 @@ from model.effects import (
     Weight,
 )
 from model.errors import InputError
-from model.paths import Array, Path
+from model.paths import SAME, Array, Path
 from model.scene import Scene
 from model.units import length_text
 
@@ -33,8 +33,6 @@ _LOADS = (Contact, Current, Friction, PointLoad, PointMass, Shear, TipLoad, Weig
 _NAMES = tuple(kind.__name__ for kind in _LOADS)
 # The steepest growth per length that a mesh follows [1/m], whatever the loads.
 _STEEPEST = 1e80
-# How well the crossing of a tendon is known, over its length.
-_ROUNDING = 1e-16
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
@@ -174,7 +172,7 @@ def beyond(arm: Arm, scene: Scene, s: Array, end: Array) -> Array:
     if tip and not tip.follower:
         force += np.array(tip.force)[:, None]
     for load in acting(scene):
-        force += np.outer(load.force, load.s >= end - 1e-9 * arm.length)
+        force += np.outer(load.force, load.s >= end - SAME * arm.length)
     return np.asarray(force)
 
 
@@ -214,11 +212,11 @@ def _crossings(arm: Arm, others: list[float]) -> list[float]:
         y = path.evaluate(s, end)[0]
         for i in np.flatnonzero(y[:-1] * y[1:] < 0):
             offset, ends = partial(_value, path, end), (s[i], s[i + 1])
-            results.append(scipy.optimize.brentq(offset, *ends, xtol=_ROUNDING * end))
+            results.append(scipy.optimize.brentq(offset, *ends, xtol=np.finfo(float).tiny))
         results += s[1:-1][y[1:-1] == 0].tolist() if y.any() else []
     kept: list[float] = []
     for place in sorted(results):
-        if all(abs(place - other) > 1e-9 * arm.length for other in [*others, *kept]):
+        if all(abs(place - other) > SAME * arm.length for other in [*others, *kept]):
             kept.append(place)
     return kept
 

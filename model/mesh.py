@@ -14,7 +14,7 @@ from model.arm import Arm
 from model.checks import within
 from model.errors import InputError
 from model.loads import places
-from model.paths import Array, Linear, Path
+from model.paths import SAME, Array, Linear, Path
 from model.scene import Scene
 from model.stations import Counts
 from model.transcription.collocation import gauss
@@ -22,8 +22,6 @@ from model.transcription.collocation import gauss
 _FINE = 64
 # Growth, as an exponent, that costs half an element, and the most halves that a stretch may cost.
 _GROWTH, _MOST = 3.0, 0.5
-# Places nearer to each other, over the arm's length, are one.
-_SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +142,7 @@ def _breaks(arm: Arm, at: Iterable[float]) -> Array:
     knots = [s for path in arm.along for s in path.knots()]
     result = sorted(places)
     for s in [*at, *knots]:
-        if 0 < s < arm.length and min(abs(s - other) for other in result) > 1e-9 * arm.length:
+        if 0 < s < arm.length and min(abs(s - other) for other in result) > SAME * arm.length:
             result.append(s)
     return np.array(sorted(result))
 
@@ -159,7 +157,7 @@ def mesh_through(mesh: Mesh, before: Array, new: Array) -> Mesh:
     if before.size != new.size:
         allowed = f"as many knots and loads as before, {before.size}"
         raise InputError("places along the arm", new.size, allowed)
-    order, room = np.argsort(before, kind="stable"), _SAME * mesh.s[-1]
+    order, room = np.argsort(before, kind="stable"), SAME * mesh.s[-1]
     before, after = before[order], new[order]
     apart, ahead = np.diff(before) > room, np.diff(after)
     parted, passed = ~apart & (np.abs(ahead) > 2 * room), apart & (ahead <= room)

@@ -15,6 +15,13 @@ from model.paths import Array
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _DOUBLINGS, _TERMS = 3, 7
+# Under the root of a norm that may vanish: its derivatives are no numbers at 0 without.
+_STILL = 1e-30
+
+
+def norm(v: ca.SX) -> ca.SX:
+    """Return the Euclidean norm of an expression, with derivatives where it vanishes too."""
+    return ca.sqrt(ca.sumsqr(v) + _STILL)
 
 
 def multiply(p: ca.SX, q: ca.SX) -> ca.SX:

@@ -14,7 +14,7 @@ import numpy as np
 from model.arm import Arm
 from model.by_lengths import GivenLengths
 from model.checks import kind, positive
-from model.contact.forward import Touching
+from model.contact.path import Touching
 from model.contact.self_contact import pressed_on_itself
 from model.effects import PrintedStatics, SelfContact
 from model.equilibrium.linearised import Equilibrium, check_stretch

@@ -14,7 +14,7 @@ from model.centreline import Centreline
 from model.checks import finite_array
 from model.clearance.nearest import ITSELF, clearances
 from model.contact.contacts import Touch, touches_of
-from model.contact.forward import Touching
+from model.contact.path import Touching
 from model.effects import ExactTendons, PrintedStatics
 from model.equilibrium.linearised import Equilibrium, Linearised
 from model.equilibrium.newton import STAGES

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy
@@ -180,49 +180,30 @@ _WELL = 1e-8
 _APART = 1e-9
 
 
-class Step(NamedTuple):
-    """What least returns.
-
-    Attributes
-    ----------
-    z : (n,)
-        z after the step.
-    well : bool
-        Whether all that w tells apart it tells well.
-    whole : bool
-        Whether the step was taken to its end; otherwise w is not 0 there.
-    """
-
-    z: Array
-    well: bool
-    whole: bool
-
-
-def least(M: Array, w: Array, z: Array, rounding: float) -> Step:
+def least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
     """Return z >= 0 (n,) after a Newton step to w = 0, w (n,) changing with z as M (n, n) says.
 
-    In the null space of M, directions that change w by less than `rounding` among it, z is of least
-    norm. A step that would lead below 0 ends there; components at 0 that would go below stay.
+    And whether all that w tells apart it tells well. In the null space of M, directions that change
+    w by less than `rounding` among it, z is of least norm. Components that would go below 0 stay
+    there, first those that come there first.
     """
-    if not z.size:
-        return Step(z, True, True)
-    result, well = _least(M, w, z, rounding)
-    values = np.ones(z.size, dtype=bool)
-    nothing = _TINY * float(z.max())
-    while result.min() < 0:
+    free, well, nothing = np.ones(z.size, dtype=bool), True, _TINY * float(z.max(initial=0.0))
+    while free.any():
+        result = np.zeros(z.size)
+        result[free], well = _least(M[np.ix_(free, free)], w[free], z[free], rounding)
         below = result < 0
-        blocked = values & below & (z <= nothing)
+        if not below.any():
+            return result, well
+        blocked = below & (z <= nothing)
         if not blocked.any():
             shares = np.ones(z.size)
             shares[below] = z[below] / (z[below] - result[below])
             share = float(shares.min())
-            return Step(np.where(shares <= share, 0.0, z + share * (result - z)), well, False)
-        values &= ~blocked
-        if not values.any():
-            return Step(np.zeros(z.size), well, True)
-        result = np.zeros(z.size)
-        result[values], well = _least(M[np.ix_(values, values)], w[values], z[values], rounding)
-    return Step(result, well, True)
+            before, blocked = z, shares <= share
+            z = np.where(blocked, 0.0, z + share * (result - z))
+            w = w + M @ (z - before)
+        free &= ~blocked
+    return np.zeros(z.size), well
 
 
 def _least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:

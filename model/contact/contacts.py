@@ -8,12 +8,12 @@ import numpy as np
 
 from model.contact.friction import positions, tangents
 from model.contact.gaps import along
-from model.contact.touches import SAME, Touches, frictions, resultants, second
+from model.contact.touches import Touches, frictions, resultants, second
 from model.equilibrium.linearised import Linearised
 from model.loads import contacts
 from model.obstacles import distances, numbers_of
 from model.obstacles.base import Convex
-from model.paths import Array
+from model.paths import SAME, Array
 
 
 @dataclass(frozen=True, eq=False)

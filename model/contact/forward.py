@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
-from typing import Any
 
 import numpy as np
 
 from model.arm import Arm
 from model.contact.gaps import check_outside
 from model.contact.newton import newton
-from model.contact.path import Continuation, by_lengths, close, follow
+from model.contact.path import Touching, close, follow, in_proportion, taken_in
 from model.contact.sharp import Request, sharpened
 from model.contact.touches import places_of
 from model.equilibrium.linearised import Equilibrium, Linearised
@@ -28,25 +27,6 @@ from model.winches import Winches
 # Elements of a mesh over those of one without contact, and how long the longest may be: a part of
 # the arm's length, or of obstacle and arm together, but no shorter than a part of the length.
 _FINER, _LONGEST, _SHORTEST = 2, 1 / 16, 1 / 100
-
-
-@dataclass(frozen=True, eq=False)
-class Touching(Linearised):
-    """An equilibrium with contact, whose equations know what touches on their mesh.
-
-    Attributes
-    ----------
-    snaps : tuple of float
-        The load factors at which the arm jumped.
-    before : Linearised or None
-        With friction of contacts, the equilibrium before the last step: what has slipped since.
-    """
-
-    snaps: tuple[float, ...] = ()
-    before: Linearised | None = None
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Touching, (self.system, self.x, None, None, self.snaps, self.before)
 
 
 class TouchingMap(Collocation):
@@ -70,24 +50,20 @@ class TouchingMap(Collocation):
         self._at_rest = Linearised(self.system, x)
         check_outside(self.system, self._at_rest.states)
 
-    def solve(self, tensions: Array, near: Equilibrium | None = None) -> Touching:
-        """Return the equilibrium under tensions from rest, or from another; see led."""
-        end = self.led(tensions, near if isinstance(near, Linearised) else None)
-        at = end.point
-        return Touching(at.system, at.x, at.near, at.jacobian, end.snaps, end.before)
-
-    def led(self, tensions: Array, near: Linearised | None, jumps: bool = True) -> Continuation:
-        """Return the equilibrium that the arm comes to from another one or from rest, and how.
+    def solve(
+        self, tensions: Array, near: Equilibrium | None = None, jumps: bool = True
+    ) -> Touching:
+        """Return the equilibrium that the arm comes to from another one or from rest.
 
         Friction acts against the steps from there; an arm without that history has an equilibrium
         as long as it touches nothing: else InputError. Raises UnsettledContactError where none is
         found, SnapError where it would jump unless it may.
         """
-        request, rubs = self._request(tensions), self.system.of.form.contact_friction
-        if near is None:
+        request, rubs = Request(self.system, self._fixed, tensions), self._rubs
+        if not isinstance(near, Linearised):
             if rubs:
                 return self._untouched(tensions)
-            return follow(request, 0 * tensions, 0.0, self._at_rest)
+            return follow(in_proportion(request, 0 * tensions, 0.0), self._at_rest)
         stays = np.array_equal(tensions, near.tensions)
         if rubs:
             past = near.before if isinstance(near, Touching) and stays else None
@@ -96,47 +72,49 @@ class TouchingMap(Collocation):
             there = sharpened(request, near, places_of(near.system))
             if there is not None and close(near, there):
                 path = ((request.before, 0.0), (there, 1.0)) if request.before else ()
-                return Continuation(there, (), path)
-        return follow(request, near.tensions, 1.0, near, jumps)
+                return Touching.of(there, (), path)
+        return follow(in_proportion(request, near.tensions, 1.0), near, jumps)
 
     def by_lengths(self, winches: Winches) -> Linearised | None:
         """Return the equilibrium about where winches hold the tendons; None if none is found."""
+        request = Request(self.system, self._fixed, winches.tensions)
         try:
-            return by_lengths(self._request(winches.tensions), winches, self._at_rest).point
+            return follow(taken_in(request, winches), self._at_rest)
         except UnsettledContactError:
             return None
 
     def beside(self, at: Linearised, tensions: Array) -> Linearised | None:
         """Return the equilibrium under tensions near those of another; None where it jumps."""
         try:
-            return self.led(tensions, at, False).point
+            return self.solve(tensions, at, False)
         except (SnapError, UnsettledContactError):
             return None
 
-    def _untouched(self, tensions: Array) -> Continuation:
+    @property
+    def _rubs(self) -> bool:
+        return self.system.of.form.contact_friction
+
+    def _untouched(self, tensions: Array) -> Touching:
         """Return the equilibrium of an arm from rest that touches nothing; InputError else."""
-        end = self.without_friction.led(tensions, None)
-        if places_of(end.point.system):
+        end = self.without_friction.solve(tensions)
+        if places_of(end.system):
             allowed = (
                 "the shape of the same arm that it moved from: friction acts against the motion "
                 "before, and an arm without history has none"
             )
             raise InputError("near", None, allowed)
-        there = newton(self.system, tensions, 1.0, self.carried(tensions, end.point))
+        there = newton(self.system, tensions, 1.0, self.carried(tensions, end))
         if there is None:
             raise UnsettledContactError(1.0, "none is found on a mesh with friction")
-        return Continuation(there, end.snaps, ((there, 0.0), (there, 1.0)))
+        return Touching.of(there, end.snaps, ((there, 0.0), (there, 1.0)))
 
     @cached_property
     def without_friction(self) -> TouchingMap:
         """The map of the scene without friction of contacts; itself where there is none."""
-        if not self.system.of.form.contact_friction:
+        if not self._rubs:
             return self
         arm, smooth = self.system.arm, without_friction(self.system.scene)
         return TouchingMap(arm, smooth, *self._form)
-
-    def _request(self, tensions: Array) -> Request:
-        return Request(self.system, self._fixed, tensions)
 
 
 def mesh_with_contact(arm: Arm, scene: Scene, refinement: int, at: tuple[float, ...]) -> Mesh:

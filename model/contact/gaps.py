@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from model.centreline import Centreline
-from model.contact.touches import SAME, Places
+from model.contact.touches import Places
 from model.cross_section.law import CrossSection, size
 from model.equilibrium.integration import poses_and_strains
 from model.equilibrium.linearised import Index
@@ -17,7 +17,7 @@ from model.loads import contacts
 from model.machine.buffered import Mapped
 from model.obstacles import distances, numbers_of
 from model.obstacles.base import SIZE, signed_distance
-from model.paths import Array
+from model.paths import SAME, Array
 from model.rotations import unit_matrix
 from model.transcription.collocation import gauss
 from model.transcription.system import System

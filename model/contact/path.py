@@ -12,22 +12,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from model.contact.friction import Path
 from model.contact.gaps import least_gaps
 from model.contact.newton import newton
-from model.contact.sharp import Request, sharpened, turned
+from model.contact.sharp import Request, sharpened
 from model.contact.touches import (
-    Place,
     Places,
     Touches,
     forces,
     mesh_with,
     places_of,
     point_at,
+    read_off,
 )
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import carried_strains
@@ -44,12 +44,11 @@ from model.winches import Winches, rest_lengths, slackened
 
 # First, least and longest step in the load factor; with friction: where a point rolls, that is not
 # to count as slip.
-_STEPS, _WITH_FRICTION = (1 / 4, 1 / 16, 1.0), (1 / 8, 1 / 128, 1 / 8)
+_STEPS, _WITH_FRICTION = (1 / 4, 1 / 32, 1.0), (1 / 8, 1 / 128, 1 / 8)
 # The farthest that a frame may turn in a step [rad], and from forces at nodes to refined places.
-_TURN, _CLOSE = 1.0, 0.6
-# How often nodes are exchanged; forces that are those of an interior point, over the largest, and
-# over what bends the arm.
-_EXCHANGES, _NONE, _NOTHING = 8, 1e-5, 1e-6
+_TURN = 0.6
+# How often nodes are exchanged; forces that are those of an interior point, over the largest.
+_EXCHANGES, _NONE = 8, 1e-5
 # How often forces without a potential are updated in a step: places are refined with them in full.
 _ROUNDS = 3
 # How far frames turn off an unstable equilibrium at first [rad].
@@ -60,64 +59,106 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
-class Continuation:
-    """Where an arm came to, and how.
+class Touching(Linearised):
+    """An equilibrium with contact, whose equations know what touches on their mesh.
 
     Attributes
     ----------
-    point : Linearised
-        The equilibrium.
     snaps : tuple of float
         The load factors at which the arm jumped to another equilibrium.
     path : tuple
         With friction the equilibria on the way with their load factors, the one before first.
     """
 
-    point: Linearised
     snaps: tuple[float, ...] = ()
     path: Path = ()
 
+    @classmethod
+    def of(cls, end: Linearised, snaps: tuple[float, ...] = (), path: Path = ()) -> Touching:
+        """Return an equilibrium that an arm came to like this."""
+        return cls(end.system, end.x, end.near, end.jacobian, snaps, path)
+
     @property
     def before(self) -> Linearised | None:
-        """With friction the equilibrium before the last step."""
+        """With friction the equilibrium before the last step: what has slipped since."""
         return self.path[-2][0] if self.path else None
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Touching, (self.system, self.x, None, None, self.snaps, self.path[-2:])
 
-def follow(
-    request: Request, tensions: Array, load: float, start: Linearised, jumps: bool = True
-) -> Continuation:
-    """Return where an equilibrium under `tensions` and a load factor comes to.
 
-    While tensions go to the request's in a straight line, and loads to the full. Raises
-    UnsettledContactError where nothing is found; unless it may jump, SnapError where it would.
-    """
+def in_proportion(request: Request, tensions: Array, load: float) -> Callable[[float], Request]:
+    """Return requests by how far tensions and loads have come to those of a request, from some."""
 
     def at(factor: float) -> Request:
         between = tensions + factor * (request.tensions - tensions)
         return replace(request, tensions=between, load=load + factor * (request.load - load))
 
-    following = _at_nodes if request.before is None else _with_friction
-    return following(at, start, jumps)
+    return at
 
 
-def by_lengths(request: Request, winches: Winches, rest: Linearised) -> Continuation:
-    """Return where the arm comes to whose tendons winches hold, by strokes and loads from rest.
-
-    Tensions are those of the least energy with forces at nodes. Raises UnsettledContactError where
-    there is none.
-    """
+def taken_in(request: Request, winches: Winches) -> Callable[[float], Request]:
+    """Return requests by how far winches have taken tendons in, and loads have grown, from rest."""
     longest = np.maximum(rest_lengths(request.base.arm), winches.lengths)
 
     def at(factor: float) -> Request:
         part = replace(winches, lengths=longest + factor * (winches.lengths - longest))
         return replace(request, tensions=factor * winches.tensions, load=factor, winches=part)
 
-    return _at_nodes(at, rest)
+    return at
+
+
+def follow(at: Callable[[float], Request], start: Linearised, jumps: bool = True) -> Touching:
+    """Return where an equilibrium comes to by requests from a load factor of 0 to 1.
+
+    Raises UnsettledContactError where none is found; unless it may jump, SnapError where it would.
+    """
+    request, snaps = at(1.0), list[float]()
+    rubs = request.before is not None
+
+    def solve(factor: float, near: Linearised) -> Linearised | None:
+        if rubs:
+            there = sharpened(replace(at(factor), before=near), near, places_of(near.system))
+        else:
+            there = _at_nodes(at(factor), near)
+        return there if there is not None and close(near, there) else None
+
+    def over(before: float, factor: float, near: Linearised) -> Linearised:
+        if rubs and not jumps:
+            raise SnapError(before, "it jumps")
+        to = replace(at(factor), before=near) if rubs else at(factor)
+        there = _slid(to, near) if rubs else _least(to, near)
+        if there is None:
+            raise UnsettledContactError(factor, "no least energy is found")
+        if rubs or not close(near, there):
+            if not jumps:
+                raise SnapError(before, "it jumps")
+            snaps.append(factor)
+        return there
+
+    if not rubs:
+        begin, system = at(0.0), request.base
+        strains = carried_strains(start.system, start.system.strains(start.states), system)
+        states = system.start(begin.tensions, strains, begin.load)
+        start = Linearised(system, system.x(begin.tensions, begin.load, states))
+    path = stepped(solve, start, _WITH_FRICTION if rubs else _STEPS, over)
+    end, winches = path[-1][0], request.winches
+    if rubs:
+        return Touching.of(end, tuple(snaps), tuple(path))
+    if winches is not None:
+        left = winches.lacks(end.lengths, end.tensions)
+        tensions = slackened(end.tensions, left, winches, request.base.arm)
+        request = replace(request, tensions=tensions, winches=None)
+    return Touching.of(_sharp(request, end), tuple(snaps))
 
 
 def close(one: Linearised, other: Linearised) -> bool:
     """Return whether no frame turns far between two equilibria, be they on two meshes."""
-    return turned(one, other) < _CLOSE
+    a, b = one.system, other.system
+    before, after = a.poses(one.states)[:, :4], b.poses(other.states)[:, :4]
+    there = np.array([np.interp(b.mesh.s, a.mesh.s, column) for column in before.T]).T
+    same = np.abs((there * after).sum(axis=1)) / np.linalg.norm(there, axis=1)
+    return bool(same.min() > np.cos(_TURN / 2))
 
 
 def stepped(
@@ -147,50 +188,19 @@ def stepped(
     return path
 
 
-def _at_nodes(
-    at: Callable[[float], Request], start: Linearised, jumps: bool = True
-) -> Continuation:
-    """Return the end, followed with forces at nodes, and where the arm snaps; see follow."""
-    request, begin, snaps = at(1.0), at(0.0), list[float]()
-    system = request.base
-    strains = carried_strains(start.system, start.system.strains(start.states), system)
-    states = system.start(begin.tensions, strains, begin.load)
-    # Without a potential the least energy takes several programs: only the least steps are by it.
-    soon = request.winches is not None or LeastEnergy(system).conservative
-    methods = (_by_newton, _least) if soon else (_by_newton,)
+def _at_nodes(request: Request, near: Linearised) -> Linearised | None:
+    """Return the equilibrium with forces at nodes near one: by Newton's method, or least energy.
 
-    def solve(factor: float, near: Linearised) -> Linearised | None:
-        for method in methods:
-            there = method(at(factor), near)
-            if there is not None and turned(near, there) < _TURN:
-                return there
-        return None
-
-    def over(before: float, factor: float, near: Linearised) -> Linearised:
-        there = _least(at(factor), near)
-        if there is None:
-            raise UnsettledContactError(factor, "no least energy is found")
-        if turned(near, there) >= _TURN:
-            if not jumps:
-                raise SnapError(before, "it jumps")
-            snaps.append(factor)
-        return there
-
-    rest = Linearised(system, system.x(begin.tensions, begin.load, states))
-    end, winches = stepped(solve, rest, _STEPS, over)[-1][0], request.winches
-    if winches is not None:
-        left = winches.lacks(end.lengths, end.tensions)
-        request = replace(request, tensions=slackened(end.tensions, left, winches, system.arm))
-    return Continuation(_sharp(request, end), tuple(snaps))
-
-
-def _by_newton(request: Request, near: Linearised) -> Linearised | None:
-    """Return the equilibrium with forces at nodes near one, by Newton's method."""
-    if request.winches is not None:
-        return None
-    to = request.tensions, request.load
-    there = newton(near.system, *to, near.states, complementary=True)
-    return None if there is None or _passes(near, there) else there
+    Without a potential the least energy takes several programs: only the least steps are by it.
+    """
+    if request.winches is None:
+        states, to = near.states, (request.tensions, request.load)
+        there = newton(near.system, *to, states, complementary=True)
+        if there is not None and close(near, there) and not _passes(near, there):
+            return there
+        if not LeastEnergy(request.base).conservative:
+            return None
+    return _least(request, near)
 
 
 def _least(request: Request, near: Linearised) -> Linearised | None:
@@ -204,8 +214,8 @@ def _least(request: Request, near: Linearised) -> Linearised | None:
     if minimum is None:
         return None
     touches = Touches.none(system)
-    least = max(_NONE * minimum.forces.max(), _NOTHING * program.force_unit)
-    touches.held[1:] = minimum.forces > least
+    largest = max(minimum.forces.max(), program.force_unit)
+    touches.held[1:] = minimum.forces > _NONE * largest
     states = program.states(minimum, request.load)
     return Linearised(touches.on(system), system.x(minimum.tensions, request.load, states))
 
@@ -228,7 +238,7 @@ def _sharp(request: Request, rough: Linearised) -> Linearised:
     """
     for _ in range(_EXCHANGES):
         check_time()
-        end = sharpened(request, rough, _read_off(rough))
+        end = sharpened(request, rough, _at_forces(rough))
         if end is not None and close(rough, end):
             mode, rough = unstable_mode(end), end
             if mode is None:
@@ -238,27 +248,18 @@ def _sharp(request: Request, rough: Linearised) -> Linearised:
             rough = Linearised(system, system.x(rough.tensions, request.load, states))
         mesh = mesh_with(request.base, request.fixed, _nodes(rough))
         assert mesh is not None
-        after = _least(replace(request, base=request.on(mesh), winches=None), rough)
+        after = _least(replace(request, base=request.on(mesh)), rough)
         if after is None:
             break
         rough = after
     raise UnsettledContactError(1.0, "where it touches is not found")
 
 
-def _read_off(rough: Linearised) -> Places:
-    """Return places by forces on nodes: of three and more in a row a part that lies."""
-    s, places, active = rough.system.mesh.s, list[Place](), Touches.of(rough.system).points
+def _at_forces(rough: Linearised) -> Places:
+    """Return places by forces at nodes, which lie on an obstacle where they are beside another."""
+    touching = Touches.of(rough.system).points
     force = forces(rough.system, rough.states)
-    for j in range(active.shape[1]):
-        nodes = np.flatnonzero(active[:, j])
-        for run in np.split(nodes, np.flatnonzero(np.diff(nodes) > 1) + 1) if nodes.size else ():
-            if run.size > 2:
-                places.append(Place(j, float(s[run[0]]), float(s[run[-1]])))
-            elif run[-1] == s.size - 1:
-                places.append(point_at(j, float(s[-1])))
-            else:
-                places.append(point_at(j, float(np.average(s[run], weights=force[run, j]))))
-    return tuple(places)
+    return read_off(rough.system, touching, touching[1:] & touching[:-1], force)
 
 
 def _nodes(rough: Linearised) -> Places:
@@ -270,24 +271,6 @@ def _nodes(rough: Linearised) -> Places:
         if all(j != i or abs(at - s[k]) > near for i, at in least):
             wanted.append(point_at(int(j), float(s[k])))
     return tuple(wanted)
-
-
-def _with_friction(at: Callable[[float], Request], start: Linearised, jumps: bool) -> Continuation:
-    """Return the end with friction, which looks back over each step; see follow."""
-    snaps = list[float]()
-
-    def solve(factor: float, near: Linearised) -> Linearised | None:
-        there = sharpened(replace(at(factor), before=near), near, places_of(near.system))
-        return there if there is not None and close(near, there) else None
-
-    def over(before: float, factor: float, near: Linearised) -> Linearised:
-        if not jumps:
-            raise SnapError(before, "it jumps")
-        snaps.append(factor)
-        return _slid(replace(at(factor), before=near), near)
-
-    path = stepped(solve, start, _WITH_FRICTION, over)
-    return Continuation(path[-1][0], tuple(snaps), tuple(path))
 
 
 def _slid(request: Request, near: Linearised) -> Linearised:

@@ -16,13 +16,13 @@ from model.contact.friction import set_history
 from model.contact.gaps import along, least_gaps
 from model.contact.newton import newton
 from model.contact.touches import (
-    SAME,
     Place,
     Places,
     Touches,
     forces,
     mesh_with,
     point_at,
+    read_off,
     resultants,
     second,
     touches_at,
@@ -32,19 +32,19 @@ from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import Collocation
 from model.loads import contacts
 from model.mesh import Mesh
-from model.paths import Array
+from model.paths import SAME, Array
 from model.transcription.system import System
 from model.winches import Winches
 
 # How often places move, come or go.
 _ROUNDS = 30
-# How far off points and ends may be, over the arm's length.
-_POINT, _END = 1e-8, 1e-10
+# How far off places may be, over the arm's length.
+_OFF = 1e-10
 # gap'' [1/m] that counts as flat, and what points move by instead, over 1 / L: to lesser gaps.
 _FLAT, _BENT = 1e-3, 4.0
 # Over an element: how far from an end derivatives are taken, half the length of a part that was a
-# point and how far points move from corners at most, and parts that are points.
-_ASIDE, _BORN, _SHORT = 0.05, 0.3, 0.02
+# point and how far points move from corners at most, parts that are points, and what is near.
+_ASIDE, _BORN, _SHORT, _NEAR = 0.05, 0.3, 0.02, 0.25
 # Of the largest force, what is rounding.
 _ROUNDING = 1e-9
 
@@ -95,27 +95,33 @@ class Request:
 
 
 def sharpened(request: Request, near: Linearised, places: Places) -> Linearised | None:
-    """Return the equilibrium near one whose places are about right; None if there is none."""
+    """Return the equilibrium near one whose places are about right; None if there is none.
+
+    Places come and go where they are refined, or are near and move on slowly: by no less than half
+    as far as in the round before.
+    """
+    last = np.inf
     for _ in range(_ROUNDS):
         point = with_places(request, near, places)
         if point is None:
             return None
         after = _refined(request, point, places)
-        if after == places:
-            after = _exchanged(request, point, places)
-        if after == places:
-            return point
-        near, places = point, after
+        off = _apart(places, after)
+        if off == 0 or last / 2 < off < _NEAR * np.diff(point.system.mesh.s).max():
+            exchanged = _exchanged(request, point, places, off == 0)
+            if off == 0 and exchanged == places:
+                return point
+            after, off = (after, off) if exchanged == places else (exchanged, np.inf)
+        near, places, last = point, after, off
     return None
 
 
-def turned(one: Linearised, other: Linearised) -> float:
-    """Return the largest angle between frames of equilibria, be they on two meshes [rad]."""
-    a, b = one.system, other.system
-    before, after = a.poses(one.states)[:, :4], b.poses(other.states)[:, :4]
-    there = np.array([np.interp(b.mesh.s, a.mesh.s, column) for column in before.T]).T
-    same = np.abs((there * after).sum(axis=1)) / np.linalg.norm(there, axis=1)
-    return 2 * float(np.arccos(np.clip(same.min(), 0, 1)))
+def _apart(places: Places, others: Places) -> float:
+    """Return how far places are from others [m]; infinite where there are more or fewer."""
+    if len(places) != len(others):
+        return np.inf
+    ends = (np.array([[at.start, at.end] for at in each]) for each in (places, others))
+    return float(np.abs(np.subtract(*ends)).max(initial=0.0))
 
 
 def with_places(of: Request, near: Linearised, places: Places) -> Linearised | None:
@@ -178,7 +184,7 @@ def _point_shift(of: Request, point: Linearised, place: Place) -> float:
     shift = min(max(shift, -h / 2), h / 2)
     passed = [at - s for at in of.corners if 0 < (at - s) * np.sign(shift) < abs(shift)]
     shift = passed[0] if passed else shift
-    return shift if abs(shift) > _POINT * of.base.arm.length else 0.0
+    return shift if abs(shift) > _OFF * of.base.arm.length else 0.0
 
 
 def _end_shift(of: Request, point: Linearised, place: Place, side: int) -> float:
@@ -208,26 +214,19 @@ def _end_shift(of: Request, point: Linearised, place: Place, side: int) -> float
         f = float(curve[0]) - rate * (at - s)
         # A part is too long where the free arm leaves with gap'' > 0, as if it were pulled there.
         shift = -side * float(np.sign(f)) * abs(f / rate if rate else h)
-    return min(max(shift, -most), most) if abs(shift) > _END * L else 0.0
+    return min(max(shift, -most), most) if abs(shift) > _OFF * L else 0.0
 
 
-def _exchanged(of: Request, point: Linearised, places: Places) -> Places:
+def _exchanged(of: Request, point: Linearised, places: Places, settled: bool) -> Places:
     """Return the places after some came or went; the same if none did."""
-    system, states = point.system, point.states
+    system, states, touches = point.system, point.states, Touches.of(point.system)
     force, pressed = forces(system, states), resultants(system, states)
-    kept, least = list[Place](), -_rounding(system, pressed)
-    for place in places:
-        j, k = place.obstacle, [system.mesh.node(s) for s in (place.start, place.end)]
-        if place.lies:
-            ends, part = force[k, j], slice(k[0], k[1] + 1)
-            pulled = ends < least[k]
-            if pulled.any() or (pressed[part, j] < least[part]).any():
-                both = [point_at(j, place.start), point_at(j, place.end)]
-                kept += [both[int(np.argmax(ends))]] if pulled.any() else both
-            else:
-                kept.append(place)
-        elif force[k[0], j] >= least[k[0]]:
-            kept += _touching(of, point, place)
+    least = np.where(touches.held, np.minimum(force, pressed), pressed)
+    presses = touches.touching & (least >= -_rounding(system, pressed)[:, None])
+    kept = list[Place]()
+    for place in read_off(system, presses, touches.lies > 0, pressed):
+        stays = settled and not place.lies and place in places
+        kept += _touching(of, point, place) if stays else [place]
     if tuple(kept) != places:
         return _joined(kept, system.mesh)
     new = [point_at(*least) for least in least_gaps(system, point.x, places)]

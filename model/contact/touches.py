@@ -20,8 +20,8 @@ from model.transcription.system import System
 from model.transcription.touch import BEFORE, FRICTION_TOLD, TOLD
 
 Mask = NDArray[np.bool_]
-# Arc lengths over the arm's that are the same, and those of points that share a node.
-SAME, _BESIDE = 1e-9, 1e-6
+# Arc lengths of points that share a node, over the arm's.
+_BESIDE = 1e-6
 # The least elements of a part that lies: one node inside of it.
 _LYING = 2
 
@@ -228,10 +228,25 @@ def touches_at(system: System, places: Places, sheared: bool) -> Touches:
 
 def places_of(system: System) -> Places:
     """Return the places that are set on a system."""
-    s, touches, places = system.mesh.s, Touches.of(system), list[Place]()
-    for j in range(system.of.form.contacts):
-        places += [point_at(j, at) for at in s[touches.points[:, j]].tolist()]
-        edges = np.diff(touches.lies[:, j], prepend=0, append=0)
-        pairs = zip(s[edges > 0].tolist(), s[edges < 0].tolist(), strict=True)
-        places += [Place(j, a, b) for a, b in pairs]
-    return tuple(sorted(places))
+    touches = Touches.of(system)
+    return read_off(system, touches.touching, touches.lies > 0, touches.held)
+
+
+def read_off(system: System, touching: Mask, joined: Mask, force: Array) -> Places:
+    """Return the places of nodes (N + 1, K) that touch, with their forces, in order.
+
+    Three and more in a row, joined by their elements (N, K), are a part that lies.
+    """
+    s, places = system.mesh.s, list[Place]()
+    for j in range(touching.shape[1]):
+        nodes = np.flatnonzero(touching[:, j])
+        linked = (np.diff(nodes) == 1) & joined[nodes[:-1], j]
+        for run in np.split(nodes, np.flatnonzero(~linked) + 1) if nodes.size else ():
+            if run.size > 2:
+                places.append(Place(j, float(s[run[0]]), float(s[run[-1]])))
+            elif run.size == 1 or run[-1] == s.size - 1:
+                places.append(point_at(j, float(s[run[-1]])))
+            else:
+                weights = np.maximum(force[run, j], np.finfo(float).tiny)
+                places.append(point_at(j, float(np.average(s[run], weights=weights))))
+    return tuple(places)

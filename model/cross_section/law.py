@@ -16,12 +16,11 @@ import numpy as np
 from model.machine.buffered import Mapped
 from model.machine.compiled import built
 from model.paths import Array
+from model.rotations import norm
 
 # Keeps the length of a tendon differentiable where it has none left, wide enough for the rounding
 # of its square (1e-16) to be small beside it.
 TINY = 1e-24
-# Under the root of how fast a tendon turns, which may be nothing.
-_STILL = 1e-30
 
 
 # Names a quantity that an expression is computed by; see model.transcription.equations.
@@ -136,7 +135,7 @@ def turning_rate(law: CrossSection, v: ca.SX, rate: ca.SX, path: ca.SX, change: 
     length = ca.norm_2(c)
     unit, c_rate = c / length, c_rate / length
     across = c_rate - unit * ca.dot(unit, c_rate) + ca.cross(law.twist(v)[0], unit)
-    return ca.sqrt(ca.sumsqr(across) + _STILL)
+    return norm(across)
 
 
 def mapped(

@@ -32,11 +32,12 @@ STEPS = 14
 SETTLED, LEFT = 1e-10, 1e-13
 # A step counts as safe if it is so much smaller than the last; below SMALL rounding may be felt.
 CONTRACTION, SMALL = 0.5, 1e-3
-# The farthest that one step rotates a frame, as a change of its quaternion; from guesses by another
-# mesh.
-TURN, NEAR = 0.3, 0.02
-# The factorisation is kept after a step so small, and as long as steps contract so fast: a residual
-# costs a tenth of a factorised Jacobian.
+# The farthest that a frame may rotate in one step of the load factor [rad], and in one of Newton's,
+# as a change of its quaternion.
+FOLLOWED = 1.2
+TURN = FOLLOWED / 2
+# Guesses by another mesh are so near; the factorisation is kept after a step so small, and as long
+# as steps contract so fast: a residual costs a tenth of a factorised Jacobian.
 CLOSE, KEPT = 0.02, 0.1
 # An equilibrium as near to where the equations were linearised has their derivatives.
 AS_GOOD = 1e-5
@@ -106,8 +107,6 @@ def step_sizes(system: System, step: Array, states: Array) -> tuple[float, float
 
 # The least step in the load factor over what is reached; before the first step, over a millionth.
 LEAST_STEP, FIRST = 1 / 8192, 1e-6
-# The farthest that a frame may rotate in one step of the load factor [rad].
-FOLLOWED = 1.2
 SNAPS, BUCKLES = "it snaps or folds", "it buckles"
 
 
@@ -205,7 +204,7 @@ class Collocation:
         Else the one from rest; raises what `from_rest` does.
         """
         if isinstance(near, Linearised) and is_loaded(self.system.scene):
-            point = newton(self.system, tensions, 1.0, self.carried(tensions, near), NEAR)
+            point = newton(self.system, tensions, 1.0, self.carried(tensions, near), CLOSE)
             if point is not None:
                 return point
         return self.from_rest(tensions)

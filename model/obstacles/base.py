@@ -28,13 +28,14 @@ from model.checks import SUCH, numbers
 from model.errors import InputError
 from model.machine.buffered import mapped
 from model.paths import Array
+from model.rotations import norm
 
 # Center (3,), axes (3, 3) column by column, half sizes (3,), layer, 1 for a half-space else 0.
 SIZE = 17
+# The axes of the base frame.
+ALONG_BASE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 # Half the size of what has no end [m].
 ENDLESS = 1e30
-# Keeps roots differentiable at 0 [m]; far below all digits of the distance.
-_TINY = 1e-60
 
 
 class Obstacle(ABC):
@@ -142,10 +143,10 @@ def signed_distance() -> ca.Function:
     """Return point (3,), numbers (17,) of a body -> signed distance, its gradient (3,)."""
     x, p = ca.SX.sym("x", 3), ca.SX.sym("p", SIZE)
     y = ca.reshape(p[3:12], 3, 3).T @ (x - p[:3])
-    size = ca.sqrt(y**2 + _TINY)
+    size = ca.vertcat(*map(norm, ca.vertsplit(y)))
     first = (1 - p[16]) * size[0] + p[16] * y[0]
     q = ca.vertcat(first, size[1:]) - p[12:15]
-    outside = ca.sqrt(ca.sumsqr(ca.fmax(q, 0)) + _TINY)
+    outside = norm(ca.fmax(q, 0))
     d = outside + ca.fmin(ca.mmax(q), 0) - p[15]
     results = [d, ca.densify(ca.gradient(d, x))]
     return ca.Function("distance", [x, p], results, {"cse": True})

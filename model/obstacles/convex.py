@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from model.errors import InputError
-from model.obstacles.base import ENDLESS, Convex, axes_with, rounded
+from model.obstacles.base import ALONG_BASE, ENDLESS, Convex, axes_with, rounded
 from model.paths import Array
 from model.quantities import Axes, Direction, Length, Place, Sizes
 from model.value import value
@@ -74,9 +74,6 @@ class Capsule(Convex):
         return swept(np.array(self.start), np.array(self.end), self.radius)
 
 
-_ALONG_BASE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-
-
 @value
 class Box(Convex):
     """A box.
@@ -93,7 +90,7 @@ class Box(Convex):
 
     center: Place
     size: Sizes
-    frame: Axes = _ALONG_BASE
+    frame: Axes = ALONG_BASE
 
     @property
     def numbers(self) -> Array:

@@ -11,7 +11,7 @@ from msgspec import Meta
 
 from model.checks import orthonormal, vector
 from model.errors import FileError, InputError, needed
-from model.obstacles.base import ENDLESS, Obstacle, axes_with, rounded
+from model.obstacles.base import ALONG_BASE, ENDLESS, Obstacle, axes_with, rounded
 from model.obstacles.triangles import Triangles, check_closed, volume
 from model.paths import Array
 from model.quantities import Corners, Vector
@@ -19,7 +19,6 @@ from model.units import WIDTH, warn_unusual
 from model.value import value
 
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
-_ALONG_BASE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @value(repr=False)
@@ -51,7 +50,7 @@ class Mesh(Obstacle):
 
     @classmethod
     def read(
-        cls, path: str | Path, unit: str, position: Any = (0, 0, 0), frame: Any = _ALONG_BASE
+        cls, path: str | Path, unit: str, position: Any = (0, 0, 0), frame: Any = ALONG_BASE
     ) -> Mesh:
         """Return the mesh of a .stl, .obj, .ply or .off file, whose corners are joined.
 

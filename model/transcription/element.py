@@ -20,12 +20,9 @@ from dataclasses import dataclass
 import casadi as ca
 
 from model.cross_section.law import CrossSection, body_size, join, size
-from model.rotations import half_angle, multiply, unit_matrix
+from model.rotations import half_angle, multiply, norm, unit_matrix
 from model.transcription.collocation import gauss, rotation_vectors, weighted_sum
 from model.transcription.equations import Kernel, Steps
-
-# Under the root of a stream's speed, which may vanish.
-_TINY = 1e-30
 
 
 @dataclass(frozen=True)
@@ -204,7 +201,7 @@ def _rate(
 def drag_force(t: ca.SX, nu: ca.SX, drag: ca.SX, velocity: ca.SX) -> ca.SX:
     """Return the drag per unit reference length (3,) [N/m] in the frame of t; see Current."""
     across = velocity - t * ca.dot(t, velocity)
-    return drag * nu[0] * ca.sqrt(ca.sumsqr(across) + _TINY) * across
+    return drag * nu[0] * norm(across) * across
 
 
 def body(law: CrossSection) -> Kernel:

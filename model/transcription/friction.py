@@ -18,11 +18,9 @@ import numpy as np
 
 from model.cross_section.law import CrossSection, body_size, size, turning_rate
 from model.paths import Array
+from model.rotations import norm
 from model.transcription.collocation import gauss, weighted_sum
 from model.transcription.equations import Kernel
-
-# Under square roots whose argument may vanish, so that their derivatives are not NaN there.
-_TINY = 1e-30
 
 
 def body_rates(law: CrossSection) -> Kernel:
@@ -99,7 +97,7 @@ def kink(law: CrossSection, m: int) -> Kernel:
         value, slope = hermite(m, x)
         c = law.tangent(z[:n, :] @ ca.DM(value) + length * (z[n:, :] @ ca.DM(slope)), path)
         units.append(c / ca.norm_2(c))
-    half = ca.fmin(ca.sqrt(ca.sumsqr(units[0] - units[1]) + _TINY) / 2, 1)
+    half = ca.fmin(norm(units[0] - units[1]) / 2, 1)
     y = ca.vertcat(ca.vec(before), ca.vec(beyond))
     return Kernel("kink", y, ca.vertcat(h, path), -2 * ca.asin(half))
 

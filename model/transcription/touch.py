@@ -23,7 +23,7 @@ import numpy as np
 from model.cross_section.energy import EnergySection
 from model.cross_section.law import CrossSection, join, size
 from model.obstacles.base import SIZE, signed_distance
-from model.rotations import half_turn, multiply, unit_matrix
+from model.rotations import half_turn, multiply, norm, unit_matrix
 from model.transcription.collocation import gauss, rotation_vectors, weighted_sum
 from model.transcription.equations import Kernel
 
@@ -122,8 +122,8 @@ def pressure(law: CrossSection, m: int, friction: bool = False) -> Kernel:
 # the node moves along the arm; and u before (3,).
 SCALES, FRICTION_TOLD, BEFORE = 3, 5, 3
 FRICTION = SIZE + SCALES + FRICTION_TOLD + BEFORE
-# Under a root [N2]; and the least pressure [N/m] that is divided by.
-_TINY, _LEAST = 1e-60, 1e-30
+# The least pressure [N/m] that is divided by.
+_LEAST = 1e-30
 
 
 def contact_friction(law: CrossSection, m: int) -> Kernel:
@@ -147,7 +147,7 @@ def contact_friction(law: CrossSection, m: int) -> Kernel:
 
     def within(w: ca.SX, pressed: ca.SX) -> ca.SX:
         w -= normal * ca.dot(normal, w)
-        most, result = mu * ca.fmax(pressed, 0), ca.sqrt(ca.sumsqr(w) + _TINY)
+        most, result = mu * ca.fmax(pressed, 0), norm(w)
         return ca.if_else(result > most, most / result, 1) * w
 
     slip = u - before

@@ -18,6 +18,7 @@ from model.cross_section.energy import EnergySection, RubberSection
 from model.cross_section.law import TINY, join, less_rest
 from model.cross_section.paper import PaperSection, resultants
 from model.paths import Array
+from model.rotations import norm
 from model.scene import Scene
 from model.stations import Stations, crossing, sides, tendon_paths
 
@@ -31,8 +32,6 @@ _LEAST = 1e-3
 # What of its stretch a step may take from a neo-Hookean body, add to it, and bend it by (curvature
 # times radius): 4 to 7 steps do where an arm curls up, 30 at a thousand times that tension.
 _SHRINKS, _GROWS, _BENDS = 0.3, 2.0, 1.0
-# Under a root that is compared with 1, where it may vanish; no less than single precision has.
-_SMALL = 1e-30
 
 
 @dataclass(frozen=True)
@@ -201,7 +200,7 @@ class _Tendon:
         """Return w after a step of the strains, within the unit ball."""
         moved = self.along @ step
         w = (self.c + moved - self.w * ca.dot(self.unit, moved)) / self.length
-        size = ca.fabs(w) if w.numel() == 1 else ca.sqrt(ca.sumsqr(w) + _SMALL)
+        size = ca.fabs(w) if w.numel() == 1 else norm(w)
         return w / ca.fmax(1, size)
 
 

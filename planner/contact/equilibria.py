@@ -38,7 +38,7 @@ class Equilibria:
 
     def settled(self, tensions: Array, near: Linearised | None = None) -> Linearised:
         """Return the equilibrium from rest, or next to another; raises what settling does."""
-        point = self.map.led(tensions, near, jumps=False).point
+        point = self.map.solve(tensions, near, jumps=False)
         check_stretch(point)
         return point
 
@@ -48,7 +48,7 @@ class Equilibria:
         Friction acts beyond the first tensions.
         """
         first, *others = (np.array(T) for T in load_path)
-        point = self.map.without_friction.led(first, None).point
+        point: Linearised = self.map.without_friction.solve(first)
         for T in others:
             check_time()
             point = self.settled(T, point)
@@ -66,8 +66,8 @@ class Equilibria:
         def settle(tensions: Array) -> tuple[Linearised, Array]:
             nonlocal last, path
             if rubbing and not (path and np.array_equal(tensions, last.tensions)):
-                end = self.map.led(tensions, begin, jumps=False)
-                last, path = end.point, end.path
+                last = end = self.map.solve(tensions, begin, jumps=False)
+                path = end.path
             elif not np.array_equal(tensions, last.tensions):
                 last = self.settled(tensions, last)
             return last, path_sensitivities(path) if path else self._released(last).by_tensions

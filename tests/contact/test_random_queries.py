@@ -48,6 +48,7 @@ def ending(seed: int) -> str:
         pytest.param(368, id="a gap that dips below 0 between two looks"),
         pytest.param(498, id="the tip and a place just before it"),
         pytest.param(30021, id="what catches at a node slides on"),
+        pytest.param(811013, id="a part that grows slowly until it meets a point"),
     ],
 )
 def test_a_query_is_settled(seed: int) -> None:

@@ -9,9 +9,9 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 from model import Arm, Scene, Shape, settle
-from model.contact.forward import Touching, TouchingMap
+from model.contact.forward import TouchingMap
 from model.contact.friction import path_sensitivities
-from model.contact.path import Continuation
+from model.contact.path import Touching
 from model.contact.touches import Touches, forces, frictions, resultants
 from model.effects import Contact, Effect, ExactTendons, Extension, NeoHookean, TipLoad
 from model.equilibrium.linearised import Linearised
@@ -154,7 +154,7 @@ def strip(refinement: int) -> Capstan:
         for mu in (0.0, MU)
     )
     rest = smooth.solve(NONE)
-    here = rough.led(np.full(4, PULL), rest).point
+    here = rough.solve(np.full(4, PULL), rest)
     system, states = here.system, here.states
     touches = Touches.of(system)
     k = np.flatnonzero(touches.touching[:, 0])
@@ -278,15 +278,15 @@ def test_a_place_that_slips_moves_with_tensions_as_all_of_its_way_does() -> None
     rough, smooth = (TouchingMap(arm, own, STAGES, 1) for own in (scene, without_friction(scene)))
     rest = smooth.solve(NONE)
 
-    def way(tensions: np.ndarray) -> Continuation:
-        return rough.led(tensions, rest, False)
+    def way(tensions: np.ndarray) -> Touching:
+        return rough.solve(tensions, rest, False)
 
     def tip(here: Linearised) -> np.ndarray:
         return here.states[here.system.of.nodes[-1, 4:7]]
 
-    here, h = way(T).point, 1e-5
+    here, h = way(T), 1e-5
     by_tensions = path_sensitivities(way(T).path)
-    ends = [tip(way(T + sign * h * np.eye(4)[1]).point) for sign in (1, -1)]
+    ends = [tip(way(T + sign * h * np.eye(4)[1])) for sign in (1, -1)]
     slope = (ends[0] - ends[1]) / (2 * h)
     off = by_tensions[here.system.of.nodes[-1, 4:7], 1] - slope
     assert np.abs(off).max() < 0.02 * np.abs(slope).max()
