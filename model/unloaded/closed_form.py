@@ -174,7 +174,7 @@ def _march(
     ends: int,
     by_pull: bool,
     machine_code: bool,
-) -> Buffered:
+) -> ca.Function:
     """Return (base, what is known of K sections, h) -> poses (7, steps + 1), strains (n, K).
 
     The sections are those of the steps' nodes, then of `ends`.
@@ -189,8 +189,13 @@ def _march(
     poses, strains = step.mapaccum(steps)(g, *at_nodes, h)
     at_ends = section.map(ends)(*(each[:, inner:] for each in known))
     results = [ca.horzcat(g, poses), ca.horzcat(ca.reshape(strains, -1, inner), at_ends)]
-    march = ca.Function("march", [g, *known, h], results)
-    few = steps <= _WRITTEN_OUT and step.is_a("SXFunction")
+    return ca.Function("march", [g, *known, h], results)
+
+
+def _called(statics: ClosedStatics, scheme: Magnus, steps: int, *others: int | bool) -> Buffered:
+    """Return what `_march` does, to be called: few steps that are interpreted are written out."""
+    march, machine_code = built(_march, statics, scheme, steps, *others), others[-1]
+    few = steps <= _WRITTEN_OUT and not machine_code
     return Buffered(march.expand() if few else march)
 
 
@@ -219,12 +224,13 @@ class ClosedForm:
         self.strains = StrainsByTensions(statics, places.maps, places.data(arm), machine_code)
         self.stretch_at, self._places, self._statics = places.at, places, statics
         self._inner = self.mesh.steps * len(scheme.nodes)
-        self._march = self._marched(statics.is_explicit)
+        self._march = built(_called, *self._structure(statics.is_explicit))
 
-    def _marched(self, by_pull: bool) -> Buffered:
+    def _structure(self, by_pull: bool) -> tuple[Any, ...]:
+        """Return what the march is built for; see _march."""
         ends = self.stretch_at.size - self._inner
-        of = self._statics, self.scheme, self.mesh.steps, ends
-        return built(_march, *of, by_pull, self.machine_code)
+        steps = self.mesh.steps, ends
+        return self._statics, self.scheme, *steps, by_pull, self.machine_code
 
     @property
     def law(self) -> CrossSection:
@@ -245,7 +251,7 @@ class ClosedForm:
         K, n_pull, n = maps.shape
         pull = ca.reshape(ca.sparsify(ca.DM(maps.reshape(-1, n))) @ T, n_pull, K)
         at = self._places.base, pull, ca.DM(self.strains.data.T), ca.DM(self._places.h).T
-        poses, v = self._marched(True).function(*at)
+        poses, v = built(_march, *self._structure(True))(*at)
         along = v[2, :] - law.along_at_rest if law.extension else 0 * v[0, :]
         return ca.Function("closed_form", [T], [ca.densify(poses), ca.densify(1 + along)])
 

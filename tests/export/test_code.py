@@ -132,6 +132,19 @@ def test_crushed_arms_and_nan_are_told_and_results_may_be_left_out(tmp_path: Pat
     assert code.without_results(T) == 0
 
 
+def test_code_of_tendons_that_run_in_curves_goes_through_its_steps_in_a_loop(
+    tmp_path: Path,
+) -> None:
+    """Its steps were written out, some hundred kilobytes each dozen: 9 s of the compiler."""
+    arm, scene, T = SCENES["curved tendons"]
+    sizes = []
+    for accuracy in (1e-3, 1e-9):
+        export(arm, scene, tmp_path, T, accuracy, name="octo")
+        sizes.append((tmp_path / "octo.c").stat().st_size)
+    assert sizes[0] < 300_000
+    assert sizes[1] < 2 * sizes[0]
+
+
 def test_a_finer_accuracy_gives_a_finer_mesh(tmp_path: Path) -> None:
     scene = SCENES["the paper's"][1]
     made = [export(TABLE_4, scene, tmp_path, BENT, a) for a in (1e-3, 1e-9)]
