@@ -143,6 +143,7 @@ def test_the_optimum_is_that_of_a_search_over_plans() -> None:
     assert found.effort <= min(efforts) * (1 + 1e-6)
 
 
+@pytest.mark.quick("arm.radius_mm[1]")
 @pytest.mark.parametrize("key", ["arm.sections[1].offset_mm[0]", "arm.radius_mm[1]"])
 def test_sensitivity_is_that_of_plans_made_anew(key: str) -> None:
     """At bounds the effort still falls; differences of plans of neighbouring arms say how fast."""

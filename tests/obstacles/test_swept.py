@@ -184,6 +184,7 @@ def test_an_arm_that_jumps_on_its_way_is_not_verified() -> None:
         assert closest(smooth, 1, far).bound[0] > 3.0
 
 
+@pytest.mark.slow
 def test_a_way_of_which_nothing_can_be_proven_is_told_as_not_verified() -> None:
     rng, scene = np.random.default_rng(508), Scene(Extension(), ExactTendons())
     rng.integers(5), rng.choice([2, 6, 15])

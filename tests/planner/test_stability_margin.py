@@ -53,9 +53,6 @@ def test_a_target_is_not_missed_for_a_margin_that_is_not_asked_for() -> None:
     assert found.certificate.passed
     assert "stands on the brink" in found.outcome
     assert found.certificate.stability == pytest.approx(shape.stability, rel=1e-3)
-    missed = plan(arm, TipPosition(tuple(shape.tip.tolist())), upright, 20.0, stability_margin=0.1)
-    assert not missed.reached
-    assert missed.certificate.stability >= 0.1 - 1e-4
 
 
 @pytest.mark.slow
