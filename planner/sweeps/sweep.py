@@ -16,6 +16,7 @@ from multiprocessing import resource_tracker
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from unittest.mock import patch
 
 from model.arm import Arm
 from model.checks import positive
@@ -40,6 +41,8 @@ from planner.sweeps.store import (
 Computed = Iterator[tuple[int, Rows]]
 # Chunks under way for each thread of a cluster, and seconds until it has to have a worker.
 _AHEAD, _PATIENCE = 3, 60
+# What is told of locks and folders that a process which was ended has left, once they are removed.
+_TIDIED = "ignore::UserWarning:joblib.externals.loky.backend.resource_tracker"
 
 
 class WorkersLostError(OctoplanError):
@@ -99,16 +102,21 @@ def on_machine(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Computed:
 def _undisturbed() -> Iterator[None]:
     """Let processes that begin inside the block never hear Ctrl-C, as terminals send it to all.
 
-    This process hears it after the block; its workers end with it, and have nothing to say.
+    This process hears it after the block. Its workers end with it, and have nothing to say; nor has
+    joblib's process that tidies up after them.
     """
+    own = os.environ.get("PYTHONWARNINGS", "")
+    quiet = patch.dict(os.environ, PYTHONWARNINGS=f"{own},{_TIDIED}".removeprefix(","))
     if not hasattr(signal, "pthread_sigmask"):
-        yield
+        with quiet:
+            yield
         return
     # Which would let signals through once it has begun.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        yield
+        with quiet:
+            yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 

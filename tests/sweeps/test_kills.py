@@ -5,7 +5,9 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -24,13 +26,14 @@ AXES = GRID + STIFFNESS + DRAWN
 MORE, FEW = "draws = 32", "draws = 5"
 
 
-def _started(path: Path, out: Path, jobs: int) -> "subprocess.Popen[bytes]":
+def _started(path: Path, out: Path, jobs: int, **options: Any) -> "subprocess.Popen[bytes]":
     command = [sys.executable, "-m", "octoplan", "sweep", str(path), "--out", str(out)]
     return subprocess.Popen(
         [*command, "--jobs", str(jobs)],
         cwd=ROOT,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
+        **options,
     )
 
 
@@ -47,8 +50,12 @@ def _await_chunks(out: Path, chunks: int, process: "subprocess.Popen[bytes]") ->
 
 def _workers(pid: int) -> list[psutil.Process]:
     """Return the processes below a process that are joblib's workers."""
-    below = psutil.Process(pid).children(recursive=True)
-    return [process for process in below if any("popen_loky" in word for word in process.cmdline())]
+    workers = []
+    for process in psutil.Process(pid).children(recursive=True):
+        with suppress(psutil.Error):
+            if any("popen_loky" in word for word in process.cmdline()):
+                workers.append(process)
+    return workers
 
 
 @pytest.mark.slow
@@ -85,6 +92,28 @@ def test_workers_that_wait_for_their_first_points_end_with_the_sweep_too(tmp_pat
         time.sleep(0.01)
     process.kill()
     process.communicate()
+    assert not psutil.wait_procs(workers, timeout=60)[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("chunks", [0, 3])
+def test_ctrl_c_in_a_terminal_is_one_sentence_though_all_processes_are_sent_it(
+    tmp_path: Path, chunks: int
+) -> None:
+    """Workers that were still being loaded used to tell a traceback each."""
+    path, out = written(tmp_path, AXES, "stiffness", MORE), tmp_path / "out.nc"
+    process = _started(path, out, 2, start_new_session=True)
+    while not (workers := _workers(process.pid)):
+        assert process.poll() is None
+        time.sleep(0.01)
+    _await_chunks(out, chunks, process)
+    time.sleep(0.1)
+    os.killpg(process.pid, signal.SIGINT)
+    told = process.communicate()[1].decode()
+    assert process.returncode == 130
+    kept = "what is finished is kept" if chunks else ""
+    assert told.startswith("octoplan: interrupted; ") and kept in told
+    assert len(told.splitlines()) == 1
     assert not psutil.wait_procs(workers, timeout=60)[1]
 
 
