@@ -38,6 +38,8 @@ Bounds = tuple[Array, Array, Array, Array]
 SEARCHED, REGULARISATION = 1e-7, 3e-11
 # Over what bends the arm by some rad: maxima below this fraction do nothing, those above are none.
 _NOTHING, _NO_LIMIT = 1e-7, 1e12
+# How far inside of its element an end is looked at, over L: at anchorages strains jump.
+_INSIDE = 1e-9
 
 
 class Problem:
@@ -249,11 +251,18 @@ class Problem:
     @cached_property
     def measured_scale(self) -> Array:
         """What is worth as much as the arm's length, or 1 rad, of all that is measured."""
-        poses, compliances, *rest = self.program.measured
+        poses, stretches, compliances, *rest = self.program.measured
         L, force = self.arm.length, unit_force(self.arm)
         pose = [1.0] * 4 + [L] * 3
-        each = np.tile(pose, poses // len(pose)), np.full(compliances, L / force)
-        return np.concatenate([*each, np.ones(sum(rest))])
+        of_poses = np.tile(pose, poses // len(pose)), np.ones(stretches)
+        return np.concatenate([*of_poses, np.full(compliances, L / force), np.ones(sum(rest))])
+
+    @property
+    def slim_at(self) -> Array:
+        """Arc lengths at which stretches are measured, inside of their elements [m]."""
+        slim = np.array(self.program.states.stations.slim, dtype=int).reshape(-1, 2)
+        inside = self.arm.length * _INSIDE * (1 - 2 * slim[:, 1])
+        return np.asarray(self.forward.mesh.s[slim.sum(axis=1)] + inside)
 
     def constraints(self, x: Array, p: Array) -> Array:
         """Return the constraints at unknowns x."""

@@ -114,7 +114,7 @@ class Program:
     states, responses, modes, lengths
         The blocks.
     measured : tuple of int
-        How many numbers are measured: of poses, compliances, eigenvalues, lengths.
+        How many numbers are measured: of poses, least stretches, compliances, eigenvalues, lengths.
     x, p, f, outer : casadi.MX
         Unknowns, parameters, objective, constraints besides the equations.
     sigma, outer_lam, lam : casadi.MX
@@ -156,7 +156,8 @@ class Program:
         self.equations = Equations(self.size, self.n_equations, terms, of.form.machine_code)
         compliances = self.objective.terms.function.numel_in(2)
         modes, wound = len(self.modes), n * len(self.lengths)
-        self.measured = (POSE * len(stations.nodes), compliances, modes, wound)
+        slim = len(stations.slim)
+        self.measured = (POSE * len(stations.nodes), slim, compliances, modes, wound)
         mode_rows = [Rows(STABILITY, 1, 0.0, np.inf)] * modes
         stroke_rows = [Rows(STROKES, n, -np.inf, np.inf)] * len(self.lengths)
         self.outer_rows = (*self.objective.rows, *mode_rows, *stroke_rows)
@@ -194,7 +195,8 @@ class Program:
         """What is measured, one below the other: see `measured`."""
         numbers = self.p[self.parts.objective][: self.objective.n_own]
         directions = self.objective.terms.directions.call([numbers])
-        measured = [ca.vec(self.states.poses(self._in_SI(self.states)))]
+        states = self._in_SI(self.states)
+        measured = [ca.vec(self.states.poses(states)), self.states.stretches(states)]
         for responses, D in zip(self.responses, directions, strict=True):
             displaced = responses.displaced(self._in_SI(responses))
             measured.append(ca.vec(D.T @ displaced / self.p[self.parts.force]))
@@ -211,9 +213,8 @@ class Program:
         objective, x, numbers = self.objective, self.x, self.p[self.parts.objective]
         n, slack = self.states.of.n_tendons, self.n_free - objective.n_slack
         measured = self._measured + self.p[self.parts.defect]
-        poses, compliances, eigenvalues, lengths = split(measured, self.measured)
+        poses, thin, compliances, eigenvalues, lengths = split(measured, self.measured)
         poses = ca.reshape(poses, POSE, -1)
-        thin = self.states.stretches(self._in_SI(self.states))
         tensions = x[:n] * self.p[self.parts.unit]
         parts = tensions, x[n:slack], x[slack : self.n_free], numbers
         f, g = objective.function.call([*parts, poses[:, objective.seen], thin, compliances], True)

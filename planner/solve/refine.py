@@ -2,10 +2,10 @@
 
 A program on a coarse mesh has its optimum at a shape whose poses are off by the mesh's error d.
 With d, known from the shape settled to the accuracy, added to what the program measures
-(poses at the stations, compliances, eigenvalues, lengths), it is solved once more, warm; then the
-settled shape meets the targets. d changes little from one solution to the next, so that one or two
-corrections do. What is left of the mesh's error is in derivatives: the effort is off by its square.
-Only where d is large the mesh is made finer.
+(poses at the stations, least stretches, compliances, eigenvalues, lengths), it is solved once
+more, warm; then the settled shape meets the targets. d changes little from one solution to the
+next, so that one or two corrections do. What is left of the mesh's error is in derivatives: the
+effort is off by its square. Only where d is large the mesh is made finer.
 
 Source: Stetter, "The defect correction principle and discretization methods", Numer. Math. 29
 (1978).
@@ -21,7 +21,7 @@ import numpy as np
 from model.arm import Arm
 from model.effects import Friction
 from model.equilibrium.newton import STAGES, collocation_order
-from model.errors import OctoplanError
+from model.errors import CollapsedError, OctoplanError
 from model.loads import is_loaded
 from model.mesh import FINEST_ACCURACY, next_refinement
 from model.paths import Array
@@ -67,7 +67,12 @@ def _refined(candidate: Candidate, accuracy: float, corrected: Array | None) -> 
         check_time()
         problem = candidate.problem
         question = problem.arm, candidate.tensions, problem.scene, accuracy, problem.machine_code
-        shape = settled(*question)
+        try:
+            shape = settled(*question)
+        except CollapsedError as crushed:
+            corrected = _stretched(problem, candidate.x, crushed)
+            candidate = polish(candidate, problem.parameters(defect=corrected))
+            continue
         error = defect(problem, candidate.x, shape)
         if corrected is not None and _defect_size(problem, error - corrected) <= enough:
             last = candidate
@@ -166,10 +171,20 @@ def defect(problem: Problem, x: Array, shape: Shape) -> Array:
     poses = shape.poses(np.array(problem.stations))
     turned = (poses * on_mesh[: poses.size].reshape(poses.shape))[:, :4].sum(axis=1) < 0
     poses[turned, :4] *= -1
-    parts = [poses.ravel(), compliances_along(problem.arm, problem.targets, shape)]
+    parts = [poses.ravel(), 1 + shape.strain(problem.slim_at)[:, 3]]
+    parts.append(compliances_along(problem.arm, problem.targets, shape))
     parts += [np.array([shape.stability]) for _ in of.modes]
     parts += [shape.tendon_lengths / problem.arm.length for _ in of.lengths]
     return np.asarray(np.concatenate(parts) - on_mesh)
+
+
+def _stretched(problem: Problem, x: Array, crushed: CollapsedError) -> Array:
+    """Return the defect of the least stretch alone, that of a settled arm which is crushed."""
+    of, on_mesh = problem.program.measured, problem.measured(x)
+    corrected = np.zeros(on_mesh.size)
+    worst = of[0] + int(np.abs(problem.slim_at - crushed.s).argmin())
+    corrected[worst] = crushed.stretch - on_mesh[worst]
+    return corrected
 
 
 def _defect_size(problem: Problem, defect: Array) -> float:

@@ -120,7 +120,7 @@ class Search:
         """
         unstable, missed = False, None
         for mode in self._readings():
-            self._now = reading = _Reading(mode, self.guesses())
+            self._now = reading = _Reading(mode, self.guesses(len(missed.trials) if missed else 0))
             hasty = mode == "exact" and self.task.starts is None
             self._try(_ENOUGH if hasty else None, until_met=missed is not None)
             if hasty and not reading.optima:
@@ -172,10 +172,16 @@ class Search:
             self._sort(replace(optimum, problem=optimum.problem.but(stated)))
         return self._best()
 
-    def guesses(self) -> Iterator[Array]:
-        """Yield initial guesses, tensions (n_tendons,) [N], as many as are tried at most."""
-        self._source, again = tee(self._source)
-        return islice(again, self.task.most)
+    def guesses(self, tried: int = 0) -> Iterator[Array]:
+        """Yield initial guesses, tensions (n_tendons,) [N], as many as are tried at most.
+
+        After the likeliest those beyond some that were tried before: another reading of the targets
+        seldom leads farther from these.
+        """
+        self._source, *again = tee(self._source, 4)
+        first, new, before = (islice(each, self.task.most) for each in again)
+        tried = max(tried, 1)
+        return chain(islice(first, 1), islice(new, tried, None), islice(before, 1, tried))
 
     @property
     def _asked(self) -> tuple[Arm, Scene, tuple[Target, ...], Limits, bool]:
