@@ -113,7 +113,7 @@ _ROUGH: Options = {"mu_strategy": "adaptive", "tol": 1e-6, "constr_viol_tol": 1e
 # Of several programs side by side, where no other guess is cheaper: from an optimum of each by
 # itself, so that the barrier begins lower, and falls step by step.
 TOGETHER: Options = (
-    COLD | _ROUGH | {"mu_strategy": "monotone", "tol": 1e-7, "mu_init": 1e-2, "max_iter": 300}
+    COLD | _ROUGH | {"mu_strategy": "monotone", "tol": 1e-7, "mu_init": 1e-3, "max_iter": 300}
 )
 WARM: Options = {
     "mu_init": 1e-6,
@@ -252,38 +252,33 @@ def _relaxed(of: Program, m: int) -> tuple[dict[str, ca.MX], dict[str, ca.Functi
     f, gradient, g, jacobian, hessian = program.call([x[:n], p, sigma, lam], True, False)
     t, slack = x[n:], ca.DM(ca.Sparsity.diag(k, m), RELAXED)
     f, g = f + ca.sumsqr(t) / 2, g - slack @ t
-    by_all = named(
-        (x, p, sigma, lam),
-        (f, ca.vertcat(gradient, t)),
-        (g, ca.horzcat(jacobian, -slack)),
-        ca.diagcat(hessian, sigma * ca.DM.eye(m)),
-    )
-    return {"x": x, "p": p, "f": f, "g": g}, by_all
+    first = ca.vertcat(gradient, t), ca.horzcat(jacobian, -slack)
+    second = ca.diagcat(hessian, sigma * ca.DM.eye(m))
+    return {"x": x, "p": p, "f": f, "g": g}, named((x, p, sigma, lam), *first, second)
 
 
 def derivatives(of: Program) -> dict[str, ca.Function]:
     """Return a program's own derivatives in the form that nlpsol takes them."""
     symbols = (of.x, of.p, of.sigma, of.lam)
-    return named(symbols, (of.f, of.gradient), (of.g, of.jacobian), ca.triu(of.hessian))
+    return named(symbols, of.gradient, of.jacobian, ca.triu(of.hessian))
 
 
 def named(
-    symbols: tuple[ca.MX, ...],
-    objective: tuple[ca.MX, ca.MX],
-    constraints: tuple[ca.MX, ca.MX],
-    hessian: ca.MX,
+    symbols: tuple[ca.MX, ...], gradient: ca.MX, jacobian: ca.MX, hessian: ca.MX
 ) -> dict[str, ca.Function]:
     """Return derivatives by the names that nlpsol takes them by.
 
-    Of unknowns, parameters, and weights of objective and constraints: the objective and its
-    gradient, the constraints and their Jacobian, the upper half of the Lagrangian's Hessian.
+    Of unknowns, parameters, and weights of objective and constraints: the gradient of the
+    objective, the Jacobian of the constraints, the upper half of the Lagrangian's Hessian. Values,
+    which nlpsol lists with them, are left out: ipopt asks for these apart.
     """
     at, names = list(symbols[:2]), ["x", "p"]
     weights = ["lam:f", "lam:g"]
     result = ["triu:hess:gamma:x:x"]
+    first, f, g = ca.densify(gradient), ca.MX(1, 1), ca.MX(symbols[3].numel(), 1)
     return {
-        "grad_f": ca.Function("nlp_grad_f", at, list(objective), names, ["f", "grad:f:x"]),
-        "jac_g": ca.Function("nlp_jac_g", at, list(constraints), names, ["g", "jac:g:x"]),
+        "grad_f": ca.Function("nlp_grad_f", at, [f, first], names, ["f", "grad:f:x"]),
+        "jac_g": ca.Function("nlp_jac_g", at, [g, jacobian], names, ["g", "jac:g:x"]),
         "hess_lag": ca.Function("nlp_hess_l", list(symbols), [hessian], names + weights, result),
     }
 

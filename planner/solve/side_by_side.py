@@ -103,13 +103,8 @@ class SideBySide:
             "f": ca.MX(coupling.f + sum(f)),
             "g": ca.vertcat(*g, coupling.g),
         }
-        # ipopt asks for values apart.
-        return nlp, named(
-            (self.x, self.p, self.sigma, self.lam),
-            (ca.MX(1, 1), ca.densify(slope)),
-            (ca.MX(*nlp["g"].shape), J),
-            ca.triu(ca.vertcat(H, corner)),
-        )
+        symbols = self.x, self.p, self.sigma, self.lam
+        return nlp, named(symbols, slope, J, ca.triu(ca.vertcat(H, corner)))
 
     def solve(
         self,
