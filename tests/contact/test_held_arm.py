@@ -60,16 +60,16 @@ def test_a_scene_whose_obstacles_are_far_off_is_one_without() -> None:
 
 def test_compliance_of_the_held_arm_is_the_derivative_of_where_it_settles() -> None:
     scene = SCENES["exact"]
-    found = stiffness(ARM, TENSIONS, scene, accuracy=1e-7)
+    found = stiffness(ARM, TENSIONS, scene, accuracy=1e-6)
     own = found.compliance[:3, :3]
     assert own == pytest.approx(own.T, abs=1e-4)
     push, tips = 2e-4, []
     for sign in (1, -1):
         load = TipLoad(force=(0, 0, sign * push))
-        tips.append(settle(ARM, TENSIONS, Scene(*scene.effects, load), 1e-9).tip)
+        tips.append(settle(ARM, TENSIONS, Scene(*scene.effects, load), 1e-8).tip)
     moved = (tips[0] - tips[1]) / (2 * push)
     assert found.compliance[:3, 2] == pytest.approx(moved, rel=1e-4, abs=1e-4)
-    free = stiffness(ARM, TENSIONS, Scene(Extension(), ExactTendons()), accuracy=1e-7)
+    free = stiffness(ARM, TENSIONS, Scene(Extension(), ExactTendons()))
     assert np.trace(found.compliance[:3, :3]) < np.trace(free.compliance[:3, :3])
 
 

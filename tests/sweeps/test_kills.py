@@ -117,7 +117,7 @@ def test_ctrl_c_in_a_terminal_is_one_sentence_though_all_processes_are_sent_it(
     assert not psutil.wait_procs(workers, timeout=60)[1]
 
 
-def test_what_is_finished_is_not_found_again(
+def test_what_is_finished_is_not_found_again_and_resumes_no_other_sweep(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, out = written(tmp_path, AXES, "stiffness", FEW), tmp_path / "out.nc"
@@ -125,7 +125,14 @@ def test_what_is_finished_is_not_found_again(
     _await_chunks(out, 5, process)
     process.kill()
     process.communicate()
-    finished = _finished(out)
+    finished, scene = _finished(out), tmp_path / "scene.toml"
+    text = scene.read_text()
+    scene.write_text(text.replace("6.0", "6.5"))
+    with pytest.raises(InputError, match="name another output, or remove it"):
+        planner.sweep(path, out)
+    assert _finished(out) == finished
+    assert not out.exists()
+    scene.write_text(text)
     computed, chunks = planner.sweeps.sweep.computed, []
     monkeypatch.setattr(
         planner.sweeps.sweep, "computed", lambda *asked: chunks.append(1) or computed(*asked)
@@ -171,17 +178,3 @@ def test_points_that_kill_their_workers_are_told_and_the_others_kept(
         planner.sweep(path, out, jobs=2)
     monkeypatch.undo()
     assert planner.sweep(path, out).identical(planner.sweep(path))
-
-
-def test_a_changed_sweep_does_not_resume_another_one(tmp_path: Path) -> None:
-    path, out = written(tmp_path, AXES, "stiffness", FEW), tmp_path / "out.nc"
-    process = _started(path, out, 1)
-    _await_chunks(out, 2, process)
-    process.kill()
-    process.communicate()
-    scene = tmp_path / "scene.toml"
-    scene.write_text(scene.read_text().replace("6.0", "6.5"))
-    with pytest.raises(InputError, match="name another output, or remove it"):
-        planner.sweep(path, out)
-    assert _finished(out) >= 2
-    assert not out.exists()
