@@ -69,6 +69,8 @@ class _Reading:
         Optima that are as stable as they have to be.
     unstable : list of Candidate
         Others.
+    lost : list of Candidate
+        Optima that finer meshes do not have.
     """
 
     mode: Mode
@@ -76,6 +78,7 @@ class _Reading:
     trials: list[Trial] = field(default_factory=list)
     met: list[Candidate] = field(default_factory=list)
     unstable: list[Candidate] = field(default_factory=list)
+    lost: list[Candidate] = field(default_factory=list)
 
     @property
     def optima(self) -> list[Candidate]:
@@ -138,6 +141,7 @@ class Search:
             if result is not None:
                 return replace(result, unstable=unstable)
             unstable |= bool(reading.unstable)
+            missed = reading if hasty else missed
         return replace(self._so_far(stopped=False), unstable=unstable)
 
     def _readings(self) -> Iterator[Mode]:
@@ -154,12 +158,26 @@ class Search:
 
         That a default margin of stability cannot be had counts less than that targets are missed.
         """
-        self._try()
-        met = self._now.mode != "exact" and any(s.f <= _MET for s in self._now.unstable)
-        result = self._best(_MET if met and self.task.best_margin else np.inf)
+        result, lost = None, True
+        while result is None and lost:
+            self._try()
+            near = self._now.mode != "exact" and any(s.f <= _MET for s in self._now.unstable)
+            result = self._best(_MET if near and self.task.best_margin else np.inf)
+            lost = result is None and not near and self._forgotten()
         if result is None and self._now.unstable and self.task.best_margin:
             result = self._without_margin()
         return result
+
+    def _forgotten(self) -> bool:
+        """Put optima of the coarse mesh that finer ones do not have aside; whether there are any.
+
+        As if nothing had led there: other guesses are tried then.
+        """
+        reading = self._now
+        reading.lost, lost, reading.met = [*reading.lost, *reading.met], reading.met, []
+        if lost:
+            reading.trials = [replace(trial, met=False) for trial in reading.trials]
+        return bool(lost)
 
     def _without_margin(self) -> SearchResult | None:
         """Return the best optimum that is stable at all, where its margin cannot be had."""
@@ -332,7 +350,7 @@ class Search:
 
     def _so_far(self, stopped: bool = True) -> SearchResult:
         """Return the best that was seen: of optima that of least effort, else what came last."""
-        best = min(self._now.met, key=_objective, default=self._last)
+        best = min([*self._now.met, *self._now.lost], key=_objective, default=self._last)
         if best is None:
             *_, T = islice(drawn_arms(*self._asked), 2)
             statement = self.task.coarse("nearest")
