@@ -40,6 +40,8 @@ from planner.solve.ipopt import MAGNIFIED, Candidate, solve
 _CORRECTIONS, _PART = 8, 3
 # Defects above this, over L, ask for a finer mesh; what is farther off comes to another shape.
 _ROUGH, _ELSEWHERE = 1e-3, 0.1
+# Least stretches above this need no correction.
+_FAR = 0.1
 # How often bounds that turn out not to hold are let go, and what gradient is left at an optimum.
 _RELEASED, _OPTIMAL = 4, 1e-9
 
@@ -171,7 +173,11 @@ def defect(problem: Problem, x: Array, shape: Shape) -> Array:
     poses = shape.poses(np.array(problem.stations))
     turned = (poses * on_mesh[: poses.size].reshape(poses.shape))[:, :4].sum(axis=1) < 0
     poses[turned, :4] *= -1
-    parts = [poses.ravel(), 1 + shape.strain(problem.slim_at)[:, 3]]
+    stretches = 1 + shape.strain(problem.slim_at)[:, 3]
+    on_mesh_there = on_mesh[poses.size : poses.size + stretches.size]
+    # Cross-sections that are far from being crushed are as they are on the mesh.
+    far = np.minimum(stretches, on_mesh_there) > _FAR
+    parts = [poses.ravel(), np.where(far, on_mesh_there, stretches)]
     parts.append(compliances_along(problem.arm, problem.targets, shape))
     parts += [np.array([shape.stability]) for _ in of.modes]
     parts += [shape.tendon_lengths / problem.arm.length for _ in of.lengths]
