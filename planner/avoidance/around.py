@@ -16,6 +16,7 @@ from itertools import islice
 
 import numpy as np
 
+from model.centreline import Centreline
 from model.clearance.lines import Lines
 from model.paths import Array
 from model.progress import tell
@@ -128,5 +129,6 @@ class Around:
             self.trials += search.trials
             if optimum is None:
                 return None
-            line = self._lines(optimum.tensions)
+            point = optimum.problem.linearised(optimum.x)
+            line = Centreline.at_states(point.system, point.states)
         return None
