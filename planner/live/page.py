@@ -194,7 +194,8 @@ class Page:
         """Bring the arm nearer to the target, and draw it; return whether more would do more."""
         more = self.session.step()
         self._draw()
-        self._said.content = words.following(self.session, more)
+        # What is wanted by now may be elsewhere: of that it is not known yet.
+        self._said.content = words.following(self.session, more or self._changed.is_set())
         return more
 
     def _rest(self) -> None:
