@@ -44,9 +44,9 @@ from model.winches import Winches, rest_lengths, slackened
 
 # First, least and longest step in the load factor; with friction: where a point rolls, that is not
 # to count as slip.
-_STEPS, _WITH_FRICTION = (1 / 4, 1 / 32, 1.0), (1 / 8, 1 / 128, 1 / 8)
+_STEPS, _WITH_FRICTION = (1 / 4, 1 / 16, 1.0), (1 / 8, 1 / 128, 1 / 8)
 # The farthest that a frame may turn in a step [rad], and from forces at nodes to refined places.
-_TURN = 0.6
+_TURN, _CLOSE = 1.0, 0.6
 # How often nodes are exchanged; forces that are those of an interior point, over the largest.
 _EXCHANGES, _NONE = 8, 1e-5
 # How often forces without a potential are updated in a step: places are refined with them in full.
@@ -115,13 +115,14 @@ def follow(at: Callable[[float], Request], start: Linearised, jumps: bool = True
     """
     request, snaps = at(1.0), list[float]()
     rubs = request.before is not None
+    most = _CLOSE if rubs else _TURN
 
     def solve(factor: float, near: Linearised) -> Linearised | None:
         if rubs:
             there = sharpened(replace(at(factor), before=near), near, places_of(near.system))
         else:
             there = _at_nodes(at(factor), near)
-        return there if there is not None and close(near, there) else None
+        return there if there is not None and close(near, there, most) else None
 
     def over(before: float, factor: float, near: Linearised) -> Linearised:
         if rubs and not jumps:
@@ -130,7 +131,7 @@ def follow(at: Callable[[float], Request], start: Linearised, jumps: bool = True
         there = _slid(to, near) if rubs else _least(to, near)
         if there is None:
             raise UnsettledContactError(factor, "no least energy is found")
-        if rubs or not close(near, there):
+        if rubs or not close(near, there, most):
             if not jumps:
                 raise SnapError(before, "it jumps")
             snaps.append(factor)
@@ -152,13 +153,13 @@ def follow(at: Callable[[float], Request], start: Linearised, jumps: bool = True
     return Touching.of(_sharp(request, end), tuple(snaps))
 
 
-def close(one: Linearised, other: Linearised) -> bool:
-    """Return whether no frame turns far between two equilibria, be they on two meshes."""
+def close(one: Linearised, other: Linearised, most: float = _CLOSE) -> bool:
+    """Return whether no frame turns by `most` [rad] between equilibria, be they on two meshes."""
     a, b = one.system, other.system
     before, after = a.poses(one.states)[:, :4], b.poses(other.states)[:, :4]
     there = np.array([np.interp(b.mesh.s, a.mesh.s, column) for column in before.T]).T
     same = np.abs((there * after).sum(axis=1)) / np.linalg.norm(there, axis=1)
-    return bool(same.min() > np.cos(_TURN / 2))
+    return bool(same.min() > np.cos(most / 2))
 
 
 def stepped(
@@ -196,7 +197,7 @@ def _at_nodes(request: Request, near: Linearised) -> Linearised | None:
     if request.winches is None:
         states, to = near.states, (request.tensions, request.load)
         there = newton(near.system, *to, states, complementary=True)
-        if there is not None and close(near, there) and not _passes(near, there):
+        if there is not None and close(near, there, _TURN) and not _passes(near, there):
             return there
         if not LeastEnergy(request.base).conservative:
             return None
