@@ -195,12 +195,10 @@ class Waypoints:
         for following in targets:
             stop = self._stop(replace(waypoint, targets=following))
             if optimum is None or stop.problem.program is not optimum.problem.program:
-                x = stop.problem.guess(waypoint.tensions, True)
-                optimum = solve(stop.problem, x, stop.p, stop.bounds)
+                x, multipliers = stop.problem.guess(waypoint.tensions, True), None
             else:
-                multipliers = optimum.lam_x, optimum.lam_g
-                followed = stop.problem, optimum.x, stop.p, stop.bounds, multipliers
-                optimum = solve(*followed, "follow")
+                x, multipliers = optimum.x, (optimum.lam_x, optimum.lam_g)
+            optimum = solve(stop.problem, x, stop.p, stop.bounds, multipliers, "follow")
             if not (optimum.met and optimum.finite):
                 return
             waypoint = replace(waypoint, targets=following, tensions=optimum.tensions)
