@@ -81,7 +81,7 @@ class Centreline:
     def of(cls, shape: Settled, at: Sequence[float] = ()) -> Centreline:
         """Return that of a settled shape, whose nodes are with arc lengths `at` among them."""
         s = np.sort(np.append(shape.s, at))
-        s = s[np.append(True, np.diff(s) > 1e-9 * shape.arm.length)]
+        s = s[np.append(True, np.diff(s) > SAME * shape.arm.length)]
         h = np.diff(s)
         at = (s[:-1, None] + h[:, None] * gauss(STAGES).c).ravel()
         rows = shape.strains(at)

@@ -73,25 +73,24 @@ def _refined(candidate: Candidate, accuracy: float, corrected: Array | None) -> 
             shape = settled(*question)
         except CollapsedError as crushed:
             corrected = _stretched(problem, candidate.x, crushed)
-            candidate = polish(candidate, problem.parameters(defect=corrected))
-            continue
-        error = defect(problem, candidate.x, shape)
-        if corrected is not None and _defect_size(problem, error - corrected) <= enough:
-            last = candidate
-            if problem.statement.mode == "exact" or _is_optimal(candidate, error):
-                return last
-        rough = _defect_size(problem, error)
-        if not rough <= _ELSEWHERE:
-            return None
-        corrected = error
-        if rough > _ROUGH:
-            order = collocation_order(STAGES, problem.scene.has(Friction))
-            finer = next_refinement(problem.statement.refinement, rough, _ROUGH, order)
-            if not finer:
+        else:
+            error = defect(problem, candidate.x, shape)
+            if corrected is not None and _defect_size(problem, error - corrected) <= enough:
+                last = candidate
+                if problem.statement.mode == "exact" or _is_optimal(candidate, error):
+                    return last
+            rough = _defect_size(problem, error)
+            if not rough <= _ELSEWHERE:
                 return None
-            statement = problem.statement.but(refinement=finer)
-            candidate = settled_on(problem.but(statement), candidate)
-            corrected = defect(candidate.problem, candidate.x, shape)
+            corrected = error
+            if rough > _ROUGH:
+                order = collocation_order(STAGES, problem.scene.has(Friction))
+                finer = next_refinement(problem.statement.refinement, rough, _ROUGH, order)
+                if not finer:
+                    return None
+                statement = problem.statement.but(refinement=finer)
+                candidate = settled_on(problem.but(statement), candidate)
+                corrected = defect(candidate.problem, candidate.x, shape)
         candidate = polish(candidate, candidate.problem.parameters(defect=corrected))
         if not (candidate.met and candidate.finite):
             return last
@@ -174,10 +173,10 @@ def defect(problem: Problem, x: Array, shape: Shape) -> Array:
     turned = (poses * on_mesh[: poses.size].reshape(poses.shape))[:, :4].sum(axis=1) < 0
     poses[turned, :4] *= -1
     stretches = 1 + shape.strain(problem.slim_at)[:, 3]
-    on_mesh_there = on_mesh[poses.size : poses.size + stretches.size]
+    stretches_on_mesh = on_mesh[poses.size : poses.size + stretches.size]
     # Cross-sections that are far from being crushed are as they are on the mesh.
-    far = np.minimum(stretches, on_mesh_there) > _FAR
-    parts = [poses.ravel(), np.where(far, on_mesh_there, stretches)]
+    far = np.minimum(stretches, stretches_on_mesh) > _FAR
+    parts = [poses.ravel(), np.where(far, stretches_on_mesh, stretches)]
     parts.append(compliances_along(problem.arm, problem.targets, shape))
     parts += [np.array([shape.stability]) for _ in of.modes]
     parts += [shape.tendon_lengths / problem.arm.length for _ in of.lengths]
