@@ -58,6 +58,14 @@ def _workers(pid: int) -> list[psutil.Process]:
     return workers
 
 
+def _awaited_workers(process: "subprocess.Popen[bytes]") -> list[psutil.Process]:
+    """Return the workers of a sweep as soon as there are any."""
+    while not (workers := _workers(process.pid)):
+        assert process.poll() is None
+        time.sleep(0.01)
+    return workers
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_sweep_killed_twice_and_resumed_finds_what_an_undisturbed_one_finds(
@@ -87,9 +95,7 @@ def test_a_sweep_killed_twice_and_resumed_finds_what_an_undisturbed_one_finds(
 @pytest.mark.slow
 def test_workers_that_wait_for_their_first_points_end_with_the_sweep_too(tmp_path: Path) -> None:
     process = _started(written(tmp_path, AXES, "stiffness", MORE), tmp_path / "out.nc", 2)
-    while not (workers := _workers(process.pid)):
-        assert process.poll() is None
-        time.sleep(0.01)
+    workers = _awaited_workers(process)
     process.kill()
     process.communicate()
     assert not psutil.wait_procs(workers, timeout=60)[1]
@@ -103,9 +109,7 @@ def test_ctrl_c_in_a_terminal_is_one_sentence_though_all_processes_are_sent_it(
     """Workers that were still being loaded used to tell a traceback each."""
     path, out = written(tmp_path, AXES, "stiffness", MORE), tmp_path / "out.nc"
     process = _started(path, out, 2, start_new_session=True)
-    while not (workers := _workers(process.pid)):
-        assert process.poll() is None
-        time.sleep(0.01)
+    workers = _awaited_workers(process)
     _await_chunks(out, chunks, process)
     time.sleep(0.1)
     os.killpg(process.pid, signal.SIGINT)
