@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import kind, not_negative, positive
-from model.errors import InputError
+from model.errors import InputError, OctoplanError
 from model.loads import contacts, is_loaded
 from model.machine.compiled import Compile, checked_compile
 from model.mesh import checked_accuracy
@@ -23,7 +24,7 @@ from model.scene import Scene
 from model.settle import checked_scene
 from model.shape import Shape
 from model.text import in_notebook, plotted
-from model.time_limit import time_limit
+from model.time_limit import OutOfTime, time_limit
 from planner.answer import Answer
 from planner.avoidance.around import Around
 from planner.avoidance.clear import keeping, line_of
@@ -35,11 +36,12 @@ from planner.contact.wrapping import (
     beside,
     beside_contacts,
     open_wrap,
-    share_left,
     with_turns,
+    without_contacts,
 )
 from planner.io.files import to_json, write_named
 from planner.io.saved_records import plan_record
+from planner.program.problem import Problem
 from planner.program.program import STABILITY
 from planner.program.statement import Solver
 from planner.question import (
@@ -84,7 +86,7 @@ class Plan(Answer):
             stability_margin=self.statement.margin,
             compile=self.machine_code,
             **self.limits.keywords | {"tension_min": least},
-            **self.surroundings.keywords,
+            **({} if contacts(self.scene) else self.surroundings.keywords),
         )
 
     def save(self, path: str | Path) -> Path:
@@ -113,7 +115,9 @@ class Plan(Answer):
 class HeldPlan(Plan):
     """A plan for an arm in contact; see planner.contact.
 
-    SearchResult has its load path; `shape.snaps` tells where the arm jumps at last.
+    SearchResult has its load path; `shape.snaps` tells where the arm jumps at last. With
+    surroundings it is that of an arm which keeps clear of what it may lean on, and optimal among
+    these.
     """
 
     @cached_property
@@ -128,16 +132,38 @@ class HeldPlan(Plan):
         holds = [target for target in self.targets if isinstance(target, Hold)]
         return tuple(grip for hold in holds for grip in grips_of(self.shape, hold))
 
+    @cached_property
+    def beside(self) -> Plan | None:
+        """The same plan in the scene without contacts, of an arm that keeps clear of them."""
+        if not self.surroundings:
+            return None
+        shared = {f.name: getattr(self, f.name) for f in fields(self)}
+        return Plan(**shared | {"scene": without_contacts(self.scene)})
+
     @property
     def mirror_images(self) -> tuple[tuple[float, Array], ...]:
         """See Answer.mirror_images: not looked for."""
         return ()
 
+    @property
+    def outcome(self) -> str:
+        """See Answer.outcome."""
+        leans = "It keeps clear of what it may lean on; leaning was not tried."
+        return f"{super().outcome} {leans}" if self.beside and self.reached else super().outcome
+
+    def problem(self) -> Problem:
+        """See Answer.problem: that of the arm without contacts, where it keeps clear of them."""
+        return self.beside.problem() if self.beside else super().problem()
+
     def _rows(self, name: str) -> Array:
-        """See Answer._rows: beside limits of tensions stability alone holds."""
+        """See Answer._rows: where it leans stability alone holds beside limits of tensions."""
+        if self.beside:
+            return super()._rows(name)
         return np.array(self.lam_g[-1:] if name == STABILITY and self.statement.modes else ())
 
     def _kkt(self) -> float:
+        if self.beside:
+            return self.beside._kkt()
         return optimality_of(self.task, np.ravel(self.tensions), self.shape, self.load_path)
 
 
@@ -274,42 +300,47 @@ def plan(
 def _with_turns(
     task: Task, wrap: Wrap, around: Surroundings, near: Plan | None, seconds: float | None
 ) -> Plan:
-    """Return the plan for a wrap whose length is free.
-
-    The length is determined beside what the arm may lean on, where that is possible.
-    """
-    free, bodies = beside_contacts(task, around)
+    """Return the plan for a wrap whose length is free."""
 
     def planned(targets: tuple[Target, ...], previous: Plan | None) -> Plan:
-        leads = isinstance(previous, HeldPlan) or (
-            previous is not None and previous.mode == "exact"
-        )
+        leads = previous is not None and previous.mode == "exact"
         return _planned(replace(task, targets=targets), around, previous if leads else near, None)
 
-    def measured(targets: tuple[Target, ...], previous: Plan | None) -> Plan:
-        values = None if isinstance(previous, HeldPlan) else previous
-        most = None if free is task else share_left()
-        nearby = _planned(replace(free, targets=targets), bodies, values, most)
-        return nearby if nearby.mode == "exact" or free is task else planned(targets, previous)
-
     with time_limit(seconds):
-        return with_turns(task.arm, task.targets, wrap, planned, measured)
+        return with_turns(task.arm, task.targets, wrap, planned)
 
 
 def _planned(task: Task, around: Surroundings, near: Plan | None, seconds: float | None) -> Plan:
-    if contacts(task.scene):
-        return _held(task, near, seconds)
-    return Plan.of(task, searched(task, around, near, seconds), surroundings=around)
+    if not contacts(task.scene):
+        return Plan.of(task, searched(task, around, near, seconds), surroundings=around)
+    with time_limit(seconds):
+        return _beside(task, near) or _held(task, near)
 
 
-def _held(task: Task, near: Plan | None, seconds: float | None) -> HeldPlan:
+def _beside(task: Task, near: Plan | None) -> HeldPlan | None:
+    """Return the plan of an arm that lies along something, and keeps clear of it.
+
+    None where the arm has to lean on something, or comes to it on its way from rest.
+    """
+    leans = isinstance(near, HeldPlan) and not near.beside
+    question = None if leans else beside_contacts(task)
+    if question is None:
+        return None
+    result = searched(*question, near.beside if isinstance(near, HeldPlan) else None, None)
+    plan = HeldPlan.of(task, result, surroundings=question[1])
+    with suppress(OctoplanError, OutOfTime):
+        if result.stopped or (result.statement.mode == "exact" and not plan.shape.contacts):
+            return plan
+    return None
+
+
+def _held(task: Task, near: Plan | None) -> HeldPlan:
     """Return the plan of an arm in contact."""
     load_path = near.load_path if isinstance(near, HeldPlan) else ()
     begin = None if near is None else (*load_path, tuple(np.ravel(near.tensions).tolist()))
     if begin is None and rubs(task.scene):
         begin = from_rest(task.arm, np.array(task.allowed.lower), task.scene)
-    result = ContactSearch(task, begin).run(seconds)
-    return HeldPlan.of(task, result)
+    return HeldPlan.of(task, ContactSearch(task, begin).run(None))
 
 
 def _check_near(near: Plan, task: Task) -> None:

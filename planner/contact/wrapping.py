@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from math import isfinite
-from time import monotonic
 from typing import TypeVar
 
 import numpy as np
@@ -16,19 +14,18 @@ from model.errors import InputError
 from model.loads import contacts
 from model.obstacles import Obstacle
 from model.scene import Scene
-from model.time_limit import OutOfTime, end
+from model.time_limit import OutOfTime
 from planner.answer import Answer
 from planner.avoidance.surroundings import Surroundings
 from planner.contact.remarks import turned
 from planner.solve.task import Task
 from planner.targets.base import Target
+from planner.targets.hold import Hold
 from planner.targets.wrap import Wrap
 
 # Plans from which a part's length follows, how much longer than estimated they make it, and what
 # is to spare; arc lengths at which turns are taken.
 _ROUNDS, _LONGER, _SPARE, _SAMPLES = 4, 0.03, 5e-3, 201
-# The fraction of a time limit for plans beside what the arm may lean on.
-_SHARE = 0.25
 P = TypeVar("P", bound=Answer)
 
 
@@ -46,22 +43,21 @@ def beside(targets: Iterable[Target], scene: Scene) -> tuple[Obstacle, ...]:
     return free
 
 
-def beside_contacts(task: Task, around: Surroundings) -> tuple[Task, Surroundings]:
-    """Return the task of an arm that keeps clear of what it may lean on, and of what else it is to.
+def without_contacts(scene: Scene) -> Scene:
+    """Return a scene in which the arm touches nothing."""
+    return Scene(*(effect for effect in scene.effects if not isinstance(effect, Contact)))
 
-    The same ones where there is nothing to lean on.
+
+def beside_contacts(task: Task) -> tuple[Task, Surroundings] | None:
+    """Return the task of an arm that keeps clear of what it may lean on, and that as surroundings.
+
+    None where nothing says that the arm lies along something, or where something is to be held.
     """
+    kinds = [type(target) for target in task.targets]
+    if Wrap not in kinds or Hold in kinds:
+        return None
     bodies = tuple(contact.obstacle for contact in contacts(task.scene))
-    if not bodies:
-        return task, around
-    effects = (e for e in task.scene.effects if not isinstance(e, Contact))
-    return replace(task, scene=Scene(*effects)), replace(around, obstacles=bodies)
-
-
-def share_left() -> float | None:
-    """Return how long plans beside what the arm may lean on may take [s]; None without a limit."""
-    left = end() - monotonic()
-    return _SHARE * left if isfinite(left) else None
+    return replace(task, scene=without_contacts(task.scene)), Surroundings(bodies)
 
 
 def open_wrap(targets: Iterable[Target]) -> Wrap | None:
@@ -77,12 +73,11 @@ def with_turns(
     targets: tuple[Target, ...],
     wrap: Wrap,
     planned: Callable[[tuple[Target, ...], P | None], P],
-    measured: Callable[[tuple[Target, ...], P | None], P],
 ) -> P:
     """Return the plan for a wrap of so many turns: its part is as long as they take.
 
-    By plans for parts of given length, `measured`, until one goes round as often; then by a plan
-    for what of that part takes the turns, which are an inequality.
+    By plans for parts of given length, each near the one before, until one goes round as often;
+    then by a plan for what of that part takes the turns, which are an inequality.
     """
 
     def stated(part: Wrap) -> tuple[Target, ...]:
@@ -92,7 +87,7 @@ def with_turns(
     start, before = wrap.part(arm)[0], None
     for _ in range(_ROUNDS):
         length = min((arm.length - start) * (1 + _LONGER), arm.length)
-        before = measured(stated(replace(wrap, turns=None, length=length)), before)
+        before = planned(stated(replace(wrap, turns=None, length=length)), before)
         if before.mode != "exact" or before.stopped:
             break
         try:

@@ -102,7 +102,7 @@ def _task(name: str, question: QuestionRecord, answer: Any) -> Task:
 def _check_multipliers(plan: Plan, name: str) -> None:
     """Refuse multipliers that are not finite, or not those of the problem; there may be none."""
     sizes = len(plan.lam_x), len(plan.lam_g)
-    if any(sizes) and isinstance(plan, HeldPlan):
+    if any(sizes) and isinstance(plan, HeldPlan) and not plan.beside:
         wanted = plan.arm.n_tendons, sizes[1]
     elif any(sizes):
         problem = plan.problem()
