@@ -24,7 +24,7 @@ from planner.program.terms import pulling_tendons
 from planner.targets.base import Target
 
 # How many are drawn, and fitted; what is nearer is met but for the errors of the mesh.
-_DRAWN, _FITTED, _MET = 4000, 120, 3e-3
+_DRAWN, _FITTED, _MET = 4000, 60, 3e-3
 # Tensions that differ by less, over the largest, are one guess.
 _SAME = 0.05
 # Steps of least squares, and those of differences, over the size of a bend.
@@ -65,18 +65,23 @@ def fitted(
 def least_squares(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Array]:
     """Return points (m, n) of least squares of gaps near U, and the norms there (m,).
 
-    Gaps are a function of points (m, n) -> (m, k). All take the steps of Levenberg and Marquardt's
-    method side by side; derivatives at a point come in one call with its gaps.
+    Gaps are a function of points (m, n) -> (m, k). All that do not meet them yet take the steps of
+    Levenberg and Marquardt's method side by side; derivatives at a point come in one call with its
+    gaps.
     """
     U, damping = U.copy(), np.full(len(U), 1e-2)
     r, J = _linearised(gaps, U)
     for _ in range(_STEPS):
         check_time()
-        trial = U + _step(U, r, J, damping)
+        far = np.flatnonzero(np.linalg.norm(r, axis=1) >= _MET)
+        if not far.size:
+            break
+        trial = U[far] + _step(U[far], r[far], J[far], damping[far])
         r_trial, J_trial = _linearised(gaps, trial)
-        better = np.linalg.norm(r_trial, axis=1) < np.linalg.norm(r, axis=1)
-        U[better], r[better], J[better] = trial[better], r_trial[better], J_trial[better]
-        damping = np.maximum(damping * np.where(better, 0.2, 8.0), 1e-8)
+        better = np.linalg.norm(r_trial, axis=1) < np.linalg.norm(r[far], axis=1)
+        taken = far[better]
+        U[taken], r[taken], J[taken] = trial[better], r_trial[better], J_trial[better]
+        damping[far] = np.maximum(damping[far] * np.where(better, 0.2, 8.0), 1e-8)
     return U, np.linalg.norm(r, axis=1)
 
 

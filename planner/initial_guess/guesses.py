@@ -21,7 +21,7 @@ from planner.targets.base import Target
 
 # Arms that are drawn, what a unit of tension counts beside how near they are, and by what part of
 # their tensions those that are taken differ at least.
-_DRAWN, _CHEAP, _DIFFERENT = 400, 0.2, 0.5
+_DRAWN, _CHEAP, _DIFFERENT = 200, 0.2, 0.5
 # Drawn arms before the straight one, and before those with more pull.
 _FIRST = 3
 # How many times what bends it without loads an arm may take with them.

@@ -139,11 +139,14 @@ _FOR: dict[Purpose, Options] = {
     "follow": WARM | _ROUGH,
     "near": WARM,
     # Bounds that hold are fixed, others are far: there is no barrier left to follow.
-    "polish": WARM | {"mu_init": 1e-8},
+    "polish": WARM | {"mu_init": 1e-12},
 }
 # Least squares of what cannot be met take longer, to more digits, and there is no cheaper way.
+# They are small: the barrier begins lower.
 _LEAST: dict[Purpose, Options] = {
-    purpose: (COLD if purpose == "search" else WARM) | {"max_iter": 200} for purpose in _FOR
+    "search": COLD | {"mu_init": 1e-3, "max_iter": 200},
+    **{purpose: WARM | {"max_iter": 200} for purpose in ("follow", "near")},
+    "polish": _FOR["polish"] | {"max_iter": 200},
 }
 STOPPED = {
     "Infeasible_Problem_Detected": "no tensions within the limits meet the target near this guess",

@@ -34,7 +34,8 @@ from planner.solve.refine import refine
 from planner.solve.task import SearchResult, Task, Trial, agreed
 from planner.targets.base import Target
 
-# Guesses that have to agree, and one more where as many lead nowhere, or all miss the targets.
+# Guesses that have to agree; one more where as many lead nowhere, or all miss the targets, and
+# where more than a point is to be met, which arms meet in ways that are far apart.
 _AGREED = 2
 # Of guesses that come by effort, so many that lead to dearer optima are enough, too; and so many
 # from which the targets are not met before slacks tell how near they can be had.
@@ -292,7 +293,8 @@ class Search:
         trials, mode = self.trials, self._now.mode
         efforts = [trial.objective for trial in trials if trial.met]
         missed = mode == "nearest" or (mode == "closest" and min(efforts, default=np.inf) > _MET)
-        hard = missed or (not self._by_effort and len(trials) >= 2 * len(efforts))
+        astray = not self._by_effort and len(trials) >= 2 * len(efforts)
+        hard = missed or astray or (self._by_effort and mode == "exact")
         since = len(efforts) - 1 - int(np.argmin(efforts)) if efforts and self._by_effort else 0
         return agreed(trials) >= _AGREED + hard or (mode == "exact" and since >= _ENOUGH)
 
