@@ -180,13 +180,14 @@ def maps_of(arm: Arm, scene: Scene, scheme: str | None, machine_code: bool) -> M
 
 
 def equilibrium_on(
-    forward: ForwardMap, tensions: Array, near: Equilibrium | None = None
+    forward: ForwardMap, tensions: Array, near: Equilibrium | None = None, looser: float = 1.0
 ) -> Equilibrium:
     """Return the equilibrium under tensions (n_tendons,) on the mesh of a forward map.
 
-    `near` is one that another mesh has; only where sections are coupled it is begun with. Raises
+    `near` is one that another mesh has; only where sections are coupled it is begun with, and the
+    last steps may be so many times `looser` (see model.equilibrium.newton). Raises
     SnapError, UnsettledContactError and UnsettledSectionError.
     """
     if isinstance(forward, Collocation):
-        return forward.solve(tensions, near)
+        return forward.solve(tensions, near, looser)
     return Marched.under(forward, tensions)

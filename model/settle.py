@@ -18,6 +18,7 @@ from model.contact.path import Touching
 from model.contact.self_contact import pressed_on_itself
 from model.effects import PrintedStatics, SelfContact
 from model.equilibrium.linearised import Equilibrium, check_stretch
+from model.equilibrium.newton import ROUGHEST
 from model.errors import (
     CollapsedError,
     ConvergenceError,
@@ -45,6 +46,8 @@ LOG = logging.getLogger(__name__)
 ACCURACY = 1e-6
 # A mesh up to this one may be too coarse to say that the arm snaps.
 _COARSE = 16
+# The accuracy for which the first mesh, which others begin with, is solved to rounding.
+_EXACT = 1e-11
 # How accurate shapes are that tell whether lengths are too short.
 _ROUGHLY = 1e-3
 # How accurate shapes are that press on themselves.
@@ -244,6 +247,7 @@ def _settled(
     """Return the shape on the first mesh that is accurate enough."""
     refinement, fine = first_pair(accuracy, maps.order)
     coarse, before = 0, np.zeros(7)
+    rough = min(max(accuracy / _EXACT, 1.0), ROUGHEST)
     snaps: tuple[float, ...] = ()
     begun = time.process_time() if maps.contacts else 0.0
     while refinement:
@@ -254,7 +258,7 @@ def _settled(
                 if isinstance(value, GivenLengths):
                     point = value.on(forward, near)
                 else:
-                    point = equilibrium_on(forward, value, near)
+                    point = equilibrium_on(forward, value, near, 1.0 if coarse else rough)
             check_stretch(point, least=-np.inf)
         except (SnapError, UnsettledContactError, UnsettledSectionError) as problem:
             in_closed_form = isinstance(problem, UnsettledSectionError) and maps.by_sections

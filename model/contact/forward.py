@@ -51,7 +51,11 @@ class TouchingMap(Collocation):
         check_outside(self.system, self._at_rest.states)
 
     def solve(
-        self, tensions: Array, near: Equilibrium | None = None, jumps: bool = True
+        self,
+        tensions: Array,
+        near: Equilibrium | None = None,
+        looser: float = 1.0,
+        jumps: bool = True,
     ) -> Touching:
         """Return the equilibrium that the arm comes to from another one or from rest.
 
@@ -86,7 +90,7 @@ class TouchingMap(Collocation):
     def beside(self, at: Linearised, tensions: Array) -> Linearised | None:
         """Return the equilibrium under tensions near those of another; None where it jumps."""
         try:
-            return self.solve(tensions, at, False)
+            return self.solve(tensions, at, jumps=False)
         except (SnapError, UnsettledContactError):
             return None
 

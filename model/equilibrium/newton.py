@@ -36,6 +36,10 @@ CONTRACTION, SMALL = 0.5, 1e-3
 # as a change of its quaternion.
 FOLLOWED = 1.2
 TURN = FOLLOWED / 2
+# How far ahead a tangent is trusted: what it may turn a frame by [rad].
+_AHEAD = 0.7
+# How many times larger last steps may be where the equilibrium is there to begin the next one with.
+ROUGHEST = 1e6
 # Guesses by another mesh are so near; the factorisation is kept after a step so small, and as long
 # as steps contract so fast: a residual costs a tenth of a factorised Jacobian.
 CLOSE, KEPT = 0.02, 0.1
@@ -119,12 +123,19 @@ class Followed(NamedTuple):
 
 
 def follow_on(
-    start: Followed, most: float, least: float, steps: float = np.inf, looser: float = 1.0
+    start: Followed,
+    most: float,
+    least: float,
+    steps: float = np.inf,
+    looser: float = 1.0,
+    on_the_way: float = 1.0,
 ) -> Followed:
     """Follow a branch on from an equilibrium, up to a load factor.
 
-    A step that leads to no equilibrium is halved; the end is where it is down to `least`
-    of the load factor that is reached, or where so many `steps` were tried. `looser` is newton's.
+    No step is so long that the tangent turns a frame far. One that leads to no
+    equilibrium is halved; the end is where it is down to `least` of the load factor that is
+    reached, or where so many `steps` were tried. `looser` is newton's; on the way, until a step
+    fails, `on_the_way` is.
     """
     at, step, tried, system = start, min(1.0, most), 0, start.point.system
     begins_stable: bool | None = None
@@ -132,9 +143,11 @@ def follow_on(
         check_time()
         tried += 1
         tell("percent of the loads", round(100 * at.load / most), 100)
-        load = min(most, at.load + step)
-        guess = at.point.states + (load - at.load) * at.point.by_load
-        point = newton(system, at.point.tensions, load, guess, looser=looser)
+        rate, step = at.point.by_load, min(step, most - at.load)
+        turned = 2 * step * float(np.abs(rate[system.of.nodes[:, :4]]).max())
+        load = at.load + step * min(1.0, _AHEAD / max(turned, _AHEAD))
+        change, level = (load - at.load) * rate, looser if load == most else on_the_way
+        point = newton(system, at.point.tensions, load, at.point.states + change, looser=level)
         if point is not None and not is_near(system, at.point.states, point.states):
             point = None
         stable = point is not None and stands(point)
@@ -143,7 +156,7 @@ def follow_on(
             begins_stable = stands(start.point)
         if point is None or (not stable and begins_stable):
             why = SNAPS if point is None else BUCKLES
-            at, step = at._replace(why=why), (load - at.load) / 2
+            at, step, on_the_way = at._replace(why=why), (load - at.load) / 2, 1.0
         else:
             at, step = Followed(point, load, ""), 2 * step
     return at
@@ -198,16 +211,18 @@ class Collocation:
     def _state(self, stated: System) -> None:
         self.system, self.mesh = stated, stated.mesh
 
-    def solve(self, tensions: Array, near: Equilibrium | None = None) -> Linearised:
+    def solve(
+        self, tensions: Array, near: Equilibrium | None = None, looser: float = 1.0
+    ) -> Linearised:
         """Return the equilibrium under tensions (n_tendons,), near that of another mesh if any is.
 
-        Else the one from rest; raises what `from_rest` does.
+        Else the one from rest, see `from_rest`; raises what that does.
         """
         if isinstance(near, Linearised) and is_loaded(self.system.scene):
             point = newton(self.system, tensions, 1.0, self.carried(tensions, near), CLOSE)
             if point is not None:
                 return point
-        return self.from_rest(tensions)
+        return self.from_rest(tensions, looser)
 
     def from_rest(self, tensions: Array, looser: float = 1.0) -> Linearised:
         """Return the equilibrium that the unloaded arm comes to under tensions (n_tendons,).
@@ -224,7 +239,7 @@ class Collocation:
             return point
         crushed = unloaded_sections(at).crushed(at.strains(point.states))
         steps = _SOON_IF_CRUSHED if crushed else np.inf
-        end = follow_on(Followed(point, 0.0, ""), 1.0, LEAST_STEP, steps, looser)
+        end = follow_on(Followed(point, 0.0, ""), 1.0, LEAST_STEP, steps, looser, ROUGHEST)
         if end.load >= 1:
             return end.point
         if crushed:

@@ -275,7 +275,7 @@ class Equations:
 
     def along_numbers(self, x: Array, p: Array, change: Array) -> Array:
         """Return the derivatives of residuals (n_g, K) along changes of the numbers (n_p, K)."""
-        nonzeros = self.by_numbers.call(x, p)[0][0]
+        nonzeros = self.by_numbers(x, p)
         J = csr_array((nonzeros, self.by_numbers.triplet), (self.n_g, self.n_p))
         return np.asarray(J @ change)
 
@@ -285,11 +285,6 @@ class Sum:
 
     def __init__(self, of: Equations, what: What, shape: tuple[int, int]) -> None:
         self._of, self._what, self._shape = of, what, shape
-
-    @property
-    def function(self) -> ca.Function:
-        """(x, p), and lam for the Hessian -> nonzeros. Raises CompilerError."""
-        return self.call.function
 
     @property
     def places(self) -> ca.Sparsity:
@@ -316,26 +311,40 @@ class Sum:
             columns.append((values if what == "by_numbers" else term.unknowns)[j])
         return _sparse(rows, columns, self._shape)
 
+    def __call__(self, *value: Array) -> Array:
+        """Return the nonzeros by x and p, and lam for the Hessian. Raises CompilerError."""
+        values = np.concatenate([part.ravel() for part in self._each(*value)])
+        return np.bincount(self._added, values, self.places.nnz()).astype(float, copy=False)
+
     @cached_property
-    def call(self) -> Buffered:
-        """The function, to be called with numbers, for a row of values. Raises CompilerError."""
-        of, what, (places, index) = self._of, self._what, self._placed
+    def function(self) -> ca.Function:
+        """The same as an expression, for CasADi's solvers. Raises CompilerError."""
+        at, arguments = self._added, self._each.function.mx_in()
+        add = ca.Sparsity(self.places.nnz(), at.size, list(range(at.size + 1)), at.tolist())
+        values = ca.vertcat(*(ca.vec(part) for part in self._each.function.call(arguments)))
+        return ca.Function(self._what, arguments, [ca.DM(add, 1.0) @ values])
+
+    @cached_property
+    def _added(self) -> Places:
+        """Where each value of the kernels is added."""
+        return np.concatenate([np.zeros(0, np.int64), *(at.ravel("F") for at in self._placed[1])])
+
+    @cached_property
+    def _each(self) -> Buffered:
+        """The values of the kernels: a result of each, whose columns are repetitions."""
+        of, what = self._of, self._what
         sizes = [("x", of.n_x), ("p", of.n_p), ("lam", of.n_g)]
         arguments = [ca.MX.sym(name, size) for name, size in sizes[: 3 if what == "hessian" else 2]]
-        added = [k for k, at in enumerate(index) if at.size]
-        of_terms = [of.terms[k].kernel for k in added]
+        terms = [term.kernel for term in of.terms]
         functions = kernels(
-            [each.value if what == "value" else each.derivative(what)[0] for each in of_terms],
+            [each.value if what == "value" else each.derivative(what)[0] for each in terms],
             of.machine_code,
         )
         results = [
-            ca.vec(f.map(of.terms[k].count)(*self._arguments_of(k, arguments)))
-            for f, k in zip(functions, added, strict=True)
+            f.map(term.count)(*self._arguments_of(k, arguments))
+            for k, (f, term) in enumerate(zip(functions, of.terms, strict=True))
         ]
-        at = np.concatenate([np.zeros(0, np.int64), *(index[k].ravel("F") for k in added)])
-        add = ca.Sparsity(places.nnz(), at.size, list(range(at.size + 1)), at.tolist())
-        sum_of = ca.DM(add, 1.0) @ ca.vertcat(ca.MX(0, 1), *results)
-        return Buffered(ca.Function(what, arguments, [sum_of]))
+        return Buffered(ca.Function(f"{what}_of_kernels", arguments, results))
 
     def _arguments_of(self, k: int, arguments: list[ca.MX]) -> list[ca.MX]:
         """Return a term's unknowns, numbers and any multipliers, repetitions as columns."""

@@ -108,24 +108,24 @@ class System:
 
     def residual(self, x: Array) -> Array:
         """Return what vanishes at equilibrium (n_states,)."""
-        return np.asarray(self.of.equations.value.call(x, self.p)[0][0])
+        return np.asarray(self.of.equations.value(x, self.p))
 
     def jacobian(self, x: Array) -> Array:
         """Return the nonzeros of the residuals' Jacobian, see Equations.jacobian."""
-        return np.asarray(self.of.equations.jacobian.call(x, self.p)[0][0])
+        return np.asarray(self.of.equations.jacobian(x, self.p))
 
     def hessian(self, x: Array, multipliers: Array) -> Array:
         """Return the nonzeros of the Hessian of multipliers . residuals, see Equations.hessian."""
-        return np.asarray(self.of.equations.hessian.call(x, self.p, multipliers)[0][0])
+        return np.asarray(self.of.equations.hessian(x, self.p, multipliers))
 
     def lengths(self, x: Array) -> Array:
         """Return the length of each tendon (n_tendons,) [m]."""
-        return np.asarray(self.of.lengths.value.call(x, self.length_numbers)[0][0])
+        return np.asarray(self.of.lengths.value(x, self.length_numbers))
 
     def length_jacobian(self, x: Array) -> Array:
         """Return the derivatives of the lengths against the states (n_tendons, n_states)."""
         values = np.zeros((self.of.n_tendons, self.of.n_x))
-        nonzeros = self.of.lengths.jacobian.call(x, self.length_numbers)[0][0]
+        nonzeros = self.of.lengths.jacobian(x, self.length_numbers)
         values[self.of.lengths.jacobian.triplet] = nonzeros
         return values[:, self.of.first :]
 
@@ -144,7 +144,7 @@ class System:
                 elements[node - 1, 1 + component] += 1.0
             else:
                 p[self.of.equations.numbers_of("tip")][3 + component] += 1.0
-            results.append(self.of.equations.value.call(x, p)[0][0] - still)
+            results.append(self.of.equations.value(x, p) - still)
         return np.stack(results, axis=1)
 
     def pushed(self, force: Array) -> System:

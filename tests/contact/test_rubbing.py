@@ -279,7 +279,7 @@ def test_a_place_that_slips_moves_with_tensions_as_all_of_its_way_does() -> None
     rest = smooth.solve(NONE)
 
     def way(tensions: np.ndarray) -> Touching:
-        return rough.solve(tensions, rest, False)
+        return rough.solve(tensions, rest, jumps=False)
 
     def tip(here: Linearised) -> np.ndarray:
         return here.states[here.system.of.nodes[-1, 4:7]]
