@@ -47,6 +47,9 @@ def test_importing_it_loads_nothing(tmp_path: Path) -> None:
     assert ran(tmp_path, "-c", code).stdout == "set()\n"
 
 
+@pytest.mark.quick(
+    "import octoplan; octoplan.plan-model-{}.py", "from octoplan import Arm-planner-{}/__init__.py"
+)
 @pytest.mark.parametrize("form", ["{}.py", "{}/__init__.py"])
 @pytest.mark.parametrize("name", ["model", "planner"])
 @pytest.mark.parametrize("how", ["import octoplan; octoplan.plan", "from octoplan import Arm"])

@@ -161,15 +161,6 @@ def test_sensitivity_is_that_of_plans_made_anew(key: str) -> None:
     assert found.sensitivity == pytest.approx([wanted], rel=1e-3)
 
 
-def test_optima_of_arms_begun_with_are_compared_in_newtons() -> None:
-    parameters = Parameters.of(_arm(), PAPER, [RADIUS])
-    for most in (0.1, 0.7):
-        program = DesignProgram(parameters, [(_tips()[0],)], Limits.of(_arm(), 5.0), Making())
-        found = program.solve(parameters.start, np.full((1, 8), most), fixed=True)
-        assert found.missed < 1e-6
-        assert found.objective == pytest.approx(np.sum(found.tensions**2) / 2, rel=1e-9)
-
-
 def test_a_stiffest_arm_is_no_softer_than_any_corner_of_the_bounds() -> None:
     tip = Unknown("arm.sections[0].offset_mm[1]", 1, 4)
     unknowns, up = [OFFSET, tip], Stiffest((0, 0, 1))
@@ -278,6 +269,7 @@ upper = 8.0
 """
 
 
+@pytest.mark.slow
 def test_a_file_asks_for_an_objective(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "design.toml"
     path.write_text(FILE + '[objective]\ntype = "reach"\ndirection = [0, 0, 1]\n')

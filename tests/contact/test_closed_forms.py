@@ -126,6 +126,7 @@ def _strip(length: float, EJ: float, force: float, center: np.ndarray, wide: flo
     return np.array([a, b, abs(Q), force * np.cos(angle_b), force * np.sin(angle_b) / wide])
 
 
+@pytest.mark.slow
 def test_a_strip_bent_round_a_cylinder_lies_on_its_arc_and_presses_at_its_ends() -> None:
     length, radius, E, force, round_ = 0.3, 0.002, 1e9, 12.0, 0.06
     center = np.array([0.12, -round_ - 0.004])

@@ -1,6 +1,7 @@
 """An arm that leans on things: complementarity, stiffness, stability, the way it came there."""
 
 import pickle
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from model.errors import ConvergenceError, UnsettledContactError
 from model.least_energy import LeastEnergy
 from model.obstacles import Box, Capsule, HalfSpace, Sphere
 from model.stiffness import stiffness
-from tests.contact.cases import distance
+from tests.contact.cases import bar, distance
 
 ARM = Arm.from_paper("table-4")
 TENSIONS = np.array([[0, 0, 0.5, 0], [4, 0, 0, 0], [0, 3, 0, 0]])
@@ -58,19 +59,33 @@ def test_a_scene_whose_obstacles_are_far_off_is_one_without() -> None:
     assert shape.contacts == ()
 
 
-def test_compliance_of_the_held_arm_is_the_derivative_of_where_it_settles() -> None:
-    scene = SCENES["exact"]
-    found = stiffness(ARM, TENSIONS, scene, accuracy=1e-6)
+LEANING = {
+    "a bar": (
+        bar(0.3, 0.006, 2e5),
+        Capsule((0.2, -0.1, -0.07), (0.2, 0.1, -0.07), 0.05),
+        [0, 0.3, 0, 0],
+    ),
+    "three sections": (ARM, ROD, TENSIONS),
+}
+
+
+@pytest.mark.quick("a bar")
+@pytest.mark.parametrize(("arm", "rod", "T"), LEANING.values(), ids=LEANING)
+def test_compliance_of_the_held_arm_is_the_derivative_of_where_it_settles(
+    arm: Arm, rod: Capsule, T: Any
+) -> None:
+    free = Scene(Extension(), ExactTendons())
+    found = stiffness(arm, T, free + Contact(rod), accuracy=1e-6)
     own = found.compliance[:3, :3]
+    assert found.shape.contacts
     assert own == pytest.approx(own.T, abs=1e-4)
-    push, tips = 2e-4, []
+    push, tips = 5e-5 / own[2, 2], []
     for sign in (1, -1):
         load = TipLoad(force=(0, 0, sign * push))
-        tips.append(settle(ARM, TENSIONS, Scene(*scene.effects, load), 1e-8).tip)
+        tips.append(settle(arm, T, free + Contact(rod) + load, 1e-9).tip)
     moved = (tips[0] - tips[1]) / (2 * push)
     assert found.compliance[:3, 2] == pytest.approx(moved, rel=1e-4, abs=1e-4)
-    free = stiffness(ARM, TENSIONS, Scene(Extension(), ExactTendons()))
-    assert np.trace(found.compliance[:3, :3]) < np.trace(free.compliance[:3, :3])
+    assert np.trace(own) < np.trace(stiffness(arm, T, free).compliance[:3, :3])
 
 
 @pytest.mark.slow

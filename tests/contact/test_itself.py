@@ -60,6 +60,7 @@ def test_the_tip_presses_on_the_arm_as_a_rod_by_scipy_does() -> None:
     assert max(abs(tip.gap), abs(below.gap)) < 1e-8 * L
 
 
+@pytest.mark.slow
 def test_what_would_slip_past_itself_sideways_is_refused() -> None:
     """In a plane it is an equilibrium, from which any push across leads away."""
     with pytest.raises(UnsettledContactError, match="slip past each other"):

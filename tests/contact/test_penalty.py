@@ -134,7 +134,7 @@ def _limit(values: list[Array]) -> Array:
     return np.asarray(third + after**2 / safe)
 
 
-@pytest.mark.quick("a ball, and a wall at the tip")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("force", "ball", "wall"),
     [

@@ -90,6 +90,7 @@ def test_a_plan_that_begins_in_contact_lets_go_where_nothing_has_to_press() -> N
     assert p.effort == pytest.approx(free.effort, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_plan_in_contact_passes_no_arm_that_is_crushed() -> None:
     """Tensions that crush the arm were its optimum, and its outcome was an error."""
     target = TipPosition((0.29957, 0.010395, 0.023342))

@@ -20,7 +20,11 @@ SCENE = Scene(Extension(), ExactTendons(), Contact(ROD))
 T = np.array([0.05, 0.6, 0.0, 0.02])
 
 
-def test_derivatives_of_targets_grip_and_stability_are_those_of_settled_shapes() -> None:
+@pytest.mark.quick("some")
+@pytest.mark.parametrize("columns", [slice(1, None, 3), slice(None)], ids=["some", "all"])
+def test_derivatives_of_targets_grip_and_stability_are_those_of_settled_shapes(
+    columns: slice,
+) -> None:
     tip = tuple(settle(ARM, T, SCENE).tip.tolist())
     targets = (TipPosition(tip), Hold(ROD, (0.01, 0.0, -0.05, 0.0, 1e-4, 0.0), 0.5))
     limits = Limits((0.0,) * 4, (5.0,) * 4, 9.0)
@@ -34,7 +38,7 @@ def test_derivatives_of_targets_grip_and_stability_are_those_of_settled_shapes()
     rows, h = program.rows(y), 1e-4
     differences = [
         (program.rows(y + step).values - program.rows(y - step).values) / (2 * h)
-        for step in h * np.eye(y.size)
+        for step in h * np.eye(y.size)[columns]
     ]
-    assert rows.jacobian == pytest.approx(np.array(differences).T, rel=1e-3, abs=2e-5)
+    assert rows.jacobian[:, columns] == pytest.approx(np.array(differences).T, rel=1e-3, abs=2e-5)
     assert np.abs(rows.jacobian).max(axis=1).min() > 1e-3

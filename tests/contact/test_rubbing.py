@@ -92,7 +92,7 @@ def leaning(mu: float, near: Shape | None, tensions: np.ndarray = TENSIONS) -> S
     return settle(ARM, tensions, scene, 1e-4, near=near)
 
 
-@pytest.mark.quick("0.3")
+@pytest.mark.slow
 @pytest.mark.parametrize("mu", [0.05, 0.3, 1.0])
 def test_an_arm_that_comes_to_lean_on_a_rod_keeps_coulombs_law(mu: float) -> None:
     free = leaning(mu, None, 0.2 * TENSIONS)
@@ -270,6 +270,7 @@ def test_ends_and_forces_of_a_capstan_converge_to_1e_6_with_order_four_then_two(
     assert fine.max() < 1e-6
 
 
+@pytest.mark.slow
 def test_a_place_that_slips_moves_with_tensions_as_all_of_its_way_does() -> None:
     """By differences; its last step alone was off by 60 %."""
     rod = Capsule((0.2, -0.1, -0.04), (0.2, 0.1, -0.04), 0.02)

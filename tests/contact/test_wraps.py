@@ -98,6 +98,7 @@ def test_the_outcome_tells_that_an_object_is_too_tight_for_the_limits() -> None:
     assert "71.4 /m" in p.outcome
 
 
+@pytest.mark.slow
 def test_what_curvature_allows_is_not_said_to_be_too_tight() -> None:
     """Two neighbouring tendons bend the arm more than one of them alone."""
     rod, limit = Capsule((0.1, -0.1, -0.085), (0.1, 0.1, -0.085), 0.035), 2.0
@@ -131,6 +132,7 @@ def test_a_shape_beside_the_obstacle_does_not_settle_otherwise_than_alone() -> N
     assert np.allclose(settle(ARM, p.tensions, Scene(), 1e-7).tip, p.tip, atol=1e-7)
 
 
+@pytest.mark.quick("beside")
 @pytest.mark.parametrize("scene", SCENES)
 def test_a_time_limit_is_one_for_all_the_plans_that_turns_take(scene: str) -> None:
     """Each of them had a limit of its own."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from tests.effects.cases import DATA, EXACT, RODS, Array, fem_arm, fem_cases, name_of
+from tests.effects.cases import RODS, Array, fem_arm, fem_cases, name_of
 from tests.effects.spatial import LoadedRod, Loads
 from tests.oracles import paper_rod
 
@@ -130,7 +129,7 @@ NOTHING: dict[str, tuple[Effect, ...]] = {
 }
 
 
-@pytest.mark.quick("paper-tip load", "paper-current", "paper-weight", "paper-friction", "paper-all")
+@pytest.mark.quick("paper-tip load", "paper-all")
 @pytest.mark.parametrize("name", NOTHING)
 @pytest.mark.parametrize(
     "kinds",
@@ -155,18 +154,6 @@ def test_a_section_all_but_rigid_in_shear_is_one_without_shear() -> None:
     free = settle(arm, PULLS, Scene(*kinds), 1e-10).tip
     stiff = settle(arm, PULLS, Scene(*kinds, Shear(1e9)), 1e-10).tip
     assert np.allclose(stiff, free, rtol=0, atol=1e-10)
-
-
-PAPER_CASES = json.loads((DATA / "reference_cases.json").read_text())["cases"]
-
-
-@pytest.mark.parametrize("scheme", ["magnus6", "gauss6"])
-@pytest.mark.parametrize("case", PAPER_CASES, ids=lambda case: case["name"])
-def test_exact_tendons_settle_to_the_references(case: dict[str, Any], scheme: str) -> None:
-    arm = Arm.from_paper(case["arm"])
-    for name, scene in (("exact", EXACT), ("exact_no_extension", Scene(ExactTendons()))):
-        tip = settle(arm, case["tensions"], scene, 1e-8, scheme).tip
-        assert np.linalg.norm(tip - case["tip"][name]) < 1e-8
 
 
 @pytest.mark.parametrize("rod", RODS)

@@ -45,7 +45,7 @@ def tip_change(scene: Scene, other: Scene, accuracy: float = 1e-6) -> float:
     return float(np.linalg.norm(tips[0] - tips[1])) / ARM.length
 
 
-@pytest.mark.quick("silicone", "as printed")
+@pytest.mark.quick("exact")
 @pytest.mark.parametrize(
     ("scene", "own", "others"),
     [
@@ -139,6 +139,7 @@ def test_an_effect_of_nothing_moves_nothing(nothing: Effect, states: int) -> Non
     assert switch.states_added == states
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("load", "told"),
     [

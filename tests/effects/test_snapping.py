@@ -130,6 +130,7 @@ def test_the_arm_keeps_to_its_plane_below_the_load_that_is_told() -> None:
     assert abs(shape.tip[2]) < 1e-12
 
 
+@pytest.mark.slow
 def test_at_the_load_that_is_told_it_may_leave_its_plane() -> None:
     below, above = (turn_of_base(times * critical()) for times in (0.99, 1.01))
     for turn in (below, above):

@@ -67,7 +67,7 @@ def collocated(way: str) -> dict[float, Array]:
     return tips
 
 
-@pytest.mark.quick("outward-0.3", "to its side-0.03")
+@pytest.mark.quick("to its side-0.03")
 @pytest.mark.parametrize("size", PAYLOADS)
 @pytest.mark.parametrize(
     "way", ["outward", "to its side", pytest.param("across", marks=pytest.mark.slow)]

@@ -71,7 +71,7 @@ def test_sections_that_settle_by_newton_agree_too(
         assert np.abs(tip - forward.run(other)[0][-1, 4:7]).max() <= AGREES[precision] * arm.length
 
 
-@pytest.mark.quick("test_tension", "test_turn")
+@pytest.mark.quick("test_tension")
 @pytest.mark.parametrize("place", ["test_tension", "test_position", "test_frame", "test_turn"])
 def test_the_check_fails_where_a_number_is_not_python_s(place: str, tmp_path: Path) -> None:
     arm, scene, T = SCENES["the paper's"]
@@ -123,7 +123,7 @@ def test_it_agrees_with_settle_and_tip_jacobian_at_other_tensions(
 
 def test_crushed_arms_and_nan_are_told_and_results_may_be_left_out(tmp_path: Path) -> None:
     arm, scene, T = SCENES["the paper's"]
-    found = export(arm, scene, tmp_path, T, 1e-3, name="octo")
+    found = export(arm, scene, tmp_path, T, 1e-1, name="octo")
     code = Library(tmp_path, "octo", arm.n_tendons, found.shape.s.size, "double")
     assert code.without_results(T) == 0
     assert code.without_results(np.full(12, 1000.0)) == 1
@@ -208,6 +208,7 @@ def test_a_moving_target_is_followed_fifty_times_a_second() -> None:
     assert float(flash) < 262 and float(static) < 16.4 and int(stack) < 8192
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not MISSING, reason="all tools are installed")
 def test_the_study_says_what_is_missing() -> None:
     assert study("microcontroller") == f"not measured, not installed: {', '.join(MISSING)}\n"

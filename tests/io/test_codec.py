@@ -203,6 +203,7 @@ PUBLIC = {
 }
 
 
+@pytest.mark.quick("model.effects")
 @pytest.mark.parametrize("package", PUBLIC)
 def test_a_public_value_that_cannot_be_written_is_an_error_at_import(package: str) -> None:
     """The packages export it before the tables are made, which are then refused."""

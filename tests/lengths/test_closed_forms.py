@@ -139,6 +139,7 @@ def test_lengths_at_rest_take_no_tension_at_all() -> None:
     assert not shape.tensions.any()
 
 
+@pytest.mark.quick("paper")
 @pytest.mark.parametrize("scene", [Scene(Extension()), EXACT], ids=["paper", "exact"])
 def test_a_tendon_is_as_long_as_the_curve_through_its_holes(scene: Scene) -> None:
     """Chords between u + y (n cos + b sin), where offsets taper: twice as many err by a quarter."""

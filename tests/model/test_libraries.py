@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from model.errors import CompilerError
-from model.machine.libraries import _command, cache_folder, compiler, library
+from model.machine.libraries import _command, cache_folder, library
 
 pytestmark = [
     pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler"),
@@ -85,15 +85,6 @@ def test_a_compiler_installed_by_pip_does(monkeypatch: pytest.MonkeyPatch) -> No
     assert answer(library(SOURCE, "-O1")) == 42
 
 
-def test_another_source_or_flag_is_another_library() -> None:
-    found = {
-        library(SOURCE, "-O1"),
-        library(SOURCE, "-O2"),
-        library(SOURCE.replace("42", "43"), "-O1"),
-    }
-    assert len(found) == 3
-
-
 def _built(name: str) -> int:
     os.environ["XDG_CACHE_HOME"] = name
     return answer(library(SOURCE, "-O1"))
@@ -110,8 +101,3 @@ def test_what_the_compiler_says_is_told(folder: Path) -> None:
     with pytest.raises(CompilerError, match="undeclared"):
         library("int answer(void) { return missing; }\n", "-O1")
     assert not list(folder.iterdir())
-
-
-def test_the_compiler_is_the_named_one_with_its_arguments(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("CC", "cc -DGIVEN")
-    assert compiler().command == ("cc", "-DGIVEN")

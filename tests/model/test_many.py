@@ -50,6 +50,7 @@ def test_many_sets_under_loads_are_those_settled_alone(name: str) -> None:
         assert many.error[i] == pytest.approx(alone.error, rel=1e-2, abs=1e-11)
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_what_buckles_is_refused_as_it_is_alone() -> None:
     arm, scene = Arm.from_paper("section-5.2"), Scene(TipLoad((-0.5, 0.0, 0.0)))

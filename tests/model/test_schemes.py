@@ -65,8 +65,8 @@ TENSIONS = {
     "table-4": np.array([0, 0.1, 0.2, 0, 1, 0, 0, 0.5, 0, 0, 2, 1]),
 }
 EACH = [
-    pytest.param(arm, scene, scheme, id=f"{arm}-{key}-{scheme}")
-    for arm in TENSIONS
+    pytest.param(arm, scene, scheme, id=f"{arm}-{key}-{scheme}", marks=marks)
+    for arm, marks in zip(TENSIONS, ([], [pytest.mark.slow]), strict=True)
     for key, scene in SCENES.items()
     for scheme in schemes_of(scene)
 ]

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
+from model import Arm, ConvergenceError, Scene, settle
 from model.effects import (
     Buoyancy,
     Current,
@@ -38,9 +38,7 @@ SCENES = {
 EVERYTHING = Scene(*Scene.silicone().effects, *WATER, *STREAM, Shear(), Friction(0.1))
 
 
-@pytest.mark.quick(
-    "silicone in water-1", "silicone in water-2", "silicone in water-3", "point load-3"
-)
+@pytest.mark.quick("silicone in water-1", "silicone in water-3")
 @pytest.mark.parametrize("stages", [1, 2, 3])
 @pytest.mark.parametrize("name", ["paper in water", "silicone in water", "stream", "point load"])
 def test_the_error_of_the_tip_falls_with_twice_the_number_of_stages(name: str, stages: int) -> None:
@@ -68,13 +66,7 @@ def somewhere(here: System, seed: int) -> Array:
     return here.x(T, 0.9, states * (1 + 1e-2 * rng.normal(size=states.size)))
 
 
-@pytest.mark.quick(
-    "silicone in water-section-5.2",
-    "stream-table-2",
-    "point load-table-2",
-    "rough-table-2",
-    "everything-table-2",
-)
+@pytest.mark.quick("silicone in water-section-5.2", "point load-table-2", "everything-table-2")
 @pytest.mark.parametrize("name", ["section-5.2", "table-2"])
 @pytest.mark.parametrize("scene", [*SCENES.values(), EVERYTHING], ids=[*SCENES, "everything"])
 def test_derivatives_of_the_equations_are_those_of_differences(name: str, scene: Scene) -> None:
@@ -98,9 +90,7 @@ def test_derivatives_of_the_equations_are_those_of_differences(name: str, scene:
     assert np.array_equal(H, H.T)
 
 
-@pytest.mark.quick(
-    "bare-section-5.2", "silicone in water-table-4", "stream-section-5.2", "rough-section-5.2"
-)
+@pytest.mark.quick("bare-section-5.2", "stream-section-5.2", "rough-section-5.2")
 @pytest.mark.parametrize("arm", ["table-4", "section-5.2"])
 @pytest.mark.parametrize("name", ["bare", *SCENES])
 def test_what_verifies_an_equilibrium_corrects_a_coarse_one(name: str, arm: str) -> None:
@@ -115,3 +105,5 @@ def test_what_verifies_an_equilibrium_corrects_a_coarse_one(name: str, arm: str)
     assert np.linalg.norm(coarse - wanted) > 5e-7 * given.length
     assert np.linalg.norm(fine - coarse) > 5e-7 * given.length
     assert np.linalg.norm(fine - wanted) < 1e-7 * given.length
+    with pytest.raises(ConvergenceError, match="rk8"):
+        verified(here, 1e-17)

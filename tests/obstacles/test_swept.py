@@ -140,27 +140,6 @@ def test_a_thin_obstacle_that_is_touched_only_between_samples_is_seen(scene: Sce
     assert found.seen[0] < 0
 
 
-def test_strains_keep_to_the_bounds_that_are_proven_of_them() -> None:
-    rng = np.random.default_rng(3)
-    for scene in (Scene(), PAPER, Scene(ExactTendons()), SILICONE):
-        start, end = _ways(rng, 6)
-        end = start + 0.05 * (end - start)
-        lines = Lines(ARM, scene, 2, (), False)
-        way = Moving(lines, lambda k, u, a=start, b=end: a[k] + u[:, None] * (b - a)[k])
-        each, none = np.arange(6), np.zeros(6)
-        spread = way.spread(each, none, none + 1)
-        assert spread.known.sum() >= 4
-        ends = way.lines(each, none), way.lines(each, none + 1)
-        for u in np.linspace(0.1, 0.9, 9):
-            for k, line in enumerate(way.lines(each, none + u)):
-                if not spread.known[k]:
-                    continue
-                for name, off in (("kappa", spread.kappa[k]), ("nu", spread.nu[k])):
-                    first, last, own = (getattr(x, name) for x in (ends[0][k], ends[1][k], line))
-                    apart = np.linalg.norm(own - (1 - u) * first - u * last, axis=-1).ravel()
-                    assert (apart <= off + 1e-9 * np.abs(own).max()).all()
-
-
 def test_an_arm_that_jumps_on_its_way_is_not_verified() -> None:
     T = np.zeros((2, 12))
     T[1, 4] = 4.0

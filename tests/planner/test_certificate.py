@@ -114,17 +114,6 @@ def test_a_limit_may_not_be_passed_by_any_amount() -> None:
 
 
 @pytest.mark.parametrize(
-    ("stability", "margin", "lacks"),
-    [(0.05, 0.1, True), (0.2, 0.1, False), (-0.1, 0.1, False), (0.05, 0.0, False)],
-)
-def test_too_little_stability_is_told_apart_from_none(
-    stability: float, margin: float, lacks: bool
-) -> None:
-    told = replace(SOUND, stability=stability, stability_margin=margin)
-    assert told.lacks_stability is lacks
-
-
-@pytest.mark.parametrize(
     ("load_factor", "why"),
     [
         (1.02, "it yields at 1.02 times its loads"),

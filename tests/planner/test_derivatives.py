@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -24,9 +23,8 @@ from model.effects import (
     Weight,
 )
 from planner import Limits, Problem, Statement
-from planner.solve.side_by_side import Part, SideBySide
 from planner.targets import Backbone, TipPosition
-from tests.differences import Array, all_of, dense, fourth_order
+from tests.differences import Array, all_of, dense
 
 ARM = Arm.from_paper("table-4")
 ONE_SECTION = Arm.from_paper("section-5.2")
@@ -53,7 +51,7 @@ PROGRAMS: dict[str, tuple[Arm, tuple[Effect, ...]]] = {
 }
 
 
-@pytest.mark.quick("weight", "current", "friction", "exact, shear")
+@pytest.mark.quick("current", "exact, shear")
 @pytest.mark.parametrize(("arm", "effects"), PROGRAMS.values(), ids=PROGRAMS)
 def test_derivatives_of_a_loaded_program_are_those_that_casadi_finds(
     arm: Arm, effects: tuple[Effect, ...]
@@ -102,44 +100,3 @@ def check_close(ours: Array, wanted: Array) -> None:
     assert ours.shape == wanted.shape
     rows, columns = (np.abs(wanted).max(axis=k, keepdims=True) for k in (1, 0))
     assert np.all(np.abs(ours - wanted) <= 1e-9 * np.sqrt(rows * columns))
-
-
-WANTED = np.array([1.0, 4.0])
-
-
-def _program() -> SideBySide:
-    """Minimise sum (x_k - p_k)^2 + z^2 with x_k = z^2 and x_1 + x_2 bounded."""
-
-    def state(at: SideBySide) -> tuple[Sequence[Part], Part]:
-        *xs, z = at.unknowns
-        *lams, _ = at.multipliers
-        parts = []
-        for x, p, lam in zip(xs, ca.vertsplit(at.p), lams, strict=True):
-            gradient, J = ca.vertcat(2 * (x - p), 0), ca.horzcat(1, -2 * z)
-            H = ca.diag(ca.vertcat(2 * at.sigma, -2 * lam))
-            parts.append(Part((x - p) ** 2, gradient, x - z**2, J, H))
-        both = ca.DM([[1, 1, 0]])
-        return parts, Part(z**2, 2 * z, both @ at.x, ca.MX(both), 2 * at.sigma)
-
-    return SideBySide([1, 1], [1, 1], 1, 1, 2, state)
-
-
-def test_derivatives_are_those_of_differences() -> None:
-    """Of the objective, of the constraints and of the Lagrangian, the upper half of its Hessian."""
-    program, x = _program(), np.array([0.3, -0.7, 1.1])
-    lam, of = np.array([0.4, -1.3, 0.8]), program.derivatives
-
-    def values(y: np.ndarray) -> np.ndarray:
-        return np.vstack([np.array(v) for v in program.values(y, WANTED)]).ravel()
-
-    def slope(y: np.ndarray) -> np.ndarray:
-        gradient, J = (np.array(of[name](y, WANTED)[1]) for name in ("grad_f", "jac_g"))
-        return np.asarray(gradient.ravel() + J.T @ lam)
-
-    gradient, J = (np.array(of[name](x, WANTED)[1]) for name in ("grad_f", "jac_g"))
-    H = np.array(of["hess_lag"](x, WANTED, 1.0, lam))
-    for k, along in enumerate(np.eye(3)):
-        by_k = fourth_order(lambda h, v=along: values(x + h * v), 1e-3)
-        assert np.append(gradient[k], J[:, k]) == pytest.approx(by_k, abs=1e-9)
-        curved = fourth_order(lambda h, v=along: slope(x + h * v), 1e-3)
-        assert H[: k + 1, k] == pytest.approx(curved[: k + 1], abs=1e-9)

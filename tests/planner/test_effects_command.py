@@ -13,7 +13,6 @@ from model import Arm, Scene
 from model.effects import Buoyancy, Extension, Weight
 from planner.cli import main
 from planner.effect_ablation import ProblemSize, Switch, switch_effects
-from planner.plots.results import plot_effects
 
 ARM = "[arm]\npreset = 'section-5.2'\n"
 BENT = "tensions = [[0.3, 0.2, 0.0, 0.1]]\naccuracy = 1e-5\n"
@@ -66,29 +65,6 @@ def test_an_arm_that_buckles_out_of_water_is_told_in_the_table_and_in_the_file(
     assert row["time_factor"] is None
     assert row["matters"]
     assert "it buckles" in row["problem"]
-
-
-def test_an_effect_that_does_not_settle_has_no_dot_and_the_figure_is_drawn() -> None:
-    size = ProblemSize(7, 0, 0, 100)
-    rows = tuple(
-        Switch(name, called, change, size, size, factor, matters, problem)
-        for name, called, change, factor, matters, problem in (
-            ("TipLoad", True, 0.1, 2.0, True, ""),
-            ("Shear", False, 0.0, 1.5, False, ""),
-            ("Weight", False, np.nan, np.nan, True, "it snaps"),
-        )
-    )
-    figure = plot_effects(rows, 1e-6)
-    left, right = figure.axes
-    assert [label.get_text() for label in left.get_yticklabels()] == ["TipLoad", "Shear", "Weight"]
-    drawn = [line for line in right.lines if np.isfinite(line.get_xdata()).all()]
-    dots = [line.get_xdata()[0] for line in drawn if line.get_marker() == "o"]
-    assert dots == [2.0, 1.5]
-    faces = {line.get_markerfacecolor() for line in right.lines if line.get_marker() == "o"}
-    assert "white" in faces
-    figure.draw_without_rendering()
-    only = plot_effects(rows[2:], 1e-6)
-    only.draw_without_rendering()
 
 
 def _found(arm: Arm, scene: Scene) -> dict[str, Switch]:

@@ -29,7 +29,7 @@ def followed(count: int, accuracy: float = 1e-6) -> tuple[Plan, ...]:
 
 
 def test_a_followed_plan_is_the_optimum_that_a_search_finds() -> None:
-    for target, found in zip(path(12), followed(12, 1e-8), strict=True):
+    for target, found in zip(path(4), followed(4, 1e-8), strict=True):
         afresh = plan(ARM, target, PAPER, 20.0, accuracy=1e-8)
         assert found.effort == pytest.approx(afresh.effort, rel=1e-6)
 

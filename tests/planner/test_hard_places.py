@@ -18,7 +18,7 @@ from model.effects import Extension
 from model.errors import FileError
 from planner import export, load_plan
 from planner.cli import main
-from planner.io.files import end, staged, write_named, write_together
+from planner.io.files import staged, write_named, write_together
 from planner.io.scene_file import load, read
 from planner.sweeps.definition import load_sweep
 
@@ -130,6 +130,7 @@ def test_a_full_standard_output_is_told(argv: list[str]) -> None:
     assert "standard output cannot be written to: no space left" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_closed_standard_output_is_told() -> None:
     done = octoplan("settle", "scene.toml", preexec_fn=lambda: os.close(1))
     assert (done.returncode, done.stderr.count("\n")) == (74, 1), done.stderr
@@ -154,22 +155,13 @@ def test_a_function_is_not_named_as_casadi_s_are_not() -> None:
             export(Arm.from_paper("table-4"), Scene(Extension()), "c", [0.1] * 12, name=name)
 
 
-def test_where_one_file_cannot_be_written_the_others_are_as_before() -> None:
-    folder = Path("out")
-    write_together(folder, {"b": b"old"})
-    (folder / "c").mkdir()
-    with pytest.raises(FileError, match="c in it is a folder"):
-        write_together(folder, {"a": b"new", "b": b"new", "c": b"new"})
-    assert (folder / "b").read_bytes() == b"old"
-    assert sorted(path.name for path in folder.iterdir()) == ["b", "c"]
-
-
 def test_a_result_of_which_one_file_cannot_be_written_is_not_there() -> None:
     Path("out/shape.json").mkdir(parents=True)
     assert main(["settle", "scene.toml", "--out", "out"]) == 2
     assert [path.name for path in Path("out").iterdir()] == ["shape.json"]
 
 
+@pytest.mark.slow
 def test_files_that_grow_too_large_leave_nothing() -> None:
     def small() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
@@ -203,6 +195,7 @@ with staged(Path()) as folder:
 """
 
 
+@pytest.mark.slow
 def test_what_a_killed_run_has_left_goes_with_the_next() -> None:
     there = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     subprocess.run([sys.executable, "-c", KILLED], env=there, check=False)
@@ -210,19 +203,3 @@ def test_what_a_killed_run_has_left_goes_with_the_next() -> None:
     with staged(Path()):
         write_named("a.png", ".png", b"whole")
     assert sorted(path.name for path in Path().iterdir()) == ["a.png", "scene.toml"]
-
-
-def test_what_other_runs_are_writing_stays() -> None:
-    with staged(Path()) as own:
-        other = Path(str(own).replace(f".{os.getpid()}.", f".{os.getppid()}."))
-        other.mkdir()
-        write_named("a.png", ".png", b"whole")
-        assert own.exists()
-        assert other.exists()
-
-
-def test_a_process_that_ends_at_once_takes_away_what_it_was_writing() -> None:
-    with staged(Path()) as folder:
-        (folder / "half").write_text("half")
-        end()
-        assert not folder.exists()

@@ -22,33 +22,19 @@ from model import (
     InputError,
     Linear,
     Material,
-    RestCurvature,
     Sampled,
     Scene,
     settle,
 )
 from model.effects import (
-    Buoyancy,
-    Current,
     ExactTendons,
     Extension,
-    Friction,
-    NeoHookean,
-    PointLoad,
-    PointMass,
-    Shear,
-    TipLoad,
-    Weight,
 )
 from model.errors import FileError
 from planner import Plan, load_plan, plan, save_shape
 from planner.commands.files import schema_of
-from planner.io.codec import plain, value_of
 from planner.io.csv_files import shape_csv
-from planner.io.mistakes import checked
-from planner.io.tables import exact
 from planner.targets import BendingPlane, TipPosition
-from tests.planner.test_scene_files import TARGETS
 
 OWN = Arm(
     0.3,
@@ -57,36 +43,6 @@ OWN = Arm(
     Material(9.9e4, 0.45, 1070.0),
     base_position=(0.1, 0.2, 1 / 3),
     hull=Linear(0.02, 0.02),
-)
-CURVED = replace(
-    OWN,
-    sections=(
-        replace(
-            OWN.sections[0],
-            offset=(Linear(0.006, 0.002), Linear(0.001, 0.0), Linear(0.002, 0.002)),
-            turn=(Linear(0.0, 1.0), Linear(0.0, 0.1), Linear(1.0, 0.0)),
-        ),
-        OWN.sections[1],
-    ),
-    rest_curvature=RestCurvature(Linear(0.1, 0.2)),
-)
-SCENES = (
-    Scene(),
-    Scene.silicone(),
-    Scene(
-        Extension(),
-        ExactTendons(),
-        NeoHookean(True),
-        Weight((0.0, 1 / 3, 0.0)),
-        Buoyancy(1025.0),
-        TipLoad((0.0, 0.0, 0.1), follower=True),
-        PointLoad(0.1, (0.0, 0.0, 0.1)),
-        PointLoad(0.2, (0.0, 0.1, 0.1)),
-        PointMass(0.2, 0.01, (0.0, 0.1, 0.1)),
-        Current((0.0, 0.0, 0.1)),
-        Friction(0.1, (1, -1, 1, 1, 1, 1, 1)),
-        Shear(0.9),
-    ),
 )
 
 
@@ -100,16 +56,6 @@ def reached() -> Plan:
 def unlimited() -> Plan:
     """Sections differ in number of tendons; maxima are infinite, the least pull is not."""
     return plan(OWN, TipPosition((0.3, 0.25, 0.3)), tension_min=1e-3, accuracy=1e-5)
-
-
-@pytest.mark.parametrize(
-    "given",
-    [OWN, CURVED, *SCENES, *(target for _, target in TARGETS.values())],
-    ids=lambda x: repr(x)[:25],
-)
-def test_values_are_read_back_to_the_last_digit(given: Any) -> None:
-    through = json.loads(json.dumps(plain(given)))
-    assert value_of(checked(through, exact(type(given)), "file")) == given
 
 
 def stopped(after: float) -> Plan:

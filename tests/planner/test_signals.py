@@ -89,7 +89,7 @@ def ended(command: str, number: signal.Signals, after: float, folder: Path) -> i
     return process.returncode
 
 
-@pytest.mark.quick("settle-2-0.1", "plan-15-1.2")
+@pytest.mark.quick("settle-2-0.1")
 @pytest.mark.parametrize(("command", "number", "after"), [
     ("settle", signal.SIGINT, 0.1), ("plan", signal.SIGTERM, 1.2), ("sweep", signal.SIGINT, 2.2),
 ])  # fmt: skip

@@ -20,6 +20,7 @@ ARM, PAPER = Arm.from_paper("table-4"), Scene(Extension())
 TARGET = TipPosition((0.28, 0.12, -0.12))
 
 
+@pytest.mark.quick("scene0")
 @pytest.mark.parametrize("scene", [PAPER, Scene.silicone(Weight(), Buoyancy())])
 def test_fatrop_comes_to_the_optimum_of_ipopt(scene: Scene) -> None:
     first, second = (plan(ARM, TARGET, scene, 20.0, solver=own) for own in ("ipopt", "fatrop"))
@@ -45,6 +46,7 @@ def test_the_form_is_deprecated_and_changes_nothing() -> None:
         plan(ARM, TARGET, PAPER, 20.0, form="direct")
 
 
+@pytest.mark.slow
 def test_an_obstacle_that_alone_is_in_the_way_is_named_with_place_and_clearance() -> None:
     """Used to be told as out of reach, or as limits to raise."""
     free = plan(ARM, TARGET, PAPER, 20.0)
@@ -65,6 +67,7 @@ def test_the_bare_arm_is_named_where_no_scene_is_given() -> None:
 TIP_IN_AIR = TipPosition((0.20, 0.15, -0.20))
 
 
+@pytest.mark.slow
 def test_a_tip_in_air_that_unstable_arms_meet_for_less_is_met_by_a_stable_one() -> None:
     """Used to be said to be out of reach, as the optimum without the margin is not stable."""
     found = plan(ARM, TIP_IN_AIR, Scene.silicone(Weight()), 20.0)
@@ -83,6 +86,7 @@ def test_where_the_margin_cannot_be_had_a_plan_says_that_it_stands_on_the_brink(
     assert "stands on the brink: it yields at 1.00 times its loads" in found.outcome
 
 
+@pytest.mark.quick("2")
 @pytest.mark.parametrize("norm", ["2", "1", "inf"])
 def test_a_target_far_beyond_the_arm_is_answered_with_the_nearest_shape(norm: Any) -> None:
     """Used to take up to 44 s."""

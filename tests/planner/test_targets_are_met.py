@@ -127,13 +127,7 @@ SHAPES: dict[str, tuple[str, Scene, Array]] = {
 
 
 @pytest.mark.quick(
-    "tip, in water",
-    "tip, payload in water",
-    "tip, point load",
-    "tip, moderate",
-    "tip, figure 15",
-    "pose, moderate",
-    "backbone, moderate",
+    "tip, payload in water", "tip, figure 15", "pose, moderate", "backbone, moderate"
 )
 @pytest.mark.parametrize(("kind", "scene", "tensions"), SHAPES.values(), ids=SHAPES)
 def test_what_a_settled_shape_meets_is_met_with_no_more_effort(
@@ -160,6 +154,7 @@ LOST = {
 }
 
 
+@pytest.mark.quick("crushed")
 @pytest.mark.parametrize(("tensions", "scene"), LOST.values(), ids=LOST)
 def test_poses_that_tensions_reach_are_not_lost(tensions: list[list[float]], scene: Scene) -> None:
     shape = settle(ARM, tensions, scene, 1e-10)
@@ -180,7 +175,7 @@ def test_a_section_in_water_is_planned(scene: Scene) -> None:
     check_shape("tip", scene, np.array([[0.3, 0.2, 0.0, 0.1]]), ONE_SECTION)
 
 
-@pytest.mark.quick("paper-2", "paper-3", "in water-2")
+@pytest.mark.quick("paper-2")
 @pytest.mark.parametrize("section", [1, 2, 3])
 @pytest.mark.parametrize("scene", [PAPER, IN_WATER], ids=["paper", "in water"])
 def test_a_plane_and_bend_are_hit_by_neighbouring_tendons(scene: Scene, section: int) -> None:
@@ -199,7 +194,7 @@ def test_three_prescribed_bends_are_made_between_the_anchorages() -> None:
     check_met("fetch", Fetch(*np.radians([[60, 90], [50, -90], [70, 30]])), PAPER)
 
 
-@pytest.mark.quick("in a plane", "in water")
+@pytest.mark.quick("in a plane")
 @pytest.mark.parametrize(
     ("plane", "scene"),
     [(None, PAPER), (np.radians(90), PAPER), (None, IN_WATER)],
@@ -303,6 +298,7 @@ def test_the_tip_points_where_it_is_asked_to_and_rolls_as_it_likes(scene: Scene)
     assert found.effort <= posed.effort * (1 + 1e-6)
 
 
+@pytest.mark.quick("pointing")
 @pytest.mark.parametrize("kind", ["pose", "pointing"])
 def test_weights_choose_what_comes_nearer_where_both_cannot_be_had(kind: str) -> None:
     far = (0.5, 0.0, 0.0)

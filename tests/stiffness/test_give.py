@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 from model import Arm, Scene
 from model.effects import Current, Effect, Extension, Friction, Shear, TipLoad
-from planner import Limits, Statement, stiffness
+from planner import Limits, Statement
 from planner.program.problem import Problem
 from planner.targets import MinimumStiffness, Softest, Stiffest, Target, TipPosition
 from tests.differences import check_derivatives, whole
-from tests.stiffness.cases import IN_WATER, STATICS, Array, pulling, with_effects
+from tests.stiffness.cases import IN_WATER, Array, pulling
 
 ARM, T = Arm.from_paper("table-4"), pulling("table-4", 3)
 ONE_SECTION = Arm.from_paper("section-5.2")
@@ -65,46 +63,3 @@ def test_derivatives_of_a_program_with_a_stiffness_are_differences_of_it(
     problem, p, x = stated(arm, effects, target)
     off = 1e-3 * np.random.default_rng(6).normal(size=x.size)
     check_derivatives(whole(problem, p), x + off, 1e-4)
-
-
-SEEN = {
-    "bare": STATICS["bare"],
-    "paper": STATICS["paper"],
-    "exact": STATICS["exact"],
-    "silicone": STATICS["silicone"],
-    "paper, in water": with_effects(STATICS["paper"], *IN_WATER),
-    "silicone, payload": with_effects(STATICS["silicone"], TipLoad((0.0, 0.0, -1e-3))),
-}
-
-
-@pytest.mark.quick("bare-tension", "paper, in water-length", "silicone, payload-tension")
-@pytest.mark.parametrize("hold", ["tension", "length"])
-@pytest.mark.parametrize("name", SEEN)
-def test_what_a_program_sees_is_what_stiffness_says(name: str, hold: Any) -> None:
-    scene, EA_held = SEEN[name], EA if hold == "length" else None
-    k = stiffness(ARM, T, scene, hold, accuracy=1e-9, tendon_EA=EA_held)
-    d = np.array(ALONG) / np.linalg.norm(ALONG)
-    wanted = float(1 / (d @ k.compliance[:3, :3] @ d))
-    limits, statement = Limits.of(ARM, 20.0), Statement(refinement=8)
-    for share in (1.0, 0.8):
-        targets = (MinimumStiffness(ALONG, share * wanted, hold, EA_held),)
-        problem = Problem(ARM, scene, targets, limits, statement)
-        g = problem.constraints(problem.settled(T), problem.parameters())
-        assert problem.rows[1].name == "inequality" and problem.rows[0].size == 0
-        assert g[0] == pytest.approx(1 - share, abs=1e-7)
-
-
-@pytest.mark.quick("tension")
-@pytest.mark.parametrize("hold", ["tension", "length"])
-def test_a_program_sees_all_directions_of_a_matrix(hold: Any) -> None:
-    scene, EA_held = with_effects(STATICS["paper"], *IN_WATER), EA if hold == "length" else None
-    k = stiffness(ARM, T, scene, hold, accuracy=1e-9, tendon_EA=EA_held)
-    target = MinimumStiffness(MATRIX, 0.5, hold, EA_held)
-    statement, limits = Statement(refinement=8), Limits.of(ARM, 20.0)
-    problem = Problem(ARM, scene, (target,), limits, statement)
-    values, vectors = np.linalg.eigh(np.array(MATRIX))
-    root = vectors @ np.diag(np.sqrt(0.5 * values)) @ vectors.T
-    spare = np.eye(3) - root @ k.compliance[:3, :3] @ root
-    wanted = [*np.diag(spare), np.linalg.det(spare)]
-    found = problem.constraints(problem.settled(T), problem.parameters())[:7][[0, 1, 2, 6]]
-    assert found == pytest.approx(wanted, rel=1e-6)

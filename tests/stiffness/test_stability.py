@@ -51,7 +51,12 @@ def test_swelling_that_takes_tendons_inwards_makes_the_straight_arm_unstable(
         (Extension(), Weight()),
         Scene.silicone(Weight()).effects,
         # Of these the least stable modes are complex.
-        Scene.silicone(Weight(), Buoyancy(), TipLoad((-0.02, 0.005, 0.01), follower=True)).effects,
+        pytest.param(
+            Scene.silicone(
+                Weight(), Buoyancy(), TipLoad((-0.02, 0.005, 0.01), follower=True)
+            ).effects,
+            marks=pytest.mark.slow,
+        ),
         # Far bent: 24 settles of it take a minute.
         pytest.param(
             Scene.silicone(TipLoad((0.05, -0.2, 0.1), follower=True)).effects,

@@ -2,7 +2,6 @@
 
 import errno
 import os
-from collections import deque
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ import pytest
 from model import InputError
 from planner import sweep
 from planner.cli import main
-from planner.io import files as files_of_io
 from planner.sweeps.definition import load_sweep
 from planner.sweeps.points import Rows, blank
 from planner.sweeps.store import ChunkFiles, FullDiskError, folder_of
@@ -31,24 +29,6 @@ def _files(folder: Path, axes: str = GRID) -> ChunkFiles:
     return ChunkFiles(folder_of(folder / "out.nc"), load_sweep(written(folder, axes)))
 
 
-def test_what_was_finished_comes_back_bit_for_bit(tmp_path: Path) -> None:
-    for chunk in (0, 2):
-        _files(tmp_path).write(chunk, _rows(chunk))
-    again = _files(tmp_path)
-    assert again.left == [1]
-    for chunk in (0, 2):
-        for name, own in _rows(chunk).items():
-            assert again.read(chunk, name).tobytes() == own.tobytes()
-
-
-def test_a_part_of_a_file_is_no_chunk(tmp_path: Path) -> None:
-    files = _files(tmp_path)
-    files.write(0, _rows(0))
-    (path,) = files.folder.iterdir()
-    (files.folder / f"{path.name}.part").write_bytes(path.read_bytes()[:100])
-    assert _files(tmp_path).left == [1, 2]
-
-
 def test_a_spoilt_chunk_is_told_and_computed_anew_once_it_is_removed(tmp_path: Path) -> None:
     path, out = written(tmp_path, GRID), tmp_path / "out.nc"
     files = _files(tmp_path)
@@ -64,13 +44,6 @@ def test_a_spoilt_chunk_is_told_and_computed_anew_once_it_is_removed(tmp_path: P
     assert sweep(path, out).identical(sweep(path))
 
 
-def test_the_chunks_of_another_sweep_are_refused_and_kept(tmp_path: Path) -> None:
-    _files(tmp_path).write(0, _rows(0))
-    with pytest.raises(InputError, match="of another"):
-        _files(tmp_path, GRID.replace("count = 3", "count = 4"))
-    assert _files(tmp_path).left == [1, 2]
-
-
 def test_what_an_earlier_version_left_of_a_sweep_is_told_and_kept(tmp_path: Path) -> None:
     """Used to be left beside a sweep that began anew."""
     journal = tmp_path / "out.nc.journal"
@@ -81,22 +54,7 @@ def test_what_an_earlier_version_left_of_a_sweep_is_told_and_kept(tmp_path: Path
     assert not (tmp_path / "out.nc").exists()
 
 
-@pytest.mark.parametrize("chunks", [0, 1])
-def test_what_ends_a_command_at_once_leaves_no_folder_of_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chunks: int
-) -> None:
-    monkeypatch.setattr(files_of_io, "_kept", deque())
-    files = _files(tmp_path)
-    for chunk in range(chunks):
-        files.write(chunk, _rows(chunk))
-    with files_of_io.staged(tmp_path) as folder:
-        (folder / "half").touch()
-        told = files_of_io.end()
-        assert not folder.exists()
-    assert ("nothing" in told) == (chunks == 0)
-    assert files.folder.exists() == (chunks > 0)
-
-
+@pytest.mark.quick("later")
 @pytest.mark.parametrize("when", ["first", "later", "gathered"])
 def test_a_full_disk_is_told_and_nothing_computed_is_lost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], when: str

@@ -68,7 +68,7 @@ def _killing(
     return watched
 
 
-@pytest.mark.quick("18")
+@pytest.mark.slow
 @pytest.mark.parametrize(("more", "chunks", "after"), [(FEW, 18, 3), (MORE, 64, 10)], ids=[18, 64])
 def test_a_cluster_finds_what_one_process_finds_though_a_worker_is_killed(
     tmp_path: Path,

@@ -67,6 +67,7 @@ def test_a_file_and_objects_do_not_mix(tmp_path: Path) -> None:
         sweep(written(tmp_path, GRID), axes={"arm.E_kPa": [1.0]})
 
 
+@pytest.mark.quick(".nc")
 @pytest.mark.parametrize("suffix", [".nc", ".zarr"])
 def test_a_finished_sweep_is_not_run_again_and_says_so(
     suffix: str,

@@ -1,6 +1,5 @@
 """Saved part by part: the file holds what a Dataset in memory does, and memory does not grow."""
 
-import itertools
 import os
 import subprocess
 import sys
@@ -10,26 +9,13 @@ import pytest
 import xarray
 
 import planner
-from planner.sweeps.definition import load_sweep
 from planner.sweeps.store import folder_of
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.parametrize("compute", ["settle", "stiffness", "plan"])
-def test_each_point_is_in_one_chunk(tmp_path: Path, compute: str) -> None:
-    other = GRID.replace("[0][2]", "[1][1]").replace("count = 3", "count = 7")
-    asked = load_sweep(written(tmp_path, GRID + other + DRAWN, compute, "draws = 31"))
-    chunks = [asked.points(chunk) for chunk in range(asked.chunks)]
-    assert max(map(len, chunks)) == asked.chunk
-    grids = [axis.values.tolist() for axis in asked.axes if not axis.drawn]
-    draws = list(zip(*(axis.values.tolist() for axis in asked.axes if axis.drawn), strict=True))
-    wanted = [(*place, *drawn) for *place, drawn in itertools.product(*grids, draws)]
-    assert [point for chunk in chunks for point in chunk] == wanted
-
-
-@pytest.mark.quick(".nc")
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".nc", ".zarr"])
 def test_many_parts_are_saved_as_they_are_in_memory(tmp_path: Path, suffix: str) -> None:
     # Parts of a thousand points end inside of rows: 3 x 7 x 201.

@@ -20,18 +20,6 @@ ARM = Arm.from_paper("table-4")
 SCENE = Scene(Extension())
 
 
-def test_settled_points_are_those_of_settle(tmp_path: Path) -> None:
-    data = planner.sweep(written(tmp_path, GRID))
-    for pull in (0.0, 0.25, 0.5):
-        T = tensions()
-        T[0, 2] = pull
-        point, shape = data.sel({"tensions[0][2]": pull}), settle(ARM, T, SCENE)
-        assert point.tip.values == pytest.approx(shape.tip, abs=1e-12)
-        assert point.tip_frame.values == pytest.approx(shape.tip_frame, abs=1e-12)
-        assert point.tensions.values.tolist() == T.ravel().tolist()
-        assert point.settled
-
-
 def test_two_jobs_find_what_one_finds(tmp_path: Path) -> None:
     path = written(tmp_path, GRID + STIFFNESS + DRAWN, more="draws = 10")
     one, two = planner.sweep(path), planner.sweep(path, jobs=2)
@@ -120,6 +108,7 @@ def test_a_dataset_comes_back_from_its_file_with_units(
     assert {p.name for p in tmp_path.iterdir()} == {"scene.toml", "sweep.toml", out.name}
 
 
+@pytest.mark.quick(".nc")
 @pytest.mark.parametrize("suffix", [".nc", ".zarr"])
 def test_a_dataset_takes_the_place_of_an_older_one(tmp_path: Path, suffix: str) -> None:
     out = tmp_path / f"out{suffix}"
