@@ -78,6 +78,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         "tensions, or else lengths or strokes",
     ),
     "nothing unknown": (asking(), "at least one"),
+    "what would part": (asking(Unknown("arm.length_mm", 190, 230)), "tie their keys"),
     "a slip": (asking(Unknown("arm.E_kpa", 50, 300)), 'did you mean "E_kPa"'),
     "all radii": (asking(Unknown("arm.radius_mm", 5, 15)), r"arm.radius_mm\[0\]"),
     "a truth": (asking(Unknown("effects.extension", 0, 1)), "a number of arm, effects"),

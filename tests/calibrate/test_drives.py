@@ -7,13 +7,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model import Arm, Material, Scene, settle
-from model.effects import Extension, Weight
+from model import Anchorage, Arm, Linear, Material, RestCurvature, Scene, settle
+from model.effects import (
+    Buoyancy,
+    ExactTendons,
+    Extension,
+    Friction,
+    PointLoad,
+    PointMass,
+    TipLoad,
+    Weight,
+)
 from model.winches import rest_lengths
 from planner import Measured, Unknown, calibrate
 from planner.fit.calibration import Calibration
 from planner.fit.experiment import Experiment
 from planner.fit.residuals import Evaluation, from_rest
+from planner.fit.unknowns import Parameters
 from planner.targets import TipPosition
 from tests.calibrate.cases import HANGING, PULLS, small_arm, synthetic
 from tests.differences import fourth_order
@@ -78,6 +88,66 @@ def test_derivatives_of_residuals_are_those_of_differences(kind: str) -> None:
             1e-2,
         )
         assert np.abs(scale * J[:, k] - wanted).max() <= 2e-6 * np.abs(wanted).max()
+
+
+OUTER = Anchorage(0.2, Linear(0.007, 0.003))
+PLAIN = Arm(0.2, Linear(0.01, 0.005), (OUTER, Anchorage(0.09, Linear(0.006, 0.006))))
+BENT = replace(
+    PLAIN,
+    sections=(replace(OUTER, offset=(OUTER.offset,) * 4), PLAIN.sections[1]),
+    rest_curvature=RestCurvature(Linear(0.0, 1.0), Linear(-2.0, 1.0)),
+)
+HELICAL = replace(PLAIN, sections=(replace(OUTER, turn=(Linear(0.0, 0.3),) * 4), PLAIN.sections[1]))
+LOADED = Scene.silicone(
+    *(Weight(), Buoyancy(800.0), PointLoad(0.15, (0.0, 0.005, 0.0)), TipLoad((0.0, 0.002, 0.001)))
+)
+RUBBED = Scene(Extension(), ExactTendons(), Weight(), Friction(0.1))
+LADEN = Scene(
+    *(Extension(), ExactTendons(), Weight((0.0, 0.0, -3.0))),
+    PointMass(0.15, 0.005, (0.0, 0.02, -0.01)),
+)
+EXACT = Scene(Extension(), ExactTendons())
+# An arm, a scene, a number of theirs, and a small change of it.
+NUMBERS: dict[str, tuple[Arm, Scene, str, float]] = {
+    "modulus": (PLAIN, LOADED, "arm.E_kPa", 0.1),
+    "density": (PLAIN, LOADED, "arm.density", 1.0),
+    "tip radius": (PLAIN, LOADED, "arm.radius_mm[1]", 5e-3),
+    "anchorage": (PLAIN, LOADED, "arm.sections[1].at_mm", 0.09),
+    "angle": (PLAIN, LOADED, "arm.sections[1].angles_deg[1]", 0.06),
+    "base": (PLAIN, LOADED, "arm.base_position_mm[1]", 0.1),
+    "turn of the base": (PLAIN, LOADED, "arm.base_rotation_deg[1]", 0.01),
+    "place of a load": (PLAIN, LOADED, "effects.point_loads[0].s_mm", 1.0),
+    "tip load": (PLAIN, LOADED, "effects.tip_load.force[0]", 2e-5),
+    "rest curvature": (BENT, LOADED, "arm.rest_curvature.n[0]", 1e-3),
+    "rest curvature, with friction": (BENT, RUBBED, "arm.rest_curvature.n[0]", 1e-3),
+    "rest curvature, no loads": (BENT, Scene(Extension()), "arm.rest_curvature.b[1]", 1e-3),
+    "offset of one tendon": (BENT, LOADED, "arm.sections[0].offset_mm[0][0]", 7e-3),
+    "offset of one tendon, no loads": (BENT, EXACT, "arm.sections[0].offset_mm[0][0]", 7e-3),
+    "turn of one tendon": (HELICAL, LOADED, "arm.sections[0].turn_deg[0][1]", 0.06),
+    "a mass": (PLAIN, LADEN, "effects.point_masses[0].mass_g", 0.1),
+    "the offset of a mass": (PLAIN, LADEN, "effects.point_masses[0].offset_mm[0]", 1.0),
+    "friction": (PLAIN, RUBBED, "effects.friction.mu", 1e-3),
+    "anchorage, with friction": (PLAIN, RUBBED, "arm.sections[1].at_mm", 0.09),
+    "modulus, no loads": (PLAIN, Scene(Extension()), "arm.E_kPa", 0.1),
+    "anchorage, bare": (PLAIN, Scene(), "arm.sections[1].at_mm", 0.09),
+}
+
+
+@pytest.mark.quick("anchorage", "place of a load", "friction", "modulus, no loads")
+@pytest.mark.parametrize(("arm", "scene", "key", "step"), NUMBERS.values(), ids=NUMBERS)
+def test_shapes_move_with_a_number_as_shapes_settled_afresh_do(
+    arm: Arm, scene: Scene, key: str, step: float
+) -> None:
+    """Position and frame on the way, and the lengths of the tendons."""
+    at, there = 0.11, {"frames": [(0.11, np.eye(3))], "lengths": [0.2] * 4 + [0.09] * 4}
+    seen = Measured([0.2, 0, 0.1, 0, 0, 0.9, 0, 0], [(at, (0, 0, 0), (at, 0, 0))], **there)  # type: ignore[arg-type]
+    (value,) = Parameters.of(arm, scene, [Unknown(key, -1e6, 1e6)]).start
+    parameters = Parameters.of(arm, scene, [Unknown(key, value - 10 * step, value + 10 * step)])
+    experiment, start = Experiment(parameters, (seen,), 4, 3), parameters.start
+    here = from_rest(experiment, start).near(start)
+    found = np.vstack(list(here.jacobians.values()))[:, 0]
+    wanted = fourth_order(lambda x: _flat(here.near(start + x * step)), 1.0) / step
+    assert np.abs(found - wanted).max() <= 1e-6 * np.abs(wanted).max()
 
 
 def _flat(here: Evaluation) -> np.ndarray:
