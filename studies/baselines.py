@@ -1,4 +1,4 @@
-"""What a user writes without this project, for comparison: SciPy by shooting and by collocation.
+"""What a user writes without this project, for comparison: SciPy by shooting.
 
 NumPy and SciPy only; nothing of `model` or `planner` but the numbers of the arm.
 
@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_bvp, solve_ivp
+from scipy.integrate import solve_ivp
 from scipy.optimize import minimize, root
 from scipy.spatial.transform import Rotation
 
@@ -219,49 +219,6 @@ class ScipyLoadedArm(ScipyCone):
             tip = Rotation.from_rotvec(result.x).as_matrix() @ tip
         end = self._sweep(tip, T, 1.0, rtol, method)
         return np.asarray(np.array(self.arm.base_position) - end[12:])
-
-    def collocate(self, T: Array, tol: float, nodes: int = 8) -> Array:
-        """Return the tip by solve_bvp, the anchorage segments side by side on [0, 1]."""
-        low, high = self.breaks[:-1], self.breaks[1:]
-        crossing, n = [self._crossing(T, end) for end in high], len(low)
-        unit = np.concatenate([np.ones(9), np.full(3, 1e-3), np.full(3, self.arm.length)])[:, None]
-        start = np.concatenate([self.base.ravel(), np.zeros(6)])
-        start[12:] = self.arm.base_position
-
-        def rate(z: Array, x: Array, share: float) -> Array:
-            parts = [
-                (b - a) / unit * self.rate(a + (b - a) * z, unit * part, pulls, share)
-                for a, b, part, pulls in zip(low, high, np.split(x, n), crossing, strict=True)
-            ]
-            return np.concatenate(parts)
-
-        def ends(left: Array, right: Array) -> Array:
-            a, b = left.reshape(n, 15), right.reshape(n, 15)
-            clamp = np.delete(a[0] - start / unit[:, 0], [9, 10, 11])
-            return np.concatenate([clamp, (b[:-1] - a[1:]).ravel(), b[-1, 9:12]])
-
-        z = np.linspace(0, 1, nodes)
-        guess = self._unloaded(T, z, unit[:, 0])
-        for share in np.linspace(0, 1, self.steps + 1)[1:]:
-            result: Any = solve_bvp(
-                lambda z, x, share=share: rate(z, x, share), ends, z, guess, tol=tol, max_nodes=4000
-            )
-            z, guess = result.x, result.y
-        return np.asarray(guess[-3:, -1] * unit[-3:, 0])
-
-    def _unloaded(self, T: Array, z: Array, unit: Array) -> Array:
-        """Return the states (15 segments, len(z)) of the arm without its loads, in units."""
-        x, rows = np.concatenate([self.base.ravel(), np.zeros(3), self.arm.base_position]), []
-        for a, b in pairwise(self.breaks):
-            crossing = self._crossing(T, b)
-
-            def rate(s: float, x: Array, crossing: Array = crossing) -> Array:
-                return self.rate(s, x[:, None], crossing, 0.0)[:, 0]
-
-            run: Any = solve_ivp(rate, (a, b), x, "DOP853", t_eval=a + (b - a) * z, rtol=1e-4)
-            rows.append(run.y / unit[:, None])
-            x = run.y[:, -1]
-        return np.concatenate(rows)
 
 
 _STEPS, _SETTLED, _FARTHEST = 60, 1e-12, 0.3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -16,7 +17,10 @@ def source(command: str) -> str:
     """Return the source of the study, or of the one of a folder, that a command line runs."""
     _, _, module, *words = shlex.split(command)
     place = ROOT / module.replace(".", "/")
-    return (place / f"{words[0]}.py" if place.is_dir() else place.with_suffix(".py")).read_text()
+    if place.is_dir():
+        named = re.search(rf'"{words[0]}": \("([\w.]+)"', (place / "__main__.py").read_text())
+        place = ROOT / named[1].replace(".", "/") if named else place / words[0]
+    return place.with_suffix(".py").read_text()
 
 
 def study(name: str, *options: str | Path) -> str:

@@ -19,7 +19,12 @@ import argparse
 from collections.abc import Sequence
 from importlib import import_module
 
-COMMANDS = ("settle", "plan", "knob", "accuracy", "effects", "follow", "fit", "sweep", "live")
+# The module of each, and its function where that is not `main`.
+COMMANDS = {
+    name: (f"studies.speed.{name}", "main")
+    for name in ("settle", "plan", "knob", "accuracy", "follow", "sweep", "live")
+}
+COMMANDS |= {"effects": ("studies.speed.settle", "effects"), "fit": ("studies.calibration", "fit")}
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -32,7 +37,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("command", choices=COMMANDS)
     parser.add_argument("options", nargs=argparse.REMAINDER)
     args = parser.parse_args(argv)
-    import_module(f"studies.speed.{args.command}").main(args.options)
+    module, function = COMMANDS[args.command]
+    getattr(import_module(module), function)(args.options)
 
 
 if __name__ == "__main__":

@@ -179,8 +179,7 @@ def others(scene: Scene) -> list[tuple[str, Callable[[Array, float], Array], tup
         return [("SoRoMoX, order 0 to 8", lambda T, n: tips[int(n)](T), tuple(map(float, tips)))]
     if scene == WATER:
         loaded = ScipyLoadedArm(ARM, NOTHING, DOWN, 1000.0)
-        ways = {"SciPy shooting": loaded.shoot, "SciPy solve_bvp": loaded.collocate}
-        return [(name, way, RTOLS[:7]) for name, way in ways.items()]
+        return [("SciPy shooting", loaded.shoot, RTOLS[:7])]
     silicone = ScipySiliconeArm(ARM, NOTHING, DOWN if is_loaded(scene) else NOTHING, 1000.0)
     return [("SciPy shooting", silicone.shoot, RTOLS[:8:2])]
 
