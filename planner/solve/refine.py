@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from typing import cast
 
 import numpy as np
 
@@ -33,7 +34,7 @@ from planner.certificate import KKT_TOLERANCE
 from planner.measure import compliances_along
 from planner.program.optimality import Point
 from planner.program.problem import Bounds, Problem
-from planner.solve.ipopt import MAGNIFIED, Candidate, solve
+from planner.solve.ipopt import MAGNIFIED, Candidate, Purpose, solve
 
 # Corrections and meshes that are tried; the part of the accuracy that a defect may be off by, and
 # of what optimality is held to.
@@ -130,19 +131,20 @@ def polish(
     n, (lbx, ubx, lbg, ubg) = problem.arm.n_tendons, bounds or problem.bounds
     x, pull = candidate.x[:n], candidate.lam_x[:n] * MAGNIFIED
     at_low, at_high = x - lbx[:n] < -pull, ubx[:n] - x < pull
-    even = lbx[:n] == ubx[:n]
+    even, purpose = lbx[:n] == ubx[:n], cast(Purpose, "polish")
     for _ in range(_RELEASED):
         low, high = lbx.copy(), ubx.copy()
         high[:n] = np.where(at_low, lbx[:n], ubx[:n])
         low[:n] = np.where(at_high & ~at_low, ubx[:n], lbx[:n])
         guess = np.clip(candidate.x, low, high)
         lam = candidate.lam_x, candidate.lam_g
-        trial = solve(problem, guess, p, (low, high, lbg, ubg), lam, "polish")
+        trial = solve(problem, guess, p, (low, high, lbg, ubg), lam, purpose)
         if not (trial.met and trial.finite):
             if not (at_low | at_high).any():
                 last = trial if warm else solve(problem, candidate.x, p, (lbx, ubx, lbg, ubg))
                 return last if last.met or candidate is begun else candidate
             at_low[:] = at_high[:] = False
+            purpose = "near"
             continue
         point = Point(problem, trial.x, p, (lbx, ubx, lbg, ubg))
         lam_x, lam_g, rest = point.multipliers()
