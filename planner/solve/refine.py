@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import cast
 
 import numpy as np
 
@@ -131,7 +130,8 @@ def polish(
     n, (lbx, ubx, lbg, ubg) = problem.arm.n_tendons, bounds or problem.bounds
     x, pull = candidate.x[:n], candidate.lam_x[:n] * MAGNIFIED
     at_low, at_high = x - lbx[:n] < -pull, ubx[:n] - x < pull
-    even, purpose = lbx[:n] == ubx[:n], cast(Purpose, "polish")
+    even = lbx[:n] == ubx[:n]
+    purpose: Purpose = "polish"
     for _ in range(_RELEASED):
         low, high = lbx.copy(), ubx.copy()
         high[:n] = np.where(at_low, lbx[:n], ubx[:n])
