@@ -5,7 +5,6 @@ Arms that touch nothing are drawn at random: where to begin on the other side of
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
 
@@ -24,8 +23,8 @@ from planner.program.terms import pulling_tendons
 from planner.solve.refine import settled
 from planner.solve.task import Task
 
-# Arms that are drawn, so many looked at together, the most that are looked at closely, and given.
-_DRAWN, _TOGETHER, _LOOKED_AT, _MOST = 6000, 200, 40, 6
+# Arms that are drawn, the most that are looked at closely, and given.
+_DRAWN, _LOOKED_AT, _MOST = 6000, 40, 6
 
 
 def keeping(task: Task, avoidance: Avoidance) -> Task:
@@ -43,26 +42,18 @@ def line_of(task: Task, T: Array) -> Centreline | None:
 
 
 def clear_arms(task: Task, surroundings: Surroundings, lines: Lines) -> list[Array]:
-    """Return tensions of arms that touch nothing, the nearest to the targets first."""
-    drawn = islice(_likely_clear(task.simple, surroundings), _LOOKED_AT)
-    results = ((T, line) for T in drawn if (line := lines(T)) is not None)
-    clear = (T for T, line in results if least_gap(line, surroundings) >= 0)
-    return list(islice(clear, _MOST))
+    """Return tensions of arms that touch nothing, the nearest to the targets first.
 
-
-def _likely_clear(task: Task, surroundings: Surroundings) -> Iterator[Array]:
-    """Yield tensions of arms that touch no obstacle, the nearest to the targets first.
-
-    Looked at on the coarsest mesh, for a scene without loads, so that some may touch after all.
+    Those that touch an obstacle without their loads, on the coarsest mesh, are left out beforehand.
     """
-    arm, targets, limits = task.arm, task.targets, task.allowed
-    bends = bend_coordinates(arm, pulling_tendons(arm, targets), limits)
+    simple, arm = task.simple, task.arm
+    bends = bend_coordinates(arm, pulling_tendons(arm, task.targets), task.allowed)
     tensions = bends.tensions(bends.draw(_DRAWN))
-    off = residuals(arm, task.scene, targets, tensions, task.machine_code)
-    order = np.argsort(np.linalg.norm(off, axis=1), kind="stable")
-    bodies = Bodies(surroundings.obstacles)
-    for some in np.split(order, np.arange(_TOGETHER, _DRAWN, _TOGETHER)):
-        points, radius = many_places(arm, task.scene, tensions[some], task.machine_code)
-        distances = bodies.at(points[:, :, None])[0]
-        clear = (distances - radius[:, None] >= surroundings.clearance).all(axis=(1, 2))
-        yield from (tensions[i] for i in some[clear])
+    points, radius = many_places(arm, simple.scene, tensions, task.machine_code)
+    gaps = Bodies(surroundings.obstacles).at(points[:, :, None])[0] - radius[:, None]
+    tensions = tensions[(gaps >= surroundings.clearance).all(axis=(1, 2))]
+    off = residuals(arm, simple.scene, task.targets, tensions, task.machine_code)
+    nearest = tensions[np.argsort(np.linalg.norm(off, axis=1), kind="stable")]
+    looked_at = ((T, lines(T)) for T in nearest[:_LOOKED_AT])
+    clear = (T for T, line in looked_at if line is not None and least_gap(line, surroundings) >= 0)
+    return list(islice(clear, _MOST))

@@ -20,8 +20,8 @@ EXCHANGED = 16
 # millimetre where an arm of half a metre passes a body of 5 mm.
 _POINTS = 257
 # Where two parts of the arm lie side by side their even points are near to each other by turns:
-# pairs of places are so many points apart, and sought between points by closing in so often.
-_APART, _CLOSER = 17, 3
+# pairs of places are so many points apart.
+_APART = 17
 # What is nearer than so much more than asked for gets an inequality beforehand, over L; the same
 # of arms that touch nothing, to stay on the side where they are.
 _NEAR, _WATCHED = 0.02, 0.15
@@ -83,7 +83,7 @@ def _near(line: Centreline, surroundings: Surroundings, within: float) -> list[t
         near.append((gap, _row(line, surroundings, at, numbers, is_part)))
     gaps = sampled.of_pairs
     for i, k in np.argwhere((gaps <= minimum_filter(gaps, _APART)) & (gaps < most)):
-        one, other, gap = _nearest_pair(line, s[i], s[k], s[1])
+        (one, gap), (other, _) = _least(s, gaps[:, k], i), _least(s, gaps[i], k)
         near.append((gap, _row(line, surroundings, one, other)))
     return near
 
@@ -96,21 +96,6 @@ def _least(s: Array, gaps: Array, i: int) -> tuple[float, float]:
         if 0 < bend < np.inf:
             return float(s[i] - s[1] * slope / bend), float(at - slope**2 / (2 * bend))
     return float(s[i]), float(gaps[i])
-
-
-def _nearest_pair(
-    line: Centreline, one: float, other: float, step: float
-) -> tuple[float, float, float]:
-    """Return the places of an arm that are nearest to each other, about two, and their gap."""
-    least = np.inf
-    for _ in range(_CLOSER):
-        around = np.linspace(-step, step, 9)
-        a, b = (np.clip(s + around, 0.0, line.arm.length) for s in (one, other))
-        points, radius = line.at(np.concatenate([a, b]))
-        gaps = np.linalg.norm(points[:9, None] - points[9:], axis=2) - radius[:9, None] - radius[9:]
-        i, k = np.unravel_index(np.argmin(gaps), gaps.shape)
-        one, other, least, step = float(a[i]), float(b[k]), float(gaps[i, k]), step / 4
-    return one, other, least
 
 
 def _is_same(line: Centreline, row: Apart, other: Apart) -> bool:

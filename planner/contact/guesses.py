@@ -18,8 +18,8 @@ from planner.program.limits import natural_tensions
 from planner.solve.task import Task
 from planner.targets.hold import Hold
 
-# Bends towards targets, in natural tensions, and towards what is held, harder and harder.
-_BENDS, _HARDER = (0.3, 1.0, 2.0), 0.25 * 1.5 ** np.arange(8)
+# Bends towards what is held, in natural tensions, harder and harder.
+_HARDER = 0.25 * 1.5 ** np.arange(8)
 # Arms that are drawn, and those that are tried, no deeper in what they hold, over their length.
 _DRAWN, _TRIED, _DEEP = 3000, 8, 0.2
 
@@ -27,18 +27,14 @@ _DRAWN, _TRIED, _DEEP = 3000, 8, 0.2
 def guesses(task: Task, equilibria: Equilibria) -> Iterator[Array]:
     """Yield tensions (n_tendons,) [N], the likeliest first."""
     limits = np.array(task.allowed.lower), np.array(task.allowed.upper)
-    points = (target.guess_towards(task.arm) for target in task.targets)
-    towards = [_towards(task, point) for point in points if point is not None]
     holds = [target for target in task.targets if isinstance(target, Hold)]
-    if holds:
-        for tensions in towards:
-            yield _pressed(equilibria, [np.clip(c * tensions, *limits) for c in _HARDER])
-        for hold in holds:
-            yield from _reaching(task, hold)
-        return
-    question = task.arm, task.simple.scene, task.targets, task.allowed, task.machine_code
-    yield from initial_guesses(*question, is_loaded(task.simple.scene))
-    yield from (factor * tensions for tensions in towards for factor in _BENDS)
+    for hold in holds:
+        towards = _towards(task, hold.guess_towards(task.arm))
+        yield _pressed(equilibria, [np.clip(c * towards, *limits) for c in _HARDER])
+        yield from _reaching(task, hold)
+    if not holds:
+        question = task.arm, task.simple.scene, task.targets, task.allowed, task.machine_code
+        yield from initial_guesses(*question, is_loaded(task.simple.scene))
 
 
 def _towards(task: Task, point: Array) -> Array:

@@ -30,19 +30,15 @@ from model.errors import OctoplanError, UnsettledContactError
 from model.paths import Array
 from model.time_limit import check_time
 from model.transcription.layout import POSE
-from planner.contact.equilibria import Equilibria, Settle
+from planner.contact.equilibria import Settle
 from planner.contact.grasp import Grasp
-from planner.contact.load_path import LoadPath
 from planner.program.limits import natural_tensions
 from planner.program.terms import stations_of, target_numbers, terms_of
 from planner.solve.task import Task
 from planner.targets.hold import Hold
 
-# Violations that are met, and that are nearly met: from there SLSQP goes on; optimal residuals.
-_MET, _NEARLY, _OPTIMAL = 1e-7, 1e-2, 3e-7
-# How often SLSQP begins anew, as other places touch or short of the optimum; how often settling may
-# fail in one program.
-_ROUNDS, _FAILURES = 5, 20
+# How often settling may fail in one program.
+_FAILURES = 20
 # Violations where no shape is settled; constraints that are active; rows that depend on others,
 # over the largest; steps of differences in scaled unknowns: of states, and of shapes settled anew.
 _UNSETTLED, _ACTIVE, _DEPENDENT, _STEP, _CHANGE = 1e3, 1e-6, 1e-9, 1e-6, 1e-4
@@ -60,69 +56,6 @@ class Optimality:
     residual: float
     lam_bounds: Array
     lam_stability: float
-
-
-@dataclass(frozen=True, eq=False)
-class ContactOptimum:
-    """Where a program leads from an equilibrium.
-
-    Attributes
-    ----------
-    point : Linearised
-        The equilibrium.
-    steps : LoadPath
-        The tensions it was come to by, its own last.
-    violation : float
-        The largest of a constraint; 0 where all are met.
-    optimality : Optimality
-    least : float
-        The stability that it was constrained to; 0 without.
-    load_path : LoadPath
-        What led to it, its own tensions left out.
-    """
-
-    point: Linearised
-    steps: LoadPath
-    violation: float
-    optimality: Optimality
-    least: float
-    load_path: LoadPath = ()
-
-    @property
-    def effort(self) -> float:
-        """The norm of its tensions [N]."""
-        return float(np.linalg.norm(self.point.tensions))
-
-    @property
-    def cost(self) -> tuple[float, float]:
-        """What is compared: its violation, its effort [N]."""
-        return self.violation, self.effort
-
-
-def optimum(
-    equilibria: Equilibria, begin: Linearised, start: Array | None = None, least: float = 0.0
-) -> ContactOptimum:
-    """Return the optimum that a program leads to from an equilibrium, or from other tensions.
-
-    With a stability of at least so much. Where the constraints cannot be met from there, where they
-    are violated least. Raises what settling the start does.
-    """
-    settle, point, steps = equilibria.near(begin), begin, [begin.tensions]
-    for _ in range(_ROUNDS):
-        program = TensionProgram(equilibria.task, settle, point, least)
-        y = program.solve(program.start if start is None else start / program.unit)
-        if program.rows(y).violation > _MET:
-            y = program.nearest(y)
-            if _MET < program.rows(y).violation < _NEARLY:
-                y = program.solve(y)
-        rows, optimality, start = program.rows(y), program.optimality(y), None
-        point, steps = rows.point, [*steps, *program.visited]
-        done = rows.violation > _MET or optimality.residual < _OPTIMAL
-        if done and program.touching(point) == program.places:
-            break
-    path = tuple(tuple(T.tolist()) for T in (*steps, point.tensions))
-    violation = rows.violation if rows.violation > _MET else 0.0
-    return ContactOptimum(point, path, violation, optimality, least)
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,7 +61,6 @@ def _curvatures(wrap: Wrap, shape: Shape, limits: Limits) -> str:
     needed = curvature_along(wrap, shape, s)
     most, is_most = attainable_curvature(arm, shape.scene, limits, s)
     allow = "allow" if is_most else "allow at least"
-    bent = _bend_towards(wrap, shape, float(s[k]))
     where = f"at {1e3 * s[k]:.4g} mm, where the gap is {1e3 * gaps[k]:.3g} mm"
     along = _part_along(wrap, shape, s, gaps)
     short = curvature_along(wrap, shape, s, wrap.tolerance) - most
@@ -70,13 +69,9 @@ def _curvatures(wrap: Wrap, shape: Shape, limits: Limits) -> str:
         numbers = f"it asks for {needed[worst]:.3g} /m, the limits allow {most[worst]:.3g} /m"
         place = f"at {1e3 * s[worst]:.4g} mm, in the direction of the shape found"
         return f"The obstacle is too tight for the arm {place}: {numbers}. {along}"
-    if bent > needed[k]:
-        more = f"the arm bends by {bent:.3g} /m, more than the {needed[k]:.3g} /m of the obstacle"
-        return f"In the shape found the obstacle is too slack for the arm {where}: {more}. {along}"
-    numbers = f"it asks for {needed[k]:.3g} /m, the limits {allow} {most[k]:.3g} /m there"
-    less = f"the arm bends by {bent:.3g} /m {where}; {numbers}"
+    numbers = f"asks for {needed[k]:.3g} /m, the limits {allow} {most[k]:.3g} /m there"
     cause = "no shape along the whole part was found, though its curvature may be within the limits"
-    return f"In the shape found {less}: {cause}. {along}"
+    return f"The obstacle {numbers}, {where}: {cause}. {along}"
 
 
 def _too_tight(short: Array, s: Array, slack: Array) -> bool:
@@ -132,14 +127,6 @@ def curvature_along(wrap: Wrap, shape: Shape, s: Array, gap: float = 0.0) -> Arr
     t /= np.maximum(np.linalg.norm(t, axis=1), 1e-12)[:, None]
     ends = [body.gradient(near + sign * _STEP * t) for sign in (1, -1)]
     return np.asarray(((ends[0] - ends[1]) * t).sum(axis=1) / (2 * _STEP))
-
-
-def _bend_towards(wrap: Wrap, shape: Shape, s: float) -> float:
-    """Return the curvature of the midline towards the obstacle at an arc length [1/m]."""
-    _, xi, k = shape.strain(s)[:3]
-    _, n, b = shape.frame(s).T
-    towards = -wrap.obstacle.gradient(shape.position(s))
-    return float(np.vdot(towards, k * n - xi * b))
 
 
 def attainable_curvature(arm: Arm, scene: Scene, limits: Limits, s: Array) -> tuple[Array, bool]:

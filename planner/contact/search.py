@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain
 from time import monotonic
 
@@ -29,13 +29,16 @@ from model.time_limit import end as deadline
 from planner.contact.equilibria import COARSE, FINE, Equilibria
 from planner.contact.guesses import guesses
 from planner.contact.load_path import LoadPath, rubs
-from planner.contact.program import ContactOptimum, TensionProgram, optimum
+from planner.contact.program import Optimality, TensionProgram
 from planner.program.terms import compliance_requests
 from planner.solve.task import SearchResult, Task, Trial
 from planner.targets.base import Target
 from planner.targets.hold import Hold
 from planner.targets.wrap import Wrap
 
+# Violations that are met, and that are nearly met: from there SLSQP goes on; optimal residuals; how
+# often it begins anew, as other places touch or short of the optimum.
+_MET, _NEARLY, _OPTIMAL, _ROUNDS = 1e-7, 1e-2, 3e-7, 5
 # The relative difference in effort of one optimum.
 _SAME = 1e-3
 # Where the arm would snap it is held to so much stability; the fraction of a margin that it may be.
@@ -77,6 +80,69 @@ def check_holds(targets: tuple[Target, ...], scene: Scene) -> None:
         if isinstance(target, Hold) and target.obstacle not in bodies:
             allowed = "an obstacle that the scene has as a Contact"
             raise InputError("Hold.obstacle", target.obstacle, allowed)
+
+
+@dataclass(frozen=True, eq=False)
+class ContactOptimum:
+    """Where a program leads from an equilibrium.
+
+    Attributes
+    ----------
+    point : Linearised
+        The equilibrium.
+    steps : LoadPath
+        The tensions it was come to by, its own last.
+    violation : float
+        The largest of a constraint; 0 where all are met.
+    optimality : Optimality
+    least : float
+        The stability that it was constrained to; 0 without.
+    load_path : LoadPath
+        What led to it, its own tensions left out.
+    """
+
+    point: Linearised
+    steps: LoadPath
+    violation: float
+    optimality: Optimality
+    least: float
+    load_path: LoadPath = ()
+
+    @property
+    def effort(self) -> float:
+        """The norm of its tensions [N]."""
+        return float(np.linalg.norm(self.point.tensions))
+
+    @property
+    def cost(self) -> tuple[float, float]:
+        """What is compared: its violation, its effort [N]."""
+        return self.violation, self.effort
+
+
+def optimum(
+    equilibria: Equilibria, begin: Linearised, start: Array | None = None, least: float = 0.0
+) -> ContactOptimum:
+    """Return the optimum that a program leads to from an equilibrium, or from other tensions.
+
+    With a stability of at least so much. Where the constraints cannot be met from there, where they
+    are violated least. Raises what settling the start does.
+    """
+    settle, point, steps = equilibria.near(begin), begin, [begin.tensions]
+    for _ in range(_ROUNDS):
+        program = TensionProgram(equilibria.task, settle, point, least)
+        y = program.solve(program.start if start is None else start / program.unit)
+        if program.rows(y).violation > _MET:
+            y = program.nearest(y)
+            if _MET < program.rows(y).violation < _NEARLY:
+                y = program.solve(y)
+        rows, optimality, start = program.rows(y), program.optimality(y), None
+        point, steps = rows.point, [*steps, *program.visited]
+        done = rows.violation > _MET or optimality.residual < _OPTIMAL
+        if done and program.touching(point) == program.places:
+            break
+    path = tuple(tuple(T.tolist()) for T in (*steps, point.tensions))
+    violation = rows.violation if rows.violation > _MET else 0.0
+    return ContactOptimum(point, path, violation, optimality, least)
 
 
 class ContactSearch:

@@ -115,14 +115,17 @@ _ROUGH: Options = {"mu_strategy": "adaptive", "tol": 1e-6, "constr_viol_tol": 1e
 TOGETHER: Options = (
     COLD | _ROUGH | {"mu_strategy": "monotone", "tol": 1e-7, "mu_init": 1e-3, "max_iter": 300}
 )
-WARM: Options = {
+# How far a warm start is put inside of its bounds.
+_PUSHES = (
+    "warm_start_bound_push",
+    "warm_start_bound_frac",
+    "warm_start_slack_bound_push",
+    "warm_start_slack_bound_frac",
+    "warm_start_mult_bound_push",
+)
+WARM: Options = dict.fromkeys(_PUSHES, 1e-9) | {
     "mu_init": 1e-6,
     "warm_start_init_point": "yes",
-    "warm_start_bound_push": 1e-9,
-    "warm_start_bound_frac": 1e-9,
-    "warm_start_slack_bound_push": 1e-9,
-    "warm_start_slack_bound_frac": 1e-9,
-    "warm_start_mult_bound_push": 1e-9,
     "tol": 1e-11,
     "constr_viol_tol": 1e-11,
     "acceptable_tol": 1e-8,
@@ -135,8 +138,8 @@ _FOR: dict[Purpose, Options] = {
     # An objective that outweighs the barrier takes a sixth fewer iterations; steps that lead ten
     # times farther from equilibrium than the guess are cut.
     "search": COLD | _ROUGH | {"obj_scaling_factor": 30 * MAGNIFIED, "theta_max_fact": 10.0},
-    # From the optimum for another target.
-    "follow": WARM | _ROUGH,
+    # From the optimum for another target, whose bounds may be others: half the iterations.
+    "follow": WARM | _ROUGH | dict.fromkeys(_PUSHES, 1e-4) | {"mu_init": 1e-4},
     "near": WARM,
     # Bounds that hold are fixed, others are far: there is no barrier left to follow.
     "polish": WARM | {"mu_init": 1e-12},

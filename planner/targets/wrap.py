@@ -41,10 +41,11 @@ class Wrap(Target):
     obstacle's outward normal rotates along the part, over 2 pi: of a cylinder the angle round its
     axis. The part is as long as they take then, found by the plan.
 
-    The arm leans on the obstacle if the scene has it as Contact; otherwise it is kept clear of it
-    and lies beside it. A neo-Hookean body swells where it is shortened, and is nearer than told.
-    With extension tendons may shorten the part to lay it along, at a slender tip to a few
-    hundredths of its length: `p.shape.strains` tells; a neo-Hookean body resists.
+    The arm is kept clear of the obstacle and lies beside it; it leans on it where it cannot lie
+    along otherwise, if the scene has it as Contact. A neo-Hookean body swells where it is
+    shortened, and is nearer than told. With extension tendons may shorten the part to lay it along,
+    at a slender tip to a few hundredths of its length: `p.shape.strains` tells; a neo-Hookean body
+    resists.
 
     Attributes
     ----------
