@@ -26,13 +26,13 @@ from model.shape import Shape
 from model.time_limit import OutOfTime
 from planner.avoidance.surroundings import NOTHING, Surroundings
 from planner.certificate import MOST_LOADS, Certificate, OnRequest
-from planner.contact.grasp import left_of
+from planner.contact.grasp import Grasp
 from planner.measure import compliances_along, measure
 from planner.program.limits import Limits
 from planner.program.terms import stations_of, terms_of
 from planner.solve.task import Task
 from planner.targets.base import Target
-from planner.targets.hold import LEVER, WRENCH, Hold
+from planner.targets.hold import WRENCH, Hold
 from planner.tendon_lengths import strokes
 
 # How accurate the check is: two digits more than what it has to judge.
@@ -99,11 +99,9 @@ def certify(
 def _held(targets: tuple[Target, ...], shape: Shape) -> dict[str, Array]:
     """Return what is left of the wrenches that are held, over their sizes, by name."""
     holds = [target for target in targets if isinstance(target, Hold)]
-    sizes = [hold.size(shape.arm) for hold in holds]
-    residuals = [left_of(shape.arm, shape, hold) for hold in holds]
-    for left in residuals:
-        left[3:] /= LEVER * shape.arm.length
-    rows = [left / size for left, size in zip(residuals, sizes, strict=True)]
+    grasps = [Grasp.of(shape.arm, shape.contacts, hold) for hold in holds]
+    pairs = zip(grasps, holds, strict=True)
+    rows = [grasp.scaled(grasp.least) / hold.size(shape.arm) for grasp, hold in pairs]
     return {WRENCH: np.concatenate(rows)} if rows else {}
 
 

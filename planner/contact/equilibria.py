@@ -90,5 +90,5 @@ class Equilibria:
         arm, left = self.task.arm, 0.0
         for hold in (target for target in self.task.targets if isinstance(target, Hold)):
             grasp = Grasp.of(arm, touches_of(point), hold)
-            left += float(np.linalg.norm(grasp.scaled(grasp.left(grasp.best()))) / hold.size(arm))
+            left += float(np.linalg.norm(grasp.scaled(grasp.least)) / hold.size(arm))
         return left

@@ -99,6 +99,11 @@ class Grasp:
         total[3:] += np.cross(self.points, forces).sum(axis=0)[: total.size - 3]
         return np.asarray(total)
 
+    @cached_property
+    def least(self) -> Array:
+        """What the best tangential forces leave of the wrench (3,) or (6,) [N, N m]."""
+        return self.left(self.best())
+
     def scaled(self, wrench: Array) -> Array:
         """Return a wrench with moments over the lever [N]."""
         scaled = wrench.copy()
@@ -170,9 +175,3 @@ def grips_of(shape: Shape, hold: Hold) -> tuple[Grip, ...]:
     pressed = -grasp.normal[:, None] * grasp.normals
     parts = zip(grasp.points + centre, pressed, grasp.best(), strict=True)
     return tuple(Grip(hold.obstacle, *forces) for forces in parts)
-
-
-def left_of(arm: Arm, shape: Shape, hold: Hold) -> Array:
-    """Return the wrench (3,) or (6,) that contact forces cannot balance [N, N m]."""
-    grasp = Grasp.of(arm, shape.contacts, hold)
-    return grasp.left(grasp.best())

@@ -47,8 +47,8 @@ def remarks(
 def _curvatures(wrap: Wrap, shape: Shape, limits: Limits) -> str:
     """Return where the arm is farthest from the obstacle, whether curvature is why, and what lies.
 
-    Too tight is an obstacle that asks for more curvature than the limits allow, on so long a part
-    that the tolerance does not make up for it. Where they allow as much it is not too tight.
+    Too tight is an obstacle that asks for more curvature all along the part than the limits allow,
+    where the tolerance does not make up for it.
     """
     arm, (start, end) = shape.arm, wrap.part(shape.arm)
     s = np.linspace(max(start, 1e-3 * arm.length), end, _LOOKS)
@@ -63,8 +63,9 @@ def _curvatures(wrap: Wrap, shape: Shape, limits: Limits) -> str:
     allow = "allow" if is_most else "allow at least"
     where = f"at {1e3 * s[k]:.4g} mm, where the gap is {1e3 * gaps[k]:.3g} mm"
     along = _part_along(wrap, shape, s, gaps)
-    short = curvature_along(wrap, shape, s, wrap.tolerance) - most
-    if is_most and _too_tight(short, s, wrap.tolerance * radius):
+    # An arc that is flatter by c on a length l leaves what it lies along by c l^2 / 8.
+    short = float((curvature_along(wrap, shape, s, wrap.tolerance) - most).min())
+    if is_most and short * (end - start) ** 2 / 8 > wrap.tolerance * radius.max():
         worst = int(np.argmax(needed - most))
         numbers = f"it asks for {needed[worst]:.3g} /m, the limits allow {most[worst]:.3g} /m"
         place = f"at {1e3 * s[worst]:.4g} mm, in the direction of the shape found"
@@ -72,19 +73,6 @@ def _curvatures(wrap: Wrap, shape: Shape, limits: Limits) -> str:
     numbers = f"asks for {needed[k]:.3g} /m, the limits {allow} {most[k]:.3g} /m there"
     cause = "no shape along the whole part was found, though its curvature may be within the limits"
     return f"The obstacle {numbers}, {where}: {cause}. {along}"
-
-
-def _too_tight(short: Array, s: Array, slack: Array) -> bool:
-    """Return whether curvature is short (k,) [1/m] by more than gaps within slack (k,) [m] allow.
-
-    On a stretch of length l an arc that is flatter by c than what it lies along leaves it by c l^2
-    / 8 at its ends or in its middle.
-    """
-    for i in range(s.size - 1):
-        least = np.minimum.accumulate(short[i:])[1:]
-        if (least * (s[i + 1 :] - s[i]) ** 2 / 8 > slack.max()).any():
-            return True
-    return False
 
 
 def _part_along(wrap: Wrap, shape: Shape, s: Array, gaps: Array) -> str:
@@ -168,7 +156,7 @@ def _sides(phi: Array) -> Array:
 def _grip(hold: Hold, shape: Shape, accuracy: float) -> str:
     """Return what friction a hold takes, or which wrench is left."""
     grasp, size = Grasp.of(shape.arm, shape.contacts, hold), hold.size(shape.arm)
-    left = grasp.left(grasp.best())
+    left = grasp.least
     if np.linalg.norm(grasp.scaled(left)) <= 10 * accuracy * size:
         needed = min(grasp.needed_friction(10 * accuracy * size), hold.friction)
         return f"The wrench is held with friction from {needed:.3g} on, {hold.friction:g} given."

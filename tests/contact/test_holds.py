@@ -9,7 +9,7 @@ from model import Scene, settle
 from model.effects import Contact, ExactTendons, Extension
 from model.obstacles import Box, Capsule
 from planner import plan
-from planner.contact.grasp import grips_of, left_of
+from planner.contact.grasp import Grasp, grips_of
 from planner.io.saved_files import load_plan
 from planner.plan import HeldPlan
 from planner.targets import Hold
@@ -124,6 +124,6 @@ def test_what_is_pressed_at_an_edge_balances_just_that_force() -> None:
     assert 0.01 < abs(direction[0]) < 0.99
     np.testing.assert_allclose(touch.normal, direction, atol=1e-9)
     hold = Hold(box, tuple(touch.force.tolist()), 0.0)
-    np.testing.assert_allclose(left_of(ARM, shape, hold), 0.0, atol=1e-12)
+    np.testing.assert_allclose(Grasp.of(ARM, shape.contacts, hold).least, 0.0, atol=1e-12)
     [grip] = grips_of(shape, hold)
     np.testing.assert_allclose(grip.normal, -touch.force, atol=1e-12)
