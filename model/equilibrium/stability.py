@@ -34,8 +34,8 @@ _SYMMETRIC = 1e-3
 # Of Arnoldi's method, vectors for each mode and restarts; the tolerance of an eigenvalue alone,
 # whose error is the square of that where the Hessian is symmetric, and of one whose sign matters.
 _VECTORS, _RESTARTS, _CLOSE, _ROUGH = 40, 10, 1e-8, 1e-2
-# Reciprocals nearer to 0 are rounding, and the 0 of contacts.
-_NONE = 1e-4
+# Reciprocals nearer to 0 are rounding, and the 0 of contacts; over the largest of the whole matrix.
+_NONE, _ZERO = 1e-4, 1e-12
 # How many more eigenvalues are looked at where they may be complex: the least real part need not be
 # that of the one nearest to a number below.
 _MORE = 8
@@ -240,7 +240,7 @@ def _least(
     more = 0 if is_conservative(point.system.scene) else _MORE
     values, bends = _reciprocals(shifted, count + more, "LM", tolerance, transposed)
     with np.errstate(divide="ignore", invalid="ignore"):
-        values = 1 / values
+        values = np.where(np.abs(values) > _ZERO * np.abs(values).max(), 1 / values, np.inf)
     least = np.argsort(values.real)[:count]
     return values[least] + below, bends[:, least], shifted
 

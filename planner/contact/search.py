@@ -1,8 +1,4 @@
-"""The search for plans in contact: optima, from several guesses, that the arm comes to.
-
-They are found on a coarse mesh; the best is followed along its load path, and improved, on a finer
-one.
-"""
+"""The search for plans in contact: optima, from several guesses, that the arm comes to."""
 
 from __future__ import annotations
 
@@ -10,7 +6,6 @@ import math
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
-from time import monotonic
 
 import numpy as np
 
@@ -25,8 +20,7 @@ from model.progress import tell
 from model.scene import Scene
 from model.shape import Shape
 from model.time_limit import OutOfTime, check_time, time_limit
-from model.time_limit import end as deadline
-from planner.contact.equilibria import COARSE, FINE, Equilibria
+from planner.contact.equilibria import REFINEMENT, Equilibria
 from planner.contact.guesses import guesses
 from planner.contact.load_path import LoadPath, rubs
 from planner.contact.program import Optimality, TensionProgram
@@ -43,8 +37,6 @@ _MET, _NEARLY, _OPTIMAL, _ROUNDS = 1e-7, 1e-2, 3e-7, 5
 _SAME = 1e-3
 # Where the arm would snap it is held to so much stability; the fraction of a margin that it may be.
 _FLOOR, _CLOSE = 1e-2, 1 - 1e-6
-# The part of a time limit that the search on the coarse mesh may take.
-_SEARCHED = 0.6
 # How far the tip may be from where a load path leads, over the arm's length.
 _ELSEWHERE = 1e-2
 # What is taken of the way to tensions without friction, and beyond.
@@ -90,33 +82,25 @@ class ContactOptimum:
     ----------
     point : Linearised
         The equilibrium.
-    steps : LoadPath
-        The tensions it was come to by, its own last.
     violation : float
         The largest of a constraint; 0 where all are met.
     optimality : Optimality
     least : float
         The stability that it was constrained to; 0 without.
     load_path : LoadPath
-        What led to it, its own tensions left out.
+        The tensions by which it was come to, without those it begins with and its own.
     """
 
     point: Linearised
-    steps: LoadPath
     violation: float
     optimality: Optimality
     least: float
-    load_path: LoadPath = ()
+    load_path: LoadPath
 
     @property
     def effort(self) -> float:
         """The norm of its tensions [N]."""
         return float(np.linalg.norm(self.point.tensions))
-
-    @property
-    def cost(self) -> tuple[float, float]:
-        """What is compared: its violation, its effort [N]."""
-        return self.violation, self.effort
 
 
 def optimum(
@@ -127,7 +111,7 @@ def optimum(
     With a stability of at least so much. Where the constraints cannot be met from there, where they
     are violated least. Raises what settling the start does.
     """
-    settle, point, steps = equilibria.near(begin), begin, [begin.tensions]
+    settle, point, steps = equilibria.near(begin), begin, list[Array]()
     for _ in range(_ROUNDS):
         program = TensionProgram(equilibria.task, settle, point, least)
         y = program.solve(program.start if start is None else start / program.unit)
@@ -140,9 +124,14 @@ def optimum(
         done = rows.violation > _MET or optimality.residual < _OPTIMAL
         if done and program.touching(point) == program.places:
             break
-    path = tuple(tuple(T.tolist()) for T in (*steps, point.tensions))
+    path = tuple(tuple(T.tolist()) for T in steps)
     violation = rows.violation if rows.violation > _MET else 0.0
-    return ContactOptimum(point, path, violation, optimality, least)
+    return ContactOptimum(point, violation, optimality, least, path)
+
+
+def _cost(end: ContactOptimum) -> tuple[float, float]:
+    """Return what is compared of optima: their violation, their effort [N]."""
+    return end.violation, end.effort
 
 
 class ContactSearch:
@@ -153,7 +142,7 @@ class ContactSearch:
     """
 
     def __init__(self, task: Task, begin: LoadPath | None = None) -> None:
-        self.task, self.begin = task, begin
+        self.task, self.begin, self.equilibria = task, begin, Equilibria(task)
         self.optima = list[ContactOptimum]()
 
     def run(self, seconds: float | None) -> SearchResult:
@@ -161,17 +150,12 @@ class ContactSearch:
         stopped, best = False, None
         with time_limit(seconds):
             try:
-                left = deadline() - monotonic()
-                with time_limit(_SEARCHED * left if math.isfinite(left) else None):
-                    self._slide() if rubs(self.task.scene) else self._search()
-            except OutOfTime:
-                stopped = True
-            try:
-                best = self._best()
+                self._slide() if rubs(self.task.scene) else self._search()
+                best = self._led_to()
                 check_time()
             except OutOfTime:
                 stopped = True
-        return self._result(best, stopped)
+        return self._result(best or min(self.optima, key=_cost, default=None), stopped)
 
     def _slide(self) -> None:
         """Find optima against friction, by what the targets take without.
@@ -187,72 +171,46 @@ class ContactSearch:
             free = np.ravel(plan.tensions)
             if plan.statement.mode == "exact" or plan.stopped:
                 break
-        equilibria, low = Equilibria(self.task, FINE), np.array(self.task.allowed.lower)
-        point = equilibria.along(self.begin)
+        low, point = np.array(self.task.allowed.lower), self.equilibria.along(self.begin)
         for factor in _SLID[: self.task.starts]:
             with suppress(OctoplanError):
                 start = np.maximum(T + factor * (free - T), low)
-                end = optimum(equilibria, point, start)
+                end = optimum(self.equilibria, point, start)
                 self.optima.append(replace(end, load_path=self.begin))
 
     def _search(self) -> None:
         """Find optima until two agree on the best, or there are as many as are asked for."""
-        coarse = Equilibria(self.task, COARSE)
         nearby = [] if self.begin is None else [self.begin]
-        from_rest = ((tuple(T.tolist()),) for T in guesses(self.task, coarse))
+        from_rest = ((tuple(T.tolist()),) for T in guesses(self.task, self.equilibria))
         for tried, load_path in enumerate(chain(nearby, from_rest), 1):
             tell("initial guesses", tried - 1, self.task.most)
             with suppress(OctoplanError):
-                self.optima.append(self._from(coarse, load_path))
+                self.optima.append(self._from(load_path))
             met = sorted(end.effort for end in self.optima if not end.violation)
             agreed = len(met) > 1 and met[1] < met[0] * (1 + _SAME)
             followed = self.begin is not None and tried == len(met) == 1
             if followed or (agreed and self.task.starts is None) or tried == self.task.most:
                 return
 
-    def _from(self, coarse: Equilibria, load_path: LoadPath) -> ContactOptimum:
+    def _from(self, load_path: LoadPath) -> ContactOptimum:
         """Return the optimum that a load path leads to; raises what settling does."""
-        margin, begin = self.task.statement.margin, coarse.along(load_path)
-        end = optimum(coarse, begin)
-        at_end = stability(end.point)
-        if at_end < max(margin, _FLOOR) and (end.violation or at_end < max(margin * _CLOSE, 0.0)):
-            end = optimum(coarse, begin, least=max(margin, _FLOOR))
-        return replace(end, load_path=load_path)
+        margin, begin = self.task.statement.margin, self.equilibria.along(load_path)
+        end, least = optimum(self.equilibria, begin), max(margin, _FLOOR)
+        if stability(end.point) < (least if end.violation else margin * _CLOSE):
+            end = optimum(self.equilibria, begin, least=least)
+        return replace(end, load_path=(*load_path, *end.load_path))
 
-    def _best(self) -> ContactOptimum | None:
-        """Return the best optimum on the fine mesh to which a load path leads.
-
-        Where none does, the best on the coarse mesh.
-        """
-        order = sorted(self.optima, key=lambda end: end.cost)
-        if not order or rubs(self.task.scene):
-            return order[0] if order else None
-        fine = Equilibria(self.task, FINE)
-        for end in order:
-            guess = end.load_path
-            # From rest, by the guess, by all steps.
-            for way in ((), guess, (*guess, *end.steps[1:-1])):
+    def _led_to(self) -> ContactOptimum | None:
+        """Return the best optimum to which the arm comes from rest, or else by all steps."""
+        for end in sorted(self.optima, key=_cost):
+            if rubs(self.task.scene):
+                return end
+            for way in ((), end.load_path):
                 with suppress(OctoplanError):
-                    refined = self._refined(fine, end, way)
-                    if refined is not None:
-                        return refined
-        return order[0]
-
-    def _refined(
-        self, fine: Equilibria, end: ContactOptimum, way: LoadPath
-    ) -> ContactOptimum | None:
-        """Return an optimum on the fine mesh if a load path leads there.
-
-        Raises what settling does.
-        """
-        start = fine.along((*way, end.steps[-1]))
-        if not self._is_near(start, end.point):
-            return None
-        refined = optimum(fine, start, least=end.least)
-        if bool(refined.violation) != bool(end.violation):
-            return None
-        there = fine.along((*way, refined.steps[-1]))
-        return replace(refined, load_path=way) if self._is_near(there, refined.point) else None
+                    there = self.equilibria.along((*way, tuple(end.point.tensions.tolist())))
+                    if self._is_near(there, end.point):
+                        return replace(end, load_path=way)
+        return None
 
     def _is_near(self, one: Linearised, other: Linearised) -> bool:
         """Return whether the tips of two equilibria are at one place."""
@@ -263,7 +221,9 @@ class ContactSearch:
         """Return what is told of the best; of where the search began where there is none."""
         trials = tuple(Trial(end.effort, not end.violation, 0) for end in self.optima)
         exact = best is not None and not best.violation
-        statement = self.task.statement.but(mode="exact" if exact else "nearest", refinement=FINE)
+        statement = self.task.statement.but(
+            mode="exact" if exact else "nearest", refinement=REFINEMENT
+        )
         if best is None:
             *before, last = self.begin or (self.task.allowed.lower,)
             T = self.task.arm.by_section(np.array(last))
@@ -282,7 +242,7 @@ def optimality_of(task: Task, tensions: Array, shape: Shape, load_path: LoadPath
 
     Of the shape that a load path leads to.
     """
-    equilibria, least = Equilibria(task, FINE), task.statement.least * task.statement.modes
+    equilibria, least = Equilibria(task), task.statement.least * task.statement.modes
     try:
         rubbing, known = rubs(task.scene), shape.known
         begin = equilibria.along(load_path) if rubbing else equilibria.map.solve(tensions, known)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.sparse.linalg import ArpackNoConvergence
 
 from model import Anchorage, Arm, Linear, Material, Scene, settle
 from model.effects import Contact, ExactTendons, Extension, TipLoad
@@ -91,3 +92,19 @@ def test_a_hold_stays_off_the_edge_where_a_place_lets_go_and_the_arm_snaps() -> 
     assert found.reached, found.outcome
     assert found.certificate.stability > 0.01
     assert found.effort < 0.101
+
+
+@pytest.mark.parametrize("factor", [0.9, 0.98, 1.05])
+def test_stability_of_an_arm_that_leans_is_the_same_by_the_whole_matrix(
+    factor: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Reciprocals of contacts, 0 but for rounding, were told as eigenvalues of -1e16."""
+
+    def no_convergence(*_: object, **__: object) -> None:
+        raise ArpackNoConvergence("", np.zeros(0), np.zeros(0))
+
+    wanted = settle(ARM, factor * T, SCENE).stability
+    monkeypatch.setattr("model.equilibrium.stability.eigs", no_convergence)
+    shape = settle(ARM, factor * T, SCENE)
+    assert shape.contacts
+    assert shape.stability == pytest.approx(wanted, rel=1e-6)
