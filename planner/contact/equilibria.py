@@ -21,20 +21,20 @@ from planner.program.terms import stations_of
 from planner.solve.task import Task
 from planner.targets.hold import Hold
 
-# The mesh; forces that do not press, over what bends the arm by 1 rad.
-REFINEMENT, _PRESSED = 2, 1e-8
+# The meshes of searches and of plans; forces that do not press, over what bends the arm by 1 rad.
+COARSE, FINE, _PRESSED = 1, 2, 1e-8
 
 # Tensions (n_tendons,) -> the equilibrium, derivatives (n_states, n_tendons) of its states.
 Settle = Callable[[Array], tuple[Linearised, Array]]
 
 
 class Equilibria:
-    """Equilibria of a task's arm under tensions."""
+    """Equilibria of a task's arm under tensions, on a mesh of a refinement."""
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: Task, refinement: int) -> None:
         self.task = task
         at = stations_of(task.arm, task.targets)
-        self.map = TouchingMap(task.arm, task.scene, STAGES, REFINEMENT, at, task.machine_code)
+        self.map = TouchingMap(task.arm, task.scene, STAGES, refinement, at, task.machine_code)
 
     def settled(self, tensions: Array, near: Linearised | None = None) -> Linearised:
         """Return the equilibrium from rest, or next to another; raises what settling does."""

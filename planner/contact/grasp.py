@@ -21,8 +21,6 @@ from planner.targets.hold import LEVER, Hold
 # kept from their edges.
 _COST = 1e-9
 _SHARP = 1e-11
-# The largest coefficient of friction that is looked for.
-_ROUGHEST = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,10 +134,10 @@ class Grasp:
     def needed_friction(self, accuracy: float) -> float:
         """Return the least coefficient of friction that leaves so much of the wrench [N] at most.
 
-        Infinite where none below 10 does.
+        That of the grasp where no lesser one does.
         """
-        x = self._cone_program(np.eye(2 * len(self.normal) + 2)[-2], _ROUGHEST, accuracy)
-        return np.inf if x is None else float(max(x[-2], 0.0))
+        x = self._cone_program(np.eye(2 * len(self.normal) + 2)[-2], self.friction, accuracy)
+        return self.friction if x is None else float(max(x[-2], 0.0))
 
     def _cone_program(self, cost: Array, friction: float, left: float) -> Array | None:
         """Return (z, mu, t) of least cost . (z, mu, t), mu and t up to `friction` and `left` [N].

@@ -21,7 +21,7 @@ from planner.targets.hold import Hold
 from planner.targets.wrap import Wrap
 
 # Where a part is looked at, and the step of differences [m].
-_LOOKS, _STEP = 201, 1e-6
+LOOKS, _STEP = 201, 1e-6
 # What is taken for no limit of tensions, in those that bend the arm by 1 rad.
 _STRONG = 20.0
 _CLOSE = 1e-6
@@ -51,7 +51,7 @@ def _curvatures(wrap: Wrap, shape: Shape, limits: Limits) -> str:
     where the tolerance does not make up for it.
     """
     arm, (start, end) = shape.arm, wrap.part(shape.arm)
-    s = np.linspace(max(start, 1e-3 * arm.length), end, _LOOKS)
+    s = np.linspace(max(start, 1e-3 * arm.length), end, LOOKS)
     radius = arm.outer_radius(s)[0]
     gaps = wrap.obstacle.distance(shape.position(s)) - radius
     over = gaps - wrap.tolerance * radius
@@ -84,7 +84,7 @@ def _part_along(wrap: Wrap, shape: Shape, s: Array, gaps: Array) -> str:
     if not runs.size or (longest := runs[np.argmax(np.diff(runs))])[0] == longest[1]:
         return "In that shape no part of it lies along the obstacle."
     first, last = longest
-    turns = turned(shape, wrap.obstacle, np.linspace(s[first], s[last], _LOOKS))[-1]
+    turns = turned(shape, wrap.obstacle, np.linspace(s[first], s[last], LOOKS))[-1]
     where = f"{1e3 * s[first]:.4g} to {1e3 * s[last]:.4g} mm"
     size = f"a length of {1e3 * (s[last] - s[first]):.3g} mm or {turns:.2g} turns"
     return f"In that shape the part from {where} lies along the obstacle, {size}."
@@ -158,7 +158,7 @@ def _grip(hold: Hold, shape: Shape, accuracy: float) -> str:
     grasp, size = Grasp.of(shape.arm, shape.contacts, hold), hold.size(shape.arm)
     left = grasp.least
     if np.linalg.norm(grasp.scaled(left)) <= 10 * accuracy * size:
-        needed = min(grasp.needed_friction(10 * accuracy * size), hold.friction)
+        needed = grasp.needed_friction(10 * accuracy * size)
         return f"The wrench is held with friction from {needed:.3g} on, {hold.friction:g} given."
     force = ", ".join(f"{component:.3g}" for component in left[:3])
     moment = ", ".join(f"{component:.3g}" for component in left[3:])

@@ -20,12 +20,12 @@ from model.progress import tell
 from model.scene import Scene
 from model.shape import Shape
 from model.time_limit import OutOfTime, check_time, time_limit
-from planner.contact.equilibria import REFINEMENT, Equilibria
+from planner.contact.equilibria import COARSE, FINE, Equilibria
 from planner.contact.guesses import guesses
 from planner.contact.load_path import LoadPath, rubs
 from planner.contact.program import Optimality, TensionProgram
 from planner.program.terms import compliance_requests
-from planner.solve.task import SearchResult, Task, Trial
+from planner.solve.task import SearchResult, Task, Trial, agreed
 from planner.targets.base import Target
 from planner.targets.hold import Hold
 from planner.targets.wrap import Wrap
@@ -33,8 +33,6 @@ from planner.targets.wrap import Wrap
 # Violations that are met, and that are nearly met: from there SLSQP goes on; optimal residuals; how
 # often it begins anew, as other places touch or short of the optimum.
 _MET, _NEARLY, _OPTIMAL, _ROUNDS = 1e-7, 1e-2, 3e-7, 5
-# The relative difference in effort of one optimum.
-_SAME = 1e-3
 # Where the arm would snap it is held to so much stability; the fraction of a margin that it may be.
 _FLOOR, _CLOSE = 1e-2, 1 - 1e-6
 # How far the tip may be from where a load path leads, over the arm's length.
@@ -142,7 +140,7 @@ class ContactSearch:
     """
 
     def __init__(self, task: Task, begin: LoadPath | None = None) -> None:
-        self.task, self.begin, self.equilibria = task, begin, Equilibria(task)
+        self.task, self.begin = task, begin
         self.optima = list[ContactOptimum]()
 
     def run(self, seconds: float | None) -> SearchResult:
@@ -171,45 +169,58 @@ class ContactSearch:
             free = np.ravel(plan.tensions)
             if plan.statement.mode == "exact" or plan.stopped:
                 break
-        low, point = np.array(self.task.allowed.lower), self.equilibria.along(self.begin)
+        equilibria, low = Equilibria(self.task, FINE), np.array(self.task.allowed.lower)
+        point = equilibria.along(self.begin)
         for factor in _SLID[: self.task.starts]:
             with suppress(OctoplanError):
                 start = np.maximum(T + factor * (free - T), low)
-                end = optimum(self.equilibria, point, start)
+                end = optimum(equilibria, point, start)
                 self.optima.append(replace(end, load_path=self.begin))
 
     def _search(self) -> None:
         """Find optima until two agree on the best, or there are as many as are asked for."""
+        coarse = Equilibria(self.task, COARSE)
         nearby = [] if self.begin is None else [self.begin]
-        from_rest = ((tuple(T.tolist()),) for T in guesses(self.task, self.equilibria))
+        from_rest = ((tuple(T.tolist()),) for T in guesses(self.task, coarse))
         for tried, load_path in enumerate(chain(nearby, from_rest), 1):
             tell("initial guesses", tried - 1, self.task.most)
             with suppress(OctoplanError):
-                self.optima.append(self._from(load_path))
-            met = sorted(end.effort for end in self.optima if not end.violation)
-            agreed = len(met) > 1 and met[1] < met[0] * (1 + _SAME)
-            followed = self.begin is not None and tried == len(met) == 1
-            if followed or (agreed and self.task.starts is None) or tried == self.task.most:
+                self.optima.append(self._from(coarse, load_path))
+            count = agreed(self._trials)
+            followed = self.begin is not None and tried == count == 1
+            enough = followed or (count > 1 and self.task.starts is None)
+            if enough or tried == self.task.most:
                 return
 
-    def _from(self, load_path: LoadPath) -> ContactOptimum:
+    @property
+    def _trials(self) -> tuple[Trial, ...]:
+        """One for each optimum."""
+        return tuple(Trial(end.effort, not end.violation, 0) for end in self.optima)
+
+    def _from(self, coarse: Equilibria, load_path: LoadPath) -> ContactOptimum:
         """Return the optimum that a load path leads to; raises what settling does."""
-        margin, begin = self.task.statement.margin, self.equilibria.along(load_path)
-        end, least = optimum(self.equilibria, begin), max(margin, _FLOOR)
+        margin, begin = self.task.statement.margin, coarse.along(load_path)
+        end, least = optimum(coarse, begin), max(margin, _FLOOR)
         if stability(end.point) < (least if end.violation else margin * _CLOSE):
-            end = optimum(self.equilibria, begin, least=least)
+            end = optimum(coarse, begin, least=least)
         return replace(end, load_path=(*load_path, *end.load_path))
 
     def _led_to(self) -> ContactOptimum | None:
-        """Return the best optimum to which the arm comes from rest, or else by all steps."""
+        """Return the best optimum to which the arm comes from rest, or else by all steps.
+
+        On the fine mesh.
+        """
+        fine = Equilibria(self.task, FINE)
         for end in sorted(self.optima, key=_cost):
             if rubs(self.task.scene):
                 return end
             for way in ((), end.load_path):
                 with suppress(OctoplanError):
-                    there = self.equilibria.along((*way, tuple(end.point.tensions.tolist())))
+                    there = fine.along((*way, tuple(end.point.tensions.tolist())))
                     if self._is_near(there, end.point):
-                        return replace(end, load_path=way)
+                        refined = optimum(fine, there, least=end.least)
+                        if bool(refined.violation) == bool(end.violation):
+                            return replace(refined, load_path=way)
         return None
 
     def _is_near(self, one: Linearised, other: Linearised) -> bool:
@@ -219,11 +230,8 @@ class ContactSearch:
 
     def _result(self, best: ContactOptimum | None, stopped: bool) -> SearchResult:
         """Return what is told of the best; of where the search began where there is none."""
-        trials = tuple(Trial(end.effort, not end.violation, 0) for end in self.optima)
-        exact = best is not None and not best.violation
-        statement = self.task.statement.but(
-            mode="exact" if exact else "nearest", refinement=REFINEMENT
-        )
+        trials, exact = self._trials, best is not None and not best.violation
+        statement = self.task.statement.but(mode="exact" if exact else "nearest", refinement=FINE)
         if best is None:
             *before, last = self.begin or (self.task.allowed.lower,)
             T = self.task.arm.by_section(np.array(last))
@@ -242,7 +250,7 @@ def optimality_of(task: Task, tensions: Array, shape: Shape, load_path: LoadPath
 
     Of the shape that a load path leads to.
     """
-    equilibria, least = Equilibria(task), task.statement.least * task.statement.modes
+    equilibria, least = Equilibria(task, FINE), task.statement.least * task.statement.modes
     try:
         rubbing, known = rubs(task.scene), shape.known
         begin = equilibria.along(load_path) if rubbing else equilibria.map.solve(tensions, known)

@@ -17,15 +17,14 @@ from model.scene import Scene
 from model.time_limit import OutOfTime
 from planner.answer import Answer
 from planner.avoidance.surroundings import Surroundings
-from planner.contact.remarks import turned
+from planner.contact.remarks import LOOKS, turned
 from planner.solve.task import Task
 from planner.targets.base import Target
 from planner.targets.hold import Hold
 from planner.targets.wrap import Wrap
 
-# Plans from which a part's length follows, how much longer than estimated they make it, and what
-# is to spare; arc lengths at which turns are taken.
-_ROUNDS, _LONGER, _SPARE, _SAMPLES = 4, 0.03, 5e-3, 201
+# Plans from which a part's length follows, and how much longer than estimated they make it.
+_ROUNDS, _SPARE = 4, 0.01
 P = TypeVar("P", bound=Answer)
 
 
@@ -86,12 +85,12 @@ def with_turns(
     assert wrap.turns is not None
     start, before = wrap.part(arm)[0], None
     for _ in range(_ROUNDS):
-        length = min((arm.length - start) * (1 + _LONGER), arm.length)
+        length = min((arm.length - start) * (1 + _SPARE), arm.length)
         before = planned(stated(replace(wrap, turns=None, length=length)), before)
         if before.mode != "exact" or before.stopped:
             break
         try:
-            s = np.linspace(arm.length - length, arm.length, _SAMPLES)
+            s = np.linspace(arm.length - length, arm.length, LOOKS)
             turns = turned(before.shape, wrap.obstacle, s)
         except OutOfTime:
             break

@@ -6,7 +6,7 @@ import pytest
 from model import Scene, settle
 from model.effects import Contact, ExactTendons, Extension
 from model.obstacles import Capsule
-from planner.contact.equilibria import Equilibria
+from planner.contact.equilibria import FINE, Equilibria
 from planner.contact.program import TensionProgram
 from planner.program.limits import Limits
 from planner.program.statement import Statement
@@ -29,7 +29,7 @@ def test_derivatives_of_targets_grip_and_stability_are_those_of_settled_shapes(
     targets = (TipPosition(tip), Hold(ROD, (0.01, 0.0, -0.05, 0.0, 1e-4, 0.0), 0.5))
     limits = Limits((0.0,) * 4, (5.0,) * 4, 9.0)
     task = Task(ARM, targets, SCENE, limits, Statement(limited=True), 1e-6)
-    equilibria = Equilibria(task)
+    equilibria = Equilibria(task, FINE)
     begin = equilibria.settled(T)
     program = TensionProgram(task, equilibria.near(begin), begin, least=0.1)
     y = program.start
