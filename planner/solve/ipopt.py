@@ -144,12 +144,15 @@ _FOR: dict[Purpose, Options] = {
     # Bounds that hold are fixed, others are far: there is no barrier left to follow.
     "polish": WARM | {"mu_init": 1e-12},
 }
-# Least squares of what cannot be met take longer, to more digits, and there is no cheaper way.
-# They are small: the barrier begins lower.
+# Least squares of what cannot be met take longer, to more digits, and there is no cheaper way. What
+# they come to is small, and where they all but vanish only the weighted effort is left, which the
+# barrier must not outweigh.
+_SMALL: Options = {"obj_scaling_factor": 100 * MAGNIFIED, "max_iter": 200}
 _LEAST: dict[Purpose, Options] = {
-    "search": COLD | {"mu_init": 1e-3, "max_iter": 200},
-    **{purpose: WARM | {"max_iter": 200} for purpose in ("follow", "near")},
-    "polish": _FOR["polish"] | {"max_iter": 200},
+    "search": COLD | _SMALL | {"mu_init": 1e-3},
+    "follow": WARM | _SMALL,
+    "near": WARM | _SMALL,
+    "polish": _FOR["polish"] | _SMALL,
 }
 STOPPED = {
     "Infeasible_Problem_Detected": "no tensions within the limits meet the target near this guess",
