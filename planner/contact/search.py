@@ -252,8 +252,12 @@ def optimality_of(task: Task, tensions: Array, shape: Shape, load_path: LoadPath
     """
     equilibria, least = Equilibria(task, FINE), task.statement.least * task.statement.modes
     try:
-        rubbing, known = rubs(task.scene), shape.known
-        begin = equilibria.along(load_path) if rubbing else equilibria.map.solve(tensions, known)
+        if rubs(task.scene):
+            begin = equilibria.along(load_path)
+        else:
+            # Twice: the gap's curvature at contact points is that of the mesh it comes from.
+            on_mesh = equilibria.map.solve(tensions, shape.known)
+            begin = equilibria.settled(tensions, on_mesh)
         settle = equilibria.near(begin)
         program = TensionProgram(task, settle, settle(tensions)[0], least)
         return program.optimality(program.start).residual
