@@ -15,6 +15,7 @@ from planner.plan import HeldPlan
 from planner.targets import Hold
 from planner.targets.hold import WRENCH
 from tests.contact.cases import bar
+from tests.contact.queries import query
 
 ARM = bar(0.3, 0.006, 2e5)
 ROD = Capsule((0.2, -0.1, -0.04), (0.2, 0.1, -0.04), 0.02)
@@ -127,3 +128,13 @@ def test_what_is_pressed_at_an_edge_balances_just_that_force() -> None:
     np.testing.assert_allclose(Grasp.of(ARM, shape.contacts, hold).least, 0.0, atol=1e-12)
     [grip] = grips_of(shape, hold)
     np.testing.assert_allclose(grip.normal, -touch.force, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_hold_is_optimal_on_the_mesh_on_which_it_was_found() -> None:
+    """The curvature of the gap was that of the settled arm's mesh: the residual was 3e-6."""
+    q = query(1)
+    body = settle(q.arm, q.tensions, q.scene, 1e-6).contacts[0].obstacle
+    hold = Hold(body, (1.4549e-3, 3.7327e-3, 9.4788e-4), 0.30848)
+    p = plan(q.arm, hold, q.scene, 3 * float(q.tensions.max()))
+    assert p.reached, p.outcome
