@@ -31,7 +31,7 @@ from model.equilibrium.newton import (
 )
 from model.errors import CollapsedError, UnsettledSectionError
 from model.forward import ForwardMap, equilibrium_on
-from model.least_energy import ROUGH, ROUNDS, SHARP, LeastEnergy
+from model.least_energy import ROUNDS, LeastEnergy
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
@@ -76,16 +76,14 @@ def least_by_lengths(
 ) -> Iterator[tuple[System, Array, Array]]:
     """Yield tensions [N] and strains of the least energy by lengths, from rest, on a coarse mesh.
 
-    Tensions (n_tendons,) of slack tendons are 0; strains are at the stages of the system. First a
-    rough one, in which forces without a potential are left out; then one so sharp that it tells
-    tendons that are slack by little, with these forces updated until they stay. Raises InputError
-    where no shape has the lengths, naming the tendon that is farthest from it.
+    Tensions (n_tendons,) of slack tendons are 0; strains are at the stages of the system. Forces
+    without a potential are left out at first; then they are updated until they stay. Raises
+    InputError where no shape has the lengths, naming the tendon that is farthest from it.
     """
     mesh = 1, (), is_loaded(scene), machine_code
     program = LeastEnergy(system(arm, scene, _STAGES, *mesh))
-    for rounds, tolerance in ((1, ROUGH), (ROUNDS, SHARP)):
-        rest = program.at_rest()
-        minimum = program.least(rest, winches.tensions, 1.0, winches, rounds, tolerance)
+    for rounds in (1,) if program.conservative else (1, ROUNDS):
+        minimum = program.least(program.at_rest(), winches.tensions, 1.0, winches, rounds)
         if minimum is None and program.conservative:
             refuse(LeastEnergy(system(arm, scene, STAGES, *mesh)), winches)
         if minimum is not None:

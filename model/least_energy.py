@@ -30,94 +30,29 @@ import casadi as ca
 import numpy as np
 
 from model.cross_section.energy import EnergySection, ExactSection
-from model.cross_section.law import CrossSection, body_size, less_rest, reported, size, strains_of
-from model.cross_section.law import kinematics as strain_kinematics
+from model.cross_section.law import CrossSection, reported, strains_of
 from model.cross_section.sections import body_numbers
 from model.effects import NeoHookean
 from model.loads import beyond, contacts, is_conservative, levers
 from model.machine.buffered import Buffered
-from model.machine.compiled import built
 from model.obstacles import numbers_of
-from model.obstacles.base import SIZE, signed_distance
 from model.paths import Array
 from model.progress import logged
-from model.rotations import half_turn, unit_matrix
 from model.stations import base_pose, stations, tendon_paths
-from model.transcription.collocation import gauss, rotation_vectors
-from model.transcription.element import Form, element, run
-from model.transcription.equations import Equations, Kernel, Sum, Term
+from model.transcription.collocation import gauss
+from model.transcription.element import Form
+from model.transcription.energy import held_rows, potential_energy
+from model.transcription.equations import Sum
 from model.transcription.layout import POSE, Layout, layout
 from model.transcription.system import System
 from model.winches import Winches
 
-
-def body_energy(law: EnergySection) -> Kernel:
-    """Return the kernel of a stage's energy less the work of dead generalised forces.
-
-    Strains; weight, numbers of the body, less the forces.
-    """
-    n = body_size(law)
-    v, weight, body = ca.SX.sym("v", size(law)), ca.SX.sym("weight"), ca.SX.sym("body", n)
-    forces = ca.SX.sym("forces", size(law))
-    energy = law.energy(less_rest(law, v, body), body[:4]) + ca.dot(forces, v)
-    return Kernel("body_energy", v, ca.vertcat(weight, body, forces), weight * energy)
-
-
-def dead_loads(law: CrossSection, m: int) -> Kernel:
-    """Return the kernel of less the work of dead loads on an element.
-
-    q, strains; h, the resultants of dead forces beyond the stages (3, m) -> - integral of F . u'.
-    """
-    q, v = ca.SX.sym("q", 4), ca.SX.sym("v", size(law), m)
-    h, dead = ca.SX.sym("h"), ca.SX.sym("dead", 3, m)
-    twists = [law.twist(at) for at in ca.horzsplit(v)]
-    turns = rotation_vectors([kappa for kappa, _ in twists], h)[:-1]
-    along = [unit_matrix(half_turn(turn)) @ nu for turn, (_, nu) in zip(turns, twists, strict=True)]
-    local = ca.horzsplit(unit_matrix(q).T @ dead)
-    work = ca.vertcat(*(ca.dot(f, t) for f, t in zip(local, along, strict=True)))
-    value = -h * ca.dot(ca.DM(gauss(m).b), work)
-    return Kernel("dead_loads", ca.vertcat(q, ca.vec(v)), ca.vertcat(h, ca.vec(dead)), value)
-
-
-def off_midline() -> Kernel:
-    """Return the kernel of less the work of a dead force off the midline: q; offset, force."""
-    q, c = ca.SX.sym("q", 4), ca.SX.sym("c", 6)
-    return Kernel("off_midline", q, c, -ca.dot(unit_matrix(q) @ c[:3], c[3:]))
-
-
-def kinematics(law: CrossSection, m: int) -> Kernel:
-    """Return the kernel of an element's kinematics: the residuals of the pose at its end."""
-    whole = built(element, Form(law, m, loaded=False))
-    return Kernel("kinematics", whole.y, whole.c, whole.r[-POSE:])
-
-
-def node_gap() -> Kernel:
-    """Return the kernel of the gap at a node: u; the obstacle's numbers, the arm's radius, L [m].
-
-    The obstacle's are in metres, what else there is in units of L.
-    """
-    u, c = ca.SX.sym("u", 3), ca.SX.sym("c", SIZE + 2)
-    distance, _ = signed_distance()(c[SIZE + 1] * u, c[:SIZE])
-    return Kernel("node_gap", u, c, distance / c[SIZE + 1] - c[SIZE])
-
-
-def stretched() -> Kernel:
-    """Return the kernel of a tendon's energy: by how much it is longer; its stiffness."""
-    e, c = ca.SX.sym("e"), ca.SX.sym("c")
-    return Kernel("stretched", e, c, c * e**2 / 2)
-
-
-def longer() -> Kernel:
-    """Return the kernel of what a tendon's stretch adds to its row: less the stretch."""
-    e = ca.SX.sym("e")
-    return Kernel("longer", e, ca.SX(0, 1), -e)
-
-
 LOG = logging.getLogger(__name__)
 
-# Residuals that are left, in the units of the program: of what is a solution, and of a guess.
-SHARP, ROUGH = 1e-9, 1e-4
+# Residuals that are left are those of `tol` and `constr_viol_tol`, in the units of the program.
 _IPOPT: dict[str, Any] = {
+    "tol": 1e-9,
+    "constr_viol_tol": 1e-10,
     "print_level": 0,
     "sb": "yes",
     "max_iter": 100,
@@ -244,12 +179,8 @@ class LeastEnergy:
         """Return the larger radii (N,) of both sides of the nodes but the base [m]."""
         if not self.system.scene.has(NeoHookean):
             return self._radii
-        v, method = self._states(near)[self.of.stages], gauss(self.of.form.stages)
-        stretch = strain_kinematics(self.of.form.law, v)[1][:, 0]
-        stretch = stretch.reshape(self.system.mesh.steps, -1)
-        before, beyond = stretch @ method.at(1.0), np.roll(stretch @ method.at(0.0), -1)
-        beyond[-1] = before[-1]
-        return np.asarray(self._radii / np.sqrt(np.minimum(before, beyond)))
+        stretch = np.minimum(*self.system.stretch_beside(self.strains(near)))
+        return np.asarray(self._radii / np.sqrt(stretch))
 
     def least(
         self,
@@ -258,17 +189,15 @@ class LeastEnergy:
         load: float = 1.0,
         winches: Winches | None = None,
         rounds: int = ROUNDS,
-        tolerance: float = SHARP,
     ) -> Minimum | None:
         """Return the least energy near a start; None where none is found.
 
         Under `tensions` (n_tendons,) of the tendons that no winch holds, and a load factor.
-        Nonconservative forces are updated in so many `rounds` at most; `tolerance` is SHARP or
-        ROUGH.
+        Nonconservative forces are updated in so many `rounds` at most.
         """
         point = near
         for _ in range(1 if self.conservative else rounds):
-            after = self._minimum(point, tensions, load, winches, tolerance)
+            after = self._minimum(point, tensions, load, winches)
             if after is None or self.conservative:
                 return after
             residual = self.system.residual(
@@ -287,7 +216,6 @@ class LeastEnergy:
         tensions: Array,
         load: float,
         winches: Winches | None,
-        tolerance: float,
     ) -> Minimum | None:
         of, F, L, K = self.of, self.force_unit, self.system.arm.length, len(self._bodies)
         n, nT, poses, inf = of.n_states, of.n_tendons, POSE * of.elements, np.inf
@@ -311,7 +239,7 @@ class LeastEnergy:
         low[:POSE] = high[:POSE] = base_pose(self.system.arm) / self._unit[:POSE]
         low[n:], high[n:] = 0.0, np.where(stretches, inf, 0.0)
         lengths = np.full(nT, inf) if winches is None else np.where(held, winches.lengths / L, inf)
-        gaps, solver = np.zeros(of.elements * K), _solver(of, K, tolerance)
+        gaps, solver = np.zeros(of.elements * K), _solver(of, K)
         g_low = np.concatenate([np.zeros(poses), np.full(nT, -inf), gaps])
         g_high = np.concatenate([np.zeros(poses), lengths, gaps + inf])
         p = np.concatenate([np.ravel(part, "F") for part in (*energy, *rows)])
@@ -337,49 +265,18 @@ def _with_energy(law: CrossSection) -> EnergySection:
     return ExactSection(law.extension, law.torsion, law.shear, law.curved)
 
 
-def _energy(of: Layout) -> Equations:
-    """Return the energy of a structure: of its states, then what tendons stretch by."""
-    law, m, n, nodes, v = of.form.law, of.form.stages, of.n_states, of.nodes, of.stages.T
-    assert isinstance(law, EnergySection)
-    terms = [
-        (body_energy(law), v),
-        (built(run, law), v[:, of.crossings[0]]),
-        (dead_loads(law, m), np.vstack([nodes[:-1, :4].T, of.inside])),
-        (off_midline(), nodes[list(of.levers), :4].T),
-        (stretched(), n + np.arange(of.n_tendons)[None]),
-    ]
-    row = [Term(kernel, y, np.zeros((1, y.shape[1]), np.int64)) for kernel, y in terms]
-    return Equations(n + of.n_tendons, 1, row)
-
-
-def _rows(of: Layout, obstacles: int) -> Equations:
-    """Return the rows: poses at the ends of elements, lengths of tendons, gaps at nodes."""
-    law, nodes, (stage, tendon) = of.form.law, of.nodes, of.crossings
-    n, N, tendons = of.n_states, of.elements, np.arange(of.n_tendons)[None]
-    poses = np.arange(POSE * N).reshape(N, POSE).T
-    lengths, gaps = POSE * N + tendons, POSE * N + tendons.size + np.arange(N * obstacles)[None]
-    places = np.vstack([nodes[:-1].T, of.inside, nodes[1:].T])
-    terms = [
-        Term(kinematics(law, of.form.stages), places, poses),
-        Term(built(run, law), of.stages.T[:, stage], lengths[:, tendon]),
-        Term(longer(), n + tendons, lengths),
-        Term(node_gap(), np.repeat(nodes[1:, 4:], obstacles, axis=0).T, gaps),
-    ]
-    return Equations(n + tendons.size, POSE * N + tendons.size + gaps.size, terms)
-
-
 @lru_cache(maxsize=32)
-def _solver(of: Layout, obstacles: int, tolerance: float) -> Buffered:
+def _solver(of: Layout, obstacles: int) -> Buffered:
     """Return ipopt for a structure, numbers left open.
 
     It takes x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0; p are the numbers of energy and rows.
     """
-    f, g = _energy(of), _rows(of, obstacles)
+    f, g = potential_energy(of), held_rows(of, obstacles)
     z, p, lam = (
         ca.MX.sym(*sized) for sized in (("z", f.n_x), ("p", f.n_p + g.n_p), ("lam", g.n_g))
     )
     sigma, pf, pg = ca.MX.sym("sigma"), p[: f.n_p], p[f.n_p :]
-    value, rows = f.value.function(z, pf), g.value.function(z, pg)
+    value, held = f.value.function(z, pf), g.value.function(z, pg)
 
     def matrix(of: Sum, *value: ca.MX) -> ca.MX:
         return ca.MX(of.places, of.function(*value))
@@ -395,7 +292,7 @@ def _solver(of: Layout, obstacles: int, tolerance: float) -> Buffered:
         "grad_f": ca.Function(
             "nlp_grad_f", [z, p], [value, gradient], ["x", "p"], ["f", "grad:f:x"]
         ),
-        "jac_g": ca.Function("nlp_jac_g", [z, p], [rows, J], ["x", "p"], ["g", "jac:g:x"]),
+        "jac_g": ca.Function("nlp_jac_g", [z, p], [held, J], ["x", "p"], ["g", "jac:g:x"]),
         "hess_lag": ca.Function(
             "nlp_hess_l",
             [z, p, sigma, lam],
@@ -403,8 +300,8 @@ def _solver(of: Layout, obstacles: int, tolerance: float) -> Buffered:
             ["x", "p", "lam:f", "lam:g"],
             ["triu:hess:gamma:x:x"],
         ),
-        "ipopt": {**_IPOPT, "tol": tolerance, "constr_viol_tol": tolerance / 10},
+        "ipopt": _IPOPT,
     }
     return Buffered(
-        ca.nlpsol("least_energy", "ipopt", {"x": z, "p": p, "f": value, "g": rows}, options)
+        ca.nlpsol("least_energy", "ipopt", {"x": z, "p": p, "f": value, "g": held}, options)
     )

@@ -6,6 +6,7 @@ import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,7 @@ class Mesh:
     s: Array
     active: Counts
 
-    @property
+    @cached_property
     def steps(self) -> int:
         """The number of steps S."""
         return self.active.size

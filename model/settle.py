@@ -84,18 +84,17 @@ def settle(
     scene : Scene
         The effects enabled; the bare arm `Scene()` unless given.
     accuracy : float
-        Tip error over arm length that is accepted, from 1e-12 to 0.1. The mesh is refined until
-        the difference between two meshes says that the finer one is as good. With loads, which may
-        twist the arm, it holds for points a base radius off the tip too.
+        Tip error over arm length that is accepted, from 1e-12 to 0.1: meshes are refined until two
+        differ by as little. With loads it holds for points a base radius off the tip too.
     scheme : str
         The integrator; the scene's fastest unless given.
     compile : bool or "auto"
         Whether to work by machine code: the same digits, several times sooner. A C compiler builds
-        it in some seconds for each kind of scene, and it is kept in the user's cache folder. "auto"
-        goes on without, and warns, where there is no compiler that works.
+        it in seconds for each kind of scene, kept in the user's cache folder; "auto" goes on
+        without, and warns, where none works.
     lengths : (n_sections, n) or (n_tendons,)
-        What each winch leaves of its tendon, without tension, between base and anchorage [m]; None
-        or nan for tendons that are held by tension.
+        What each winch leaves of its tendon, without tension, from base to anchorage [m]; None or
+        nan for tendons that are held by tension.
     tendon_EA : float
         Stiffness E A of tendons held by length [N]; they do not stretch unless given.
     tendon_outside : float
@@ -106,30 +105,23 @@ def settle(
         friction of contacts the arm moves from it, in a straight line of tensions; its scene may
         have other friction there, or none.
     time_limit : float
-        How long it may take [s]; none unless given. With contact an equilibrium on a mesh that is
-        not found within 20 s is given up in any case.
+        How long it may take [s]; with contact 20 s for the equilibrium on a mesh in any case.
     progress : bool
-        Whether a line tells how far it is: unless given, after two seconds, on terminals and in
-        notebooks.
+        Whether a line tells how far it is: by default after two seconds, where someone watches.
 
     Raises
     ------
     InputError
-        For tensions, lengths, accuracies and schemes that are not allowed; for lengths that no
-        shape of the arm has, or that crush it, naming the tendon that is farthest from it and what
-        is the least; for friction of an arm that touches something, and comes from nowhere.
-    CollapsedError
-        Where 1 + q reaches 0 under tensions.
+        For what is not allowed; for lengths that no shape of the arm has, or that crush it, naming
+        the tendon that is farthest from it and what is the least; for friction of an arm that
+        touches something, and comes from nowhere.
+    CollapsedError, SnapError
+        Where 1 + q reaches 0; if the arm snaps, folds or buckles before the loads are in full.
     ConvergenceError
         If the finest mesh is not as accurate as asked; UnsettledSectionError if a cross-section
-        has no equilibrium that is found;
-        UnsettledContactError if none is found with contact.
-    SnapError
-        If the arm snaps, folds or buckles before the loads are in full.
-    CompilerError
-        If `compile` is True, and there is no compiler or it fails.
-    TimeLimitError
-        If `time_limit` is reached.
+        has no equilibrium that is found, UnsettledContactError if the arm in contact has none.
+    CompilerError, TimeLimitError
+        If `compile` is True and no compiler works; if `time_limit` is reached.
 
     Warns
     -----
@@ -138,21 +130,18 @@ def settle(
     """
     limit = None if time_limit is None else positive("time_limit", time_limit)
     with nullcontext() if limit is None else limited(limit):
-        winches = lengths, tendon_EA, tendon_outside
-        shape = _checked(arm, tensions, scene, accuracy, winches, scheme, compile, near)
-    if called_by_a_script():
-        bent = sharp(shape)
-        if bent:
-            warn(bent, ShapeWarning)
+        held = tensions, lengths, tendon_EA, tendon_outside
+        shape = _checked(arm, held, scene, accuracy, scheme, compile, near)
+    if called_by_a_script() and (bent := sharp(shape)):
+        warn(bent, ShapeWarning)
     return shape
 
 
 def _checked(
     arm: Arm,
-    tensions: Any,
+    held: tuple[Any, Any, Any, Any],
     scene: Scene | None,
     accuracy: float,
-    winches: tuple[Any, Any, Any],
     scheme: str | None,
     compile: Compile,  # noqa: A002  (the name that scripts use)
     near: Shape | None,
@@ -160,23 +149,23 @@ def _checked(
     """Return what `settle` does, once all that is given is looked at."""
     accuracy = checked_accuracy(accuracy)
     if isinstance(scene, Scene) and scene.has(SelfContact):
-        for name, value in (("lengths", winches[0]), ("near", near), ("scheme", scheme)):
+        for name, value in (("lengths", held[1]), ("near", near), ("scheme", scheme)):
             if value is not None:
                 raise InputError(name, "given with SelfContact", "none in a scene with SelfContact")
-        return _on_itself(arm, tensions, scene, accuracy, checked_compile(compile))
+        return _on_itself(arm, held[0], scene, accuracy, checked_compile(compile))
     scene = checked_scene(arm, scene, contact=True)
     begin = None if near is None else _near(near, arm, scene)
     machine_code = checked_compile(compile)
-    held = _given(arm, scene, tensions, *winches)
+    value = _given(arm, scene, *held)
     maps = maps_of(arm, scene, scheme, machine_code)
-    if not isinstance(held, GivenLengths):
-        return _settled(maps, held, accuracy, begin)
+    if not isinstance(value, GivenLengths):
+        return _settled(maps, value, accuracy, begin)
     near_by = None if begin is None else begin.tensions
-    held = replace(held, machine_code=machine_code, near=near_by)
+    value = replace(value, machine_code=machine_code, near=near_by)
     try:
-        return _settled(maps, held, accuracy, begin)
+        return _settled(maps, value, accuracy, begin)
     except (CollapsedError, UnsettledSectionError, UnknownLeastError) as problem:
-        reason = _told(maps_of(arm, scene, None, machine_code), held, problem)
+        reason = _told(maps_of(arm, scene, None, machine_code), value, problem)
         raise reason from None
 
 

@@ -13,6 +13,7 @@ from model.arm import Arm
 from model.checks import finite_array, kind, positive, within
 from model.compliance import Response, compliance_of, section_stiffness, sensitivities
 from model.effects import PrintedStatics
+from model.equilibrium.linearised import Index
 from model.errors import InputError, SingularError
 from model.forward import explicit_map
 from model.loads import check_loads, is_loaded
@@ -224,31 +225,30 @@ def stiffness(
         if lengths is not None:
             held["tendon_EA"] = tendon_EA
         shape = settle(arm, tensions, scene, accuracy, **held)
-        result, T = compliance_of(shape, place, accuracy), shape.tensions
-        point, pulling = result.sensitivities, pulls(arm, T)
+        result, pulling = compliance_of(shape, place, accuracy), pulls(arm, shape.tensions)
         slack = tuple(arm.tendon_name(int(j)) for j in np.flatnonzero(~pulling))
-        C, response, locked = point.pose_wrench, np.zeros((T.size, 6)), np.zeros(0, int)
-        if hold == "length":
-            locked = np.flatnonzero(pulling) if release else np.arange(T.size)
-            stretch = point.lengths[locked] / tendon_EA if tendon_EA else np.zeros(locked.size)
-            if shape.winches is not None:
-                locked = np.flatnonzero(shape.winches.held & pulling)
-                stretch = shape.winches.stretch[locked]
-            values = point.length_tension[np.ix_(locked, locked)] - np.diag(stretch)
-            values -= least_compliance(arm) * np.eye(locked.size)
-            response[locked] = -np.linalg.solve(values, point.length_wrench[locked])
+        locked = np.flatnonzero((pulling | (not release)) & (hold == "length"))
+        if hold == "length" and shape.winches is not None:
+            locked = np.flatnonzero(shape.winches.held & pulling)
+        point, C = result.sensitivities, result.sensitivities.pose_wrench
+        response = _tension_response(shape, point, locked, tendon_EA)
+        if locked.size:
             C = C + point.pose_tension @ response
-        return Stiffness(
-            shape,
-            hold,
-            place,
-            C,
-            response,
-            tuple(locked.tolist()),
-            slack,
-            result.refinement,
-            result.error,
-        )
+        held_fast, mesh = tuple(locked.tolist()), result.refinement
+        return Stiffness(shape, hold, place, C, response, held_fast, slack, mesh, result.error)
+
+
+def _tension_response(shape: Shape, point: Response, locked: Index, EA: float | None) -> Array:
+    """Return what tensions (n_tendons, 6) change by per force and moment where some are locked."""
+    response = np.zeros((shape.tensions.size, 6))
+    stretch = point.lengths[locked] / EA if EA and locked.size else np.zeros(locked.size)
+    if shape.winches is not None:
+        stretch = shape.winches.stretch[locked]
+    if locked.size:
+        values = point.length_tension[np.ix_(locked, locked)] - np.diag(stretch)
+        values -= least_compliance(shape.arm) * np.eye(locked.size)
+        response[locked] = -np.linalg.solve(values, point.length_wrench[locked])
+    return response
 
 
 def _checked(

@@ -20,7 +20,6 @@ from model.obstacles import distances, numbers_of
 from model.obstacles.base import SIZE
 from model.paths import Array
 from model.time_limit import check_time
-from model.transcription.collocation import gauss
 from model.transcription.system import System
 
 # Steps at most, each of which may bring some places from sticking to slip or back, or other nodes
@@ -87,10 +86,7 @@ def _widened(system: System, states: Array) -> System:
     of, scene = system.of, system.scene
     if not (of.form.contact_friction and scene.has(NeoHookean)):
         return system
-    i, method = 2 + of.form.law.torsion, gauss(of.form.stages)
-    stretch = states[of.stages[:, i]].reshape(of.elements, -1)
-    before, beyond = stretch @ method.at(1.0), np.roll(stretch @ method.at(0.0), -1)
-    beyond[-1] = before[-1]
+    before, beyond = system.stretch_beside(system.strains(states))
     widened = copy.copy(system)
     widened.p = system.p.copy()
     radius = np.asarray(system.arm.outer_radius(system.mesh.s[1:])[0])

@@ -31,8 +31,8 @@ from model.paths import Array
 from model.rotations import matrices, multiply, unit_matrix
 from model.transcription.collocation import gauss
 from model.transcription.element import Form, drag_force
-from model.transcription.equations import Places
 from model.transcription.friction import hermite, turning_function
+from model.transcription.kernels import Places
 from model.transcription.layout import POSE
 from model.transcription.system import System
 

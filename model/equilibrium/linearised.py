@@ -23,7 +23,7 @@ from model.errors import CollapsedError, SingularError, UnsettledSectionError
 from model.mesh import Mesh
 from model.paths import Array
 from model.transcription.collocation import gauss
-from model.transcription.equations import Places
+from model.transcription.kernels import Places
 from model.transcription.layout import Layout
 from model.transcription.system import System
 from model.unloaded.marched import Marched
@@ -243,7 +243,7 @@ class Linearised:
         s = self.mesh.s
         return np.concatenate([self.system.s, s[:-1], s[1:]])
 
-    @property
+    @cached_property
     def stretch(self) -> Array:
         """The stretch 1 + q (K,) at `stretch_at`."""
         m, stages = self.system.of.form.stages, self._strains[:, 3] + 1

@@ -16,13 +16,14 @@ moments at the tip. Dead loads enter by their resultant beyond each stage, whose
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 
 from model.cross_section.law import CrossSection, body_size, join, size
 from model.rotations import half_angle, multiply, norm, unit_matrix
 from model.transcription.collocation import gauss, rotation_vectors, weighted_sum
-from model.transcription.equations import Kernel, Steps
+from model.transcription.kernels import Kernel, Steps
 
 
 @dataclass(frozen=True)
@@ -63,17 +64,17 @@ class Form:
     pressed: bool = False
     contact_friction: bool = False
 
-    @property
+    @cached_property
     def moving(self) -> bool:
         """Whether some of the force depends on the shape, so that it is unknown at the nodes."""
         return self.current or self.follower or self.contacts > 0
 
-    @property
+    @cached_property
     def wrench(self) -> int:
         """Size of the forces and moments at a node."""
         return 3 * self.loaded + 3 * self.moving
 
-    @property
+    @cached_property
     def strains(self) -> int:
         """Number of strains of a cross-section."""
         return size(self.law)

@@ -20,7 +20,7 @@ from model.cross_section.law import CrossSection, body_size, size, turning_rate
 from model.paths import Array
 from model.rotations import norm
 from model.transcription.collocation import gauss, weighted_sum
-from model.transcription.equations import Kernel
+from model.transcription.kernels import Kernel
 
 
 def body_rates(law: CrossSection) -> Kernel:

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from model.machine.compiled import built
 from model.transcription.element import Form, body, clamp, element, lever, run, tendon, tip
-from model.transcription.equations import Equations, Places, Term
+from model.transcription.equations import Equations, Term
 from model.transcription.friction import body_rates, idle_tendon, kink, motor, sliding_tendon
+from model.transcription.kernels import Places
 from model.transcription.touch import contact_friction, no_touch, pressure, touch
 
 POSE = 7

@@ -21,7 +21,7 @@ from model.stations import (
 )
 from model.transcription.collocation import gauss
 from model.transcription.element import Form
-from model.transcription.equations import Places
+from model.transcription.kernels import Places
 from model.transcription.layout import Layout
 from model.transcription.touch import BEFORE, FRICTION_TOLD, TOLD
 

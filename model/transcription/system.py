@@ -16,6 +16,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.cross_section import cross_section_of
+from model.cross_section.law import kinematics
 from model.effects import Current, Friction, TipLoad
 from model.loads import contacts, growth, is_loaded, levers, places
 from model.machine.buffered import Buffered, mapped
@@ -187,6 +188,17 @@ class System:
     def strains(self, states: Array) -> Array:
         """Return the strains at the stages (N stages, strains)."""
         return states[self.of.stages]
+
+    def stretch_beside(self, strains: Array) -> tuple[Array, Array]:
+        """Return the stretch (N,) on the base and on the tip side of the nodes but the base.
+
+        By strains (N stages, strains).
+        """
+        method = gauss(self.of.form.stages)
+        stretch = kinematics(self.of.form.law, strains)[1][:, 0].reshape(self.mesh.steps, -1)
+        before, beyond = stretch @ method.at(1.0), np.roll(stretch @ method.at(0.0), -1)
+        beyond[-1] = before[-1]
+        return before, beyond
 
     def marched(self, strains: Array) -> Array:
         """Return the poses at the nodes (N + 1, 7) of strains at the stages (N stages, strains)."""

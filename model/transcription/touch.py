@@ -25,7 +25,7 @@ from model.cross_section.law import CrossSection, join, size
 from model.obstacles.base import SIZE, signed_distance
 from model.rotations import half_turn, multiply, norm, unit_matrix
 from model.transcription.collocation import gauss, rotation_vectors, weighted_sum
-from model.transcription.equations import Kernel
+from model.transcription.kernels import Kernel
 
 # Numbers of a touch: the obstacle's, radius, its slope, h, and what its rows are told; see touch.
 TOLD = 5

@@ -20,7 +20,7 @@ from model.errors import CollapsedError
 from model.mesh import Mesh, graded
 from model.paths import Array
 from model.scene import Scene
-from model.transcription.equations import Places
+from model.transcription.kernels import Places
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.printed import PrintedMap
 from model.unloaded.sections import UnloadedSections, unloaded

@@ -21,7 +21,8 @@ from model.mesh import graded
 from model.obstacles.base import SIZE, signed_distance
 from model.paths import Array
 from model.rotations import matrix
-from model.transcription.equations import Equations, Kernel, Term
+from model.transcription.equations import Equations, Term
+from model.transcription.kernels import Kernel
 from model.transcription.layout import POSE
 from planner.targets.base import Target
 

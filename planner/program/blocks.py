@@ -13,7 +13,8 @@ from typing import Protocol
 import casadi as ca
 
 from model.paths import Array
-from model.transcription.equations import Kernel, Places, Term
+from model.transcription.equations import Term
+from model.transcription.kernels import Kernel, Places
 from model.transcription.system import System
 
 

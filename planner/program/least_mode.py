@@ -18,7 +18,8 @@ import numpy as np
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.stability import least_modes, rest_stiffness
 from model.paths import Array
-from model.transcription.equations import Kernel, Places, Term, mode
+from model.transcription.equations import Term
+from model.transcription.kernels import Kernel, Places, mode
 from model.transcription.system import System
 from planner.program.states import States, numbers_of_terms
 

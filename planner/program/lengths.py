@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.paths import Array
-from model.transcription.equations import Places, Term
+from model.transcription.equations import Term
+from model.transcription.kernels import Places
 from model.transcription.layout import Layout
 from model.transcription.system import System
 from planner.program.blocks import scaled

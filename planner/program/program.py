@@ -26,7 +26,8 @@ from model.arm import Arm
 from model.errors import SingularError
 from model.machine.buffered import Buffered
 from model.paths import Array
-from model.transcription.equations import Equations, Places
+from model.transcription.equations import Equations
+from model.transcription.kernels import Places
 from model.transcription.layout import POSE, Layout
 from model.transcription.system import System
 from planner.program.blocks import Block

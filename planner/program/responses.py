@@ -19,7 +19,8 @@ from model.cross_section.law import CrossSection, size
 from model.machine.compiled import built
 from model.paths import Array
 from model.transcription.element import run
-from model.transcription.equations import Kernel, Places, Term, tangent
+from model.transcription.equations import Term
+from model.transcription.kernels import Kernel, Places, tangent
 from model.transcription.layout import POSE
 from model.transcription.system import System
 from model.winches import least_compliance

@@ -13,7 +13,8 @@ import numpy as np
 
 from model.paths import Array
 from model.transcription.collocation import gauss
-from model.transcription.equations import Places, Term
+from model.transcription.equations import Term
+from model.transcription.kernels import Places
 from model.transcription.layout import POSE, Layout
 from model.transcription.system import System
 

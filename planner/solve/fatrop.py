@@ -19,7 +19,7 @@ import numpy as np
 
 from model.machine.buffered import Buffered
 from model.paths import Array
-from model.transcription.equations import Places
+from model.transcription.kernels import Places
 from model.transcription.layout import POSE
 from planner.program.problem import Problem
 from planner.program.program import Program
