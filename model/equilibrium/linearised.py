@@ -129,8 +129,8 @@ class Linearised:
         return band(self.system.of)
 
     @cached_property
-    def factor(self) -> tuple[Array, Array]:
-        """The LU factors of the Jacobian against the states; raises SingularError."""
+    def factor(self) -> tuple[Array, Array] | None:
+        """The LU factors of the Jacobian against the states; None where it is singular."""
         if self.near:
             return self.near.factor
         at = self.band
@@ -138,9 +138,7 @@ class Linearised:
         stored[at.stored] = self.nonzeros[at.inside]
         columns = stored.reshape(-1, at.height).T
         factors, pivots, info = dgbtrf(columns, at.below, at.above, overwrite_ab=1)
-        if info != 0 or not np.all(np.isfinite(factors)):
-            raise SingularError("the equations of equilibrium are singular: the arm buckles")
-        return factors, pivots
+        return None if info != 0 or not np.all(np.isfinite(factors)) else (factors, pivots)
 
     def times(self, states: Array) -> Array:
         """Return the Jacobian against the states times changes of them (n_states,)."""
@@ -151,8 +149,10 @@ class Linearised:
     def solve(self, right: Array, transposed: bool = False) -> Array:
         """Return the changes of the states (n_states, ...) by right-hand sides.
 
-        With `transposed` the multipliers of right-hand sides in the states.
+        With `transposed` the multipliers of right-hand sides in the states. Raises SingularError.
         """
+        if self.factor is None:
+            raise SingularError("the equations of equilibrium are singular: the arm buckles")
         (factors, pivots), at = self.factor, self.band
         before, after = at.equations, at.states
         if transposed:
@@ -169,14 +169,9 @@ class Linearised:
         There is none where the equations are singular or no numbers.
         """
         residual = self.residual
-        if not np.isfinite(residual).all():
+        if not np.isfinite(residual).all() or self.factor is None:
             return None
-        if self.near is None and not np.isfinite(self.nonzeros).all():
-            return None
-        try:
-            change = -self.solve(residual)
-        except SingularError:
-            return None
+        change = -self.solve(residual)
         return change if np.isfinite(change).all() else None
 
     @cached_property
@@ -202,10 +197,7 @@ class Linearised:
         at, right = self.band, np.zeros(self.system.of.n_states)
         values = at.columns == at.first - 1
         right[at.rows[values]] = self.nonzeros[values]
-        try:
-            return -self.solve(right)
-        except SingularError:
-            return np.full_like(right, np.nan)
+        return np.full_like(right, np.nan) if self.factor is None else -self.solve(right)
 
     @property
     def lengths(self) -> Array:

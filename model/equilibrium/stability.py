@@ -49,10 +49,7 @@ def stands(point: Linearised) -> bool:
     """Return whether an equilibrium is stable, with any contacts closed."""
     if not point.system.of.form.contacts:
         return _is_minimum(point)
-    try:
-        return float(_reciprocals(point, 1, "SR", _ROUGH)[0].real.min()) > -_NONE
-    except SingularError:
-        return False
+    return point.factor is not None and unstable_mode(point) is None
 
 
 def _is_minimum(point: Linearised) -> bool:
@@ -187,10 +184,9 @@ def unstable_mode(point: Linearised) -> Array | None:
 
     None where an equilibrium is stable with its contacts closed, or about to buckle.
     """
-    try:
-        values, bends = _reciprocals(point, 1, "SR", _ROUGH)
-    except SingularError:
+    if point.factor is None:
         return None
+    values, bends = _reciprocals(point, 1, "SR", _ROUGH)
     least = int(np.argmin(values.real))
     if values[least].real > -_NONE:
         return None
