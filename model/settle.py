@@ -14,6 +14,7 @@ import numpy as np
 from model.arm import Arm
 from model.by_lengths import GivenLengths
 from model.checks import kind, positive
+from model.contact.gaps import THROUGH
 from model.contact.path import Touching
 from model.contact.self_contact import pressed_on_itself
 from model.effects import PrintedStatics, SelfContact
@@ -50,8 +51,6 @@ _COARSE = 16
 _EXACT = 1e-11
 # How accurate shapes are that tell whether lengths are too short.
 _ROUGHLY = 1e-3
-# How accurate shapes are that press on themselves.
-_CLOSE = 1e-9
 
 
 @with_progress
@@ -188,7 +187,7 @@ def _on_itself(arm: Arm, tensions: Any, scene: Scene, accuracy: float, machine_c
     All that is settled on the way is as accurate as gaps are closed.
     """
     alone = Scene(*(effect for effect in scene.effects if not isinstance(effect, SelfContact)))
-    alone, close = checked_scene(arm, alone), min(accuracy, _CLOSE)
+    alone, close = checked_scene(arm, alone), min(accuracy, THROUGH)
 
     def at(T: Array, loaded: Scene, near: Shape | None) -> Shape:
         alike = near is not None and is_loaded(loaded) and is_loaded(near.scene)
@@ -248,7 +247,8 @@ def _settled(
                     point = value.on(forward, near)
                 else:
                     point = equilibrium_on(forward, value, near, 1.0 if coarse else rough)
-            check_stretch(point, least=-np.inf)
+            if math.isnan(point.poses[-1, 4]):
+                check_stretch(point)
         except (SnapError, UnsettledContactError, UnsettledSectionError) as problem:
             in_closed_form = isinstance(problem, UnsettledSectionError) and maps.by_sections
             slow = bool(maps.contacts) and time.process_time() - begun > PATIENCE

@@ -31,9 +31,8 @@ from model.winches import Winches, pulls, rest_lengths, unfelt
 
 # What is left of a tendon, over the arm's length, from which on it is slack.
 _LEFT = 1e-10
-# Combinations of tensions that change lengths by less than this share of what others do, and which
-# part in one counts.
-_FELT, _PART = 1e-9, 1e-3
+# What part in a combination of tensions that lengths do not feel counts.
+_PART = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +122,7 @@ class Shape:
         point = self._linearised(is_loaded(self.scene))
         taut = np.flatnonzero(self.winches.held & ~self.slack.ravel())
         result = point.length_tension[np.ix_(taut, taut)]
-        idle = unfelt(np.diag(self.winches.stretch[taut]) - result, _FELT)
+        idle = unfelt(np.diag(self.winches.stretch[taut]) - result)
         return tuple(
             self.arm.tendon_name(int(j)) for j in taut[np.abs(idle).max(axis=0, initial=0) > _PART]
         )

@@ -28,12 +28,10 @@ from model.time_limit import limited
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.march_derivative import MarchDerivative
 from model.unloaded.marched import Marched
-from model.winches import checked_EA, least_compliance, pulls
+from model.winches import FELT, checked_EA, least_compliance, pulls
 
 Hold = Literal["tension", "length"]
 HOLDS: tuple[Hold, ...] = ("tension", "length")
-# Combinations of tendons below this share are left alone in an inverse.
-_IDLE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +106,7 @@ class Stiffness:
     @property
     def pose_length(self) -> Array:
         """Displacement and rotation (6, n_tendons) per metre of each tendon paid out [-, rad/m]."""
-        return np.asarray(self.pose_tension @ np.linalg.pinv(self.length_tension, _IDLE))
+        return np.asarray(self.pose_tension @ np.linalg.pinv(self.length_tension, FELT))
 
     def section(self, s: Any) -> Array:
         """Flexural stiffness of the section about n and b (2,) or (N, 2) at s [N m2].

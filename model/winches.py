@@ -233,7 +233,11 @@ def _least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
     return np.where(np.abs(raised) <= _TINY * size, 0.0, raised), well
 
 
-def unfelt(M: Array, share: float) -> Array:
-    """Return the combinations (k, n) that M (n, n) feels less than by a share of its largest."""
+# Combinations of tensions that change lengths by less than this share of what others do.
+FELT = 1e-9
+
+
+def unfelt(M: Array) -> Array:
+    """Return the combinations (k, n) of tensions that lengths, by M (n, n), do not feel."""
     _, values, right = np.linalg.svd(M)
-    return np.asarray(right[values <= share * values.max(initial=0.0)])
+    return np.asarray(right[values <= FELT * values.max(initial=0.0)])

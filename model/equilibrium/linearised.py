@@ -280,16 +280,14 @@ class Linearised:
 Equilibrium = Linearised | Marched
 
 
-def check_stretch(at: Equilibrium, which: str = "", least: float = LEAST_STRETCH) -> None:
-    """Refuse an equilibrium whose 1 + q is not above some least somewhere, or not a number.
+def check_stretch(at: Equilibrium) -> None:
+    """Refuse an equilibrium where a section has none, or where 1 + q comes down to nothing.
 
-    It is no number where a section has no equilibrium. `which` says which of many it is.
-
-    Raises UnsettledSectionError and CollapsedError.
+    Raises UnsettledSectionError, and CollapsedError.
     """
     worst = int(at.stretch.argmin())  # the first that is no number, if any is
-    stretch = float(at.stretch[worst])
+    s, stretch = float(at.stretch_at[worst]), float(at.stretch[worst])
     if math.isnan(stretch):
-        raise UnsettledSectionError(float(at.stretch_at[worst]), which)
-    if not stretch > least:
-        raise CollapsedError(float(at.stretch_at[worst]), stretch, which)
+        raise UnsettledSectionError(s)
+    if not stretch > LEAST_STRETCH:
+        raise CollapsedError(s, stretch)

@@ -115,28 +115,32 @@ class Sum:
         return rows, columns
 
     @cached_property
-    def _placed(self) -> tuple[ca.Sparsity, list[Places]]:
-        """Where the nonzeros are, and to which of them each term's add."""
-        of, what = self._of, self._what
+    def _placed(self) -> tuple[ca.Sparsity, Places]:
+        """Where the nonzeros are, and to which of them each value of the kernels is added."""
+        of, what, (height, width) = self._of, self._what, self._shape
         if what == "value":
-            return ca.Sparsity.dense(of.n_g), [term.rows for term in of.terms]
-        rows, columns = [], []
+            rows = [term.rows.ravel("F") for term in of.terms]
+            return ca.Sparsity.dense(height), np.concatenate([np.zeros(0, np.int64), *rows])
+        keys = [np.zeros(0, np.int64)]
         for term, numbers in zip(of.terms, of.slices, strict=True):
             _, i, j = term.kernel.derivative(what)
             values = np.arange(numbers.start, numbers.stop).reshape((-1, term.count), order="F")
-            rows.append((term.unknowns if what == "hessian" else term.rows)[i])
-            columns.append((values if what == "by_numbers" else term.unknowns)[j])
-        return _sparse(rows, columns, self._shape)
+            columns = (values if what == "by_numbers" else term.unknowns)[j]
+            rows_of = (term.unknowns if what == "hessian" else term.rows)[i]
+            keys.append((columns * height + rows_of).ravel("F"))
+        order, index = np.unique(np.concatenate(keys), return_inverse=True)
+        ends = np.searchsorted(order, np.arange(width + 1) * height)
+        return ca.Sparsity(height, width, ends.tolist(), (order % height).tolist()), index
 
     def __call__(self, *value: Array) -> Array:
         """Return the nonzeros by x and p, and lam for the Hessian. Raises CompilerError."""
         values = np.concatenate(self._each(*value), axis=None)
-        return np.bincount(self._added, values, self._count).astype(float, copy=False)
+        return np.bincount(self._placed[1], values, self._count).astype(float, copy=False)
 
     @cached_property
     def function(self) -> ca.Function:
         """The same as an expression, for CasADi's solvers. Raises CompilerError."""
-        at, arguments = self._added, self._each.function.mx_in()
+        at, arguments = self._placed[1], self._each.function.mx_in()
         add = ca.Sparsity(self._count, at.size, list(range(at.size + 1)), at.tolist())
         values = ca.vertcat(*(ca.vec(part) for part in self._each.function.call(arguments)))
         return ca.Function(self._what, arguments, [ca.DM(add, 1.0) @ values])
@@ -145,11 +149,6 @@ class Sum:
     def _count(self) -> int:
         """The number of the nonzeros."""
         return int(self.places.nnz())
-
-    @cached_property
-    def _added(self) -> Places:
-        """Where each value of the kernels is added."""
-        return np.concatenate([np.zeros(0, np.int64), *(at.ravel("F") for at in self._placed[1])])
 
     @cached_property
     def _each(self) -> Buffered:
@@ -174,18 +173,3 @@ class Sum:
         gathered = [x[term.unknowns.ravel("F").tolist()], p[self._of.slices[k]]]
         gathered += [weights[term.rows.ravel("F").tolist()] for weights in lam]
         return [ca.reshape(values, -1, term.count) for values in gathered]
-
-
-def _sparse(
-    rows: list[Places], columns: list[Places], shape: tuple[int, int]
-) -> tuple[ca.Sparsity, list[Places]]:
-    """Return the sparsity of a matrix with entries at rows and columns, and where each one is."""
-    keys = [(j * shape[0] + i).astype(np.int64) for i, j in zip(rows, columns, strict=True)]
-    order, index = np.unique(np.concatenate([key.ravel("F") for key in keys]), return_inverse=True)
-    ends = np.searchsorted(order, np.arange(shape[1] + 1) * shape[0])
-    places = ca.Sparsity(*shape, ends.tolist(), (order % shape[0]).tolist())
-    cuts = np.cumsum([key.size for key in keys])[:-1]
-    parts = np.split(index, cuts)
-    return places, [
-        part.reshape(key.shape, order="F") for part, key in zip(parts, keys, strict=True)
-    ]

@@ -20,6 +20,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from model.checks import SMALLEST
 from model.cross_section.energy import EnergySection
 from model.cross_section.law import CrossSection, join, size
 from model.obstacles.base import SIZE, signed_distance
@@ -122,8 +123,6 @@ def pressure(law: CrossSection, m: int, friction: bool = False) -> Kernel:
 # the node moves along the arm; and u before (3,).
 SCALES, FRICTION_TOLD, BEFORE = 3, 5, 3
 FRICTION = SIZE + SCALES + FRICTION_TOLD + BEFORE
-# The least pressure [N/m] that is divided by.
-_LEAST = 1e-30
 
 
 def contact_friction(law: CrossSection, m: int) -> Kernel:
@@ -154,7 +153,7 @@ def contact_friction(law: CrossSection, m: int) -> Kernel:
     traction = inside * (frame.T @ within(frame @ tau - by_length * slip, p))
     ends = zip((as_before, as_beyond), around, ca.horzsplit(near[1:, :]), strict=True)
     for is_end, pressed, rubs in ends:
-        traction += is_end * p / ca.fmax(pressed, _LEAST) * rubs
+        traction += is_end * p / ca.fmax(pressed, SMALLEST) * rubs
     rows = [-shift * ca.cross(along, Q), -Q, Q - held * within(Q - r * slip, P)]
     rows.append(tau - traction)
     unknowns = ca.vertcat(ca.vec(v), q, u, values, ca.vec(near), Q, tau)

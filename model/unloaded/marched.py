@@ -153,10 +153,6 @@ class Marched:
         """See Linearised."""
         return self.march.machine_code
 
-    @property
-    def states(self) -> None:
-        """See Linearised: a march has no unknowns."""
-
     def at(self, s: Array) -> tuple[Array, Array]:
         """See Linearised: a step from the nodes beside s."""
         return self.march.dense(self.tensions, self.rows, s)
