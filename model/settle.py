@@ -17,7 +17,7 @@ from model.checks import kind, positive
 from model.contact.gaps import THROUGH
 from model.contact.path import Touching
 from model.contact.self_contact import pressed_on_itself
-from model.effects import PrintedStatics, SelfContact
+from model.effects import Friction, PrintedStatics, SelfContact
 from model.equilibrium.linearised import Equilibrium, check_stretch
 from model.equilibrium.newton import ROUGHEST
 from model.errors import (
@@ -233,7 +233,8 @@ def _settled(
     near: Equilibrium | None,
 ) -> Shape:
     """Return the shape on the first mesh that is accurate enough."""
-    refinement, fine = first_pair(accuracy, maps.order)
+    # With friction a first mesh is as good as without; what it gains by refinement is less.
+    refinement, fine = first_pair(accuracy, maps.order + maps.scene.has(Friction))
     coarse, before = 0, np.zeros(7)
     rough = min(max(accuracy / _EXACT, 1.0), ROUGHEST)
     snaps: tuple[float, ...] = ()
