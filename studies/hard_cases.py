@@ -62,7 +62,7 @@ def names() -> list[str]:
     """Return the families' names, in the order of their tests."""
     # The project's settings make this quiet once; twice, and names are left out.
     listed = _pytest("--collect-only", _TEST).splitlines()
-    return [line.split("[", 1)[1][:-1] for line in listed if line.startswith(_TEST + "[")]
+    return [line.split("[", 1)[1][:-3] for line in listed if line.startswith(_TEST + "[")]
 
 
 def family(name: str, members: int) -> Family:
@@ -71,7 +71,7 @@ def family(name: str, members: int) -> Family:
         report = Path(folder) / "report.xml"
         options = ("--members", str(members), "--junitxml", str(report))
         # Of the kinds of report that pytest writes, the one that has properties of a test.
-        _pytest(f"{_TEST}[{name}]", *options, "-o", "junit_family=xunit1")
+        _pytest(f"{_TEST}[{name}-0]", *options, "-o", "junit_family=xunit1")
         kept = {
             each.get("name"): each.get("value", "") for each in ET.parse(report).iter("property")
         }

@@ -65,33 +65,33 @@ def test_a_file_of_a_package_s_name_is_told(name: str, how: str, form: str, tmp_
     )
 
 
-def test_the_planner_says_which_file_hides_the_model(tmp_path: Path) -> None:
-    (tmp_path / "model.py").write_text("x = 1\n")
-    (tmp_path / "script.py").write_text("from planner import plan\n")
-    told = ran(tmp_path, "script.py").stderr
-    assert f"{tmp_path / 'model.py'} hides octoplan's package `model`" in told
+# The file that hides a package and what is in it, what is run, and its exit code.
+HIDDEN = {
+    "the model, from the planner": ("model.py", "x = 1", ["-c", "from planner import plan"], 1),
+    "the planner, from itself": ("planner.py", "from model import Arm", ["planner.py"], 0),
+    "the model, from a command": ("model.py", "x = 1", ["-m", "octoplan", "settle", "a.toml"], 2),
+}
 
 
-def test_the_model_warns_of_a_file_that_hides_the_planner(tmp_path: Path) -> None:
-    (tmp_path / "planner.py").write_text("from model import Arm\n")
-    found = ran(tmp_path, "planner.py")
-    assert found.returncode == 0
-    assert f"{tmp_path / 'planner.py'} hides octoplan's package `planner`" in found.stderr
+@pytest.mark.quick("the planner, from itself", "the model, from a command")
+@pytest.mark.parametrize(("file", "text", "argv", "code"), HIDDEN.values(), ids=HIDDEN)
+def test_whatever_is_run_says_which_file_hides_a_package(
+    file: str, text: str, argv: list[str], code: int, tmp_path: Path
+) -> None:
+    (tmp_path / file).write_text(f"{text}\n")
+    found = ran(tmp_path, *argv)
+    assert (found.returncode, found.stdout) == (code, "")
+    assert f"{tmp_path / file} hides octoplan's package `{file[:-3]}`" in found.stderr
+    assert "Traceback" not in found.stderr or code == 1
 
 
+@pytest.mark.slow
 def test_a_folder_that_is_no_package_hides_nothing(tmp_path: Path) -> None:
     (tmp_path / "model").mkdir()
     (tmp_path / "planner").mkdir()
     (tmp_path / "script.py").write_text("from octoplan import Arm, plan\n")
     found = ran(tmp_path, "script.py")
     assert (found.returncode, found.stderr) == (0, "")
-
-
-def test_the_command_says_which_file_is_in_its_way(tmp_path: Path) -> None:
-    (tmp_path / "model.py").write_text("x = 1\n")
-    found = ran(tmp_path, "-m", "octoplan", "settle", "scene.toml")
-    assert (found.returncode, found.stdout) == (2, "")
-    assert found.stderr.startswith(f"octoplan: {tmp_path / 'model.py'} hides")
 
 
 def test_a_name_that_is_nearly_one_is_suggested() -> None:

@@ -101,6 +101,7 @@ def test_an_arm_is_designed_for_stiffness() -> None:
         found.sensitivity  # noqa: B018
 
 
+@pytest.mark.slow
 def test_an_arm_is_designed_for_reach() -> None:
     """Tendons farther out bend more: the tip gets farther aside, and a search confirms how far."""
     aside = Reach((0.0, -1.0, 0.0))
@@ -161,9 +162,11 @@ def test_sensitivity_is_that_of_plans_made_anew(key: str) -> None:
     assert found.sensitivity == pytest.approx([wanted], rel=1e-3)
 
 
-def test_a_stiffest_arm_is_no_softer_than_any_corner_of_the_bounds() -> None:
+@pytest.mark.quick("1")
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_stiffest_arm_is_no_softer_than_any_corner_of_the_bounds(count: int) -> None:
     tip = Unknown("arm.sections[0].offset_mm[1]", 1, 4)
-    unknowns, up = [OFFSET, tip], Stiffest((0, 0, 1))
+    unknowns, up = [tip, OFFSET][:count], Stiffest((0, 0, 1))
     task, stiff = _tips()[0], []
     found = design(_arm(), [task], unknowns, PAPER, 5.0, objective=up, begins=1, starts=2)
     assert found.feasible, found.outcome
@@ -172,7 +175,7 @@ def test_a_stiffest_arm_is_no_softer_than_any_corner_of_the_bounds() -> None:
         p = plan(parameters.built(np.array(corner))[0], [task, up], PAPER, 5.0, starts=1)
         if p.reached:
             stiff.append(1 / stiffness(p.arm, p.tensions, PAPER).compliance[2, 2])
-    assert len(stiff) > 1
+    assert stiff
     assert found.value >= max(stiff) * (1 - 1e-6)
 
 

@@ -105,20 +105,34 @@ def test_an_arm_that_comes_to_lean_on_a_rod_keeps_coulombs_law(mu: float) -> Non
     assert shape.stability > 0
 
 
-def test_silicone_that_slips_passes_through_nothing_on_either_side_of_a_touch() -> None:
+LEANING = {
+    "a bar": (
+        bar(0.3, 0.006, 2e5),
+        Capsule((0.2, -0.1, -0.04), (0.2, 0.1, -0.04), 0.02),
+        np.array([0.1, 0.8, 0.0, 0.0]),
+    ),
+    "three sections": (ARM, ROD, TENSIONS),
+}
+
+
+@pytest.mark.quick("a bar")
+@pytest.mark.parametrize(("arm", "rod", "T"), LEANING.values(), ids=LEANING)
+def test_silicone_that_slips_passes_through_nothing_on_either_side_of_a_touch(
+    arm: Arm, rod: Capsule, T: np.ndarray
+) -> None:
     """Friction lets stretch and radius jump there: the wider side was inside by 10 um."""
-    scene = Scene(Extension(), ExactTendons(), NeoHookean(), Contact(ROD, friction=0.567))
-    free = settle(ARM, 0.2 * TENSIONS, scene, 1e-4)
-    shape = settle(ARM, TENSIONS, scene, 1e-4, near=free)
+    scene = Scene(Extension(), ExactTendons(), NeoHookean(), Contact(rod, friction=0.567))
+    free = settle(arm, 0.02 * T, scene, 1e-4)
+    shape = settle(arm, T, scene, 1e-4, near=free)
     (touch,) = shape.contacts
     assert np.linalg.norm(touch.friction) > 0
-    assert 0 < touch.s < ARM.length
-    sides = touch.s + 1e-9 * ARM.length * np.array([-1, 1])
-    radius = ARM.outer_radius(sides)[0] / np.sqrt(1 + shape.strain(sides)[:, 3])
-    assert np.ptp(radius) > 1e-9 * ARM.length
-    gaps = ROD.distance(shape.position(sides)) - radius
-    assert gaps.min() > -1e-8 * ARM.length
-    assert gaps.min() < 1e-8 * ARM.length
+    assert 0 < touch.s < arm.length
+    sides = touch.s + 1e-9 * arm.length * np.array([-1, 1])
+    radius = arm.outer_radius(sides)[0] / np.sqrt(1 + shape.strain(sides)[:, 3])
+    assert np.ptp(radius) > 1e-9 * arm.length
+    gaps = rod.distance(shape.position(sides)) - radius
+    assert gaps.min() > -1e-8 * arm.length
+    assert gaps.min() < 1e-8 * arm.length
 
 
 LONG, WIDE, SOFT, ROUND, DOWN, PULL = 0.3, 0.002, 1e9, 0.06, 12.0, 20.0

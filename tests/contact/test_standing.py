@@ -35,7 +35,7 @@ ASKED = 0.305
 def plans() -> tuple[Plan, Plan]:
     """Plans for a tip without a margin, and with one, from where the arm leans on the ball."""
     target = TipPosition(tuple(settle(ARM, T, SCENE).tip.tolist()))
-    clear = plan(ARM, target, SCENE, 20.0, starts=1)
+    clear = plan(ARM, target, SCENE, 20.0, starts=1, time_limit=1e-9)
     leaning = replace(clear, tensions=ARM.by_section(T))
     free, held = (
         plan(ARM, target, SCENE, 20.0, near=leaning, stability_margin=margin)

@@ -45,7 +45,7 @@ def tip_change(scene: Scene, other: Scene, accuracy: float = 1e-6) -> float:
     return float(np.linalg.norm(tips[0] - tips[1])) / ARM.length
 
 
-@pytest.mark.quick("exact")
+@pytest.mark.quick("as printed")
 @pytest.mark.parametrize(
     ("scene", "own", "others"),
     [

@@ -102,7 +102,7 @@ def test_no_strain_nearby_has_less_energy(name: str, seed: int) -> None:
             assert np.all(energy(settled + h * steps, s, T, scene) > least)
 
 
-@pytest.mark.quick("with the shift")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["linear", "neo-Hookean", "with the shift"])
 def test_a_minimiser_finds_the_same_strains(name: str) -> None:
     scene, T = SCENES[name], tensions(3)

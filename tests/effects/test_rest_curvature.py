@@ -62,6 +62,7 @@ SCENES = [
 ]
 
 
+@pytest.mark.quick("scene0", "scene3", "scene5", "scene7")
 @pytest.mark.parametrize("scene", SCENES)
 def test_without_tensions_it_has_its_shape_at_rest(scene: Scene) -> None:
     shape = settle(_arm(Linear(2.0, 2.0), Linear(5.0, 5.0)), [0, 0], scene, 1e-10)
@@ -198,6 +199,7 @@ CURVED = replace(
 PULL = np.array([[0.0, 0.0, 0.3, 0.0], [2.0, 0.0, 0.0, 0.0], [0.0, 5.0, 0.0, 0.0]])
 
 
+@pytest.mark.quick("scene1", "scene2")
 @pytest.mark.parametrize("scene", SCENES[1:4])
 def test_all_ways_to_settle_agree(scene: Scene) -> None:
     shape = settle(CURVED, PULL, scene, 1e-9)
@@ -225,6 +227,7 @@ def test_stiffness_of_a_curved_arm_is_that_of_differences() -> None:
     assert np.allclose(found, (tip(h) - tip(-h)) / (2 * h), rtol=1e-5)
 
 
+@pytest.mark.quick("effects1")
 @pytest.mark.parametrize("effects", [(), (ExactTendons(), NeoHookean(), Weight((0, 0, -1.0)))])
 def test_plans_of_curved_arms_are_certified_and_load_back(
     effects: tuple[Effect, ...], tmp_path: object

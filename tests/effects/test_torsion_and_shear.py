@@ -13,7 +13,8 @@ from scipy.integrate import quad
 from model import Anchorage, Arm, Linear, Scene, Shape, settle
 from model.effects import ExactTendons, Extension, PointLoad, Shear, TipLoad
 from tests.effects.bars import NO_PULL, Bar
-from tests.effects.cases import DATA, RODS, Array, fem_arm
+from tests.effects.cases import DATA, RODS, fem_arm
+from tests.oracles import balance, paper_rod
 
 THICK = {"uniform": Bar(0.03, 0.03, 0.1), "conical": Bar(0.03, 0.012, 0.1)}
 TANGENTS = pytest.mark.parametrize("more", [(), (ExactTendons(),)], ids=["paper", "exact"])
@@ -100,25 +101,11 @@ def test_rods_are_as_near_to_finite_elements_as_known(rod: str, known: float) ->
     assert 100 * gap == pytest.approx(known, abs=0.005)
 
 
-ARM = Arm.from_paper("table-2")
+ARM, ROD = Arm.from_paper("table-2"), paper_rod("table-2")
 PULLS = np.array([[1, np.sqrt(3), 0, 0], [0, 0, 0.5, 0], [0, 0, 0, 1.0]])
 TIP_FORCE, POINT, AT = np.array([3e-3, 2e-3, -4e-3]), np.array([0, 5e-3, 5e-3]), 0.12
 
 ROWS = ((0.31, 7.5e-3, 1e-3), (0.217, 3.5e-3, 3.5e-3), (0.093, 6e-3, 6e-3))
-
-
-def balance(s: float) -> tuple[Array, Array]:
-    """K + S[T y2 (1 - d d^T)], and S[T y t x d], at s: written from the physics, section 2."""
-    R = 15e-3 + (6.5e-3 - 15e-3) * s / 0.31
-    EJ = 110e3 * np.pi * R**4 / 4
-    D, m = np.diag([EJ * 2 / 3, EJ, EJ]), np.zeros(3)
-    for (at, a, b), pulls in zip(ROWS, PULLS, strict=True):
-        y = (a + (b - a) * s / at) * (s <= at)
-        for phi, T in zip(np.arange(4) * np.pi / 2, pulls, strict=True):
-            d = np.array([0, np.cos(phi), np.sin(phi)])
-            D += T * y**2 * (np.eye(3) - np.outer(d, d))
-            m += T * y * np.cross([1, 0, 0], d)
-    return D, m
 
 
 @pytest.mark.parametrize("extension", [True, False], ids=["extension", "bending"])
@@ -130,7 +117,7 @@ def test_a_load_across_a_bent_arm_twists_it(extension: bool) -> None:
         moment = np.cross(shape.tip - u, TIP_FORCE)
         if s <= AT:
             moment = moment + np.cross(shape.position(AT) - u, POINT)
-        D, m = balance(s)
+        D, m = balance(ROD, np.ravel(PULLS), s, ROD.active(s))
         omega = np.linalg.solve(D, m + frame.T @ moment)
         assert np.allclose(shape.strain(s)[:3], omega, rtol=0, atol=1e-8)
     assert abs(shape.strain(0.15)[0]) > 0.1

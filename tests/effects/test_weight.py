@@ -160,6 +160,7 @@ def test_on_the_midline_a_mass_is_a_point_load() -> None:
     assert np.allclose(tips[0], tips[2], rtol=0, atol=1e-13)
 
 
+@pytest.mark.quick("silicone", "friction")
 @pytest.mark.parametrize("name", SCENES)
 def test_off_the_tip_a_mass_is_a_force_and_its_moment_there(name: str) -> None:
     mass, effects = 0.02, SCENES[name]
@@ -213,6 +214,7 @@ def test_masses_off_a_beam_bend_it_as_solve_bvp_says() -> None:
         assert np.allclose(shape.position(place)[:, :2].T, wanted, rtol=0, atol=1e-8)
 
 
+@pytest.mark.quick("silicone")
 @pytest.mark.parametrize("name", ["exact", "silicone"])
 def test_a_mass_has_a_potential_so_compliance_is_symmetric(name: str) -> None:
     scene = Scene(*SCENES[name], PointMass(0.2, 0.02, OFF), PointMass(0.31, 0.01, (0, 0.03, 0)))
@@ -220,6 +222,7 @@ def test_a_mass_has_a_potential_so_compliance_is_symmetric(name: str) -> None:
     assert np.abs(C - C.T).max() <= 1e-7 * np.abs(C).max()
 
 
+@pytest.mark.quick("paper")
 @pytest.mark.parametrize("name", ["paper", "silicone"])
 def test_plans_by_lengths_and_strains_feel_masses(name: str) -> None:
     scene = Scene(*SCENES[name], PointMass(0.2, 0.02, OFF))

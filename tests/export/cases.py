@@ -91,9 +91,9 @@ class Library:
 
     def __init__(self, folder: Path, name: str, tendons: int, nodes: int, precision: str) -> None:
         self.path = folder / "lib.so"
-        source = str(folder / f"{name}.c")
-        flags = ("-O1", "-fPIC", "-shared", *STRICT)
-        _run([gcc(), *flags, source, "-o", str(self.path), "-lm"])
+        sources = map(str, folder.glob(f"{name}*.c"))
+        flags = ("-O0", "-fPIC", "-shared", *STRICT)
+        _run([gcc(), *flags, *sources, "-o", str(self.path), "-lm"])
         self._library = ctypes.CDLL(str(self.path))
         self._name, self._tendons, self._nodes = name, tendons, nodes
         self._kind = np.float64 if precision == "double" else np.float32

@@ -27,7 +27,7 @@ CASES = [
 ]
 
 
-@pytest.mark.quick("bending alone-float", "curved tendons-double")
+@pytest.mark.quick("curved tendons-double")
 @pytest.mark.parametrize(("name", "precision"), CASES)
 def test_it_compiles_strictly_and_its_test_vector_agrees(
     name: str, precision: str, tmp_path: Path
@@ -86,7 +86,7 @@ def test_the_check_fails_where_a_number_is_not_python_s(place: str, tmp_path: Pa
     assert "DISAGREES" in done.stdout
 
 
-@pytest.mark.quick("the paper's-double", "short tendons-float")
+@pytest.mark.quick("short tendons-float")
 @pytest.mark.parametrize(("name", "precision"), CASES)
 def test_it_agrees_with_settle_and_tip_jacobian_at_other_tensions(
     name: str, precision: str, tmp_path: Path

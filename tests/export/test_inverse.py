@@ -27,7 +27,7 @@ from tests.export.cases import (
     SHORT,
     STRICT,
     TABLE_4,
-    gcc,
+    Library,
 )
 from tests.oracles import Array
 
@@ -37,43 +37,34 @@ OK, CRUSHED, OUT_OF_REACH = 0, 1, 2
 START = np.array([0, 0, 0.2, 0, 0, 0.4, 0, 0, 0, 0, 1.0, 0])
 
 
-class Inverse:
+class Report(ctypes.Structure):
+    """What `arm_plan` tells of its search."""
+
+    _fields_ = [
+        ("residual", ctypes.c_double),
+        ("slope", ctypes.c_double),
+        ("iterations", ctypes.c_int),
+    ]
+
+
+class Inverse(Library):
     """An exported inverse, called through ctypes."""
 
-    def __init__(self, folder: Path, p: Any, accuracy: float, precision: str) -> None:
-        self.shape = export_plan(p, folder, accuracy, precision).shape  # type: ignore[arg-type]
-        self.path, self.n = folder / "lib.so", p.arm.n_tendons
-        sources = [str(folder / "arm.c"), str(folder / "arm_plan.c")]
-        strict = [*STRICT, *NO_DOUBLE * (precision == "float")]
-        command = [gcc(), "-O1", "-fPIC", "-shared", *strict, *sources, "-o", str(self.path), "-lm"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr[-2000:]
-        self._kind: Any = np.float64 if precision == "double" else np.float32
-        real = ctypes.c_double if precision == "double" else ctypes.c_float
-        self._library = ctypes.CDLL(str(self.path))
-        fields = [("residual", real), ("slope", real), ("iterations", ctypes.c_int)]
-        self._report: Any = type("Report", (ctypes.Structure,), {"_fields_": fields})
+    def __init__(self, folder: Path, p: Any, accuracy: float) -> None:
+        self.shape = export_plan(p, folder, accuracy).shape
+        super().__init__(folder, "arm", p.arm.n_tendons, self.shape.s.size, "double")
 
-    def plan(self, target: Any, tensions: Any) -> tuple[int, Array, Any]:
+    def plan(self, target: Any, tensions: Any) -> tuple[int, Array, Report]:
         """Return the code, tensions (n_tendons,) and the report."""
-        place, T = self._given(target), self._given(tensions)
-        report = self._report()
-        code = self._library.arm_plan(*map(self._at, (place, T)), ctypes.byref(report))
-        return code, T.astype(float), report
+        T, report = self._given(tensions).copy(), Report()
+        given = (self._pointer(self._given(target)), self._pointer(T), ctypes.byref(report))
+        return self._function("plan")(*given), T, report
 
     def hessian(self, tensions: Any, weight: Any) -> Array:
         """Return the second derivatives of weight . tip (n_tendons, n_tendons)."""
-        found = np.zeros((self.n, self.n), self._kind)
-        given = (self._given(tensions), self._given(weight), found)
-        assert self._library.arm_hessian(*map(self._at, given)) == OK
+        found = np.zeros((self._tendons, self._tendons))
+        assert self._call("hessian", tensions, self._given(weight), found) == OK
         return found
-
-    def _given(self, values: Any) -> Any:
-        return np.ravel(np.asarray(values)).astype(self._kind).copy()
-
-    @staticmethod
-    def _at(values: Any) -> ctypes.c_void_p:
-        return ctypes.c_void_p(values.ctypes.data)
 
 
 def planned(arm: Arm, T: Any, scene: Scene = PAPER, upper: Any = 20.0, **options: Any) -> Any:
@@ -89,7 +80,7 @@ def first() -> Any:
 
 @pytest.fixture(scope="module")
 def inverse(first: Any, tmp_path_factory: pytest.TempPathFactory) -> Inverse:
-    return Inverse(tmp_path_factory.mktemp("inverse"), first, 1e-6, "double")
+    return Inverse(tmp_path_factory.mktemp("inverse"), first, 1e-6)
 
 
 def test_second_derivatives_are_those_of_the_map(inverse: Inverse) -> None:

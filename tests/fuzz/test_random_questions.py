@@ -12,11 +12,11 @@ import pytest
 from model import Arm, OctoplanError, Scene, Shape, settle
 from model.effects import Buoyancy, Current, Effect, ExactTendons, Extension, TipLoad, Weight
 from planner import Plan, plan
-from planner.targets import Backbone, BendingPlane, Fetch, Target, TipPose, TipPosition
+from planner.targets import Backbone, BendingPlane, Fetch, Target, TipPosition
 from planner.targets.fetch import Bend, stretches
 from tests.effects.spatial import EnergyRod, LoadedRod, Loads
 from tests.oracles import Array, Rod
-from tests.planner.cases import bend_and_plane
+from tests.planner.cases import bend_and_plane, read
 from tests.random_arms import DENSITY, random_arm, random_pulls
 
 WATER, G = 1000.0, 9.81
@@ -67,12 +67,6 @@ def scene_of(arm: Arm, rng: np.random.Generator) -> tuple[Scene, Loads, str]:
     return Scene(*effects), Loads(), statics
 
 
-def plane_of(shape: Shape) -> BendingPlane | None:
-    """Return the plane in which the tip lies and the bend in it; None if that is not one."""
-    bend, angle = bend_and_plane(shape.arm, shape)
-    return BendingPlane(angle, bend, 1) if bend > 0 else None
-
-
 def bent_by_the_outer_tendons(
     arm: Arm, scene: Scene, rng: np.random.Generator
 ) -> BendingPlane | None:
@@ -80,9 +74,10 @@ def bent_by_the_outer_tendons(
     T = random_pulls(arm, rng, 1.0)
     T[len(arm.sections[0].angles) :] = 0.0
     try:
-        return plane_of(settle(arm, T, scene))
+        bend, angle = bend_and_plane(arm, settle(arm, T, scene))
     except OctoplanError:
         return None
+    return BendingPlane(angle, bend, 1) if bend > 0 else None
 
 
 def fetch_of(shape: Shape) -> Fetch:
@@ -103,7 +98,7 @@ def target_of(shape: Shape, rng: np.random.Generator) -> Target | tuple[Target, 
         middle = Backbone((tuple(shape.position(place).tolist()),), (place,))
         return TipPosition(tuple(shape.tip)), middle
     if kind == "pose" and shape.arm.n_tendons >= 8:
-        return TipPose(tuple(shape.tip), tuple(map(tuple, shape.tip_frame)))
+        return read("pose", shape)
     if kind == "backbone":
         s = np.array([0.4, 0.7, 1.0]) * shape.arm.length
         return Backbone(tuple(map(tuple, shape.position(s).tolist())), tuple(s.tolist()))

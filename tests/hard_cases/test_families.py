@@ -26,27 +26,20 @@ FAMILIES = (
 )
 
 
-def check(family: Family, seeds: range, record: Callable[[str, object], None]) -> None:
+@pytest.mark.parametrize("first", [0, pytest.param(1, marks=pytest.mark.slow, id="many")])
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
+def test_members_are_right_or_refused(
+    family: Family,
+    first: int,
+    request: pytest.FixtureRequest,
+    record_property: Callable[[str, object], None],
+) -> None:
     """Judge the members of some seeds; what `studies.hard_cases` draws is recorded."""
+    seeds = range(first, FULL if first else request.config.getoption("--members", 1))
     found = [judge(family, seed) for seed in seeds]
     told = [(own.error, own.refusal, own.seconds, own.passes(family)) for own in found]
-    record("tolerance", family.tolerance)
-    record("verdicts", json.dumps(told))
+    record_property("tolerance", family.tolerance)
+    record_property("verdicts", json.dumps(told))
     for seed, verdict in zip(seeds, found, strict=True):
         why = verdict.refusal or f"error {verdict.error:.2e}"
         assert verdict.passes(family), f"seed {seed}: {why}; {verdict.member}"
-
-
-@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
-def test_members_are_right_or_refused(
-    family: Family, request: pytest.FixtureRequest, record_property: Callable[[str, object], None]
-) -> None:
-    check(family, range(request.config.getoption("--members", 1)), record_property)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
-def test_many_members_are_right_or_refused(
-    family: Family, record_property: Callable[[str, object], None]
-) -> None:
-    check(family, range(1, FULL), record_property)

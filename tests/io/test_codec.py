@@ -30,7 +30,7 @@ from tests.io.values import EFFECTS, OBSTACLES, TARGETS, arms, scenes, values_of
 
 ARM, ROOT = Arm.from_paper("table-4"), Path(__file__).parents[2]
 FEW = settings(
-    max_examples=5,
+    max_examples=3,
     deadline=None,
     phases=[Phase.explicit, Phase.generate],
     suppress_health_check=list(HealthCheck),

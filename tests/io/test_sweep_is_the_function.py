@@ -65,7 +65,7 @@ def _tensions(rng: np.random.Generator) -> Any:
 
 
 @pytest.mark.parametrize("seed", range(40))
-@pytest.mark.quick("0", "3", "5", "11", "17", "23")
+@pytest.mark.quick("3", "5", "17")
 def test_a_sweep_of_one_point_is_a_settle(seed: int) -> None:
     rng = np.random.default_rng(seed)
     scene, T = random_scene(rng), _tensions(rng)
@@ -81,7 +81,7 @@ def test_a_sweep_of_one_point_is_a_settle(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(100, 120))
-@pytest.mark.quick("100", "107")
+@pytest.mark.quick("100")
 def test_a_sweep_of_one_point_is_a_stiffness(seed: int) -> None:
     rng = np.random.default_rng(seed)
     scene, T = random_scene(rng), _tensions(rng)

@@ -130,6 +130,7 @@ def test_weakly_felt_tensions_do_not_drift_under_loads(monkeypatch: pytest.Monke
     check_complementary(back)
 
 
+@pytest.mark.quick("scene1-table-2", "scene2-table-4")
 @pytest.mark.parametrize("name", ["table-2", "table-4"])
 @pytest.mark.parametrize("scene", [EXACT, Scene.silicone(), Scene(*EXACT.effects[1:])])
 def test_random_strokes_settle(name: str, scene: Scene) -> None:

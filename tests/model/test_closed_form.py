@@ -10,7 +10,7 @@ from model.effects import Extension
 from tests.model.cases import arm_of, mild_tensions, random_rod
 from tests.oracles import Array, Rod, poses, strain, tendon_length
 
-SEEDS = range(20)
+SEEDS = [*range(10), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(10, 20))]
 
 
 def drawn(seed: int) -> tuple[Rod, Array, bool, Shape]:

@@ -22,7 +22,11 @@ SCENES = {
     "exact_no_extension": Scene(ExactTendons()),
 }
 EACH = [
-    pytest.param(case, key, scheme, id=f"{case['name']}-{key}-{scheme}")
+    pytest.param(
+        *(case, key, scheme),
+        id=f"{case['name']}-{key}-{scheme}",
+        marks=[] if scheme.endswith("6") else [pytest.mark.slow],
+    )
     for case in CASES["cases"]
     for key, scene in SCENES.items()
     for scheme in schemes_of(scene)

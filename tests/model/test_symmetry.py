@@ -51,15 +51,6 @@ def test_exchanging_opposite_tendons_mirrors_the_shape(name: str, scene: Scene) 
     assert abs(before.tip[1]) > 1e-3
 
 
-def test_tendons_of_one_axis_bend_in_their_plane_alone() -> None:
-    T = np.array([[0, 0.1, 0, 0.3], [0, 2, 0, 0], [0, 0, 0, 3.0]])
-    shape = settle(Arm.from_paper("table-4"), T, PAPER)
-    s = np.linspace(0, 0.45, 20)
-    assert np.all(shape.strain(s)[:, [0, 2]] == 0)
-    assert np.all(shape.position(s)[:, 1] == 0)
-    assert abs(shape.tip[2]) > 0.01
-
-
 @pytest.mark.parametrize("scene", [Scene(), PAPER, Scene.as_printed()])
 def test_beyond_the_outermost_anchorage_the_arm_is_straight(scene: Scene) -> None:
     arm = conical(0.4, (0.01, 0.005), [(0.25, 4e-3, 4e-3), (0.1, 4e-3, 4e-3)])

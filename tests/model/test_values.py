@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
 import pickle
-from typing import Annotated, Any, Literal
 
 import numpy as np
 import pytest
-from msgspec import Meta
 
 from model import Anchorage, Arm, Linear, Material, Sampled, Scene, settle, settle_many
 from model.effects import Extension
-from model.value import value
 from tests.model.cases import paper_tensions
-from tests.refusals import check_refusal
 
 SCENES = {"bare": Scene(), "extension": Scene(Extension()), "as_printed": Scene.as_printed()}
 
@@ -136,66 +130,3 @@ def test_arms_pickle(arm: Arm) -> None:
     assert there == arm
     assert hash(there) == hash(arm)
     assert there.tendons == arm.tendons
-
-
-@value
-class _Probe:
-    """A value with an argument of every kind of annotation."""
-
-    number: float = 1.0
-    count: Annotated[int, Meta(ge=1)] = 1
-    turns: Annotated[float, Meta(gt=-1, le=math.pi, extra={"unit": "deg"})] = 0.0
-    rows: tuple[Annotated[tuple[float, ...], Meta(min_length=2, max_length=2)], ...] = ((0.0, 0.0),)
-    whole: tuple[int, ...] = ()
-    side: Literal["left", "right"] | None = None
-    paths: Linear | tuple[Linear, ...] = Linear(0.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("name", "given", "kept"),
-    [
-        ("number", np.float32(0.5), 0.5),
-        ("count", np.int64(3), 3),
-        ("rows", np.ones((2, 2)), ((1.0, 1.0), (1.0, 1.0))),
-        ("whole", [1, 2.0], (1, 2)),
-        ("side", None, None),
-        ("paths", [Linear(1, 2)], (Linear(1.0, 2.0),)),
-    ],
-)
-def test_arguments_are_kept_as_annotations_say(name: str, given: Any, kept: Any) -> None:
-    for made in (_Probe(**{name: given}), dataclasses.replace(_Probe(), **{name: given})):
-        own = getattr(made, name)
-        assert (own, type(own)) == (kept, type(kept))
-
-
-@pytest.mark.parametrize(
-    ("name", "given", "told"),
-    [
-        ("number", "1", "numbers"),
-        ("number", True, "numbers"),
-        ("number", math.nan, "finite"),
-        ("count", 1.5, "a whole number"),
-        ("count", 0, "from 1"),
-        ("turns", 90.0, "an angle in rad above -1, up to pi; 90 degrees are 1.5708"),
-        ("rows", [[1.0]], "shape nx2"),
-        ("whole", [0.5], "whole numbers"),
-        ("side", "up", '"left" or "right"'),
-        ("side", ["left"], '"left" or "right"'),
-        ("paths", 1.0, "a Linear, or a tuple of which each is that"),
-        ("paths", [1.0], "a Linear"),
-    ],
-)
-def test_arguments_that_annotations_do_not_allow_are_refused(
-    name: str, given: Any, told: str
-) -> None:
-    check_refusal(lambda: _Probe(**{name: given}), f"_Probe.{name}", told)
-
-
-def test_arguments_are_named_as_in_any_function() -> None:
-    for given in ({"numbers": 1.0}, {"number": 1.0}):
-        with pytest.raises(TypeError, match="argument"):
-            _Probe(1.0, **given)
-    with pytest.raises(TypeError, match="positional"):
-        _Probe(*range(8))
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        _Probe().number = 2.0  # type: ignore[misc]

@@ -9,7 +9,7 @@ from model import Arm, Scene, conical, settle
 from model.centreline import Centreline
 from model.clearance import clearance
 from model.clearance.nearest import BASE, ITSELF, clearances
-from model.effects import Buoyancy, Extension, Weight
+from model.effects import Buoyancy, Extension, TipLoad, Weight
 from model.equilibrium.newton import STAGES, Collocation
 from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from tests.model.cases import paper_tensions
@@ -110,30 +110,11 @@ def test_a_straight_arm_is_as_far_from_a_ball_as_geometry_says() -> None:
 
 
 def _coil(turns: float, radius: float) -> Centreline:
-    """Return a cylinder 1 m long, 10 mm thick, bent to so many turns of a circle."""
+    """Return a cylinder 1 m long that a moment at its tip bends to so many turns of a circle."""
     arm = conical(1.0, (radius, radius), [(1.0, radius / 2, radius / 2)])
-    forward = Collocation(arm, Scene(), STAGES, 8)
-    states = forward.solve(np.zeros(4)).states
-    line = Centreline.at_states(forward.system, states)
-    k, s = 2 * np.pi * turns, line.s
-    u = np.column_stack([np.sin(k * s) / k, np.zeros_like(s), (1 - np.cos(k * s)) / k])
-    half = k * s / 2
-    q = np.column_stack([np.cos(half), np.zeros_like(s), -np.sin(half), np.zeros_like(s)])
-    kappa = np.zeros_like(line.kappa)
-    kappa[..., 1] = -k
-    poses = np.hstack([q, u])
-    return Centreline(
-        _unturned(arm),
-        line.scene,
-        s,
-        poses,
-        kappa,
-        np.broadcast_to([1.0, 0, 0], kappa.shape).copy(),
-    )
-
-
-def _unturned(arm: Arm) -> Arm:
-    return Arm(arm.length, arm.radius, arm.sections, base_frame=((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+    moment = 2 * np.pi * turns * arm.material.E * np.pi * radius**4 / 4
+    scene = Scene(TipLoad(moment=(0.0, 0.0, moment)))
+    return Centreline.of(settle(arm, np.zeros(4), scene, 1e-9))
 
 
 @pytest.mark.parametrize(("turns", "radius"), [(0.8, 0.01), (0.95, 0.02), (1.3, 0.01)])

@@ -12,7 +12,6 @@ from model import Arm, Scene, settle
 from model.clearance import clearance
 from model.effects import Extension
 from model.obstacles import Box, Mesh, Moving, Sphere
-from model.obstacles.bodies import Bodies
 from planner import plan, trajectory
 from planner.io.saved_files import load_plan
 from planner.io.scene_file import load
@@ -174,28 +173,3 @@ def test_scene_files_and_plans_hold_meshes(tmp_path: Path) -> None:
     p = plan(ARM, TARGET, SCENE, 20.0, obstacles=[found], clearance=0.002)
     p.save(tmp_path / "plan.json")
     assert load_plan(tmp_path / "plan.json").surroundings.obstacles == (found,)
-
-
-def test_the_nearest_part_is_part_of_the_body_and_as_near() -> None:
-    mesh = dented()
-    points = np.random.default_rng(3).uniform(-0.05, 0.15, (200, 3))
-    for x, d in zip(points, mesh.distance(points), strict=True):
-        center, axes, half = np.split(mesh.nearest_part(x)[:15], [3, 12])
-        y = axes.reshape(3, 3) @ (x - center)
-        if d > 0:
-            assert np.linalg.norm(np.maximum(np.abs(y) - half, 0)) == pytest.approx(d, abs=1e-9)
-            corners = np.array([(i, j, 0) for i in (-1, 1) for j in (-1, 1)]) * half
-            assert np.abs(mesh.distance(center + corners @ axes.reshape(3, 3))).max() < 1e-9
-        else:
-            assert y[0] == pytest.approx(d, abs=1e-9)
-
-
-def test_bounds_hold_around_a_point() -> None:
-    bodies, rng = (
-        Bodies([ring(), Sphere((0.2, 0.0, 0.1), 0.03), dented()]),
-        np.random.default_rng(4),
-    )
-    points, offsets = rng.uniform(-0.1, 0.3, (300, 1, 3)), 0.02 * rng.normal(size=(300, 1, 3))
-    d, g = bodies.at(points)
-    moved, _ = bodies.at(points + offsets)
-    assert (d + bodies.change(g, np.broadcast_to(offsets, g.shape)) <= moved + 1e-12).all()

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from model import Anchorage, Arm, CollapsedError, Linear, Sampled, Scene, Shape, settle
+from model import Anchorage, Arm, Linear, Sampled, Scene, Shape, settle
 from model.effects import Extension
 from planner.targets import Backbone, Bend, BendingPlane, Fetch, Target, TipPose, TipPosition
 from tests.oracles import Array
@@ -58,31 +58,6 @@ def bend_and_plane(arm: Arm, shape: Shape) -> tuple[float, float]:
 def paper_tip(arm: Arm, T: Array) -> tuple[float, ...]:
     """Tip position of settled tensions [m]."""
     return tuple(settle(arm, T, PAPER, 1e-9).tip.tolist())
-
-
-# Of each section, tip to base [N]: what an arm of table 4 bears.
-MOST = np.array([[0.6], [5.0], [15.0]])
-
-
-def pulls(rng: np.random.Generator) -> Array:
-    """Return tensions (3, 4) [N]: of half the tendons, of one a section, or of all."""
-    T, way = MOST * rng.uniform(size=(3, 4)), rng.integers(3)
-    if way == 0:
-        T *= rng.uniform(size=(3, 4)) < 0.5
-    elif way == 1:
-        T *= np.arange(4) == rng.integers(4, size=3)[:, None]
-    return T * rng.uniform(0.3, 1.0)
-
-
-def drawn(rng: np.random.Generator, arm: Arm, scene: Scene) -> Array:
-    """Return tensions (3, 4) [N] that an arm bears."""
-    while True:
-        T = pulls(rng)
-        try:
-            settle(arm, T, scene, 1e-3)
-        except CollapsedError:
-            continue
-        return T
 
 
 def read(kind: str, shape: Shape, section: int = 1) -> Target:

@@ -63,7 +63,7 @@ def test_derivatives_of_the_nearest_shape_are_those_that_casadi_finds() -> None:
     check_derivatives(ARM, PAYLOAD_IN_WATER, "nearest")
 
 
-@pytest.mark.quick("2")
+@pytest.mark.slow
 @pytest.mark.parametrize("modes", [1, 2])
 def test_derivatives_with_the_least_stable_modes_are_those_that_casadi_finds(modes: int) -> None:
     check_derivatives(ARM, PAYLOAD_IN_WATER, "exact", modes)

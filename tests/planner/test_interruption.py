@@ -219,10 +219,10 @@ def backbone(k):
 
 JOBS = [
     lambda k: tip(k, PAPER),
-    lambda k: tip(k, PAPER, "auto"),
-    stopped,
     lambda k: settle(ARM, T * k, WATER).tip,
     lambda k: settle(ARM, T * k, PAPER, scheme=("magnus6", "gauss6", "magnus4", "gauss4")[k]).tip,
+    lambda k: tip(k, PAPER, "auto"),
+    stopped,
     lambda k: settle(ARM, T * k, Scene.as_printed()).tip,
     lambda k: tip(k, WATER),
     lambda k: tip(k, WATER, "auto"),

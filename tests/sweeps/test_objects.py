@@ -17,7 +17,6 @@ from model.effects import (
 )
 from planner import sweep
 from planner.cli import main
-from planner.io.codec import table_of
 from planner.targets import (
     BendingPlane,
 )
@@ -25,11 +24,6 @@ from tests.sweeps.cases import GRID, tensions, written
 
 ARM = Arm.from_paper("table-4")
 PAPER = Scene(Extension())
-
-
-def test_a_target_without_keys_is_refused() -> None:
-    with pytest.raises(InputError, match="others have no keys"):
-        table_of(object())
 
 
 def test_plans_and_draws_too(tmp_path: Path) -> None:

@@ -54,18 +54,6 @@ values = [0.1, 0.2, 500.0, 0.3]
 """
 
 
-@pytest.mark.parametrize("axes", [FAILING, FAILING + STIFFNESS], ids=["together", "alone"])
-def test_a_point_that_fails_is_a_row_that_says_why(tmp_path: Path, axes: str) -> None:
-    data = planner.sweep(written(tmp_path, axes))
-    failed = data.sel({"tensions[0][2]": 500.0})
-    assert not failed.settled.any()
-    assert np.isnan(failed.tip).all()
-    assert all("crushed" in told for told in failed.outcome.values.ravel())
-    others = data.drop_sel({"tensions[0][2]": [500.0]})
-    assert others.settled.all()
-    assert np.isfinite(others.tip).all()
-
-
 def test_points_that_fail_among_others_of_their_chunk_are_as_settle_has_them(
     tmp_path: Path,
 ) -> None:
