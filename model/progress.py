@@ -94,7 +94,7 @@ def _nobody(what: str, done: float, of: float) -> None:
 
 
 class _Line:
-    """A line of tqdm's on stderr: the phase and the time that has passed.
+    """A line of tqdm's on stderr, in notebooks on stdout: the phase and the time that has passed.
 
     A thread, which the first report starts, writes it, also while a phase reports nothing more.
     Calls of a fraction of a millisecond report nothing, and pay a microsecond.
@@ -135,7 +135,9 @@ class _Line:
         # Of a terminal that does not tell its size tqdm would write nothing.
         size = get_terminal_size()
         room = {"ncols": size.columns - 1, "nrows": size.lines}
-        with tqdm(file=sys.stderr, leave=False, bar_format="{desc}", **room) as line:
+        # In a notebook stderr would leave a red bar where the line was.
+        file = sys.stdout if _is_notebook() else sys.stderr
+        with tqdm(file=file, leave=False, bar_format="{desc}", **room) as line:
             while True:
                 minutes, seconds = divmod(int(time.monotonic() - self._begin), 60)
                 line.set_description_str(f"{self._text} [{minutes:02d}:{seconds:02d}]")
@@ -144,9 +146,11 @@ class _Line:
 
 
 def _is_watched() -> bool:
-    """Return whether someone may look at stderr: a terminal, or a notebook."""
-    if sys.stderr is not None and sys.stderr.isatty():
-        return True
+    """Return whether someone may look: on a terminal, or in a notebook."""
+    return (sys.stderr is not None and sys.stderr.isatty()) or _is_notebook()
+
+
+def _is_notebook() -> bool:
     notebook: Any = sys.modules.get("IPython")
     shell: Any = notebook.get_ipython() if hasattr(notebook, "get_ipython") else None
     return shell is not None and "IPKernelApp" in shell.config

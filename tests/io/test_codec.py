@@ -23,7 +23,7 @@ from planner.io.files import to_json
 from planner.io.mistakes import checked
 from planner.io.object_tables import ObstacleTable
 from planner.io.scene_file import question_of, scene_table
-from planner.io.tables import exact, table
+from planner.io.tables import exact
 from planner.sweeps.definition import sweep_of
 from planner.targets import TipPosition
 from tests.io.values import EFFECTS, OBSTACLES, TARGETS, arms, scenes, values_of
@@ -167,21 +167,6 @@ def test_an_arm_is_written_and_read_again(arm: Arm) -> None:
     found = read_again(scene_table(arm, scene)).arm
     assert same(plain(found), plain(arm))
     assert swept(arm, scene, tensions=[0.0] * arm.n_tendons).arm == arm
-
-
-def test_an_argument_without_a_key_is_an_error_at_import() -> None:
-    class Magnet(Effect):
-        """An effect that nobody said how to write."""
-
-        def __init__(self, field: complex) -> None:
-            pass
-
-        field: complex
-
-    with pytest.raises(TypeError, match=r"Magnet\.field has no key"):
-        table(Magnet)
-    with pytest.raises(InputError, match="others have no keys"):
-        table_of(Magnet(1.0))
 
 
 NEW = """

@@ -6,10 +6,8 @@ import sys
 from pathlib import Path
 
 import pytest
-import xarray
 
 import planner
-from planner.sweeps.store import folder_of
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
 ROOT = Path(__file__).parents[2]
@@ -35,21 +33,6 @@ def test_whole_numbers_and_mixed_ones_are_saved_as_what_they_are(tmp_path: Path)
     found = planner.sweep(path, tmp_path / "out.nc")
     assert found["arm.E_kPa"].values.tolist() == [100.0, 120.5]
     assert found.identical(planner.sweep(path))
-
-
-def test_a_sweep_whose_chunks_are_all_there_is_only_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path, out = written(tmp_path, GRID), tmp_path / "out.nc"
-    with monkeypatch.context() as patch:
-        patch.setattr(planner.sweeps.sweep, "save", lambda *_: (_ for _ in ()).throw(MemoryError))
-        with pytest.raises(MemoryError):
-            planner.sweep(path, out)
-    assert folder_of(out).exists()
-    monkeypatch.setattr(planner.sweeps.sweep, "on_machine", None)
-    assert planner.sweep(path, out).settled.all()
-    assert xarray.load_dataset(out).settled.all()
-    assert not folder_of(out).exists()
 
 
 _PEAK = """
