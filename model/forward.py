@@ -11,7 +11,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.contact.forward import TouchingMap
-from model.effects import Friction, PrintedStatics
+from model.effects import Current, Friction, PrintedStatics
 from model.equilibrium.linearised import Equilibrium
 from model.equilibrium.newton import Collocation, collocation_order
 from model.errors import InputError
@@ -141,7 +141,8 @@ class Maps:
     order : int
         Of the scheme here.
     least_order : int
-        That error estimates count on: friction of a part that lies on an obstacle acts at nodes.
+        That error estimates count on: friction of a part that lies on an obstacle acts at nodes,
+        and where a current runs along the arm its load, |v_n| v_n, has a kink in its derivative.
     rounding : float
         What it leaves of the tip's error over the arm's length.
     lever : float
@@ -155,7 +156,8 @@ class Maps:
         self.arm, self.scene, self.scheme, self.machine_code = arm, scene, scheme, machine_code
         self.order, self.contacts = order_of(scheme, scene), contacts(scene)
         rubbing = any(contact.friction for contact in self.contacts)
-        self.least_order = 2 if rubbing else self.order
+        kinked = [2] * rubbing + [3] * scene.has(Current)
+        self.least_order = min([self.order, *kinked])
         self.rounding = IMPLICIT if scheme in COLLOCATIONS else ROUNDING
         base = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0])
         self.lever, self.by_sections = base * is_loaded(scene), not scene.has(PrintedStatics)

@@ -79,7 +79,7 @@ class Answer(SearchResult):
 
     @cached_property
     def shape(self) -> Shape:
-        """The shape under the tensions, to a tenth of the accuracy."""
+        """The shape under the tensions, to a hundredth of the accuracy."""
         return settled(self.arm, self.tensions, self.scene, self.accuracy, self.machine_code)
 
     @property

@@ -22,7 +22,6 @@ from model.arm import Arm
 from model.effects import Friction
 from model.equilibrium.newton import STAGES, collocation_order
 from model.errors import CollapsedError, OctoplanError
-from model.loads import is_loaded
 from model.mesh import FINEST_ACCURACY, next_refinement
 from model.paths import Array
 from model.scene import Scene
@@ -200,13 +199,12 @@ def _defect_size(problem: Problem, defect: Array) -> float:
 
 
 def settled(arm: Arm, tensions: Array, scene: Scene, accuracy: float, machine_code: bool) -> Shape:
-    """Return the shape of a plan of an accuracy, a digit more accurate; raises what settle does.
+    """Return the shape of a plan of an accuracy, two digits more accurate; raises what settle does.
 
-    Without loads two digits: the error of a shape is there that of the tip's place alone, and its
-    frame, which targets measure too, may be off by more.
+    The error of a shape is that of the tip's place, over the arm's length. Its frame, which targets
+    measure too, may be off by thirty times as much.
     """
-    digits = 10 if is_loaded(scene) else 100
-    flat, sharper = np.ravel(tensions), max(accuracy / digits, FINEST_ACCURACY)
+    flat, sharper = np.ravel(tensions), max(accuracy / 100, FINEST_ACCURACY)
     return _settled(arm, tuple(flat.tolist()), scene, sharper, machine_code)
 
 

@@ -116,3 +116,14 @@ def test_places_beyond_the_tip_by_rounding_are_no_less_loaded() -> None:
     arm = Arm(length, Linear(0.005, 0.004), own, Material(1e5, 0.5))
     last = np.array([np.nextafter(length, 1.0)])
     assert growth(arm, Scene(Current((0.01, 0.02, 0.0), 1000.0)), last)[0] == 0.0
+
+
+@pytest.mark.parametrize("accuracy", [1e-5, 1e-6, 1e-7, 1e-8])
+def test_a_stream_along_the_arm_somewhere_does_not_hide_errors(accuracy: float) -> None:
+    """In its plane the arm turns into the stream: there |v_n| v_n has a kink in its derivative."""
+    tensions = np.zeros((3, 4))
+    tensions[0, 2], tensions[1, 0], tensions[2, 2] = 0.32312720, 0.01984517, 4.95974372
+    arm, scene = Arm.from_paper("table-4"), Scene(Extension(), Current((0.0, 0.05, 0.0), RHO, C))
+    shape, finest = (settle(arm, tensions, scene, each) for each in (accuracy, 1e-11))
+    error = np.linalg.norm(shape.tip - finest.tip) / arm.length
+    assert error <= shape.error <= accuracy
