@@ -57,12 +57,14 @@ class BendingPlane(Target):
         tip = (view.tip - view.base_position) / view.arm.length
         tangent = view.tip_frame[:, 0]
         along, across = ca.dot(tangent, t), ca.dot(tangent, e)
-        off = across * ca.cos(bend) - along * ca.sin(bend)
-        near = across * ca.sin(bend) + along * ca.cos(bend)
+        # From half the bend, so that the straight arm is as far from where angles jump as the
+        # wanted one: of half a turn that is out of reach the way there is not the way back.
+        off = across * ca.cos(bend / 2) - along * ca.sin(bend / 2)
+        near = across * ca.sin(bend / 2) + along * ca.cos(bend / 2)
         return Terms(
             equality={
                 "bending plane": ca.dot(tip, ca.cross(t, e)),
-                "bend": ca.atan2(off, near),
+                "bend": ca.atan2(off, near) - bend / 2,
             },
             high_priority=frozenset({"bending plane"}),
             units={"bending plane": "L", "bend": "rad"},
