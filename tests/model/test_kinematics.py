@@ -32,6 +32,10 @@ QUICK = settings(max_examples=40, deadline=None, derandomize=True)
 w, v, p, q = (ca.SX.sym(name, n) for name, n in (("w", 3), ("v", 3), ("p", 7), ("q", 7)))
 EXP = ca.Function("exponential", [w, v], [exponential(w, v)])
 SLOPE = ca.Function("slope", [w, v], [ca.jacobian(exponential(w, v), ca.vertcat(w, v))])
+WEIGHTS = np.arange(1, 8)
+CURVE = ca.Function(
+    "curve", [w, v], [ca.hessian(ca.dot(WEIGHTS, exponential(w, v)), ca.vertcat(w, v))[0]]
+)
 
 
 COMPOSE = ca.Function("compose", [p, q], [compose(p, q)])
@@ -75,6 +79,17 @@ def test_derivative_of_the_exponential_is_finite_and_right(angle: float, axis: A
         ends = [values(EXP(y[:3], y[3:])) for y in (x - 2 * step, x - step, x + step, x + 2 * step)]
         wanted[:, i] = np.array([1, -8, 8, -1]) @ ends / (12 * h)
     assert np.abs(np.array(SLOPE(x[:3], x[3:])) - wanted).max() <= 1e-11
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_second_derivative_of_the_exponential_is_finite_and_right(angle: float) -> None:
+    x, h = np.concatenate([turn(angle, AXES[2]), SHIFT]), 1e-3
+    wanted = np.zeros((6, 6))
+    for i, step in enumerate(h * np.eye(6)):
+        points = (x - 2 * step, x - step, x + step, x + 2 * step)
+        ends = [WEIGHTS @ np.array(SLOPE(y[:3], y[3:])) for y in points]
+        wanted[:, i] = np.array([1, -8, 8, -1]) @ ends / (12 * h)
+    assert np.abs(np.array(CURVE(x[:3], x[3:])) - wanted).max() <= 1e-9
 
 
 @QUICK

@@ -8,6 +8,9 @@ import pytest
 from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere, distances, numbers_of
 from tests.oracles import Array
 
+coal = pytest.importorskip("coal")
+trimesh = pytest.importorskip("trimesh")
+
 _TURNED = np.linalg.qr(np.array([[1.0, 2, 0], [0, 1, 3], [2, 0, 1]]))[0]
 ROUND: dict[str, Obstacle] = {
     "sphere": Sphere((0.1, -0.02, 0.05), 0.03),
@@ -19,6 +22,54 @@ ROUND: dict[str, Obstacle] = {
 
 def _points(count: int, seed: int = 0) -> Array:
     return np.random.default_rng(seed).uniform(-0.3, 0.4, (count, 3))
+
+
+def _geometry(name: str) -> tuple[object, Array, Array]:
+    """Return an obstacle in coal's terms: shape, frame and place."""
+    obstacle = ROUND[name]
+    if isinstance(obstacle, Sphere):
+        return coal.Sphere(obstacle.radius), np.eye(3), np.array(obstacle.center)
+    if isinstance(obstacle, Capsule):
+        a, b = np.array(obstacle.start), np.array(obstacle.end)
+        z = (b - a) / np.linalg.norm(b - a)
+        x = np.cross([0.0, 0, 1], z)
+        x /= np.linalg.norm(x)
+        frame = np.column_stack([x, np.cross(z, x), z])
+        return coal.Capsule(obstacle.radius, float(np.linalg.norm(b - a))), frame, (a + b) / 2
+    if isinstance(obstacle, Box):
+        return coal.Box(*obstacle.size), np.array(obstacle.frame), np.array(obstacle.center)
+    assert isinstance(obstacle, HalfSpace)
+    normal = np.array(obstacle.normal)
+    return coal.Halfspace(normal, float(normal @ obstacle.point)), np.eye(3), np.zeros(3)
+
+
+@pytest.mark.parametrize("name", ROUND)
+def test_distances_are_those_of_coal(name: str) -> None:
+    shape, frame, place = _geometry(name)
+    points = _points(300)
+    found = ROUND[name].distance(points)
+    tiny = 1e-4
+    for point, distance in zip(points, found, strict=True):
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        at, ball = coal.Transform3s(frame, place), coal.Transform3s(np.eye(3), point)
+        other = coal.distance(shape, at, coal.Sphere(tiny), ball, request, result) + tiny
+        assert distance == pytest.approx(other, abs=2e-6)
+
+
+def test_distances_inside_and_outside_of_a_box_are_those_of_trimesh() -> None:
+    box = ROUND["box"]
+    assert isinstance(box, Box)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = box.frame, box.center
+    if np.linalg.det(pose[:3, :3]) < 0:
+        pose[:3, 0] *= -1
+    mesh = trimesh.creation.box(box.size, pose)
+    points = np.vstack([_points(200), np.array(box.center) + 0.03 * _points(100, 1)])
+    found = box.distance(points)
+    _, away, _ = trimesh.proximity.closest_point_naive(mesh, points)
+    np.testing.assert_allclose(np.abs(found), away, atol=1e-9)
+    inside = np.abs((points - box.center) @ np.array(box.frame)) < np.array(box.size) / 2
+    np.testing.assert_array_equal(found < 0, inside.all(axis=1))
 
 
 @pytest.mark.parametrize("name", ROUND)
