@@ -138,8 +138,8 @@ _FOR: dict[Purpose, Options] = {
     # An objective that outweighs the barrier takes a sixth fewer iterations; steps that lead ten
     # times farther from equilibrium than the guess are cut.
     "search": COLD | _ROUGH | {"obj_scaling_factor": 30 * MAGNIFIED, "theta_max_fact": 10.0},
-    # From the optimum for another target, whose bounds may be others: half the iterations.
-    "follow": WARM | _ROUGH | dict.fromkeys(_PUSHES, 1e-4) | {"mu_init": 1e-4},
+    # From the optimum for another target.
+    "follow": WARM | _ROUGH,
     "near": WARM,
     # Bounds that hold are fixed, others are far: there is no barrier left to follow.
     "polish": WARM | {"mu_init": 1e-12},

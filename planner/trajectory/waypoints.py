@@ -22,6 +22,7 @@ from model.paths import Array
 from model.progress import tell
 from planner.avoidance.rows import Avoidance
 from planner.plan import Plan
+from planner.program.objective import STRETCH
 from planner.program.problem import Problem
 from planner.program.terms import pulling_tendons
 from planner.solve.ipopt import Candidate, solve
@@ -31,6 +32,8 @@ from planner.targets.base import Target
 from planner.trajectory.program import MotionProgram, Stop
 from planner.trajectory.question import Question
 
+# What the least stretch of the settled arm may be below that on a coarse mesh.
+_CRUSHED = 0.02
 # The part of the accuracy that is left to rows, and how often they are corrected.
 _SHARE, _CORRECTED = 4, 8
 
@@ -139,8 +142,12 @@ class Waypoints:
         lbx, ubx, lbg, ubg = problem.bounds
         at_targets = question.limits.restricted(pulling_tendons(question.arm, waypoint.stated))
         held = np.flatnonzero(np.array(at_targets.upper) <= question.limits.lower)
-        ubx = ubx.copy()
+        ubx, lbg = ubx.copy(), lbg.copy()
         ubx[held] = lbx[held]
+        short = np.repeat(
+            [row.name == STRETCH for row in problem.rows], [r.size for r in problem.rows]
+        )
+        lbg[short] += _CRUSHED
         bounds = lbx, ubx, lbg, ubg
         return Stop(
             problem, problem.parameters(), bounds, waypoint.fraction, bool(waypoint.targets)
