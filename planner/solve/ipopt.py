@@ -115,17 +115,14 @@ _ROUGH: Options = {"mu_strategy": "adaptive", "tol": 1e-6, "constr_viol_tol": 1e
 TOGETHER: Options = (
     COLD | _ROUGH | {"mu_strategy": "monotone", "tol": 1e-7, "mu_init": 1e-3, "max_iter": 300}
 )
-# How far a warm start is put inside of its bounds.
-_PUSHES = (
-    "warm_start_bound_push",
-    "warm_start_bound_frac",
-    "warm_start_slack_bound_push",
-    "warm_start_slack_bound_frac",
-    "warm_start_mult_bound_push",
-)
-WARM: Options = dict.fromkeys(_PUSHES, 1e-9) | {
+WARM: Options = {
     "mu_init": 1e-6,
     "warm_start_init_point": "yes",
+    "warm_start_bound_push": 1e-9,
+    "warm_start_bound_frac": 1e-9,
+    "warm_start_slack_bound_push": 1e-9,
+    "warm_start_slack_bound_frac": 1e-9,
+    "warm_start_mult_bound_push": 1e-9,
     "tol": 1e-11,
     "constr_viol_tol": 1e-11,
     "acceptable_tol": 1e-8,

@@ -57,8 +57,9 @@ class BendingPlane(Target):
         tip = (view.tip - view.base_position) / view.arm.length
         tangent = view.tip_frame[:, 0]
         along, across = ca.dot(tangent, t), ca.dot(tangent, e)
-        # From half the bend, so that the straight arm is as far from where angles jump as the
-        # wanted one: of half a turn that is out of reach the way there is not the way back.
+        # The angle jumps half a turn from where it is measured. Measured from half the bend, the
+        # jump is away from the straight arm also where half a turn is wanted, and an arm that
+        # cannot bend so far bends towards its side, not to the opposite one.
         off = across * ca.cos(bend / 2) - along * ca.sin(bend / 2)
         near = across * ca.sin(bend / 2) + along * ca.cos(bend / 2)
         return Terms(
