@@ -103,7 +103,7 @@ _LOADS = (
 )
 
 # (effect, what it needs), (effect, what it contradicts), each with the reason.
-_NEEDS = {
+NEEDS = {
     "NeoHookean": (
         ("Extension", "the body shortens at constant volume"),
         ("ExactTendons", "its section is the stationary point of an energy"),
@@ -130,7 +130,7 @@ _CONTRADICTS = {
 
 def _check_together(kinds: list[str]) -> None:
     for effect in kinds:
-        for other, reason in _NEEDS.get(effect, ()):
+        for other, reason in NEEDS.get(effect, ()):
             if other not in kinds:
                 raise InputError("Scene", effect, f"{effect} with {other}: {reason}")
         for other, reason in _CONTRADICTS.get(effect, ()):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import base64
 import html
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from textwrap import indent
 from typing import Any
 
 import numpy as np
@@ -16,10 +17,13 @@ from model.paths import Array, Path
 # Tendons in a line of a table; lines of a table in a repr.
 _ACROSS, MOST_LINES = 6, 12
 
-# How the figure of a kind of value is drawn, and its table written; whoever can says so.
+# How the figure of a kind of value is drawn, and what is told of it; whoever can says so.
 # What is called before the first of them is looked for.
 _later: list[Callable[[], Any]] = []
-_shown: dict[type, tuple[Callable[..., Any] | None, Callable[[Any], str] | None]] = {}
+# What a value is told by: a paragraph, or a table by its rows, the names of its columns first.
+Part = str | Sequence[Sequence[str]]
+Shown = tuple[Callable[..., Any] | None, Callable[[Any], Iterable[Part]]]
+_shown: dict[type, Shown] = {}
 
 
 def columns(rows: Sequence[Sequence[str]], left: int = 1) -> list[str]:
@@ -52,11 +56,33 @@ def shortened_lines(lines: list[str], most: int = MOST_LINES) -> list[str]:
     return [*lines[: most - 1], f"  ... and {len(lines) - most + 1} more"]
 
 
+def _in_words(value: Any) -> Iterable[Part]:
+    return (str(value),)
+
+
 def shown_by(
-    kind: type, plot: Callable[..., Any] | None = None, table: Callable[[Any], str] | None = None
+    kind: type,
+    plot: Callable[..., Any] | None = None,
+    parts: Callable[[Any], Iterable[Part]] = _in_words,
 ) -> None:
-    """Let notebooks show values of a kind by a figure, `plot(value, ax)`, and a table as HTML."""
-    _shown[kind] = plot, table
+    """Let values of a kind be shown by a figure, `plot(value, ax)`, and by paragraphs and tables.
+
+    As text (`told`) and in notebooks.
+    """
+    _shown[kind] = plot, parts
+
+
+def parts_of(value: Any) -> Iterator[Part]:
+    """Yield the paragraphs and tables of a value."""
+    yield from _shown_as(value)[1](value)
+
+
+def told(value: Any) -> str:
+    """Return the paragraphs and tables of a value as text."""
+    return "\n".join(
+        part if isinstance(part, str) else indent("\n".join(columns(part, len(part[0]))), "  ")
+        for part in parts_of(value)
+    )
 
 
 def shown_later(load: Callable[[], Any]) -> None:
@@ -75,15 +101,16 @@ def plotted(value: Any, ax: Any = None) -> Any:
     return plot(value, ax)
 
 
-def preformatted(text: str) -> str:
-    """Return a text as it stands, in HTML; long lines are broken between words."""
-    return f"<pre style='white-space:pre-wrap;word-break:normal'>{html.escape(text)}</pre>"
+def _html(part: Part) -> str:
+    """Return a paragraph as it stands, long lines broken between words, or a table, in HTML.
 
-
-def html_table(rows: Sequence[Sequence[str]], title: str = "") -> str:
-    """Return rows as a table in HTML, the first as its head; numbers are flush right."""
-    lines = [f"<caption style='text-align:left'>{html.escape(title)}</caption>"] if title else []
-    for i, row in enumerate(rows):
+    Its numbers are flush right.
+    """
+    if isinstance(part, str):
+        style = "white-space:pre-wrap;word-break:normal"
+        return f"<pre style='{style}'>{html.escape(part)}</pre>" if part else ""
+    lines = []
+    for i, row in enumerate(part):
         tag = "td" if i else "th"
         sides = ["right" if _is_number(cell) else "left" for cell in row]
         cells = [
@@ -95,9 +122,9 @@ def html_table(rows: Sequence[Sequence[str]], title: str = "") -> str:
 
 
 def in_notebook(value: Any) -> str:
-    """Return HTML: the figure of a value, where one can be drawn, and its table, or its text."""
-    plot, table = _shown_as(value)
-    text = preformatted(str(value)) if table is None else table(value)
+    """Return HTML: the figure of a value, where one can be drawn, its paragraphs and tables."""
+    plot, parts = _shown_as(value)
+    text = "".join(map(_html, parts(value)))
     if plot is None:
         return text
     file = io.BytesIO()
@@ -106,11 +133,11 @@ def in_notebook(value: Any) -> str:
     return f'<img src="data:image/png;base64,{png}" style="max-width: 100%"/>{text}'
 
 
-def _shown_as(value: Any) -> tuple[Callable[..., Any] | None, Callable[[Any], str] | None]:
+def _shown_as(value: Any) -> Shown:
     kinds = type(value).__mro__
     if _later and not any(kind in _shown for kind in kinds):
         _later.pop()()
-    return next((_shown[kind] for kind in kinds if kind in _shown), (None, None))
+    return next((_shown[kind] for kind in kinds if kind in _shown), (None, _in_words))
 
 
 def _is_number(cell: str) -> bool:

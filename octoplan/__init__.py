@@ -105,7 +105,7 @@ def __getattr__(name: str) -> Any:
     if not name.startswith("_"):
         check_own("model", "planner")
         # Figures of arms and shapes are the planner's, which is loaded where one is drawn.
-        import_module("model.text").shown_later(partial(import_module, "planner.notebook"))
+        import_module("model.text").shown_later(partial(import_module, "planner.report"))
         for module in map(import_module, _MODULES):
             if name in module.__all__:
                 return getattr(module, name)

@@ -4,7 +4,7 @@ from octoplan_packages import check_own
 
 check_own("model")  # before what would fail without naming the file
 
-import planner.notebook  # noqa: F401  (it tells notebooks how to draw)
+import planner.report  # noqa: F401  (it tells how results are shown)
 from model.stiffness import stiffness
 from planner.bodies.files import export_shape, save_mesh
 from planner.bodies.mjcf import mjcf

@@ -18,9 +18,9 @@ from planner.avoidance.surroundings import NOTHING, Surroundings
 from planner.certificate import Certificate
 from planner.certify import certify
 from planner.contact.remarks import remarks
-from planner.measure import remark_on_slack
+from planner.measure import remark_on_slack, strokes
 from planner.mirror import mirror_images
-from planner.outcome import Facts, sentence
+from planner.outcome import sentence
 from planner.program.limits import Limits
 from planner.program.optimality import Point
 from planner.program.problem import Problem, units
@@ -29,7 +29,6 @@ from planner.program.statement import Mode, effort
 from planner.solve.refine import defect, settled
 from planner.solve.task import SearchResult, Task
 from planner.targets.base import Target
-from planner.tendon_lengths import strokes
 
 
 class Optimum(NamedTuple):
@@ -124,9 +123,7 @@ class Answer(SearchResult):
     @property
     def outcome(self) -> str:
         """What happened, what holds it, and what to try: a sentence."""
-        facts = (self.certificate, self.mode, self.effort, len(self.starts), self.agreed)
-        held = tuple(self.holding()), self.arm.length, self.stopped, self.in_the_way, self.unstable
-        said = sentence(Facts(*facts, *held))
+        said = sentence(self)
         if self.jump:
             more = f"left the branch of the plan before: tensions jump by {100 * self.jump:.0f} %"
             said = f"{said.removesuffix('.')}; {more}."
@@ -153,7 +150,7 @@ class Answer(SearchResult):
         if not self.reached or self.mode != "exact" or self.surroundings:
             return ()
         images = mirror_images(self.task, self.shape)
-        return tuple((mirror.angle, self.arm.by_section(T)) for mirror, T in images)
+        return tuple((angle, self.arm.by_section(T)) for angle, T in images)
 
     def holding(self) -> list[str]:
         """Return the names of the limits that hold the tensions back, hardest first."""

@@ -5,54 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from model.clearance import Clearance
-from model.text import columns, in_notebook
+from model.text import in_notebook, told
 from planner.avoidance.surroundings import nearest_in_words
-
-Clearances = Mapping[str, Clearance]
-
-
-class OnRequest:
-    """Clearances by name, and the load factor at which an arm yields; each is computed once.
-
-    Two are equal if what they tell is. They pickle as what they tell.
-    """
-
-    def __init__(
-        self,
-        clearances: Callable[[], Clearances] = dict,
-        load_factor: Callable[[], float | None] = lambda: None,
-    ) -> None:
-        self._find_clearances, self._find_load_factor = clearances, load_factor
-
-    @cached_property
-    def clearances(self) -> Clearances:
-        """How clear the arm is of what it can meet, by name; see model.clearance."""
-        return self._find_clearances()
-
-    @cached_property
-    def load_factor(self) -> float | None:
-        """Times its loads at which it yields; see Certificate."""
-        return self._find_load_factor()
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, OnRequest):
-            return NotImplemented
-        mine, theirs = ((request.clearances, request.load_factor) for request in (self, other))
-        return mine == theirs
-
-    __hash__ = None  # type: ignore[assignment]
-
-    def __reduce__(self) -> tuple[Callable[..., OnRequest], tuple[Clearances, float | None]]:
-        return _restored, (self.clearances, self.load_factor)
-
-
-def _restored(clearances: Clearances, load_factor: float | None) -> OnRequest:
-    return OnRequest(lambda: clearances, lambda: load_factor)
-
 
 KKT_TOLERANCE = 1e-6
 # Of the least eigenvalue, which another mesh has with other digits.
@@ -63,6 +22,10 @@ BRINK = 0.1
 MOST_LOADS = 3.0
 # Of gaps [m], forces [N] and their products [N m].
 COMPLEMENTARY = 1e-8
+
+
+def _without_loads() -> float | None:
+    return None
 
 
 @dataclass(frozen=True)
@@ -88,7 +51,8 @@ class Certificate:
     problem : why the check could not be made, if so
     gaps_asked : least distance of the arm's surface from each body with a required clearance [m]
     least_gaps : the required clearances [m]
-    on_request : what is no part of the verdict: other gaps, the load factor
+    clearances_of, load_factor_of : return clearances and load_factor, which are no part of the
+        verdict, and are not compared
     units : of these by name: "L" of lengths over the arm's, "rad"
     """
 
@@ -106,31 +70,39 @@ class Certificate:
     problem: str = ""
     gaps_asked: Mapping[str, float] = field(default_factory=dict)
     least_gaps: Mapping[str, float] = field(default_factory=dict)
-    on_request: OnRequest = field(default_factory=OnRequest)
+    clearances_of: Callable[[], Mapping[str, Clearance]] = field(default=dict, compare=False)
+    load_factor_of: Callable[[], float | None] = field(default=_without_loads, compare=False)
     units: Mapping[str, str] = field(default_factory=dict)
     strokes: float = 0.0
     complementarity: float | None = None
 
+    @cached_property
+    def clearances(self) -> Mapping[str, Clearance]:
+        """How clear the arm is of each thing it can meet, by name; see model.clearance."""
+        return self.clearances_of()
+
+    @cached_property
+    def load_factor(self) -> float | None:
+        """Times its loads at which the arm yields, tensions held.
+
+        Infinite if that is more than MOST_LOADS, None without loads.
+        """
+        return self.load_factor_of()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what travels by pickle: the numbers, in place of what computes them."""
+        numbers = {"clearances": self.clearances, "load_factor": self.load_factor}
+        return vars(self) | numbers | {"clearances_of": dict, "load_factor_of": _without_loads}
+
     @property
     def gaps(self) -> Mapping[str, float]:
-        """The least distance of the arm's surface from each thing it can meet [m].
-
-        See model.clearance; computed on first access.
-        """
-        return {name: clearance.gap for name, clearance in self.on_request.clearances.items()}
+        """The least distance of the arm's surface from each thing it can meet [m]."""
+        return {name: clearance.gap for name, clearance in self.clearances.items()}
 
     @property
     def nearest(self) -> str:
         """The nearest of what the arm can meet, in words."""
-        return nearest_in_words(self.on_request.clearances) if self.on_request.clearances else ""
-
-    @property
-    def load_factor(self) -> float | None:
-        """Times its loads at which the arm yields, tensions held; computed on first access.
-
-        Infinite if that is more than MOST_LOADS, None without loads.
-        """
-        return self.on_request.load_factor
+        return nearest_in_words(self.clearances) if self.clearances else ""
 
     @property
     def clearance(self) -> float:
@@ -149,16 +121,15 @@ class Certificate:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What was not required and yet is impossible or doubtful, a sentence each."""
-        gaps = self.gaps.items()
-        negative = [(name, gap) for name, gap in gaps if gap < 0 and name not in self.least_gaps]
         sentences = [
-            f"the arm passes through {name} by {-1e3 * gap:.3g} mm" for name, gap in negative
+            f"the arm passes through {name} by {-1e3 * gap:.3g} mm"
+            for name, gap in self.gaps.items()
+            if gap < 0 and name not in self.least_gaps
         ]
-        slack = self.stability < BRINK and not self.stability_margin
         soon = (self.load_factor or np.inf) < 1 + BRINK
-        if self.stability >= 0 and (slack or soon):
-            reasons = [] if soon else [f"its stability is {self.stability:.2g}"]
-            reasons += [f"it {self.bears}"] if self.bears else []
+        if self.stability >= 0 and (soon or (self.stability < BRINK and not self.stability_margin)):
+            reasons = [f"its stability is {self.stability:.2g}"] * (not soon)
+            reasons += [f"it {self.bears}"] * bool(self.bears)
             sentences.append(f"it stands on the brink: {', though '.join(reasons)}")
         return tuple(sentences)
 
@@ -168,51 +139,37 @@ class Certificate:
         return max(self.equality.values(), default=0.0)
 
     @property
-    def reached(self) -> bool:
-        """Whether everything that has to be met is met."""
-        return not self.problem and self.residual <= self.tolerance
-
-    @property
     def attained(self) -> bool:
         """Whether the equalities and the inequalities of the targets are met."""
-        return self.reached and min(self.inequality.values(), default=0.0) >= -self.tolerance
+        missed = max(self.residual, -min(self.inequality.values(), default=0.0))
+        return not self.problem and missed <= self.tolerance
+
+    @property
+    def lacks_stability(self) -> bool:
+        """Whether the arm is stable, but below its margin, by more than digits of a mesh."""
+        return 0 <= self.stability < self.stability_margin - STABILITY_TOLERANCE
 
     @property
     def failures(self) -> tuple[str, ...]:
         """What did not pass, a sentence each."""
         if self.problem:
             return (self.problem,)
+        least, unstable = self.stability_margin, "the arm does not stand; stability below 0 by"
+        if self.stability >= 0:
+            unstable = f"stability below its margin of {least:g} by"
         checks = [
-            (max(self.equality.values(), default=0.0), self.tolerance, "target residual"),
+            (self.residual, self.tolerance, "target residual"),
             (-min(self.inequality.values(), default=0.0), self.tolerance, "inequality below 0 by"),
             (self.bounds, 0.0, "tension limit violated by [N]"),
             (self.strokes, self.tolerance, "stroke limit violated by [L]"),
             (self.kkt, KKT_TOLERANCE, "optimality residual"),
             (self.agreement, self.tolerance, "integrators differ by"),
-            (self.stability_margin - self.stability, self._stable, self._unstable),
+            (least - self.stability, STABILITY_TOLERANCE if least > 0 else 0.0, unstable),
+            (self.complementarity or 0.0, COMPLEMENTARY, "complementarity missed by"),
+            *((1e3 * gap, 0.0, f"too near {name} by [mm]") for name, gap in self.too_near.items()),
         ]
-        if self.complementarity is not None:
-            checks.append((self.complementarity, COMPLEMENTARY, "complementarity missed by"))
-        near = self.too_near.items()
-        checks += [(1e3 * distance, 0.0, f"too near {name} by [mm]") for name, distance in near]
         failed = [check for check in checks if not check[0] <= check[1]]
         return tuple(f"{name} {value:.2g}, allowed {limit:.2g}" for value, limit, name in failed)
-
-    @property
-    def lacks_stability(self) -> bool:
-        """Whether the arm is stable, but below its margin."""
-        return self.stability >= 0 and self.stability_margin - self.stability > self._stable
-
-    @property
-    def _stable(self) -> float:
-        """How far below its margin stability may be: digits of a mesh, 0 without a margin."""
-        return STABILITY_TOLERANCE if self.stability_margin > 0 else 0.0
-
-    @property
-    def _unstable(self) -> str:
-        if self.stability < 0:
-            return "the arm does not stand; stability below 0 by"
-        return f"stability below its margin of {self.stability_margin:g} by"
 
     @property
     def bears(self) -> str:
@@ -228,25 +185,15 @@ class Certificate:
         """Whether target, limits and first-order optimality are verified to the tolerances."""
         return not self.failures
 
-    def _repr_html_(self) -> str:
-        return in_notebook(self)
-
-    def __str__(self) -> str:
-        head = f"certificate: {'PASSED' if self.passed else 'FAILED'} (checked by {self.scheme})"
-        lines = columns([["  " + name, value, note] for name, value, note in self.rows], left=3)
-        lines += [f"  beware: {warning}" for warning in self.warnings]
-        return "\n".join([head, *lines, *(f"  failed: {failure}" for failure in self.failures)])
-
     @property
-    def rows(self) -> list[tuple[str, str, str]]:
-        """Return what was checked: name with unit, value, what is allowed."""
-        most = f"at most {self.tolerance:.0e}"
-        measured = [(name, value, most) for name, value in self.equality.items()]
-        least = "as small as the limits allow"
-        measured += [(name, value, least) for name, value in self.soft_residual.items()]
-        measured += [(name, value, "at least 0") for name, value in self.inequality.items()]
-        rows = [
-            (f"{name} [{self.units.get(name, '-')}]", v, allowed) for name, v, allowed in measured
+    def rows(self) -> list[list[str]]:
+        """What was checked: name with unit, value, what is allowed; first the names of columns."""
+        most, least = f"at most {self.tolerance:.0e}", "as small as the limits allow"
+        measured = ((self.equality, most), (self.soft_residual, least))
+        rows: list[tuple[str, float, str]] = [
+            (f"{name} [{self.units.get(name, '-')}]", value, allowed)
+            for values, allowed in (*measured, (self.inequality, "at least 0"))
+            for name, value in values.items()
         ]
         rows += [
             ("limits violated by [N]", self.bounds, "at most 0"),
@@ -259,11 +206,14 @@ class Certificate:
             rows.append(("load factor [-]", min(self.load_factor, MOST_LOADS), self.bears))
         if self.complementarity is not None:
             rows.append(("complementarity missed by", self.complementarity, ""))
-        nearest = self.nearest or "can meet nothing"
-        rows.append(("clearance [mm]", 1e3 * self.clearance, nearest))
-        return [(name, _digits(value), allowed) for name, value, allowed in rows]
+        rows.append(("clearance [mm]", 1e3 * self.clearance, self.nearest or "can meet nothing"))
+        # As people write numbers: small ones with their exponents.
+        shown = [f"{x:.3g}" if x == 0 or 1e-2 <= abs(x) < 1e5 else f"{x:.2e}" for _, x, _ in rows]
+        cells = zip(rows, shown, strict=True)
+        return [["checked", "value", "allowed"], *([row[0], x, row[2]] for row, x in cells)]
 
+    def _repr_html_(self) -> str:
+        return in_notebook(self)
 
-def _digits(value: float) -> str:
-    """Return a number with three digits: as people write it, a small one with its exponent."""
-    return f"{value:.3g}" if value == 0 or 1e-2 <= abs(value) < 1e5 else f"{value:.2e}"
+    def __str__(self) -> str:
+        return told(self)

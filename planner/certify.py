@@ -25,15 +25,14 @@ from model.progress import tell
 from model.shape import Shape
 from model.time_limit import OutOfTime
 from planner.avoidance.surroundings import NOTHING, Surroundings
-from planner.certificate import MOST_LOADS, Certificate, OnRequest
+from planner.certificate import MOST_LOADS, Certificate
 from planner.contact.grasp import Grasp
-from planner.measure import compliances_along, measure
+from planner.measure import compliances_along, measure, strokes
 from planner.program.limits import Limits
 from planner.program.terms import stations_of, terms_of
 from planner.solve.task import Task
 from planner.targets.base import Target
 from planner.targets.hold import WRENCH, Hold
-from planner.tendon_lengths import strokes
 
 # How accurate the check is: two digits more than what it has to judge.
 _SHARPER = 1e-2
@@ -86,10 +85,10 @@ def certify(
         tolerance,
         gaps_asked={name: clear.gap for name, clear in gaps.items()},
         least_gaps=surroundings.least,
-        on_request=OnRequest(
-            lambda: gaps | clearances(line(), surroundings.obstacles, KINDS - gaps.keys()),
-            lambda: _load_factor(shape),
+        clearances_of=lambda: (
+            gaps | clearances(line(), surroundings.obstacles, KINDS - gaps.keys())
         ),
+        load_factor_of=lambda: _load_factor(shape),
         units=terms_of(arm, targets).units,
         strokes=_stroke_excess(shape, task.limits),
         complementarity=_violation(shape, line()) if contacts(scene) else None,

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 from cyclopts import CycloptsError, Parameter
 from cyclopts.validators import Number
@@ -27,8 +27,6 @@ from octoplan.command_line import COMMANDS, app, printed
 from planner.io.files import to_json, why, write_together
 from planner.io.scene_file import Question, load
 
-OK, NOT_REACHED, BAD_INPUT = 0, 1, 2
-
 
 @dataclass(frozen=True)
 class Answer:
@@ -36,8 +34,6 @@ class Answer:
 
     Attributes
     ----------
-    code : int
-        The exit code.
     text : function
         Returns what people read.
     record : msgspec.Struct or dict
@@ -48,25 +44,22 @@ class Answer:
         Returns the figure.
     tables : mapping
         Functions that return the contents of further files, by name, such as "plan.csv".
+    reached : bool
+        Whether it is what was asked for.
     """
 
-    code: int
     text: Callable[[], str]
     record: Any = None
     name: str = ""
     draw: Callable[[], Any] | None = None
     tables: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
-
-
-def figure(module: str, function: str, *value: Any) -> Callable[[], Any]:
-    """Return what draws a figure by a function of planner.plots, which is loaded only then."""
-    return lambda: getattr(import_module(f"planner.plots.{module}"), function)(*value)
+    reached: bool = True
 
 
 # What a search that was stopped at the time limit has left to verify what it found [s].
 GRACE = 0.7
-FigureKind = Literal["png", "pdf"]
-FIGURES: tuple[FigureKind, ...] = get_args(FigureKind)
+# Of messages, in characters.
+_LONG = 2000
 
 
 def _check_folder(_: Any, folder: Path | None) -> None:
@@ -133,7 +126,7 @@ class FileOptions(Options):
     """
 
     out: Folder | None = None
-    figure: FigureKind | None = None
+    figure: Literal["png", "pdf"] | None = None
 
     def __post_init__(self) -> None:
         """Refuse a kind of figure without a folder that it goes to."""
@@ -165,6 +158,22 @@ class UsageError(OctoplanError):
     """The command line is not one that the program knows."""
 
 
+class OutputError(OctoplanError):
+    """Standard output takes nothing."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(f"standard output cannot be written to: {reason}")
+
+
+# With what the program exits, by what is raised.
+_CODES: tuple[tuple[Any, int], ...] = (
+    (BrokenPipeError, 141),
+    (OutputError, 74),
+    ((CompilerError, InputError, UsageError, MissingExtraError), 2),
+    (OctoplanError, 1),
+)
+
+
 def parse(argv: Sequence[str]) -> tuple[Callable[[], Any], Options]:
     """Return what answers a command line, and the options that it has; raises UsageError.
 
@@ -186,54 +195,38 @@ def parse(argv: Sequence[str]) -> tuple[Callable[[], Any], Options]:
     if call.__name__ not in COMMANDS:
         return partial(printed, line, partial(call, *bound.args, **bound.kwargs)), Options()
     bound.apply_defaults()
+    # Defaults are shared, and change with the scene.
     options = copy(bound.arguments.get("options", Options()))
     if "options" in bound.arguments:
         bound.arguments["options"] = options
     return partial(call, *bound.args, **bound.kwargs), options
 
 
-# Run
-
-NO_OUTPUT, BROKEN_PIPE = 74, 141
-# Of messages, in characters.
-_LONG = 2000
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
     try:
-        return _run(sys.argv[1:] if argv is None else argv)
-    except OutputError as reason:
-        discard()
-        return _told(reason, NO_OUTPUT)
-    except (CompilerError, InputError, UsageError, MissingExtraError) as reason:
-        return _told(reason, BAD_INPUT)
-    except OctoplanError as reason:
-        return _told(reason, NOT_REACHED)
-    except BrokenPipeError:
-        discard()
-        return BROKEN_PIPE
+        return 0 if _run(sys.argv[1:] if argv is None else argv) else 1
+    except (OctoplanError, BrokenPipeError) as reason:
+        if isinstance(reason, OctoplanError):
+            print(f"octoplan: {shortened(str(reason), _LONG)}", file=sys.stderr)
+        return next(code for kinds, code in _CODES if isinstance(reason, kinds))
 
 
-def _run(argv: Sequence[str]) -> int:
+def _run(argv: Sequence[str]) -> bool:
+    """Run a command, write and print what it computed; return whether it is what was asked for."""
     command, options = parse(argv)
     try:
         with time_limit(None if options.time_limit is None else options.time_limit + GRACE):
-            with _warned(), _reported(options):
+            with _warned(), _logged() if options.verbose else progress_line():
+                tell("working")
                 answer = command()
             if not isinstance(answer, Answer):
-                say(answer)
-                return OK
+                answer = Answer(partial(str, answer))
             deliver(answer, options)
     except OutOfTime:
         assert options.time_limit is not None
         raise TimeLimitError(options.time_limit) from None
-    return int(answer.code)
-
-
-def _told(reason: Exception, code: int) -> int:
-    print(f"octoplan: {shortened(str(reason), _LONG)}", file=sys.stderr)
-    return code
+    return answer.reached
 
 
 @contextmanager
@@ -249,13 +242,8 @@ def _warned() -> Iterator[None]:
 
 
 @contextmanager
-def _reported(options: Options) -> Iterator[None]:
-    """Show how far things are inside the block, or the logs of planner and model if wanted."""
-    if not options.verbose:
-        with progress_line():
-            tell("working")
-            yield
-        return
+def _logged() -> Iterator[None]:
+    """Show the logs of planner and model on stderr inside the block."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
     loggers = [logging.getLogger(name) for name in ("planner", "model")]
@@ -270,48 +258,30 @@ def _reported(options: Options) -> Iterator[None]:
             logger.setLevel(logging.NOTSET)
 
 
-# Output
-
-
-class OutputError(OctoplanError):
-    """Standard output takes nothing."""
-
-    def __init__(self, reason: str) -> None:
-        self.reason = reason
-        super().__init__(f"standard output cannot be written to: {reason}")
-
-
 def deliver(answer: Answer, options: Options) -> None:
-    """Write the files that --out asks for, then what --json or people are shown."""
+    """Write the files that --out asks for, all or none, then what --json or people are shown.
+
+    Raises OutputError where standard output takes nothing; BrokenPipeError where its reader is
+    gone.
+    """
     if isinstance(options, FileOptions) and options.out is not None:
-        _write(options.out, answer, options.figure or FIGURES[0])
-    shown = to_json(answer.record).decode() if options.json else answer.text()
-    say(shown + "\n")
-
-
-def _write(folder: Path, answer: Answer, kind: str) -> None:
-    """Write data and figure into a folder: all of them, or on an error none."""
-    files = {name: content() for name, content in answer.tables.items()}
-    files[f"{answer.name}.json"] = to_json(answer.record)
-    if answer.draw is not None:
-        files[f"{answer.name}.{kind}"] = figure("plan", "drawn", answer.draw(), kind)()
-    write_together(folder, files)
-
-
-def say(text: str) -> None:
-    """Write to standard output; BrokenPipeError where its reader is gone, else OutputError."""
+        files = {name: content() for name, content in answer.tables.items()}
+        files[f"{answer.name}.json"] = to_json(answer.record)
+        if answer.draw is not None:
+            kind = options.figure or "png"
+            # Matplotlib is loaded for figures alone.
+            drawn = import_module("planner.plots.plan").drawn
+            files[f"{answer.name}.{kind}"] = drawn(answer.draw(), kind)
+        write_together(options.out, files)
+    text = to_json(answer.record).decode() if options.json else answer.text()
     if sys.stdout is None:
         raise OutputError("it is closed")
     try:
-        sys.stdout.write(text)
+        sys.stdout.write(text.rstrip("\n") + "\n")
         sys.stdout.flush()
-    except BrokenPipeError:
-        raise
     except (OSError, ValueError) as reason:
-        raise OutputError(why(reason)) from None
-
-
-def discard() -> None:
-    """Let what is left in the buffer go nowhere, so that Python does not complain at its end."""
-    if sys.stdout is not None:
+        # What is left in the buffer goes nowhere, so that Python does not complain at its end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(reason, BrokenPipeError):
+            raise
+        raise OutputError(why(reason)) from None

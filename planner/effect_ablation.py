@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
+from timeit import timeit
 from typing import Any
 
 import numpy as np
@@ -24,9 +24,14 @@ from model.errors import InputError, OctoplanError
 from model.forward import COLLOCATIONS, by_collocation, explicit_map, schemes_of
 from model.loads import is_loaded
 from model.progress import reported
-from model.scene import Scene
+from model.scene import NEEDS, Scene
 from model.settle import ACCURACY, settle
-from model.shape import Shape
+
+# Effects that need no numbers of the user's, by name.
+_KNOWN: dict[str, Effect] = {
+    type(effect).__name__: effect
+    for effect in (Extension(), ExactTendons(), NeoHookean(), Shear(), Weight(), Buoyancy())
+}
 
 
 @dataclass(frozen=True)
@@ -61,18 +66,6 @@ def problem_size(arm: Arm, scene: Scene) -> ProblemSize:
         term.count * term.kernel.value.n_instructions() for term in of.equations.terms
     )
     return ProblemSize(of.node_size + of.form.strains, of.n_states, of.n_states, instructions)
-
-
-# Effects that need no numbers of the user's, and what a scene that has them needs besides.
-_KNOWN: tuple[tuple[Effect, ...], ...] = (
-    (Extension(),),
-    (ExactTendons(),),
-    (NeoHookean(), Extension(), ExactTendons()),
-    (Shear(),),
-    (Weight(),),
-    (Buoyancy(), Weight()),
-)
-_REPEATS = 5
 
 
 @dataclass(frozen=True)
@@ -119,11 +112,7 @@ class Switch:
 
 
 def switch_effects(
-    arm: Arm,
-    tensions: Any,
-    scene: Scene,
-    accuracy: float = ACCURACY,
-    repeats: int = _REPEATS,
+    arm: Arm, tensions: Any, scene: Scene, accuracy: float = ACCURACY, repeats: int = 5
 ) -> tuple[Switch, ...]:
     """Settle a scene with each of its effects switched off in turn, and others switched on.
 
@@ -140,95 +129,67 @@ def switch_effects(
     InputError
         As settle does, and for no repeats; the scene itself has to settle.
     """
-    _check_repeats(repeats)
-    settle(arm, tensions, scene, accuracy)
-    parts = [(_without(scene, effect), scene, effect, True) for effect in scene.effects]
-    others = [(scene, richer, effect, False) for effect, richer in _richer(scene)]
-    results = []
-    for without, with_it, effect, enabled in reported("effects switched", [*parts, *others]):
-        pair = (without, with_it)
-        results.append(_compare(arm, tensions, pair, effect, enabled, accuracy, repeats))
-    return tuple(results)
-
-
-def switch_on(
-    arm: Arm,
-    tensions: Any,
-    scene: Scene,
-    effects: tuple[Effect, ...],
-    accuracy: float = ACCURACY,
-    repeats: int = _REPEATS,
-) -> Switch:
-    """Settle a scene with and without some effects that it lacks; the first gives its name."""
-    _check_repeats(repeats)
-    pair = (scene, Scene(*scene.effects, *effects))
-    return _compare(arm, tensions, pair, effects[0], False, accuracy, repeats)
-
-
-def _check_repeats(repeats: int) -> None:
-    if isinstance(repeats, bool) or not isinstance(repeats, int) or repeats < 1:
+    if type(repeats) is not int or repeats < 1:
         raise InputError("repeats", repeats, "a whole number from 1")
+    settle(arm, tensions, scene, accuracy)
+    others = [(_without(scene, effect), effect) for effect in scene.effects]
+    lacking = {} if scene.has(PrintedStatics) else _KNOWN
+    for effect in lacking.values():
+        if not scene.has(type(effect)):
+            added = [effect, *(_KNOWN[name] for name in _needs(effect))]
+            missing = [each for each in added if not scene.has(type(each))]
+            others.append((Scene(*scene.effects, *missing), effect))
+    return tuple(
+        switch_effect(arm, tensions, scene, *other, accuracy, repeats)
+        for other in reported("effects switched", others)
+    )
+
+
+def _needs(effect: Effect) -> set[str]:
+    """Return the names of the effects that an effect needs."""
+    return {name for name, _ in NEEDS.get(type(effect).__name__, ())}
 
 
 def _without(scene: Scene, effect: Effect) -> Scene:
     """Return the scene without an effect, and without those that need it."""
     left = [other for other in scene.effects if other != effect]
-    while True:
-        try:
-            return Scene(*left)
-        except InputError as reason:
-            kinds = [type(other).__name__ for other in left]
-            left.pop(kinds.index(str(reason.given)))
+    names = {type(other).__name__ for other in left}
+    return Scene(*(other for other in left if _needs(other) <= names))
 
 
-def _richer(scene: Scene) -> list[tuple[Effect, Scene]]:
-    """Return each of the known effects that the scene lacks and can have, and the scene with it."""
-    effects = []
-    for effect, *needs in () if scene.has(PrintedStatics) else _KNOWN:
-        if not scene.has(type(effect)):
-            added = [effect, *(need for need in needs if not scene.has(type(need)))]
-            effects.append((effect, Scene(*scene.effects, *added)))
-    return effects
-
-
-def _compare(
+def switch_effect(
     arm: Arm,
     tensions: Any,
-    pair: tuple[Scene, Scene],
+    scene: Scene,
+    other: Scene,
     effect: Effect,
-    enabled: bool,
-    accuracy: float,
-    repeats: int,
+    accuracy: float = ACCURACY,
+    repeats: int = 5,
 ) -> Switch:
-    without, with_it = pair
-    others = set(with_it.effects) - set(without.effects) - {effect}
-    name = " and ".join([*_names([effect]), *_names(others)])
-    counted = (problem_size(arm, with_it), problem_size(arm, without))
+    """Settle a scene, and another that has or lacks an effect, which gives the switch its name.
 
-    def settled(scene: Scene) -> Shape:
-        return settle(arm, tensions, scene, accuracy)
-
+    The time factor is the median of so many repeats, of the two in turn.
+    """
+    enabled = effect in scene.effects
+    with_it, without = (scene, other) if enabled else (other, scene)
+    added = [each for each in with_it.effects if each not in without.effects]
+    names = [type(each).__name__ for each in sorted(added, key=lambda each: each != effect)]
+    change, factor, problem = np.nan, np.nan, ""
+    calls = [partial(settle, arm, tensions, each, accuracy) for each in (with_it, without)]
     try:
-        shapes = [settled(with_it), settled(without)]
+        tips = [call().tip for call in calls]
+        times = [[timeit(call, number=1) for call in calls] for _ in range(repeats)]
+        change = float(np.linalg.norm(tips[0] - tips[1])) / arm.length
+        factor = float(np.median([with_time / time for with_time, time in times]))
     except OctoplanError as reason:
-        return Switch(name, enabled, np.nan, *counted, np.nan, True, str(reason))
-    change = float(np.linalg.norm(shapes[0].tip - shapes[1].tip)) / arm.length
-    factor = _time_factor(lambda: settled(with_it), lambda: settled(without), repeats)
-    return Switch(name, enabled, change, *counted, factor, change > accuracy)
-
-
-def _names(effects: Iterable[Effect]) -> list[str]:
-    return sorted(type(effect).__name__ for effect in effects)
-
-
-def _time_factor(first: Callable[[], Shape], second: Callable[[], Shape], repeats: int) -> float:
-    """Return the median ratio of the times of two calls made in turn."""
-    ratios = []
-    for _ in range(repeats):
-        times = []
-        for call in (first, second):
-            begin = time.perf_counter()
-            call()
-            times.append(time.perf_counter() - begin)
-        ratios.append(times[0] / times[1])
-    return float(np.median(ratios))
+        problem = str(reason)
+    return Switch(
+        " and ".join(names),
+        enabled,
+        change,
+        problem_size(arm, with_it),
+        problem_size(arm, without),
+        factor,
+        not change <= accuracy,
+        problem,
+    )

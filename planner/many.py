@@ -13,12 +13,12 @@ from model.errors import InputError, OctoplanError
 from model.many import Errors
 from model.paths import Array
 from model.scene import Scene
-from model.settle import checked_scene
 from model.shape import Shape
 from planner.certificate import Certificate
 from planner.plan import Plan, plan
-from planner.program.limits import Limits
 from planner.program.statement import Statement
+from planner.question import checked_limits, planned_scene
+from planner.solve.task import SearchResult, Task
 from planner.targets.base import Target
 
 
@@ -92,49 +92,24 @@ def plan_many(
     """
     if errors not in ("raise", "nan"):
         raise InputError("errors", errors, '"raise" or "nan"')
-    scene = checked_scene(arm, scene, contact=True)
-    limits = Limits.of(arm, tension_max, others.get("tension_min", 0.0), others.get("total_pull"))
+    scene = planned_scene(arm, scene)
+    limits = checked_limits(arm, scene, tension_max, **others)
     plans: list[Plan] = []
     near: Plan | None = None
     for i, target in enumerate(targets):
         try:
             plans.append(plan(arm, target, scene, tension_max, near=near, **others))
             near = plans[-1] if path else None
-        except OctoplanError as reason:
-            error = _named(reason, i)
+        except OctoplanError as error:
+            reason = error
+            if isinstance(reason, InputError):
+                reason = InputError(f"targets[{i}]: {reason.field}", reason.given, reason.allowed)
             if errors == "raise":
-                raise error from None
+                raise reason from None
             request: Any = target if isinstance(target, tuple | list) else (target,)
-            plans.append(_failed(arm, scene, tuple(request), limits, str(error), others))
+            accuracy = others.get("accuracy", 1e-6)
+            task = Task(arm, tuple(request), scene, limits, Statement(), accuracy)
+            T = np.nan * arm.by_section(np.zeros(arm.n_tendons))
+            nothing = SearchResult(Statement(), T, (), (), ())
+            plans.append(FailedPlan.of(task, nothing, reason=str(reason)))
     return plans
-
-
-def _named(reason: OctoplanError, i: int) -> OctoplanError:
-    """Return an error that names the target, if what was given was wrong."""
-    if isinstance(reason, InputError):
-        return InputError(f"targets[{i}]: {reason.field}", reason.given, reason.allowed)
-    return reason
-
-
-def _failed(
-    arm: Arm,
-    scene: Scene,
-    targets: tuple[Target, ...],
-    limits: Limits,
-    reason: str,
-    others: dict[str, Any],
-) -> FailedPlan:
-    rows = arm.by_section(np.zeros(arm.n_tendons))
-    return FailedPlan(
-        Statement(),
-        np.full_like(rows, np.nan),
-        (),
-        (),
-        (),
-        arm=arm,
-        scene=scene,
-        targets=targets,
-        limits=limits,
-        accuracy=float(others.get("accuracy", 1e-6)),
-        reason=reason,
-    )

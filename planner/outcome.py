@@ -3,159 +3,107 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import Any
 
-from planner.certificate import Certificate
-from planner.program.statement import Mode
 from planner.targets.base import OVER_WANTED
 
 
-@dataclass(frozen=True)
-class Facts:
-    """What a sentence about a plan is made of.
-
-    Attributes
-    ----------
-    certificate, mode
-        The plan's.
-    effort : float
-        [N].
-    tried, agreed : int
-        Starts, and how many of them ended at the best optimum.
-    holders : tuple of str
-        The limits that hold the tensions back, hardest first.
-    length : float
-        Of the arm [m].
-    stopped : bool
-        Whether the time limit ended the search.
-    in_the_way : str
-        What the plan without obstacles comes nearest to, where only obstacles hold it back.
-    unstable : bool
-        Whether only shapes below the stability margin meet the targets.
-    """
-
-    certificate: Certificate
-    mode: Mode
-    effort: float
-    tried: int
-    agreed: int
-    holders: tuple[str, ...]
-    length: float
-    stopped: bool = False
-    in_the_way: str = ""
-    unstable: bool = False
-
-    @property
-    def is_nearest(self) -> bool:
-        """Whether what misses the targets is an optimum of how near it comes, and no worse one.
-
-        At least two initial guesses have to lead to it. Searches in contact do not tell, nor those
-        that were stopped, or met the targets by unstable shapes.
-        """
-        looked_for = not self.stopped and self.certificate.complementarity is None
-        return looked_for and not self.unstable and self.agreed > 1
+def sentence(plan: Any) -> str:
+    """Return the outcome of a plan (see Answer) as a sentence, with its certificate's warnings."""
+    beware = "".join(f" Beware: {warning}." for warning in plan.certificate.warnings)
+    return f"{_happened(plan)}.{beware}"
 
 
-def sentence(facts: Facts) -> str:
-    """Return the outcome of a plan as a sentence, with the warnings of its certificate."""
-    beware = "".join(f" Beware: {warning}." for warning in facts.certificate.warnings)
-    return _happened(facts) + beware
-
-
-def _happened(facts: Facts) -> str:
-    certificate = facts.certificate
+def _happened(plan: Any) -> str:
+    certificate, count = plan.certificate, len(plan.starts)
     if certificate.problem:
-        return f"Not certified: {certificate.problem}."
-    plural = "es" * (facts.tried > 1)
-    tried = f"{facts.tried} initial guess{plural} tried, {facts.agreed} led to the best optimum"
+        return f"Not certified: {certificate.problem}"
+    plural = "es" * (count > 1)
+    tried = f"{count} initial guess{plural} tried, {plan.agreed} led to the best optimum"
     if certificate.passed:
-        parts = [_success(facts), f"effort {facts.effort:.4g} N", *_bears(certificate), tried]
-        return f"{'; '.join(parts)}."
+        bears = f"stability {certificate.stability:.3g}, {certificate.bears}; "
+        cost = f"effort {plan.effort:.4g} N; {bears if certificate.bears else ''}"
+        return f"Reached{_success(plan)}; {cost}{tried}"
     if certificate.strokes > certificate.tolerance:
-        nearest_one = f"the nearest one found passes them by {_length(facts, certificate.strokes)}"
-        return (
-            f"Not reached: no shape within the limits of strokes is found; {nearest_one}; {tried}."
-        )
-    if facts.mode != "exact" and not certificate.attained:
-        gaps = _gaps(facts)
-        nearest = "attainable shape" if facts.is_nearest else "shape found"
-        return f"Not reached: the nearest {nearest} is {gaps}; {_holders(facts)}; {tried}."
+        nearest = f"the nearest one found passes them by {_size(plan, certificate.strokes)}"
+        return f"Not reached: no shape within the limits of strokes is found; {nearest}; {tried}"
+    if plan.mode != "exact" and not certificate.attained:
+        nearest = "attainable shape" if _is_nearest(plan) else "shape found"
+        return f"Not reached: the nearest {nearest} is off in {_gaps(plan)}; {_held(plan)}; {tried}"
     if certificate.too_near:
         advice = "move it or the target, raise the limits or ask for less clearance"
-        return f"Not clear: {certificate.nearest}; no way around it was found: {advice} ({tried})."
+        return f"Not clear: {certificate.nearest}; no way around it was found: {advice} ({tried})"
     if certificate.lacks_stability:
         stability = f"stability {certificate.stability:.3g}, asked {certificate.stability_margin:g}"
-        return (
-            f"Not stable enough: {stability}; raise the limits or ask for a lower margin ({tried})."
-        )
+        advice = "raise the limits or ask for a lower margin"
+        return f"Not stable enough: {stability}; {advice} ({tried})"
     failures = "; ".join(certificate.failures)
-    return f"Not certified: {failures}; ask for a finer accuracy or more starts ({tried})."
+    return f"Not certified: {failures}; ask for a finer accuracy or more starts ({tried})"
 
 
-def _bears(certificate: Certificate) -> list[str]:
-    """Return how well an arm stands under its loads, if it has any."""
-    if not certificate.bears:
-        return []
-    return [f"stability {certificate.stability:.3g}, {certificate.bears}"]
+def _is_nearest(plan: Any) -> bool:
+    """Return whether what misses the targets is an optimum of how near it comes, and no worse one.
+
+    At least two initial guesses have to lead to it. Searches in contact do not tell, nor those that
+    were stopped, or met the targets by unstable shapes.
+    """
+    told = plan.certificate.complementarity is None and not plan.stopped and not plan.unstable
+    return bool(told and plan.agreed > 1)
 
 
-def _success(facts: Facts) -> str:
-    certificate = facts.certificate
-    met = max([certificate.residual, *certificate.soft_residual.values()])
-    if met <= certificate.tolerance:
-        return f"Reached: every target met to {met:.1e} (asked {certificate.tolerance:.0e})"
-    gaps = [f"{name} {_length(facts, value)}" for name, value in certificate.soft_residual.items()]
-    return f"Reached, as near as the limits allow: {', '.join(gaps)} ({_holders(facts)})"
+def _success(plan: Any) -> str:
+    certificate = plan.certificate
+    soft, tolerance = certificate.soft_residual, certificate.tolerance
+    met = max([certificate.residual, *soft.values()])
+    if met <= tolerance:
+        return f": every target met to {met:.1e} (asked {tolerance:.0e})"
+    gaps = ", ".join(f"{name} {_size(plan, value)}" for name, value in soft.items())
+    return f", as near as the limits allow: {gaps} ({_held(plan)})"
 
 
-def _gaps(facts: Facts) -> str:
-    certificate = facts.certificate
-    missed = [item for item in certificate.equality.items() if item[1] > certificate.tolerance]
-    short = [item for item in certificate.inequality.items() if item[1] < -certificate.tolerance]
+def _gaps(plan: Any) -> str:
+    """Return by how much equalities are missed and inequalities violated."""
+    of = plan.certificate
     gaps = [
-        f"{name} by {_amount(facts, certificate.units.get(name, ''), value)}"
-        for name, value in missed
+        f"{name} by {_size(plan, value, of.units.get(name, ''))}"
+        for name, value in of.equality.items()
+        if value > of.tolerance
     ]
-    gaps += [_lack(name, value) for name, value in short]
-    return "off in " + ", ".join(gaps)
+    for name, value in of.inequality.items():
+        if value < -of.tolerance:
+            most = f"at most {1 + value:.4g} times what is wanted can be had, "
+            ratio = most if name.endswith(OVER_WANTED) else ""
+            gaps.append(f"{name.removesuffix(OVER_WANTED)} ({ratio}short by {-value:.3g})")
+    return ", ".join(gaps)
 
 
-def _lack(name: str, value: float) -> str:
-    """Return by how much an inequality is violated; of a ratio to what is wanted, its maximum."""
-    if not name.endswith(OVER_WANTED):
-        return f"{name} (short by {-value:.3g})"
-    most = f"at most {1 + value:.4g} times what is wanted can be had"
-    return f"{name.removesuffix(OVER_WANTED)} ({most}, short by {-value:.3g})"
-
-
-def _amount(facts: Facts, unit: str, value: float) -> str:
+def _size(plan: Any, value: float, unit: str = "L") -> str:
     """Return a residual in mm where it is a length, in degrees where it is an angle."""
     if unit == "L":
-        return _length(facts, value)
+        return f"{1e3 * value * plan.arm.length:.3g} mm"
     return f"{math.degrees(value):.3g} deg" if unit == "rad" else f"{value:.3g}"
 
 
-def _length(facts: Facts, value: float) -> str:
-    return f"{1e3 * value * facts.length:.3g} mm"
-
-
-def _holders(facts: Facts) -> str:
-    if facts.stopped:
-        return "the search was not at its end, a longer time limit may bring it nearer"
-    if facts.in_the_way:
-        reason = f"obstacles are in the way: without them it is met, and {facts.in_the_way}"
-        return f"{reason}; move them or the target, or ask for less clearance"
-    if facts.unstable:
-        least = facts.certificate.stability_margin
-        reason = (
-            f"less stable than the margin of {least:g}" if least else "unstable under the loads"
-        )
-        return f"what meets it is {reason}; stiffen the arm, lower the loads or move the target"
-    if not facts.holders and not facts.is_nearest:
-        return "no limit is active, more starts may find a nearer one"
-    if not facts.holders:
-        return (
-            "no limit is active and no initial guess leads nearer: the target is likely out of "
-            "reach of these tendons; move it, or try more starts"
-        )
-    return f"held by {', '.join(facts.holders[:3])}; raise these limits or move the target"
+def _held(plan: Any) -> str:
+    """Return what keeps a plan from its targets and what may be done: the first reason there is."""
+    least, holders = plan.certificate.stability_margin, ", ".join(plan.holding()[:3])
+    lacking = f"less stable than the margin of {least:g}" if least else "unstable under the loads"
+    reasons = (
+        (plan.stopped, "the search was not at its end, a longer time limit may bring it nearer"),
+        (
+            plan.in_the_way,
+            f"obstacles are in the way: without them it is met, and {plan.in_the_way}; move them "
+            "or the target, or ask for less clearance",
+        ),
+        (
+            plan.unstable,
+            f"what meets it is {lacking}; stiffen the arm, lower the loads or move the target",
+        ),
+        (holders, f"held by {holders}; raise these limits or move the target"),
+        (not _is_nearest(plan), "no limit is active, more starts may find a nearer one"),
+    )
+    unreachable = (
+        "no limit is active and no initial guess leads nearer: the target is likely out of "
+        "reach of these tendons; move it, or try more starts"
+    )
+    return next((told for is_so, told in reasons if is_so), unreachable)

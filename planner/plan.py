@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from model.arm import Arm
-from model.checks import kind, not_negative, positive
+from model.checks import kind, not_negative, positive, within
 from model.errors import InputError, OctoplanError
 from model.loads import contacts, is_loaded
 from model.machine.compiled import Compile, checked_compile
@@ -21,14 +21,16 @@ from model.obstacles import check_obstacles
 from model.paths import Array
 from model.progress import with_progress
 from model.scene import Scene
-from model.settle import checked_scene
 from model.shape import Shape
-from model.text import in_notebook, plotted
-from model.time_limit import OutOfTime, time_limit
+from model.text import in_notebook, parts_of, plotted, told
+from model.time_limit import OutOfTime
+from model.time_limit import time_limit as limited_to
+from model.units import warn
 from planner.answer import Answer
 from planner.avoidance.around import Around
 from planner.avoidance.clear import keeping, line_of
 from planner.avoidance.surroundings import Surroundings, surroundings
+from planner.certificate import BRINK
 from planner.contact.grasp import Grip, grips_of
 from planner.contact.load_path import from_rest, is_same, rubs, settled_along
 from planner.contact.search import ContactSearch, check_contact, check_holds, optimality_of
@@ -43,24 +45,14 @@ from planner.io.files import to_json, write_named
 from planner.io.saved_records import plan_record
 from planner.program.problem import Problem
 from planner.program.program import STABILITY
-from planner.program.statement import Solver
-from planner.question import (
-    check_compliance_requests,
-    check_planned,
-    check_targets,
-    checked_limits,
-    checked_starts,
-    stated,
-    warn_of_form,
-)
-from planner.report import plan_summary, plan_text
+from planner.program.statement import Solver, Statement, check_norm, check_solver
+from planner.program.terms import compliance_requests
+from planner.question import check_targets, checked_limits, planned_scene
 from planner.solve.search import Search
 from planner.solve.task import SearchResult, Task
 from planner.solve.warm_start import jump, warm_start
 from planner.targets.base import Target
 from planner.targets.hold import Hold
-from planner.targets.wrap import Wrap
-from planner.tendon_lengths import zeroed_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,10 +90,10 @@ class Plan(Answer):
         return write_named(path, ".json", to_json(plan_record(self)))
 
     def __repr__(self) -> str:
-        return plan_summary(self)
+        return str(next(parts_of(self)))
 
     def __str__(self) -> str:
-        return plan_text(self)
+        return told(self)
 
     def _repr_html_(self) -> str:
         return in_notebook(self)
@@ -271,119 +263,87 @@ def plan(
     CompilerError
         If `compile` is True, and there is no compiler or it fails.
     """
-    scene, targets = checked_scene(arm, scene, contact=True), check_targets(arm, target)
-    check_planned(scene)
+    scene, targets = planned_scene(arm, scene), check_targets(arm, target)
     seconds = None if time_limit is None else positive("time_limit", time_limit)
-    strokes = (stroke_max, stroke_min)
-    limits = checked_limits(arm, tension_max, tension_min, total_pull, strokes)
-    limits = replace(limits, stroke_zero=zeroed_at(arm, scene, stroke_zero))
-    check_compliance_requests(targets, limits)
-    warn_of_form(form)
-    statement = stated(limits, norm, solver, stability_margin)
-    more = checked_accuracy(accuracy), checked_compile(compile), checked_starts(starts)
-    task = Task(arm, targets, scene, limits, statement, *more, stability_margin is None)
-    if not is_loaded(scene) or contacts(scene):
-        task = replace(task, statement=statement.but(margin=stability_margin or 0.0))
+    strokes = (stroke_max, stroke_min, stroke_zero)
+    limits = checked_limits(arm, scene, tension_max, tension_min, total_pull, *strokes)
+    is_finite = np.all(np.isfinite(limits.upper)) or limits.total is not None
+    if compliance_requests(targets) and not is_finite:
+        raise InputError("tension_max", np.inf, "finite limits where a stiffness is wanted")
+    if form not in (None, "condensed", "multiple-shooting"):
+        allowed = "condensed, multiple-shooting; it is deprecated and has no effect"
+        raise InputError("form", form, allowed)
+    if form is not None:
+        warning = "form has no effect: there is one program; solver= tells what solves it"
+        warn(warning, DeprecationWarning)
+    if starts is not None and (type(starts) is not int or starts < 1):
+        raise InputError("starts", starts, "a whole number from 1")
+    margin = BRINK if is_loaded(scene) and not contacts(scene) else 0.0
+    if stability_margin is not None:
+        margin = within("stability_margin", stability_margin, 0.0, 1.0)
+    statement = Statement(check_solver(solver), check_norm(norm), margin=margin)
+    statement = statement.but(limited=limits.total is not None, wound=limits.strokes is not None)
+    more = checked_accuracy(accuracy), checked_compile(compile), starts, stability_margin is None
+    task = Task(arm, targets, scene, limits, statement, *more)
     check_holds(targets, scene)
     obstacles = check_obstacles(obstacles) + beside(targets, scene)
     around = surroundings(arm, targets, obstacles, clearance, self_clearance)
     if contacts(scene):
         check_contact(task, bool(around))
     if near is not None:
-        _check_near(near, task)
-    wrap = open_wrap(targets)
-    if wrap is None:
-        return _planned(task, around, near, seconds)
-    return _with_turns(task, wrap, around, near, seconds)
+        kind("near", near, Plan, "a Plan for the same arm and scene, or None")
+        if near.arm != arm or not is_same(near.scene, scene):
+            raise InputError("near", "a plan for another arm or scene", "one for the same")
 
-
-def _with_turns(
-    task: Task, wrap: Wrap, around: Surroundings, near: Plan | None, seconds: float | None
-) -> Plan:
-    """Return the plan for a wrap whose length is free."""
-
-    def planned(targets: tuple[Target, ...], previous: Plan | None) -> Plan:
+    def planned(targets: tuple[Target, ...], previous: Plan | None = None) -> Plan:
         leads = previous is not None and previous.mode == "exact"
-        return _planned(replace(task, targets=targets), around, previous if leads else near, None)
+        return _planned(replace(task, targets=targets), around, previous if leads else near)
 
-    with time_limit(seconds):
-        return with_turns(task.arm, task.targets, wrap, planned)
+    wrap = open_wrap(targets)
+    with limited_to(seconds):
+        return planned(targets) if wrap is None else with_turns(arm, targets, wrap, planned)
 
 
-def _planned(task: Task, around: Surroundings, near: Plan | None, seconds: float | None) -> Plan:
+def _planned(task: Task, around: Surroundings, near: Plan | None) -> Plan:
+    """Return the plan for a task; raises OutOfTime where it has nothing to show by then."""
     if not contacts(task.scene):
-        return Plan.of(task, searched(task, around, near, seconds), surroundings=around)
-    with time_limit(seconds):
-        return _beside(task, near) or _held(task, near)
+        return Plan.of(task, searched(task, around, near), surroundings=around)
+    held = near if isinstance(near, HeldPlan) else None
+    # An arm that lies along something may keep clear of it. That has to be tried afresh, unless
+    # the one nearby had to lean on something; or where it comes to something on its way from rest.
+    question = None if held and not held.beside else beside_contacts(task)
+    if question is not None:
+        result = searched(*question, held and held.beside)
+        plan = HeldPlan.of(task, result, surroundings=question[1])
+        with suppress(OctoplanError, OutOfTime):
+            if result.stopped or (result.statement.mode == "exact" and not plan.shape.contacts):
+                return plan
+    begin = None if near is None else tuple(np.ravel(near.tensions).tolist())
+    load_path = None if begin is None else (*(held.load_path if held else ()), begin)
+    if load_path is None and rubs(task.scene):
+        load_path = from_rest(task.arm, np.array(task.allowed.lower), task.scene)
+    return HeldPlan.of(task, ContactSearch(task, load_path).run(None))
 
 
-def _beside(task: Task, near: Plan | None) -> HeldPlan | None:
-    """Return the plan of an arm that lies along something, and keeps clear of it.
-
-    None where the arm has to lean on something, or comes to it on its way from rest.
-    """
-    leans = isinstance(near, HeldPlan) and not near.beside
-    question = None if leans else beside_contacts(task)
-    if question is None:
-        return None
-    result = searched(*question, near.beside if isinstance(near, HeldPlan) else None, None)
-    plan = HeldPlan.of(task, result, surroundings=question[1])
-    with suppress(OctoplanError, OutOfTime):
-        if result.stopped or (result.statement.mode == "exact" and not plan.shape.contacts):
-            return plan
-    return None
-
-
-def _held(task: Task, near: Plan | None) -> HeldPlan:
-    """Return the plan of an arm in contact."""
-    load_path = near.load_path if isinstance(near, HeldPlan) else ()
-    begin = None if near is None else (*load_path, tuple(np.ravel(near.tensions).tolist()))
-    if begin is None and rubs(task.scene):
-        begin = from_rest(task.arm, np.array(task.allowed.lower), task.scene)
-    return HeldPlan.of(task, ContactSearch(task, begin).run(None))
-
-
-def _check_near(near: Plan, task: Task) -> None:
-    """Raise InputError for what is no plan for the same arm and scene."""
-    kind("near", near, Plan, "a Plan for the same arm and scene, or None")
-    if near.arm != task.arm or not is_same(near.scene, task.scene):
-        raise InputError("near", "a plan for another arm or scene", "one for the same")
-
-
-def searched(
-    task: Task, around: Surroundings, near: Answer | None, seconds: float | None
-) -> SearchResult:
+def searched(task: Task, around: Surroundings, near: Answer | None) -> SearchResult:
     """Return what a plan that is near leads to, or the best from all starts."""
     if near is None:
-        if around:
-            return Around(task, around).run(seconds)
-        return Search(task).run(seconds)
-    with time_limit(seconds):
-        kept = _kept_clear(near, task, around)
-        if kept is not None:
-            return kept
-        followed = warm_start(near, task)
-        left = not followed
-        if around and not (followed and followed.stopped):
-            led = Around(task, around)
-            result = led.run(seconds, followed)
-            left = led.searched
-        else:
-            result = followed or Search(task).run()
+        return Around(task, around).run(None) if around else Search(task).run()
+    if near.avoidance is not None and near.surroundings == around:
+        # Among the same obstacles: by the inequalities of its program, if that keeps clear.
+        kept = warm_start(near, keeping(task, near.avoidance))
+        if kept is not None and not kept.stopped and not kept.jump:
+            line = line_of(task, np.ravel(kept.tensions))
+            if line is not None and around.keeps(line):
+                return kept
+    result = warm_start(near, task)
+    left = result is None
+    if around and not (result and result.stopped):
+        led = Around(task, around)
+        result = led.run(None, result)
+        left = led.searched
+    elif result is None:
+        result = Search(task).run()
     if not left or result.stopped or result.statement.mode != "exact":
         return result
     return replace(result, jump=jump(near.tensions, result.tensions))
-
-
-def _kept_clear(near: Answer, task: Task, around: Surroundings) -> SearchResult | None:
-    """Return what a plan among the same obstacles leads to by the inequalities of its program.
-
-    None where that does not keep clear, or leaves its branch.
-    """
-    if near.avoidance is None or near.surroundings != around:
-        return None
-    result = warm_start(near, keeping(task, near.avoidance))
-    if result is None or result.stopped or result.jump:
-        return None
-    line = line_of(task, np.ravel(result.tensions))
-    return result if line is not None and around.keeps(line) else None

@@ -1,83 +1,78 @@
-"""Checks of a planning question: statement, targets and limits."""
+"""Checks of a planning question: scene, limits and targets."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from model.arm import Arm
-from model.checks import within
+from model.checks import finite_array
 from model.effects import PrintedStatics
 from model.errors import InputError
 from model.scene import Scene
-from model.units import warn
+from model.settle import checked_scene, settle
+from model.shape import Shape
 from planner.program.limits import Limits
-from planner.program.statement import Statement, check_norm, check_solver
-from planner.program.terms import compliance_requests, pulling_tendons
+from planner.program.terms import pulling_tendons
 from planner.targets.base import Target
 
-# The default stability margin of plans under loads.
-MARGIN = 0.1
-_FORMS = ("condensed", "multiple-shooting")
 
-
-def checked_limits(
-    arm: Arm,
-    tension_max: Any,
-    tension_min: Any,
-    total_pull: float | None,
-    strokes: tuple[Any, Any],
-) -> Limits:
-    """Return the limits from arguments of plan, of strokes as (stroke_max, stroke_min)."""
-    return Limits.of(arm, tension_max, tension_min, total_pull).with_strokes(arm, *strokes)
-
-
-def check_compliance_requests(targets: tuple[Target, ...], limits: Limits) -> None:
-    """Raise InputError for a stiffness without limits."""
-    if not compliance_requests(targets):
-        return
-    if not np.all(np.isfinite(limits.upper)) and limits.total is None:
-        raise InputError("tension_max", np.inf, "finite limits where a stiffness is wanted")
-
-
-def check_planned(scene: Scene) -> None:
-    """Raise InputError for a scene that shapes are settled in, but none are planned."""
+def planned_scene(arm: Arm, scene: Scene | None) -> Scene:
+    """Return the scene, that of the bare arm for None; InputError where no plans are made in it."""
+    scene = checked_scene(arm, scene, contact=True)
     if scene.has(PrintedStatics):
         allowed = (
             "a scene whose statics are consistent, such as Scene(Extension()); settle takes it"
         )
         raise InputError("scene", "written as printed", allowed)
+    return scene
 
 
-def warn_of_form(form: Any) -> None:
-    """Warn of a form, which has no meaning any more; refuse what never was one."""
-    if form is None:
-        return
-    if form not in _FORMS:
-        raise InputError("form", form, f"{', '.join(_FORMS)}; it is deprecated and has no effect")
-    warning = "form has no effect: there is one program; solver= tells what solves it"
-    warn(warning, DeprecationWarning)
+def checked_limits(
+    arm: Arm,
+    scene: Scene,
+    tension_max: Any = np.inf,
+    tension_min: Any = 0.0,
+    total_pull: float | None = None,
+    stroke_max: Any = None,
+    stroke_min: Any = None,
+    stroke_zero: Any = "straight",
+    **_: Any,
+) -> Limits:
+    """Return the limits from arguments of plan, of which others may be there too.
+
+    Raises InputError, and as settle does where winches are zeroed "at rest".
+    """
+    limits = Limits.of(arm, tension_max, tension_min, total_pull)
+    limits = limits.with_strokes(arm, stroke_max, stroke_min)
+    return replace(limits, stroke_zero=_zeroed_at(arm, scene, stroke_zero))
 
 
-def stated(limits: Limits, norm: Any, solver: Any, margin: Any) -> Statement:
-    """Return the statement of a plan, checked; see plan."""
-    limited, wound = limits.total is not None, limits.strokes is not None
-    statement = Statement(check_solver(solver), check_norm(norm), limited=limited, wound=wound)
-    return statement.but(margin=checked_margin(margin))
+def _zeroed_at(arm: Arm, scene: Scene, zero: Any) -> tuple[float, ...] | None:
+    """Return the tendons' lengths where winches are zeroed [m]; None at the straight arm at rest.
 
-
-def checked_starts(starts: int | None) -> int | None:
-    """Return the number of initial guesses; InputError for what is no such number."""
-    if starts is not None and (type(starts) is not int or starts < 1):
-        raise InputError("starts", starts, "a whole number from 1")
-    return starts
-
-
-def checked_margin(margin: Any) -> float:
-    """Return a stability margin as a float, the default for None; InputError outside of [0, 1]."""
-    return MARGIN if margin is None else within("stability_margin", margin, 0.0, 1.0)
+    See plan. Raises InputError for what is not allowed, and as settle does where the arm does not
+    stand in the scene without tensions.
+    """
+    if isinstance(zero, str) and zero == "straight":
+        return None
+    if isinstance(zero, str) and zero == "at rest":
+        zero = settle(arm, np.zeros(arm.n_tendons), scene)
+    lengths: Any = zero.tendon_lengths if isinstance(zero, Shape) and zero.arm == arm else zero
+    allowed = '"straight", "at rest", a shape of this arm, or the lengths of its tendons [m]'
+    if isinstance(lengths, str | Shape):
+        given = "of another arm" if isinstance(zero, Shape) else zero
+        raise InputError("stroke_zero", given, allowed)
+    try:
+        flat = arm.flat(lengths, "stroke_zero")
+    except InputError:
+        raise InputError("stroke_zero", zero, allowed) from None
+    if flat.min() <= 0:
+        raise InputError("stroke_zero", zero, "lengths above 0 [m]")
+    return tuple(finite_array("stroke_zero", flat, (arm.n_tendons,)).tolist())
 
 
 def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, ...]:

@@ -1,113 +1,180 @@
-"""Results as people read them."""
+"""Results as people read them: what is told of them as text and in notebooks, and their figures."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import fields
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 
-from model import Arm, OctoplanError, Shape
-from model.paths import Array
-from model.text import columns, shape_text, tendon_table
+from model.arm import Arm
+from model.errors import OctoplanError
+from model.scene import Scene
+from model.settle import settle
+from model.shape import Shape
+from model.stiffness import Stiffness
+from model.text import Part, columns, parts_of, shape_text, shown_by, tendon_table
 from model.time_limit import OutOfTime
-from planner.answer import Answer
+from planner.certificate import Certificate
 from planner.effect_ablation import Switch
-from planner.tendon_lengths import length_error, strokes
+from planner.fit.calibration import Calibration
+from planner.fit.design import Design
+from planner.many import FailedPlan
+from planner.measure import length_error, strokes
+from planner.plan import Plan
+from planner.trajectory.certificate import MotionCertificate
+from planner.trajectory.result import Trajectory
+
+# Text and tables
 
 
-def tension_table(arm: Arm, tensions: Array, upper: Array) -> str:
-    """Return a table of tensions [N], a line a section, and which are at their maximum."""
-    flat = np.ravel(tensions)
-    lines = [tendon_table("tensions [N]", arm.tendons_by_section, flat)]
+def _plan(plan: Plan) -> Iterator[Part]:
+    """Yield what fits a screen, outcome, tendons and tip, then all that was checked."""
+    arm, T, upper = plan.arm, np.ravel(plan.tensions), np.array(plan.limits.upper)
+    table = tendon_table("tensions [N]", arm.tendons_by_section, T)
     if np.any(np.isfinite(upper)):
-        at = np.flatnonzero(flat >= upper * (1 - 1e-9))
-        held = [arm.tendon_name(int(j)) for j in at if upper[j]]
-        lines.append(f"  at their maximum: {', '.join(held) or 'none'}")
-    return "\n".join(lines)
+        at = np.flatnonzero((upper > 0) & np.isclose(T, upper, 1e-9, 0.0))
+        held = [arm.tendon_name(int(j)) for j in at]
+        table += f"\n  at their maximum: {', '.join(held) or 'none'}"
+    tables = [plan.outcome, table]
+    try:
+        tables += _winches(plan.shape, plan.limits.stroke_zero)
+        tables.append("tip [mm]  " + "  ".join(f"{1e3 * x:.3f}" for x in plan.tip))
+    except (OctoplanError, OutOfTime):
+        pass  # where tensions do not settle there is no shape
+    yield "\n\n".join(tables)
+    yield ""
+    yield from parts_of(plan.certificate)
 
 
-def length_table(shape: Shape) -> str:
-    """Return a table of the tendons' lengths [mm], a line a section."""
-    tendon = shape.arm.tendons_by_section
-    return tendon_table("tendon lengths [mm]", tendon, 1e3 * shape.tendon_lengths)
+def _winches(shape: Shape, zero: Any = None) -> list[str]:
+    """Return tables of the tendons' lengths and strokes [mm], and what errors of lengths do.
 
-
-def stroke_table(shape: Shape, zero: Any = None) -> str:
-    """Return a table of what winches take in [mm], a line a section, and what their errors do.
-
-    `zero` (n_tendons,) are the tendons' lengths where winches are zeroed [m], see strokes.
+    `zero` (n_tendons,) are the lengths where winches are zeroed [m], see strokes.
     """
-    arm = shape.arm
+    arm, error = shape.arm, length_error(shape)
+    lengths = tendon_table(
+        "tendon lengths [mm]", arm.tendons_by_section, 1e3 * shape.tendon_lengths
+    )
     title = f"strokes [mm] from the {'straight arm at rest' if zero is None else 'zero given'}"
     lines = [tendon_table(title, arm.tendons_by_section, 1e3 * strokes(shape, zero))]
-    slack = [arm.tendon_name(int(j)) for j in np.flatnonzero(shape.slack)]
-    slack_text = f"{', '.join(slack)}; their strokes are at most those above" if slack else "none"
-    lines.append(f"  slack: {slack_text}")
+    slack = ", ".join(arm.tendon_name(int(j)) for j in np.flatnonzero(shape.slack))
+    lines.append(
+        f"  slack: {f'{slack}; their strokes are at most those above' if slack else 'none'}"
+    )
     if shape.undetermined:
         lines.append(f"  tensions not determined by lengths: {', '.join(shape.undetermined)}")
-    error = length_error(shape)
-    if error.names:
-        cells = ", ".join(f"{n} {x:.3g}" for n, x in zip(error.names, error.each, strict=True))
-        lines.append(f"  tip error by a wrong length [mm per mm]: {cells}; worst {error.worst}")
-    return "\n".join(lines)
+    if error:
+        cells = ", ".join(f"{name} {x:.3g}" for name, x in error.items())
+        worst = max(error, key=lambda name: error[name])
+        lines.append(f"  tip error by a wrong length [mm per mm]: {cells}; worst {worst}")
+    return [lengths, "\n".join(lines)]
 
 
-def plan_text(plan: Answer) -> str:
-    """Return a plan as it is shown to people, with all that was checked."""
-    return f"{plan!r}\n\n{plan.certificate}"
-
-
-def plan_summary(plan: Answer) -> str:
-    """Return the outcome of a plan, its tendons and its tip: what fits a screen."""
-    table = tension_table(plan.arm, plan.tensions, np.array(plan.limits.upper))
-    return "\n\n".join([plan.outcome, table, *_of_shape(plan)])
-
-
-def _of_shape(plan: Answer) -> list[str]:
-    """Return lengths, strokes and tip; nothing where the tensions do not settle."""
-    try:
-        shape = plan.shape
-        tables = [length_table(shape), stroke_table(shape, plan.limits.stroke_zero)]
-    except (OctoplanError, OutOfTime):
-        return []
-    return [*tables, "tip [mm]  " + "  ".join(f"{1e3 * x:.3f}" for x in shape.tip)]
-
-
-def settled_text(shape: Shape) -> str:
-    """Return a settled shape as it is shown to people; by lengths, with what winches take in."""
+def _shape(shape: Shape) -> Iterator[Part]:
+    """Yield a shape; of one by lengths also what winches take in."""
     if shape.winches is None:
-        return repr(shape)
-    table = tendon_table("tensions [N]", shape.arm.tendons_by_section, shape.tensions)
-    tables = [table, length_table(shape), stroke_table(shape)]
-    return shape_text(tables, shape.tip, shape.tip_frame, shape.error, shape.remarks)
+        yield repr(shape)
+    else:
+        table = tendon_table("tensions [N]", shape.arm.tendons_by_section, shape.tensions)
+        tables = [table, *_winches(shape)]
+        yield shape_text(tables, shape.tip, shape.tip_frame, shape.error, shape.remarks)
+
+
+def _certificate(result: Certificate | MotionCertificate) -> Iterator[Part]:
+    by = f" (checked by {result.scheme})" if isinstance(result, Certificate) else ""
+    yield f"certificate: {'PASSED' if result.passed else 'FAILED'}{by}"
+    yield result.rows
+    if isinstance(result, Certificate):
+        yield from (f"  beware: {warning}" for warning in result.warnings)
+    yield from (f"  failed: {failure}" for failure in result.failures)
+
+
+def _scene(scene: Scene) -> Iterator[Part]:
+    rows = [["effect", "settings"]]
+    for effect in scene.effects:
+        values = ", ".join(f"{f.name} = {getattr(effect, f.name)!r}" for f in fields(effect))
+        rows.append([type(effect).__name__, values])
+    yield rows if scene.effects else [*rows, ["none: the bare arm", ""]]
+
+
+def _trajectory(motion: Trajectory) -> Iterator[Part]:
+    yield f"{motion.outcome}\n"
+    head = ["t [s]", *(f"{name} [N]" for name in motion.arm.tendon_names)]
+    pairs = zip(motion.times, motion.flat, strict=True)
+    yield [head, *([f"{t:.4g}", *(f"{x:.4f}" for x in T)] for t, T in pairs)]
+    yield ""
+    yield from parts_of(motion.certificate)
+
+
+def _calibration(fit: Calibration) -> Iterator[Part]:
+    yield fit.outcome
+    rows = zip(fit.unknowns, fit.values, fit.std, strict=True)
+    cells = ([x.name, f"{v:.6g}", f"{std:.2g}", fit.parameters.unit(x)] for x, v, std in rows)
+    yield [["unknown", "value", "std", "unit"], *cells]
+
+
+def _design(result: Design) -> Iterator[Part]:
+    yield result.outcome
+    of, values = result.parameters, zip(result.unknowns, result.values, strict=True)
+    pairs = zip(values, of.start, strict=True)
+    cells = ([x.name, f"{v:.5g}", f"{old:.5g}", of.unit(x)] for (x, v), old in pairs)
+    yield [["unknown", "designed", "given", "unit"], *cells]
+    plans = enumerate(zip(result.plans, result.before, strict=True), 1)
+    efforts = ([f"{i}", f"{now.effort:.4g}", f"{old.effort:.4g}"] for i, (now, old) in plans)
+    yield [["task", "effort [N]", "of the given arm [N]"], *efforts]
 
 
 def switch_table(switches: tuple[Switch, ...], accuracy: float) -> str:
     """Return what each effect does to a scene and what it costs, a line each, and notes."""
     head = ["effect", "in scene", "tip change [L]", "states", "unknowns", "instructions", "time"]
-    rows = [[*head, f"matters at {accuracy:.0e}"], *map(_switch_row, switches)]
+    rows = [[*head, f"matters at {accuracy:.0e}"]]
     notes = ["States, unknowns, instructions and time: of the scene with the effect, over without."]
     fewer = [switch.effect for switch in switches if switch.unknowns_added < 0]
     if fewer:
         names = ", ".join(fewer)
         notes.append(f"Fewer unknowns with {names}: a coarser mesh is as accurate there.")
-    notes += [f"{switch.effect}: {switch.problem}" for switch in switches if switch.problem]
+    for switch in switches:
+        more = switch.sizes.instructions / switch.sizes_without.instructions
+        change, factor = f"{switch.tip_change:.1e}", f"x {switch.time_factor:.2g}"
+        if switch.problem:
+            change = factor = "-"
+            notes.append(f"{switch.effect}: {switch.problem}")
+        enabled, matters = ("yes" if is_so else "no" for is_so in (switch.enabled, switch.matters))
+        counts = f"{switch.states_added:+}", f"{switch.unknowns_added:+}", f"x {more:.2g}"
+        rows.append([switch.effect, enabled, change, *counts, factor, matters])
     return "\n".join([*columns(rows), "", *notes])
 
 
-def _switch_row(switch: Switch) -> list[str]:
-    more = switch.sizes.instructions / switch.sizes_without.instructions
-    return [
-        switch.effect,
-        "yes" if switch.enabled else "no",
-        _or_dash(switch.tip_change, ".1e"),
-        f"{switch.states_added:+}",
-        f"{switch.unknowns_added:+}",
-        f"x {more:.2g}",
-        _or_dash(switch.time_factor, ".2g", "x "),
-        "yes" if switch.matters else "no",
-    ]
+# Figures: matplotlib is loaded with the first
 
 
-def _or_dash(value: float, form: str, before: str = "") -> str:
-    return "-" if np.isnan(value) else f"{before}{value:{form}}"
+def figure(module: str, name: str) -> Callable[..., Any]:
+    """Return what draws a value, in axes if given, by a function of planner.plots."""
+    return lambda *of: getattr(import_module(f"planner.plots.{module}"), name)(*of)
+
+
+_SHAPE = figure("plan", "plot_shape")
+
+
+def _stiffness(k: Stiffness, ax: Any = None) -> Any:
+    """Draw where a force of a power of ten pushes the point, by no more than L / 5."""
+    most = 0.2 * k.shape.arm.length / float(k.ellipsoid()[0][0])
+    force = 10.0 ** math.floor(math.log10(most))
+    return figure("results", "plot_ellipsoids")([k], force, ax)
+
+
+shown_by(Arm, lambda arm, *ax: _SHAPE(settle(arm, np.zeros(arm.n_tendons), accuracy=1e-2), *ax))
+shown_by(Shape, _SHAPE, _shape)
+shown_by(Stiffness, _stiffness)
+shown_by(Scene, None, _scene)
+shown_by(Certificate, None, _certificate)
+shown_by(MotionCertificate, None, _certificate)
+shown_by(Trajectory, lambda motion, *_: figure("motion", "plot_trajectory")(motion), _trajectory)
+shown_by(Calibration, None, _calibration)
+shown_by(Design, None, _design)
+shown_by(Plan, figure("plan", "plot_plan"), _plan)
+shown_by(FailedPlan, None, _plan)

@@ -11,7 +11,7 @@ import scipy
 from model.shape import Shape
 from planner.bodies.chain import Chain, chain_of
 from planner.bodies.markup import inside, written
-from planner.tendon_lengths import strokes
+from planner.measure import strokes
 
 BASE = "base_link"
 # Of the path along the midline.

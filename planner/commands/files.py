@@ -11,11 +11,10 @@ import msgspec
 from cyclopts import Parameter
 
 from model import InputError, OctoplanError
+from model.text import told
 from model.time_limit import OutOfTime, time_limit
-from planner.cli import NOT_REACHED, OK, Answer, FileOptions, Options, figure
+from planner.cli import Answer, FileOptions, Options
 from planner.fit.calibrate import calibrate as find_calibration
-from planner.fit.calibration import Calibration
-from planner.fit.design import Design
 from planner.io.files import to_json, write_together
 from planner.io.fit_files import CalibrationFile, DesignFile, load_asked, run_design
 from planner.io.records import (
@@ -29,6 +28,7 @@ from planner.io.records import (
 )
 from planner.io.saved_records import CalibrationRecord, DesignRecord, PlanRecord
 from planner.io.scene_tables import SceneTable
+from planner.report import figure
 from planner.sweeps.definition import load_sweep
 from planner.sweeps.sweep import written
 
@@ -71,7 +71,7 @@ def new(
     written = " and ".join(str(path.with_name(name)) for name in contents)
     verb = "is" if len(contents) == 1 else "are"
     text = f"{written} {verb} written; next: octoplan {_NEXT[kind].format(path)}"
-    return Answer(OK, lambda: text)
+    return Answer(lambda: text)
 
 
 def _first_files(kind: Kind, name: str) -> dict[str, str]:
@@ -121,7 +121,7 @@ def sweep(
         raise OctoplanError(f"{limit}; {kept}") from None
     more = {"met": int(attributes["met"]), "failures": json.loads(attributes["failures"])}
     result = record(SweepRecord, wanted, file=str(to), earlier=is_earlier, **more)
-    return Answer(OK, lambda: _sweep_text(result), result)
+    return Answer(lambda: _sweep_text(result), result)
 
 
 def _sweep_text(record: SweepRecord) -> str:
@@ -152,26 +152,14 @@ def calibrate(
         Also tell how well fits predict shapes left out.
     """
     result = find_calibration(**load_asked(file))
-    return Answer(
-        OK,
-        lambda: _calibration_text(result, leave_out),
-        record(CalibrationRecord, result),
-        "calibration",
-        result.plot,
-    )
 
+    def text() -> str:
+        if not leave_out:
+            return told(result)
+        error = f"{1e3 * result.leave_out().mean_error:.3g} mm in the mean"
+        return f"{told(result)}\n  shapes left out are predicted to {error}"
 
-def _calibration_text(result: Calibration, leave_out: bool) -> str:
-    width = max(len(item.name) for item in result.unknowns)
-    rows = zip(result.unknowns, result.values, result.std, strict=True)
-    lines = [
-        f"  {item.name:<{width}}  {value:.6g} +- {std:.2g} {result.parameters.unit(item)}".rstrip()
-        for item, value, std in rows
-    ]
-    if leave_out:
-        error = 1e3 * result.leave_out().mean_error
-        lines.append(f"  shapes left out are predicted to {error:.3g} mm in the mean")
-    return "\n".join([result.outcome, *lines])
+    return Answer(text, record(CalibrationRecord, result), "calibration", result.plot)
 
 
 def design(
@@ -182,25 +170,13 @@ def design(
 ) -> Answer:
     """Find the arm for which several tasks take least effort."""
     result = run_design(file)
-    code = OK if result.feasible else NOT_REACHED
     return Answer(
-        code,
-        lambda: _design_text(result),
+        lambda: told(result),
         record(DesignRecord, result),
         "design",
-        figure("plan", "plot_together", result.plans),
+        lambda: figure("plan", "plot_together")(result.plans),
+        reached=result.feasible,
     )
-
-
-def _design_text(result: Design) -> str:
-    width = max(len(item.name) for item in result.unknowns)
-    rows = zip(result.unknowns, result.values, result.parameters.start, strict=True)
-    lines = [
-        f"  {x.name:<{width}}  {value:.5g} (was {old:.5g}) {result.parameters.unit(x)}".rstrip()
-        for x, value, old in rows
-    ]
-    efforts = ", ".join(f"{item.effort:.4g}" for item in result.plans)
-    return "\n".join([result.outcome, *lines, f"  efforts of the tasks [N]: {efforts}"])
 
 
 # Schemas
@@ -246,4 +222,4 @@ _WHAT = Parameter(choices=SCHEMAS, help="scene unless given")
 def schema(what: Annotated[str, _WHAT] = "scene", /) -> Answer:
     """Print the JSON Schema of files, or of what a command prints with --json."""
     # It is JSON for people too.
-    return Answer(OK, lambda: to_json(schema_of(what)).decode())
+    return Answer(lambda: to_json(schema_of(what)).decode())

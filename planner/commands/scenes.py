@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from model import OctoplanError, Shape
+from model import OctoplanError
+from model.text import plotted, told
 from model.time_limit import OutOfTime
 from planner.bodies.files import What, export_shape
-from planner.c_code.export import TAKEN, Exported, export_plan
+from planner.c_code.export import TAKEN, export_plan
 from planner.c_code.export import export as export_map
 from planner.c_code.source import Precision
 from planner.cli import (
-    NOT_REACHED,
-    OK,
     Accuracy,
     Answer,
     FileOptions,
@@ -26,7 +25,6 @@ from planner.cli import (
     Options,
     SceneFile,
     SceneOptions,
-    figure,
 )
 from planner.effect_ablation import switch_effects
 from planner.io.calls import check_complete, in_motion, planned, settled, stiff
@@ -40,15 +38,13 @@ from planner.io.records import (
     record,
 )
 from planner.io.saved_records import plan_record
-from planner.io.scene_file import Question, load
+from planner.io.scene_file import load
 from planner.live.handles import handle_of
 from planner.live.page import Page
 from planner.live.session import Session
-from planner.notebook import force_to_show
 from planner.plan import Plan
 from planner.plan import plan as make_plan
-from planner.report import settled_text, switch_table
-from planner.trajectory.result import Trajectory
+from planner.report import figure, switch_table
 
 _DEFAULT = SceneOptions()
 
@@ -56,66 +52,44 @@ _DEFAULT = SceneOptions()
 def plan(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Answer:
     """Find the tensions of least effort for the scene's target."""
     result = planned(options.question(scene))
+    tables = {"plan.csv": lambda: plan_csv(result), "shape.csv": lambda: _shape_csv(result)}
+    record = plan_record(result)
     return Answer(
-        OK if result.certificate.passed else NOT_REACHED,
-        lambda: str(result),
-        plan_record(result),
-        "plan",
-        figure("plan", "plot_plan", result),
-        {"plan.csv": lambda: plan_csv(result), "shape.csv": lambda: _shape_csv(result)},
+        lambda: str(result), record, "plan", result.plot, tables, result.certificate.passed
     )
 
 
 def _shape_csv(result: Plan) -> bytes:
     """Return the shape as CSV, of no lines where the tensions do not settle."""
-    try:
+    with suppress(OctoplanError, OutOfTime):
         return shape_csv(result.shape)
-    except (OctoplanError, OutOfTime):
-        return b""
+    return b""
 
 
 def trajectory(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Answer:
     """Find tensions over time through the scene's waypoints."""
     result = in_motion(options.question(scene))
     return Answer(
-        OK if result.certificate.passed else NOT_REACHED,
-        lambda: _trajectory_text(result),
+        lambda: told(result),
         record(TrajectoryRecord, result),
         "trajectory",
-        figure("motion", "plot_trajectory", result),
+        result.plot,
         {"trajectory.csv": lambda: motion_csv(result)},
+        result.certificate.passed,
     )
-
-
-def _trajectory_text(result: Trajectory) -> str:
-    head = f"{'t [s]':>9}  " + " ".join(
-        f"{result.arm.tendon_name(j):>7}" for j in range(result.arm.n_tendons)
-    )
-    rows = [
-        f"{t:9.4g}  " + " ".join(f"{item:7.3g}" for item in T)
-        for t, T in zip(result.times, result.flat, strict=True)
-    ]
-    return "\n".join([result.outcome, "", f"{head}  [N]", *rows, "", str(result.certificate)])
 
 
 def settle(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Answer:
     """Find the shape under the scene's tensions or lengths."""
     shape = settled(options.question(scene))
-    return Answer(
-        OK,
-        lambda: settled_text(shape),
-        record(ShapeRecord, shape),
-        "shape",
-        figure("plan", "plot_shape", shape),
-        {"shape.csv": lambda: shape_csv(shape)},
-    )
+    tables = {"shape.csv": lambda: shape_csv(shape)}
+    return Answer(lambda: told(shape), record(ShapeRecord, shape), "shape", shape.plot, tables)
 
 
 def stiffness(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Answer:
     """Find the compliance that the scene's [stiffness] table asks for."""
     k = stiff(options.question(scene))
-    ellipsoids = figure("results", "plot_ellipsoids", [k], force_to_show(k))
-    return Answer(OK, lambda: repr(k), record(StiffnessRecord, k), "stiffness", ellipsoids)
+    return Answer(lambda: repr(k), record(StiffnessRecord, k), "stiffness", lambda: plotted(k))
 
 
 def effects(
@@ -127,11 +101,10 @@ def effects(
     accuracy = question.accuracy
     switches = switch_effects(question.arm, question.tensions, question.scene, accuracy)
     return Answer(
-        OK,
         lambda: switch_table(switches, accuracy),
         record(EffectsRecord, switches, accuracy=accuracy),
         "effects",
-        figure("results", "plot_effects", switches, accuracy),
+        lambda: figure("results", "plot_effects")(switches, accuracy),
     )
 
 
@@ -166,7 +139,7 @@ def live(
     sys.stderr.write(f"octoplan: http://{host}:{port} (ends with the last browser)\n")
     page.wait()
     page.end()
-    return Answer(OK, lambda: "The last browser is gone.")
+    return Answer(lambda: "The last browser is gone.")
 
 
 # Exports
@@ -201,45 +174,30 @@ def export(
     precision
         Of the C code (double).
     """
-    question, name = options.loaded(scene, accuracy), c_name(scene)
-    if what == "map":
-        check_complete(question, "tensions")
-        arguments = (question.arm, question.scene, to, question.tensions, question.accuracy)
-        result = export_map(*arguments, precision, name)
-    elif what == "plan":
-        fine = question.but(accuracy=min(question.accuracy, _PLANNED))
-        result = export_plan(planned(fine), to, question.accuracy, precision, name)
+    question, name, more, static_bytes = options.loaded(scene, accuracy), c_name(scene), "", 0
+    if what == "map" or what == "plan":
+        if what == "map":
+            check_complete(question, "tensions")
+            arguments = (question.arm, question.scene, to, question.tensions, question.accuracy)
+            result = export_map(*arguments, precision, name)
+        else:
+            fine = question.but(accuracy=min(question.accuracy, _PLANNED))
+            result = export_plan(planned(fine), to, question.accuracy, precision, name)
+        files, shape, static_bytes = result.files, result.shape, result.static_bytes
+        more = (
+            f"\n  {shape.s.size} nodes, tip error {shape.error:.1e} of the length at the "
+            f"tensions of the scene or its plan, work arrays {static_bytes} bytes\n"
+            f"  check them: make -C {to} check"
+        )
     else:
-        return _bodies(question, name, to, what, links)
-    return Answer(
-        OK,
-        lambda: _text(result, to),
-        _record(result.files, result.shape, result.static_bytes),
-        name,
-    )
-
-
-def _bodies(question: Question, name: str, to: Path, what: What, links: int) -> Answer:
-    """Write the arm as it settles under the scene's tensions, by its lengths, or by its plan."""
-    by_plan = question.targets and question.tensions is None and "lengths" not in question.options
-    shape = planned(question).shape if by_plan else settled(question)
-    files = export_shape(shape, to, what, name, links)
-    text = f"{', '.join(file.name for file in files)} in {to}"
-    return Answer(OK, lambda: text, _record(files, shape), name)
-
-
-def _record(files: Sequence[Path], shape: Shape, static_bytes: int = 0) -> ExportRecord:
+        driven = question.tensions is not None or "lengths" in question.options
+        by_plan = question.targets and not driven
+        shape = planned(question).shape if by_plan else settled(question)
+        files = export_shape(shape, to, what, name, links)
+    text = f"{', '.join(file.name for file in files)} in {to}{more}"
     names = list(map(str, files))
-    return record(ExportRecord, shape, files=names, static_bytes=static_bytes)
-
-
-def _text(result: Exported, to: Path) -> str:
-    return (
-        f"{', '.join(file.name for file in result.files)} in {to}\n"
-        f"  {result.shape.s.size} nodes, tip error {result.shape.error:.1e} of the length at the "
-        f"tensions of the scene or its plan, work arrays {result.static_bytes} bytes\n"
-        f"  check them: make -C {to} check"
-    )
+    written = record(ExportRecord, shape, files=names, static_bytes=static_bytes)
+    return Answer(lambda: text, written, name)
 
 
 def c_name(scene: Path) -> str:

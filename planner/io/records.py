@@ -17,7 +17,7 @@ from model.time_limit import OutOfTime
 from planner.effect_ablation import ProblemSize
 from planner.io.codec import hints_of
 from planner.io.files import versions
-from planner.tendon_lengths import length_error, strokes
+from planner.measure import length_error, strokes
 
 
 def about(text: str = "", of: Callable[[Any], Any] | None = None) -> Meta:
@@ -99,8 +99,7 @@ def of_shape(plan: Any) -> dict[str, Any]:
     try:
         shape = plan.shape
         result |= {"tip_m": shape.tip, "tip_frame": shape.tip_frame, "slack": shape.slack}
-        error = length_error(shape)
-        result["tip_error_per_length"] = dict(zip(error.names, error.each.tolist(), strict=True))
+        result["tip_error_per_length"] = length_error(shape)
         result |= {"lengths_m": plan.lengths, "strokes_m": plan.strokes}
     except (OctoplanError, OutOfTime):
         pass

@@ -10,9 +10,9 @@ import msgspec
 import numpy as np
 
 from model.arm import Arm
-from model.checks import not_negative
+from model.checks import not_negative, within
 from model.errors import FileError
-from model.loads import check_loads, contacts
+from model.loads import contacts
 from model.mesh import checked_accuracy
 from planner.avoidance.surroundings import surroundings
 from planner.fit.calibration import Calibration
@@ -21,10 +21,8 @@ from planner.io.files import read_json
 from planner.io.mistakes import checked, located, made, shown
 from planner.io.saved_records import AnswerRecord, CalibrationQuestion, FitRecord, QuestionRecord
 from planner.plan import HeldPlan, Plan
-from planner.program.limits import Limits
-from planner.question import check_planned, check_targets, checked_limits, checked_margin
+from planner.question import check_targets, checked_limits, planned_scene
 from planner.solve.task import Task
-from planner.tendon_lengths import zeroed_at
 
 # The number at the end of `schema` of what is written and read.
 _VERSION = 1
@@ -79,19 +77,13 @@ def _task(name: str, question: QuestionRecord, answer: Any) -> Task:
     """Return what was asked, checked as `plan` does."""
     arm: Arm = made(name, "question.arm", value_of, question.arm)
     scene = made(name, "question.scene", value_of, question.scene)
-    with located(name, "question.scene"):
-        check_loads(arm, scene, contact=True)
-        check_planned(scene)
+    made(name, "question.scene", planned_scene, arm, scene)
     with located(name, "question.limits"):
-        saved: Limits = value_of(question.limits)
-        least, most = saved.strokes or (None, None)
-        limits = checked_limits(arm, saved.upper, saved.lower, saved.total, (most, least))
-        if saved.stroke_zero is not None:
-            limits = replace(limits, stroke_zero=zeroed_at(arm, scene, saved.stroke_zero))
+        limits = checked_limits(arm, scene, **value_of(question.limits).keywords)
     targets = made(name, "question.targets", check_targets, arm, read(Any, question.targets))
     accuracy = made(name, "question.accuracy", checked_accuracy, question.accuracy)
     statement = value_of(answer.statement)
-    made(name, "answer.statement", checked_margin, statement.margin)
+    made(name, "answer.statement", within, "stability_margin", statement.margin, 0.0, 1.0)
     for key, has in (("limited", limits.total), ("wound", limits.strokes)):
         if getattr(statement, key) != (has is not None):
             text = f"got {shown(getattr(statement, key))}, question.limits tell otherwise"

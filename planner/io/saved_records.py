@@ -62,7 +62,7 @@ AnswerRecord: Any = exact(SearchResult, placed=True)
 
 # Keys of certificates that are named otherwise than what they hold, as files had them before.
 _RENAMED = {"match": "equality", "approach": "soft_residual", "margin": "inequality"}
-_LEFT_OUT = {"on_request", "gaps_asked", *_RENAMED.values()}
+_LEFT_OUT = {"clearances_of", "load_factor_of", "gaps_asked", *_RENAMED.values()}
 _WORKED_OUT: dict[str, Any] = {
     **{
         key: Annotated[dict[str, float | None], about(of=attrgetter(name))]

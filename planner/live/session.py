@@ -19,11 +19,10 @@ from model.time_limit import check_time
 from planner.live.follower import THERE, Follower
 from planner.live.goal import Goal, goal_of
 from planner.live.handles import Handle
+from planner.measure import strokes
 from planner.plan import Plan, plan
-from planner.program.limits import Limits
 from planner.question import checked_limits
 from planner.targets import BendingPlane, TipPose, TipPosition
-from planner.tendon_lengths import strokes, zeroed_at
 
 # The accuracy of ellipsoids; how long the arm moves on before it is drawn [s].
 _ROUGH, _PICTURE = 1e-2, 0.02
@@ -159,21 +158,14 @@ class Session:
             return np.full(self.arm.n_tendons, np.nan)
         return strokes(self.shape, self._follower.limits.stroke_zero)
 
-    def _limits(self, scene: Scene) -> Limits:
-        options = self._options
-        ends = (options.get("stroke_max"), options.get("stroke_min"))
-        most, least = options.get("tension_max", np.inf), options.get("tension_min", 0.0)
-        limits = checked_limits(self.arm, most, least, options.get("total_pull"), ends)
-        zero = zeroed_at(self.arm, scene, options.get("stroke_zero", "straight"))
-        return replace(limits, stroke_zero=zero)
-
     def _ready(self) -> Follower:
         """Return what follows in the scene as it is switched now, from where the arm is."""
         scene, around = self.scene, (self.there, self._options.get("clearance", 0.0))
         before, self._follower = self._follower, None
         if before is None or (before.shape.scene, before.around) != (scene, around):
             code = bool(self._options.get("compile"))
-            arguments = (self.arm, scene, self._limits(scene), around, code)
+            limits = checked_limits(self.arm, scene, **self._options)
+            arguments = (self.arm, scene, limits, around, code)
             try:
                 before = Follower(*arguments, None if before is None else before.shape.tensions)
             except OctoplanError:

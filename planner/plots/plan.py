@@ -68,7 +68,7 @@ def plot_shape(shape: Shape, ax: Any = None) -> Figure | Axes:
 
 def draw_plan(plan: Plan, ax: Any) -> Array:
     """Draw the arm of a plan with its targets and obstacles; return points (N, 3) [m] of them."""
-    result = plan.certificate.on_request.clearances.values()
+    result = plan.certificate.clearances.values()
     nearest = min(result, key=lambda clear: clear.gap, default=None)
     return draw_arm(plan.shape, ax, plan.targets, plan.surroundings.obstacles, nearest)
 

@@ -178,7 +178,7 @@ def defect(problem: Problem, x: Array, shape: Shape) -> Array:
     # Cross-sections that are far from being crushed are as they are on the mesh.
     far = np.minimum(stretches, stretches_on_mesh) > _FAR
     parts = [poses.ravel(), np.where(far, stretches_on_mesh, stretches)]
-    parts.append(compliances_along(problem.arm, problem.targets, shape))
+    parts += [C.ravel() for C in compliances_along(problem.arm, problem.targets, shape)]
     parts += [np.array([shape.stability]) for _ in of.modes]
     parts += [shape.tendon_lengths / problem.arm.length for _ in of.lengths]
     return np.asarray(np.concatenate(parts) - on_mesh)

@@ -11,7 +11,7 @@ import numpy as np
 from model.errors import OctoplanError
 from model.loads import contacts, is_loaded
 from model.shape import Shape
-from model.text import in_notebook
+from model.text import in_notebook, told
 from planner.certificate import Certificate
 from planner.certify import certify, tension_excess
 from planner.program.statement import Statement
@@ -131,16 +131,16 @@ class MotionCertificate:
         return not self.failures
 
     @property
-    def rows(self) -> list[tuple[str, str]]:
-        """What was checked, name with unit and value."""
+    def rows(self) -> list[list[str]]:
+        """What was checked: name with unit and value; first the names of columns."""
         numbers = {
             "limits violated by [N]": self.bounds,
             **{label: getattr(self, name) for name, label, *_ in _RATIOS},
             "clearance less asked [mm]": 1e3 * self.clearance,
             "verified at steps of [mm]": 1e3 * self.step,
         }
-        rows = [(name, f"{value:.3g}") for name, value in numbers.items()]
-        return [("targets met", f"{sum(self.reached)} of {len(self.reached)}"), *rows]
+        met = ["targets met", f"{sum(self.reached)} of {len(self.reached)}"]
+        return [["checked", "value"], met, *([name, f"{x:.3g}"] for name, x in numbers.items())]
 
     @property
     def numbers(self) -> dict[str, Any]:
@@ -153,9 +153,7 @@ class MotionCertificate:
         return in_notebook(self)
 
     def __str__(self) -> str:
-        head = f"certificate: {'PASSED' if self.passed else 'FAILED'}"
-        lines = [head, *(f"  {name:<30} {value:>9}" for name, value in self.rows)]
-        return "\n".join(lines + [f"  failed: {failure}" for failure in self.failures])
+        return told(self)
 
 
 def certify_motion(

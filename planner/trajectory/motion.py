@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,14 +16,12 @@ from model.mesh import checked_accuracy
 from model.paths import Array
 from model.progress import with_progress
 from model.scene import Scene
-from model.settle import checked_scene
 from model.time_limit import limited
 from planner.avoidance.surroundings import surroundings
 from planner.plan import Plan
 from planner.program.limits import Limits
-from planner.question import check_planned, check_targets, checked_limits
+from planner.question import check_targets, checked_limits, planned_scene
 from planner.targets.base import Target
-from planner.tendon_lengths import zeroed_at
 from planner.trajectory.clear import cleared
 from planner.trajectory.question import (
     Question,
@@ -121,13 +118,11 @@ def trajectory(
         Where the time limit is reached before there is a motion.
     """
     seconds = None if time_limit is None else positive("time_limit", time_limit)
-    scene = checked_scene(arm, scene, contact=True)
-    check_planned(scene)
+    scene = planned_scene(arm, scene)
     path, file_times = waypoints_of(targets, waypoints)
     times = file_times if times is None else times
-    strokes = (stroke_max, stroke_min)
-    limits = checked_limits(arm, tension_max, tension_min, total_pull, strokes)
-    limits = replace(limits, stroke_zero=zeroed_at(arm, scene, stroke_zero))
+    strokes = (stroke_max, stroke_min, stroke_zero)
+    limits = checked_limits(arm, scene, tension_max, tension_min, total_pull, *strokes)
     sequence = _checked(arm, path)
     accelerations = stroke_acceleration_max, tip_acceleration_max
     rates = Rates.of(arm, rate_max, stroke_rate_max, *accelerations, quasi_static)

@@ -41,7 +41,7 @@ from model.effects import (
     Weight,
 )
 from model.paths import Array
-from planner.effect_ablation import Switch, switch_on
+from planner.effect_ablation import Switch, switch_effect
 from studies import draws
 from studies.baselines import ScipyArm, ScipyLoadedArm
 from studies.reporting import asked, lettered
@@ -242,7 +242,11 @@ def switched(case: str, labels: Sequence[str], repeats: int) -> dict[str, Switch
     """Return what effects do to a case and cost, each row by itself."""
     name, T = FIGURES[case]
     arm = Arm.from_paper(name)
-    return {label: switch_on(arm, T, PAPER, EFFECTS[label], repeats=repeats) for label in labels}
+    scenes = {label: Scene(*PAPER.effects, *EFFECTS[label]) for label in labels}
+    return {
+        label: switch_effect(arm, T, PAPER, scene, EFFECTS[label][0], repeats=repeats)
+        for label, scene in scenes.items()
+    }
 
 
 def draw(tables: dict[str, dict[str, Switch]]) -> Figure:

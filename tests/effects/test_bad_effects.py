@@ -29,7 +29,6 @@ from model.effects import (
     Weight,
 )
 from planner import plan, switch_effects
-from planner.effect_ablation import switch_on
 from planner.targets import TipPosition
 from tests.refusals import Refused, check_refusal
 
@@ -121,7 +120,7 @@ SCENES: Refused = {
     "two of a kind": (lambda: Scene(TipLoad(FORCE), TipLoad()), "Scene", ONCE),
     "two currents": (lambda: Scene(Current(FORCE), Current(FORCE, 1.2)), "Scene", ONCE),
     "one switched on again": (
-        lambda: switch_on(ARM, BENT, PAPER, (Extension(),)),
+        lambda: PAPER + Extension(),
         "Scene",
         ONCE,
     ),
@@ -146,7 +145,7 @@ SCENES: Refused = {
         "Buoyancy with Weight: it is a weight",
     ),
     "buoyancy switched on alone": (
-        lambda: switch_on(ARM, BENT, PAPER, (Buoyancy(),)),
+        lambda: PAPER + Buoyancy(),
         "Scene",
         "Buoyancy with Weight",
     ),

@@ -18,7 +18,7 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from planner.effect_ablation import Switch, switch_effects, switch_on
+from planner.effect_ablation import Switch, switch_effect, switch_effects
 from tests.effects.cases import EXACT, SILICONE
 
 ARM = Arm.from_paper("table-4")
@@ -115,7 +115,7 @@ def test_an_effect_matters_if_it_moves_the_tip_by_more_than_the_accuracy(factor:
     small = TipLoad((0.0, 0.0, -1e-6))
     moved = tip_change(PAPER, Scene(Extension(), small), 1e-9)
     assert 1e-6 < moved < 1e-3
-    switch = switch_on(ARM, BENT, PAPER, (small,), factor * moved, repeats=1)
+    switch = switch_effect(ARM, BENT, PAPER, PAPER + small, small, factor * moved, repeats=1)
     assert switch.matters is (factor < 1)
     assert switch.tip_change == pytest.approx(moved, rel=0.2)
 
@@ -133,7 +133,7 @@ def test_an_effect_matters_if_it_moves_the_tip_by_more_than_the_accuracy(factor:
     ids=["tip load", "follower", "point load", "still water", "stream of nothing", "no drag"],
 )
 def test_an_effect_of_nothing_moves_nothing(nothing: Effect, states: int) -> None:
-    switch = switch_on(ARM, BENT, PAPER, (nothing,), 1e-5, repeats=1)
+    switch = switch_effect(ARM, BENT, PAPER, PAPER + nothing, nothing, 1e-5, repeats=1)
     assert not switch.matters
     assert switch.tip_change < 1e-5
     assert switch.states_added == states
@@ -155,7 +155,7 @@ def test_a_load_that_is_too_much_is_a_row_with_its_reason(load: TipLoad, told: s
     arm, rest = Arm.from_paper("section-5.2"), np.zeros(4)
     with pytest.raises(OctoplanError, match=told) as reason:
         settle(arm, rest, Scene(Extension(), load))
-    row = switch_on(arm, rest, PAPER, (load,), repeats=1)
+    row = switch_effect(arm, rest, PAPER, PAPER + load, load, repeats=1)
     assert (row.effect, row.enabled, row.matters) == ("TipLoad", False, True)
     assert row.problem == str(reason.value)
     assert np.isnan(row.tip_change)
@@ -163,6 +163,6 @@ def test_a_load_that_is_too_much_is_a_row_with_its_reason(load: TipLoad, told: s
 
 
 def test_several_effects_switched_on_together_are_named_by_the_first() -> None:
-    row = switch_on(ARM, BENT, PAPER, (Weight(), Buoyancy()), 1e-4, repeats=1)
+    row = switch_effect(ARM, BENT, PAPER, IN_WATER, Weight(), 1e-4, repeats=1)
     assert row.effect == "Weight and Buoyancy"
     assert row.tip_change == pytest.approx(tip_change(PAPER, IN_WATER, 1e-4), rel=1e-12)

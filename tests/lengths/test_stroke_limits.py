@@ -13,7 +13,7 @@ from model import Arm, Scene, settle
 from model.effects import ExactTendons, Extension
 from planner import Plan, load_plan, plan
 from planner.io.scene_file import read
-from planner.outcome import Facts, sentence
+from planner.outcome import sentence
 from planner.targets import BendingPlane, TipPosition
 from tests.lengths.cases import EXACT, cylinder
 
@@ -104,8 +104,8 @@ def test_a_shape_beyond_the_limits_of_strokes_is_not_called_the_nearest_attainab
     """Where nothing within the limits is found, as in water with nearly no stroke at all."""
     arm, target = cylinder((0.2,)), BendingPlane(angle=0.0, bend=0.5, section=1)
     tight = plan(arm, target, Scene(ExactTendons()), 20.0, stroke_max=1.9e-3)
-    certificate = replace(tight.certificate, strokes=0.05)
-    told = sentence(Facts(certificate, "soft", tight.effort, 3, 0, tuple(tight.holding()), 0.2))
+    object.__setattr__(tight, "certificate", replace(tight.certificate, strokes=0.05))
+    told = sentence(tight)
     assert "no shape within the limits of strokes is found" in told
     assert "passes them by 10 mm" in told
     assert "attainable" not in told

@@ -8,7 +8,6 @@ import pytest
 
 from model import Arm, settle
 from planner import Limits, plan
-from planner.certificate import OnRequest
 from planner.certify import certify
 from planner.targets import TipPosition
 from tests.planner.cases import PAPER, moderate, paper_tip
@@ -76,10 +75,11 @@ def test_a_plan_travels_by_pickle_and_stays_equal() -> None:
     copy = pickle.loads(pickle.dumps(PLAN))
     assert copy == PLAN
     assert copy.certificate == PLAN.certificate
+    assert copy.certificate.gaps == PLAN.certificate.gaps
     assert copy != replace(PLAN, tensions=PLAN.tensions * 1.1)
 
 
-SOUND = replace(PLAN.certificate, on_request=OnRequest())
+SOUND = replace(PLAN.certificate, clearances_of=dict, load_factor_of=lambda: None)
 EACH_CHECK = {
     "target residual": lambda v: {"equality": {"tip position": v * 1e-6}},
     "inequality": lambda v: {"inequality": {"least stiffness": -v * 1e-6}},
@@ -123,7 +123,7 @@ def test_a_limit_may_not_be_passed_by_any_amount() -> None:
 )
 def test_a_shape_on_the_brink_is_warned_of(load_factor: float | None, why: str) -> None:
     """In contact, where no load factor is told, the sentence broke off."""
-    brink = replace(SOUND, stability=0.05, on_request=OnRequest(dict, lambda: load_factor))
+    brink = replace(SOUND, stability=0.05, load_factor_of=lambda: load_factor)
     assert f"it stands on the brink: {why}" in brink.warnings
 
 

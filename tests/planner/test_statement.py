@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from model.effects import Buoyancy, Extension, Weight
 from model.obstacles import Box
 from planner import plan
 from planner.certificate import Certificate
-from planner.outcome import Facts, sentence
+from planner.outcome import sentence
 from planner.targets import BendingPlane, TipPosition
 
 ARM, PAPER = Arm.from_paper("table-4"), Scene(Extension())
@@ -109,7 +110,7 @@ SENTENCES: dict[str, tuple[dict[str, Any], str]] = {
         "no limit is active, more starts may find a nearer one",
     ),
     "limits": (
-        {"holders": ("T_11 at its maximum",)},
+        {"holding": lambda: ["T_11 at its maximum"]},
         "held by T_11 at its maximum; raise these limits",
     ),
     "time": ({"stopped": True}, "a longer time limit may bring it nearer"),
@@ -142,4 +143,8 @@ SENTENCES: dict[str, tuple[dict[str, Any], str]] = {
 def test_what_is_not_reached_is_said_to_be_held_by_what_holds_it(
     facts: dict[str, Any], told: str
 ) -> None:
-    assert told in sentence(replace(Facts(MISSED, "nearest", 1.0, 3, 2, (), 0.45), **facts))
+    plan = SimpleNamespace(
+        certificate=MISSED, mode="nearest", effort=1.0, starts=(0, 0, 0), agreed=2, arm=ARM
+    )
+    limits = {"stopped": False, "in_the_way": "", "unstable": False, "holding": list}
+    assert told in sentence(SimpleNamespace(**vars(plan) | limits | facts))
