@@ -16,7 +16,7 @@ from model.checks import LARGEST, finite_array, numbers
 from model.errors import InputError
 from model.paths import Array, Linear, Path
 from model.quantities import Frame, Length, LengthPath, Place
-from model.text import arm_text, in_notebook
+from model.text import Shown, arm_text
 from model.units import LENGTH, length_text, warn_unusual
 from model.value import value
 
@@ -57,7 +57,7 @@ def _evaluated(field: str, path: Path, s: Array, span: float) -> Array:
 
 
 @value
-class Arm:
+class Arm(Shown):
     """A tendon-driven arm, clamped at its base.
 
     Attributes
@@ -206,9 +206,6 @@ class Arm:
         material = f"E {m.E / 1e3:g} kPa, nu {m.nu:g}, {m.density:g} kg/m3"
         material += ", curved at rest" if self.is_curved else ""
         return arm_text(self.length, self.radius, material, sections)
-
-    def _repr_html_(self) -> str:
-        return in_notebook(self)
 
     @property
     def along(self) -> tuple[Path, ...]:

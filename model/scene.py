@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from model.checks import kind
 from model.effects import Effect, ExactTendons, Extension, NeoHookean, PrintedStatics
 from model.errors import InputError
-from model.text import in_notebook
+from model.text import Shown
 from model.value import value
 
 E = TypeVar("E", bound=Effect)
@@ -16,7 +16,7 @@ _WIDTH = 88
 
 
 @value(init=False)
-class Scene:
+class Scene(Shown):
     """What is simulated: nothing but bending, and each effect that is named.
 
     `Scene()` is the bare arm, `Scene(Extension())` the paper's, `Scene.as_printed()` the paper's to
@@ -73,9 +73,6 @@ class Scene:
         line = f"Scene({', '.join(messages)})"
         lines = ["Scene(", *(f"    {effect}," for effect in messages), ")"]
         return line if len(line) <= _WIDTH else "\n".join(lines)
-
-    def _repr_html_(self) -> str:
-        return in_notebook(self)
 
     def find(self, kind: type[E]) -> E | None:
         """Return the scene's effect of a kind, or None if it is not enabled."""

@@ -25,7 +25,7 @@ from model.loads import is_loaded
 from model.paths import Array
 from model.rotations import matrices
 from model.scene import Scene
-from model.text import in_notebook, plotted, shape_text, tendon_table
+from model.text import Shown, plotted, shape_text, tendon_table
 from model.unloaded.sections import folded
 from model.winches import Winches, pulls, rest_lengths, unfelt
 
@@ -36,7 +36,7 @@ _PART = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class Shape(Shown):
     """The shape that an arm takes under given tensions.
 
     Attributes
@@ -200,9 +200,6 @@ class Shape:
             tendon_table("tendon lengths [mm]", tendons_by_section, lengths),
         ]
         return shape_text(tables, self.tip, self.tip_frame, self.error, self.remarks)
-
-    def _repr_html_(self) -> str:
-        return in_notebook(self)
 
     def plot(self, ax: Any = None) -> Any:
         """Draw the arm in 3-D; returns a new Figure, or the 3-D axes if given. See plot_shape."""

@@ -23,7 +23,7 @@ from model.rotations import small_turns
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.shape import Shape
-from model.text import compliance_text, in_notebook, tendon_table
+from model.text import Shown, compliance_text, tendon_table
 from model.time_limit import limited
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.march_derivative import MarchDerivative
@@ -35,7 +35,7 @@ HOLDS: tuple[Hold, ...] = ("tension", "length")
 
 
 @dataclass(frozen=True, eq=False)
-class Stiffness:
+class Stiffness(Shown):
     """How a settled shape answers; always with what holds the tendons.
 
     Attributes
@@ -151,9 +151,6 @@ class Stiffness:
         if len(self.locked) + len(self.slack) > self.shape.tensions.size:
             return f"without tension and locked, though they could only pull: {names}"
         return f"without tension, left slack (release=False locks them): {names}"
-
-    def _repr_html_(self) -> str:
-        return in_notebook(self)
 
     def _sections(self, s: Any) -> Array:
         wanted = finite_array("s", np.atleast_1d(s), (None,))

@@ -22,8 +22,8 @@ _ACROSS, MOST_LINES = 6, 12
 _later: list[Callable[[], Any]] = []
 # What a value is told by: a paragraph, or a table by its rows, the names of its columns first.
 Part = str | Sequence[Sequence[str]]
-Shown = tuple[Callable[..., Any] | None, Callable[[Any], Iterable[Part]]]
-_shown: dict[type, Shown] = {}
+_Way = tuple[Callable[..., Any] | None, Callable[[Any], Iterable[Part]]]
+_shown: dict[type, _Way] = {}
 
 
 def columns(rows: Sequence[Sequence[str]], left: int = 1) -> list[str]:
@@ -133,7 +133,16 @@ def in_notebook(value: Any) -> str:
     return f'<img src="data:image/png;base64,{png}" style="max-width: 100%"/>{text}'
 
 
-def _shown_as(value: Any) -> Shown:
+class Shown:
+    """What notebooks show by its figure and by what is told of it; see shown_by."""
+
+    __slots__ = ()
+
+    def _repr_html_(self) -> str:
+        return in_notebook(self)
+
+
+def _shown_as(value: Any) -> _Way:
     kinds = type(value).__mro__
     if _later and not any(kind in _shown for kind in kinds):
         _later.pop()()

@@ -11,6 +11,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.errors import OctoplanError
+from model.loads import contacts
 from model.paths import Array
 from model.scene import Scene
 from model.shape import Shape
@@ -145,9 +146,11 @@ class Answer(SearchResult):
     def mirror_images(self) -> tuple[tuple[float, Array], ...]:
         """Other tensions that reach the targets at the same effort; none where it was not reached.
 
-        Angles of planes through the base's axis, from n towards b [rad], and mirrored tensions [N].
+        Nor among obstacles or in contact. Angles of planes through the base's axis, from n towards
+        b [rad], and mirrored tensions [N].
         """
-        if not self.reached or self.mode != "exact" or self.surroundings:
+        touches = self.surroundings or contacts(self.scene)
+        if touches or self.mode != "exact" or not self.reached:
             return ()
         images = mirror_images(self.task, self.shape)
         return tuple((angle, self.arm.by_section(T)) for angle, T in images)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from model.clearance import Clearance
-from model.text import in_notebook, told
+from model.text import Shown, told
 from planner.avoidance.surroundings import nearest_in_words
 
 KKT_TOLERANCE = 1e-6
@@ -29,7 +29,7 @@ def _without_loads() -> float | None:
 
 
 @dataclass(frozen=True)
-class Certificate:
+class Certificate(Shown):
     """The results of a plan's check. Lengths are over the arm's length, angles in rad.
 
     Attributes
@@ -211,9 +211,6 @@ class Certificate:
         shown = [f"{x:.3g}" if x == 0 or 1e-2 <= abs(x) < 1e5 else f"{x:.2e}" for _, x, _ in rows]
         cells = zip(rows, shown, strict=True)
         return [["checked", "value", "allowed"], *([row[0], x, row[2]] for row, x in cells)]
-
-    def _repr_html_(self) -> str:
-        return in_notebook(self)
 
     def __str__(self) -> str:
         return told(self)

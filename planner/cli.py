@@ -203,19 +203,10 @@ def parse(argv: Sequence[str]) -> tuple[Callable[[], Any], Options]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command and return its exit code."""
+    """Run a command, write and print what it computed, and return the exit code."""
+    options = Options()
     try:
-        return 0 if _run(sys.argv[1:] if argv is None else argv) else 1
-    except (OctoplanError, BrokenPipeError) as reason:
-        if isinstance(reason, OctoplanError):
-            print(f"octoplan: {shortened(str(reason), _LONG)}", file=sys.stderr)
-        return next(code for kinds, code in _CODES if isinstance(reason, kinds))
-
-
-def _run(argv: Sequence[str]) -> bool:
-    """Run a command, write and print what it computed; return whether it is what was asked for."""
-    command, options = parse(argv)
-    try:
+        command, options = parse(sys.argv[1:] if argv is None else argv)
         with time_limit(None if options.time_limit is None else options.time_limit + GRACE):
             with _warned(), _logged() if options.verbose else progress_line():
                 tell("working")
@@ -223,10 +214,14 @@ def _run(argv: Sequence[str]) -> bool:
             if not isinstance(answer, Answer):
                 answer = Answer(partial(str, answer))
             deliver(answer, options)
+        return 0 if answer.reached else 1
     except OutOfTime:
-        assert options.time_limit is not None
-        raise TimeLimitError(options.time_limit) from None
-    return answer.reached
+        reason: Exception = TimeLimitError(options.time_limit or 0.0)
+    except (OctoplanError, BrokenPipeError) as error:
+        reason = error
+    if isinstance(reason, OctoplanError):
+        print(f"octoplan: {shortened(str(reason), _LONG)}", file=sys.stderr)
+    return next(code for kinds, code in _CODES if isinstance(reason, kinds))
 
 
 @contextmanager

@@ -89,7 +89,7 @@ def mirror_images(task: Task, shape: Shape) -> Iterator[tuple[float, Array]]:
 
 def _off(arm: Arm, targets: tuple[Target, ...], poses: Array) -> float:
     """Return how far poses (K, 7) are from the targets, the largest residual."""
-    equality, soft_residual, inequality = measure(arm, targets, poses, np.zeros(0))
+    equality, soft_residual, inequality = measure(arm, targets, poses, ())
     gaps = [np.abs(value) for value in (*equality.values(), *soft_residual.values())]
     gaps += [-value for value in inequality.values()]
     return max((float(gap.max(initial=0.0)) for gap in gaps), default=0.0)

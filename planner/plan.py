@@ -22,7 +22,7 @@ from model.paths import Array
 from model.progress import with_progress
 from model.scene import Scene
 from model.shape import Shape
-from model.text import in_notebook, parts_of, plotted, told
+from model.text import Shown, parts_of, plotted, told
 from model.time_limit import OutOfTime
 from model.time_limit import time_limit as limited_to
 from model.units import warn
@@ -56,7 +56,7 @@ from planner.targets.hold import Hold
 
 
 @dataclass(frozen=True, eq=False)
-class Plan(Answer):
+class Plan(Answer, Shown):
     """Tensions for a target, see Answer; and what is made of them."""
 
     def co_contract(self, level: float) -> Plan:
@@ -95,9 +95,6 @@ class Plan(Answer):
     def __str__(self) -> str:
         return told(self)
 
-    def _repr_html_(self) -> str:
-        return in_notebook(self)
-
     def plot(self, ax: Any = None) -> Any:
         """Draw the arm in 3-D with its tendons, tensions and target; see planner.plots.plan."""
         return plotted(self, ax)
@@ -131,11 +128,6 @@ class HeldPlan(Plan):
             return None
         shared = {f.name: getattr(self, f.name) for f in fields(self)}
         return Plan(**shared | {"scene": without_contacts(self.scene)})
-
-    @property
-    def mirror_images(self) -> tuple[tuple[float, Array], ...]:
-        """See Answer.mirror_images: not looked for."""
-        return ()
 
     @property
     def outcome(self) -> str:

@@ -11,7 +11,7 @@ import msgspec
 from cyclopts import Parameter
 
 from model import InputError, OctoplanError
-from model.text import told
+from model.text import shortened_lines, told
 from model.time_limit import OutOfTime, time_limit
 from planner.cli import Answer, FileOptions, Options
 from planner.fit.calibrate import calibrate as find_calibration
@@ -36,13 +36,6 @@ _DEFAULT = FileOptions()
 # A commented file for each kind, that runs as it is.
 TEMPLATES = Path(__file__).with_name("templates")
 Kind = Literal["plan", "trajectory", "sweep", "calibrate", "design"]
-_NEXT = {
-    "plan": "plan {} --out out",
-    "trajectory": "trajectory {} --out out",
-    "sweep": "sweep {}",
-    "calibrate": "calibrate {} --out out",
-    "design": "design {} --out out",
-}
 
 
 def new(
@@ -61,7 +54,12 @@ def new(
     path = file or Path("scene.toml" if kind == "plan" else f"{kind}.toml")
     if path.suffix.lower() != ".toml":
         raise InputError("FILE", str(path), "a file name that ends in .toml")
-    contents = _first_files(kind, path.name)
+    contents = {path.name: (TEMPLATES / f"{kind}.toml").read_text("utf-8")}
+    if kind == "calibrate":
+        shapes = "calibrate_shapes.csv"
+        beside = f"{path.stem}_shapes.csv"
+        contents = {path.name: contents[path.name].replace(shapes, beside)}
+        contents[beside] = (TEMPLATES / shapes).read_text("utf-8")
     for there in map(path.with_name, contents):
         if os.path.lexists(there):
             raise InputError("FILE", str(there), "a file that does not exist yet")
@@ -69,23 +67,8 @@ def new(
         raise InputError("FILE", str(path), "a file in a folder that is there")
     write_together(path.parent, {name: text.encode() for name, text in contents.items()})
     written = " and ".join(str(path.with_name(name)) for name in contents)
-    verb = "is" if len(contents) == 1 else "are"
-    text = f"{written} {verb} written; next: octoplan {_NEXT[kind].format(path)}"
-    return Answer(lambda: text)
-
-
-def _first_files(kind: Kind, name: str) -> dict[str, str]:
-    """Return the files to start from: one of a kind by its name, and what it needs beside it."""
-    text, shapes = (
-        (TEMPLATES / item).read_text("utf-8") for item in (f"{kind}.toml", "calibrate_shapes.csv")
-    )
-    if kind != "calibrate":
-        return {name: text}
-    beside = f"{name.removesuffix('.toml')}_shapes.csv"
-    return {name: text.replace("calibrate_shapes.csv", beside), beside: shapes}
-
-
-_SHOWN = 3
+    verb, more = "is" if len(contents) == 1 else "are", " --out out" * (kind != "sweep")
+    return Answer(lambda: f"{written} {verb} written; next: octoplan {kind} {path}{more}")
 
 
 def sweep(
@@ -131,10 +114,8 @@ def _sweep_text(record: SweepRecord) -> str:
         "finished by an earlier run, not run again; remove the file to run it"
     ] * record.earlier
     lines += [f"{record.file}: {dims}", f"  {record.met} of {record.points} points {word}"]
-    shown = list(record.failures.items())[:_SHOWN]
-    lines += [f"  {count} x such as: {text}" for text, count in shown]
-    others = len(record.failures) - len(shown)
-    return "\n".join(lines + [f"  and {others} other kinds"] * (others > 0))
+    failures = [f"  {count} x such as: {text}" for text, count in record.failures.items()]
+    return "\n".join([*lines, *shortened_lines(failures, 4)])
 
 
 def calibrate(

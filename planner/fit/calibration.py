@@ -22,7 +22,7 @@ import scipy
 from model import InputError
 from model.paths import Array
 from model.progress import reported
-from model.text import in_notebook
+from model.text import Shown
 from planner.fit.fitted import Fitted
 from planner.fit.least_squares import fit
 from planner.fit.measured import Measured, Point
@@ -155,7 +155,7 @@ class Candidate(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Calibration(Fitted):
+class Calibration(Fitted, Shown):
     """A calibrated arm; see Fitted for what it holds."""
 
     def predict(
@@ -306,9 +306,6 @@ class Calibration(Fitted):
     def save(self, path: str | Path) -> Path:
         """Write the calibration to a .json file, which `load_calibration` reads."""
         return write_named(path, ".json", to_json(record(CalibrationRecord, self)))
-
-    def _repr_html_(self) -> str:
-        return in_notebook(self)
 
     def plot(self, ax: Any = None) -> Any:
         """Draw markers over settled arms, residuals as they were measured, and standard errors.

@@ -15,7 +15,7 @@ from model.errors import OctoplanError, TimeLimitError
 from model.paths import Array
 from model.progress import reported, tell, with_progress
 from model.stiffness import stiffness
-from model.text import counted, in_notebook
+from model.text import Shown, counted
 from model.time_limit import OutOfTime
 from model.time_limit import time_limit as within
 from planner.fit.calibrate import supported_scene
@@ -215,7 +215,7 @@ def _tensions(plans: Sequence[Plan]) -> Array:
 
 
 @dataclass(frozen=True)
-class Design:
+class Design(Shown):
     """A designed arm; see planner.fit.design_program for what it is best at.
 
     Attributes
@@ -257,9 +257,6 @@ class Design:
     def parameters(self) -> Parameters:
         """The unknowns with what they are numbers of."""
         return Parameters.of(self.given_arm, self.scene, self.unknowns)
-
-    def _repr_html_(self) -> str:
-        return in_notebook(self)
 
     @property
     def array(self) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from model.errors import OctoplanError
 from model.loads import contacts, is_loaded
 from model.shape import Shape
-from model.text import in_notebook, told
+from model.text import Shown, told
 from planner.certificate import Certificate
 from planner.certify import certify, tension_excess
 from planner.program.statement import Statement
@@ -40,7 +40,7 @@ _RATIOS = (
 
 
 @dataclass(frozen=True)
-class MotionCertificate:
+class MotionCertificate(Shown):
     """What the check of a motion found.
 
     Attributes
@@ -148,9 +148,6 @@ class MotionCertificate:
         each = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "at_targets"}
         names = "residuals", "inequalities", "failures"
         return {name: getattr(self, name) for name in names} | each
-
-    def _repr_html_(self) -> str:
-        return in_notebook(self)
 
     def __str__(self) -> str:
         return told(self)

@@ -17,7 +17,7 @@ from model.loads import contacts
 from model.paths import Array
 from model.shape import Shape
 from model.stiffness import stiffness
-from model.text import in_notebook, plotted
+from model.text import Shown, plotted
 from planner.io.csv_files import motion_csv
 from planner.io.files import write_named
 from planner.trajectory.certificate import SAMPLED, MotionCertificate, certify_motion
@@ -30,7 +30,7 @@ _PLACES = 101
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(Shown):
     """Tensions over time. Numbers only.
 
     Attributes
@@ -178,9 +178,6 @@ class Trajectory:
     def plot(self) -> Any:
         """Draw the motion; see planner.plots.motion."""
         return plotted(self)
-
-    def _repr_html_(self) -> str:
-        return in_notebook(self)
 
 
 def slowest_period(shape: Shape) -> float:
