@@ -22,6 +22,7 @@ from model.arm import Arm
 from model.effects import Friction
 from model.equilibrium.newton import STAGES, collocation_order
 from model.errors import CollapsedError, OctoplanError
+from model.loads import is_loaded
 from model.mesh import FINEST_ACCURACY, next_refinement
 from model.paths import Array
 from model.scene import Scene
@@ -61,20 +62,27 @@ def refine(
 
 
 def _refined(candidate: Candidate, accuracy: float, corrected: Array | None) -> Candidate | None:
-    """Return what refine does; raises where the arm does not settle, and where it buckles."""
+    """Return what refine does; raises where the arm does not settle, and where it buckles.
+
+    The first shape, of which only the defect is read, is settled near the candidate's; all others
+    are settled from rest.
+    """
     last = None
     enough = max(min(accuracy, KKT_TOLERANCE) / _PART, FINEST_ACCURACY)
-    for _ in range(_CORRECTIONS):
+    for correction in range(_CORRECTIONS):
         check_time()
         problem = candidate.problem
         question = problem.arm, candidate.tensions, problem.scene, accuracy, problem.machine_code
+        near = None if correction else _as_shape(candidate)
         try:
-            shape = settled(*question)
+            shape = settled(*question, near)
         except CollapsedError as crushed:
             corrected = _stretched(problem, candidate.x, crushed)
         else:
             error = defect(problem, candidate.x, shape)
             if corrected is not None and _defect_size(problem, error - corrected) <= enough:
+                if near is not None:
+                    continue
                 last = candidate
                 if problem.statement.mode == "exact" or _is_optimal(candidate, error):
                     return last
@@ -94,6 +102,15 @@ def _refined(candidate: Candidate, accuracy: float, corrected: Array | None) -> 
         if not (candidate.met and candidate.finite):
             return last
     return last
+
+
+def _as_shape(candidate: Candidate) -> Shape | None:
+    """Return the shape of a candidate on its mesh; None without loads, where none is needed."""
+    problem = candidate.problem
+    if not is_loaded(problem.scene):
+        return None
+    of = problem.linearised(candidate.x)
+    return Shape(problem.arm, problem.scene, np.inf, of, problem.statement.refinement)
 
 
 def _is_optimal(candidate: Candidate, error: Array) -> bool:
@@ -173,11 +190,12 @@ def defect(problem: Problem, x: Array, shape: Shape) -> Array:
     poses = shape.poses(np.array(problem.stations))
     turned = (poses * on_mesh[: poses.size].reshape(poses.shape))[:, :4].sum(axis=1) < 0
     poses[turned, :4] *= -1
-    stretches = 1 + shape.strain(problem.slim_at)[:, 3]
-    stretches_on_mesh = on_mesh[poses.size : poses.size + stretches.size]
     # Cross-sections that are far from being crushed are as they are on the mesh.
-    far = np.minimum(stretches, stretches_on_mesh) > _FAR
-    parts = [poses.ravel(), np.where(far, stretches_on_mesh, stretches)]
+    stretches = on_mesh[poses.size : poses.size + problem.slim_at.size].copy()
+    near = stretches <= _FAR
+    if near.any():
+        stretches[near] = 1 + shape.strain(problem.slim_at[near])[:, 3]
+    parts = [poses.ravel(), stretches]
     parts += [C.ravel() for C in compliances_along(problem.arm, problem.targets, shape)]
     parts += [np.array([shape.stability]) for _ in of.modes]
     parts += [shape.tendon_lengths / problem.arm.length for _ in of.lengths]
@@ -198,13 +216,22 @@ def _defect_size(problem: Problem, defect: Array) -> float:
     return float(np.abs(defect / problem.measured_scale).max(initial=0.0))
 
 
-def settled(arm: Arm, tensions: Array, scene: Scene, accuracy: float, machine_code: bool) -> Shape:
+def settled(
+    arm: Arm,
+    tensions: Array,
+    scene: Scene,
+    accuracy: float,
+    machine_code: bool,
+    near: Shape | None = None,
+) -> Shape:
     """Return the shape of a plan of an accuracy, two digits more accurate; raises what settle does.
 
-    The error of a shape is that of the tip's place, over the arm's length. Its frame, which targets
-    measure too, may be off by thirty times as much.
+    From rest, or near another shape. The error of a shape is that of the tip's place, over the
+    arm's length. Its frame, which targets measure too, may be off by thirty times as much.
     """
     flat, sharper = np.ravel(tensions), max(accuracy / 100, FINEST_ACCURACY)
+    if near is not None:
+        return settle(arm, flat, scene, sharper, compile=machine_code, near=near)
     return _settled(arm, tuple(flat.tolist()), scene, sharper, machine_code)
 
 
