@@ -45,8 +45,10 @@ _REAL = 1e-9
 _LOWEST = -1e6
 
 
-def stands(point: Linearised) -> bool:
-    """Return whether an equilibrium is stable, with any contacts closed."""
+def stands(point: Linearised, margin: float = 0.0) -> bool:
+    """Return whether the stability of an equilibrium is above a margin, with contacts closed."""
+    if margin:
+        point = _less_stiff(point, margin, rest_stiffness(point.system)[1])
     if not point.system.of.form.contacts:
         return _is_minimum(point)
     return point.factor is not None and unstable_mode(point) is None

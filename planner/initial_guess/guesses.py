@@ -51,7 +51,7 @@ def initial_guesses(
     straight = np.clip(_INSIDE * unit, low, high)
     count = conditions(arm, targets)
     if count > POINT:
-        yield from _within_total(fitted(arm, scene, targets, limits, machine_code), limits)
+        yield from fitted(arm, scene, targets, limits, machine_code)
     # A bend in a plane is met by arms that wind round once more, too, and more cheaply by those
     # next to the straight one.
     first = -1 if count < POINT else _FIRST
@@ -75,7 +75,7 @@ def drawn_arms(
     """
     unit = units(arm, limits)
     bends = bend_coordinates(arm, pulling_tendons(arm, targets), limits)
-    drawn = _within_total(bends.tensions(bends.draw(_DRAWN)), limits)
+    drawn = bends.tensions(bends.draw(_DRAWN))
     distance = np.linalg.norm(residuals(arm, scene, targets, drawn, machine_code), axis=1)
     cheap = distance + _CHEAP * np.linalg.norm(drawn / unit, axis=1)
     orders = (np.argsort(cheap, kind="stable"), np.argsort(distance, kind="stable"))
@@ -91,13 +91,3 @@ def conditions(arm: Arm, targets: tuple[Target, ...]) -> float:
     """Return how many numbers are to be met; infinite where others are to be kept above 0."""
     terms = terms_of(arm, targets)
     return np.inf if terms.names[2] else terms.count
-
-
-def _within_total(T: Array, limits: Limits) -> Array:
-    """Return tensions (m, n_tendons) that together pull no harder than is allowed."""
-    if limits.total is None:
-        return T
-    low = np.array(limits.lower)
-    more = (T - low).sum(axis=1)
-    room = max(limits.total - float(low.sum()), 0.0)
-    return np.asarray(low + (T - low) * np.minimum(1.0, room / np.maximum(more, 1e-300))[:, None])

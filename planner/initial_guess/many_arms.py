@@ -132,7 +132,7 @@ class BendCoordinates:
         return np.asarray(np.array(of_section) * np.array(pulls) * unit)
 
     def tensions(self, bends: Array) -> Array:
-        """Return tensions (m, n_tendons) of bends (m, 2 n), within the limits of each tendon.
+        """Return tensions (m, n_tendons) of bends (m, 2 n), within the limits.
 
         Of bends and squeezes if they are (m, 3 n).
         """
@@ -140,7 +140,11 @@ class BendCoordinates:
         T = np.maximum(bends, 0) @ self.sides[:, 0] + np.maximum(-bends, 0) @ self.sides[:, 1]
         if squeezes.size:
             T += np.maximum(squeezes, 0) @ self.squeezes
-        return np.asarray(np.clip(T, self.limits.lower, self.limits.upper))
+        T, low = np.clip(T, self.limits.lower, self.limits.upper), np.array(self.limits.lower)
+        if self.limits.total is not None:
+            most = max(self.limits.total - float(low.sum()), 0.0)
+            T = low + (T - low) * (most / (T - low).sum(axis=1).clip(max(most, 1e-300)))[:, None]
+        return np.asarray(T)
 
     def draw(self, count: int) -> Array:
         """Return bends (count, 2 n) in all directions, as many small as large; always the same."""

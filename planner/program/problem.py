@@ -10,14 +10,13 @@ import numpy as np
 from model.arm import Arm
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import STAGES, Collocation, newton
-from model.equilibrium.stability import stability
+from model.equilibrium.stability import stands
 from model.errors import OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
 from model.winches import rest_lengths
 from planner.program.limits import Limits, natural_tensions
-from planner.program.objective import Rows
 from planner.program.program import STABILITY, STROKES, Program, factorised, program
 from planner.program.responses import unit_force
 from planner.program.statement import Statement
@@ -61,6 +60,9 @@ class Problem:
         The same equations of equilibrium without targets.
     scale, row_scale : (n,)
         What one unit of each unknown of the blocks, and of each equation, is worth.
+    rows, n_free, n_outer
+        What the rows of the constraints are, in order; how many unknowns come before the states,
+        and how many constraints before the equations of equilibrium.
     """
 
     def __init__(
@@ -79,7 +81,8 @@ class Problem:
         structure = structure_of(arm, targets)
         stated = self.statement.but(margin=0.0, floor=0.0)
         question = (arm, scene, structure, Same(targets), stated, machine_code)
-        self.program, self.forward, self.scale, self.row_scale = _built(*question)
+        self.program, self.forward, self.scale, self.row_scale = of, *_ = _built(*question)
+        self.rows, self.n_free, self.n_outer = of.rows, of.n_free, of.outer.numel()
 
     def but(
         self, statement: Statement | None = None, targets: tuple[Target, ...] | None = None
@@ -88,26 +91,6 @@ class Problem:
         targets = self.targets if targets is None else targets
         question = (self.arm, self.scene, targets, self.limits, statement or self.statement)
         return Problem(*question, self.machine_code)
-
-    @property
-    def rows(self) -> tuple[Rows, ...]:
-        """What the rows of the constraints are, in order; those of equilibrium come last."""
-        return self.program.rows
-
-    @property
-    def n_free(self) -> int:
-        """How many unknowns come before the states: tensions, peak, slacks."""
-        return self.program.n_free
-
-    @property
-    def n_outer(self) -> int:
-        """How many constraints come before the equations of equilibrium."""
-        return sum(row.size for row in self.program.outer_rows)
-
-    @property
-    def n_slack(self) -> int:
-        """How many inequalities have a slack."""
-        return self.program.objective.n_slack
 
     def parameters(self, weight: float = REGULARISATION, defect: Array | None = None) -> Array:
         """Return the parameters of the program, by a weight of effort.
@@ -154,8 +137,9 @@ class Problem:
 
     def free(self, tensions: Array) -> Array:
         """Return the unknowns before the states for tensions; slacks are 0."""
-        peak = np.full(self.program.objective.n_peak, tensions.max() / self.unit.max())
-        return np.concatenate([tensions / self.unit, peak, np.zeros(self.n_slack)])
+        slacks = np.zeros(self.program.n_slack)
+        peak = np.full(self.n_free - tensions.size - slacks.size, tensions.max() / self.unit.max())
+        return np.concatenate([tensions / self.unit, peak, slacks])
 
     def tensions(self, x: Array) -> Array:
         """Return the tensions in unknowns x, within the limits to the last digit [N]."""
@@ -204,7 +188,7 @@ class Problem:
             p[self.program.parts.numbers] = numbers
         program, x = self.program, np.zeros(self.program.size)
         x[: self.n_free], x[self.n_free] = a, 1.0
-        x[self._states] = states / self.scale[: states.size]
+        x[program.place_of(program.states)] = states / self.scale[: states.size]
         linear = program.places_of_linear
         if linear.size:
             point, rows = program.evaluate(x, p), self.n_outer + linear - self.n_free - 1
@@ -212,36 +196,26 @@ class Problem:
             x[linear] = -factorised(own).solve(point.g[rows])
         for mode in program.modes:
             at = program.place_of(mode)
-            x[at] = mode.at(self.linearised(x)) / self.scale_of(at)
-        if self.n_slack:
-            slack = np.maximum(-self.constraints(x, p)[program.objective.slack_rows], 0.0)
-            x[self.n_free - self.n_slack : self.n_free] += slack
+            x[at] = (
+                mode.at(self.linearised(x))
+                / self.scale[at.start - self.n_free - 1 : at.stop - self.n_free - 1]
+            )
+        if program.n_slack:
+            slack = np.maximum(-self.constraints(x, p)[program.slack_rows], 0.0)
+            x[self.n_free - program.n_slack : self.n_free] += slack
         return x
-
-    @property
-    def _states(self) -> slice:
-        """The places of the states."""
-        return self.program.place_of(self.program.states)
-
-    def scale_of(self, places: slice) -> Array:
-        """Return what one unit of each unknown at places of blocks is worth."""
-        first = self.n_free + 1
-        return self.scale[places.start - first : places.stop - first]
-
-    def states_of(self, x: Array) -> Array:
-        """Return the states (n_states,) in unknowns x."""
-        return np.asarray(x[self._states] * self.scale_of(self._states))
 
     def linearised(self, x: Array) -> Linearised:
         """Return the equations at the tensions and states in unknowns x."""
-        system = self.forward.system
-        return Linearised(system, system.x(self.tensions(x), 1.0, self.states_of(x)))
+        system, at = self.forward.system, self.program.place_of(self.program.states)
+        states = x[at] * self.scale[: at.stop - at.start]
+        return Linearised(system, system.x(self.tensions(x), 1.0, states))
 
     @cached_property
     def directions(self) -> Array:
         """The directions (3, k) of the responses."""
-        of = self.program.objective
-        each = of.terms.directions.call([self._numbers[: of.n_own]])
+        numbers = self._numbers[self.program.parts.targets]
+        each = self.program.terms.directions.call([numbers])
         return np.hstack([np.zeros((3, 0)), *(np.array(D) for D in each)])
 
     def measured(self, x: Array) -> Array:
@@ -268,14 +242,12 @@ class Problem:
         """Return the constraints at unknowns x."""
         return self.program.evaluate(x, p).g
 
-    def stability(self, x: Array) -> float:
-        """Return the stability of the equilibrium in unknowns x, infinite without loads."""
-        if not is_loaded(self.scene):
-            return np.inf
-        try:
-            return stability(self.linearised(x))
-        except (OctoplanError, np.linalg.LinAlgError):
-            return -np.inf
+    def stands(self, x: Array, margin: float = 0.0) -> bool:
+        """Return whether the stability of the equilibrium in unknowns x is above a margin.
+
+        Without loads it is.
+        """
+        return not is_loaded(self.scene) or stands(self.linearised(x), margin)
 
 
 @lru_cache(maxsize=32)

@@ -26,18 +26,26 @@ from model.arm import Arm
 from model.errors import SingularError
 from model.machine.buffered import Buffered
 from model.paths import Array
+from model.stations import base_pose
 from model.transcription.equations import Equations
 from model.transcription.kernels import Places
 from model.transcription.layout import POSE, Layout
 from model.transcription.system import System
+from planner.avoidance.rows import avoidance_of
 from planner.program.blocks import Block
 from planner.program.least_mode import LeastMode
 from planner.program.lengths import TendonLengths
-from planner.program.objective import Objective, Rows, split
+from planner.program.objective import Rows, Seen, soft_rows, stated
 from planner.program.responses import Responses
 from planner.program.statement import Statement
 from planner.program.states import States, Stations
-from planner.program.terms import Same, compliance_requests, structure_of
+from planner.program.terms import (
+    Same,
+    compliance_requests,
+    stations_of,
+    structure_of,
+    terms_of,
+)
 from planner.targets.base import Target
 
 Index = NDArray[np.int32]
@@ -49,8 +57,9 @@ class Parts(NamedTuple):
 
     Attributes
     ----------
-    objective : slice
-        Numbers of the objective.
+    targets, gaps, weights : slice
+        Numbers of the targets; of what keeps the arm clear; reference tension, limit of the total
+        pull and weight of effort.
     unit : slice
         What one unit of each tension is worth [N].
     force : slice
@@ -63,7 +72,9 @@ class Parts(NamedTuple):
         By how much what is measured on the mesh is off, see planner.solve.refine.
     """
 
-    objective: slice
+    targets: slice
+    gaps: slice
+    weights: slice
     unit: slice
     force: slice
     numbers: slice
@@ -106,14 +117,17 @@ class Program:
 
     Attributes
     ----------
-    size, n_free : int
-        How many unknowns there are, and how many come before the load factor.
+    size, n_free, n_slack : int
+        How many unknowns there are, how many come before the load factor, and how many of these,
+        the last, are slacks.
     n_equations : int
         How many equations of the blocks there are; they come last.
     rows, outer_rows : tuple of Rows
         What the rows of the constraints are, in order; and those besides equations.
     states, responses, modes, lengths
         The blocks.
+    terms : TargetTerms
+        Of all targets but those that keep the arm clear.
     measured : tuple of int
         How many numbers are measured: of poses, least stretches, compliances, eigenvalues, lengths.
     x, p, f, outer : casadi.MX
@@ -130,21 +144,20 @@ class Program:
         of: Layout,
         stations: Stations,
     ) -> None:
-        self.objective = Objective(arm, targets, statement, len(stations.slim))
-        n, self.states = of.n_tendons, States(of, stations)
-        self.n_free = n + self.objective.n_peak + self.objective.n_slack
-        self.responses, self.directions = list[Responses](), 0
+        n, self.states, stretches = of.n_tendons, States(of, stations), len(stations.slim)
+        avoidance = avoidance_of(targets)
+        own = tuple(target for target in targets if target is not avoidance)
+        self.terms = terms_of(arm, own)
+        self._soft = soft_rows(self.terms, statement.mode)
+        self.n_slack = len(self._soft)
+        self.n_free = n + (statement.norm == "inf") + self.n_slack
+        self.responses, directions = list[Responses](), 0
         for request in compliance_requests(targets):
-            self.responses.append(Responses(self.states, request, self.directions))
-            self.directions += request.width
+            self.responses.append(Responses(self.states, request, directions))
+            directions += request.width
         self.modes = [LeastMode(self.states)] * statement.modes
         self.lengths = [TendonLengths(of)] * statement.wound
-        self._blocks: list[Block] = [
-            self.states,
-            *self.responses,
-            *self.modes,
-            *self.lengths,
-        ]
+        self._blocks: list[Block] = [self.states, *self.responses, *self.modes, *self.lengths]
         ends = np.cumsum([self.n_free + 1, *(block.size for block in self._blocks)]).tolist()
         self._places = [slice(a, b) for a, b in pairwise(ends)]
         self.size, self.n_equations = ends[-1], ends[-1] - ends[0]
@@ -155,24 +168,61 @@ class Program:
             for term in block.terms(before, at.start, at.start - ends[0])
         ]
         self.equations = Equations(self.size, self.n_equations, terms, of.form.machine_code)
-        compliances = self.objective.terms.function.numel_in(2)
         modes, wound = len(self.modes), n * len(self.lengths)
-        slim = len(stations.slim)
-        self.measured = (POSE * len(stations.nodes), slim, compliances, modes, wound)
-        mode_rows = [Rows(STABILITY, 1, 0.0, np.inf)] * modes
-        stroke_rows = [Rows(STROKES, n, -np.inf, np.inf)] * len(self.lengths)
-        self.outer_rows = (*self.objective.rows, *mode_rows, *stroke_rows)
-        self.rows = (*self.outer_rows, Rows("equilibrium", self.n_equations, 0.0, 0.0))
+        _, numbers, compliances = map(self.terms.function.numel_in, range(3))
+        self.measured = (POSE * len(stations.nodes), stretches, compliances, modes, wound)
+        # CasADi cannot differentiate compiled kernels.
+        gaps = avoidance.gaps(arm, stations_of(arm, targets), False) if avoidance else None
         sizes = (1, self.equations.n_p, self.n_equations, self.n_equations, sum(self.measured))
-        self.parts = Parts.of((self.objective.n_numbers, n, *sizes))
+        self.parts = Parts.of((numbers, gaps.n_p if gaps else 0, 3, n, *sizes))
         self.x, self.p = ca.MX.sym("x", self.size), ca.MX.sym("p", self.parts.size)
         self.sigma = ca.MX.sym("sigma")
-        self.outer_lam = ca.MX.sym("lam", sum(row.size for row in self.outer_rows))
+        self.f, self.outer, rows = self._stated(arm, targets, own, statement, gaps)
+        limits = Rows(STABILITY, modes), Rows(STROKES, wound, -np.inf)
+        self.outer_rows = (*rows, *limits)
+        self.rows = (*self.outer_rows, Rows("equilibrium", self.n_equations, 0.0, 0.0))
+        self.outer_lam = ca.MX.sym("lam", self.outer.numel())
         self.lam = ca.MX.sym("lam", self.outer_lam.numel() + self.n_equations)
+
+    def _stated(
+        self,
+        arm: Arm,
+        targets: tuple[Target, ...],
+        own: tuple[Target, ...],
+        statement: Statement,
+        gaps: Equations | None,
+    ) -> tuple[ca.MX, ca.MX, tuple[Rows, ...]]:
+        """Return the objective, the constraints besides the equations, and the targets' rows.
+
+        `own` are the targets without what keeps the arm clear, whose `gaps` see all stations.
+        """
+        n, x, p, parts = self.states.of.n_tendons, self.x, self.p, self.parts
+        measured = self._measured + p[parts.defect]
+        ends = np.cumsum([0, *self.measured]).tolist()
+        poses, stretches, compliances, eigenvalues, lengths = ca.vertsplit(measured, ends)
+        places, clear = stations_of(arm, targets), ca.MX(0, 1)
+        if gaps is not None:
+            whole = ca.vertcat(ca.DM(base_pose(arm)), poses)
+            clear = gaps.value.function(whole, p[parts.gaps]) / arm.length
+        poses = ca.reshape(poses, POSE, -1)[:, [places.index(s) for s in stations_of(arm, own)]]
+        tensions, peak, slacks = ca.vertsplit(
+            x[: self.n_free], [0, n, self.n_free - self.n_slack, self.n_free]
+        )
+        reference, total, trace = ca.vertsplit(p[parts.weights])
+        pulled = tensions * p[parts.unit], peak, slacks
+        weights = p[parts.targets], reference, total, trace
+        seen = Seen(*pulled, *weights, poses, stretches, compliances, clear)
+        f, outer, rows = stated(statement, own, self.terms, seen)
+        return f, ca.vertcat(outer, eigenvalues, lengths), rows
 
     def place_of(self, block: Block) -> slice:
         """Return the places of a block's unknowns."""
         return self._places[self._blocks.index(block)]
+
+    @property
+    def slack_rows(self) -> list[int]:
+        """The rows of the inequalities with a slack."""
+        return [self.rows[0].size + row for row in self._soft]
 
     @property
     def places_of_linear(self) -> Places:
@@ -194,8 +244,7 @@ class Program:
     @cached_property
     def _measured(self) -> ca.MX:
         """What is measured, one below the other: see `measured`."""
-        numbers = self.p[self.parts.objective][: self.objective.n_own]
-        directions = self.objective.terms.directions.call([numbers])
+        directions = self.terms.directions.call([self.p[self.parts.targets]])
         states = self._in_SI(self.states)
         measured = [ca.vec(self.states.poses(states)), self.states.stretches(states)]
         for responses, D in zip(self.responses, directions, strict=True):
@@ -207,30 +256,6 @@ class Program:
     def _in_SI(self, block: Block) -> ca.MX:
         """Return the unknowns of a block in SI."""
         return self.x[self.place_of(block)] * self.scale[self.place_of(block)]
-
-    @cached_property
-    def _stated(self) -> tuple[ca.MX, ca.MX]:
-        """The objective, and the constraints besides the equations."""
-        objective, x, numbers = self.objective, self.x, self.p[self.parts.objective]
-        n, slack = self.states.of.n_tendons, self.n_free - objective.n_slack
-        measured = self._measured + self.p[self.parts.defect]
-        poses, thin, compliances, eigenvalues, lengths = split(measured, self.measured)
-        poses = ca.reshape(poses, POSE, -1)
-        tensions = x[:n] * self.p[self.parts.unit]
-        parts = tensions, x[n:slack], x[slack : self.n_free], numbers
-        f, g = objective.function.call([*parts, poses[:, objective.seen], thin, compliances], True)
-        g = objective.with_gaps(g, objective.gaps(poses, numbers))
-        return f, ca.vertcat(g, eigenvalues, lengths)
-
-    @property
-    def f(self) -> ca.MX:
-        """The objective."""
-        return self._stated[0]
-
-    @property
-    def outer(self) -> ca.MX:
-        """The constraints besides the equations."""
-        return self._stated[1]
 
     @cached_property
     def gradient(self) -> ca.MX:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
-import casadi as ca
 import numpy as np
 from msgspec import Meta
 
@@ -33,21 +32,9 @@ def check_norm(norm: Any) -> Norm:
     return str(norm)  # type: ignore[return-value]
 
 
-def smooth_norm(pull: ca.MX, norm: Norm) -> tuple[ca.MX, ca.MX, ca.MX]:
-    """Return the objective, an extra unknown and its constraints: the norm made smooth."""
-    empty = ca.MX(0, 1)
-    if norm == "2":
-        return ca.sumsqr(pull) / 2, empty, empty
-    if norm == "1":
-        return ca.sum1(pull), empty, empty
-    peak = ca.MX.sym("peak")
-    return peak, peak, peak - pull
-
-
 Solver = Literal["auto", "ipopt", "fatrop"]
 SOLVERS: tuple[Solver, ...] = ("auto", "ipopt", "fatrop")
 Mode = Literal["exact", "closest", "nearest"]
-STAGES = 3
 
 
 def check_solver(solver: Any) -> Solver:

@@ -12,7 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from itertools import chain, islice, tee
+from heapq import heapify, heappop, heappush
+from itertools import chain, count, islice, tee
 
 import numpy as np
 
@@ -82,9 +83,9 @@ class _Reading:
     lost: list[Candidate] = field(default_factory=list)
 
     @property
-    def optima(self) -> list[Candidate]:
-        """All of them, by their objectives."""
-        return sorted([*self.met, *self.unstable], key=_objective)
+    def least(self) -> float:
+        """The least objective of all optima, infinite without any."""
+        return min((optimum.f for optimum in [*self.met, *self.unstable]), default=np.inf)
 
 
 class Search:
@@ -94,7 +95,6 @@ class Search:
         self.task = task
         self._now = _Reading("exact", iter(()))
         self._last: Candidate | None = None
-        self._margin = task.statement.margin
         self._by_effort = conditions(task.arm, task.targets) > POINT
         self._source = initial_guesses(*self._asked, is_loaded(task.scene))
 
@@ -124,25 +124,23 @@ class Search:
         """
         unstable, missed = False, None
         for mode in self._readings():
-            self._now = reading = _Reading(mode, self.guesses(len(missed.trials) if missed else 0))
+            near = self._now = _Reading(mode, self.guesses(len(missed.trials) if missed else 0))
             hasty = mode == "exact" and self.task.starts is None
             self._try(_ENOUGH if hasty else None, until_met=missed is not None)
-            if hasty and not reading.optima:
-                missed = reading
+            if hasty and near.least == np.inf:
+                missed = near
                 continue
-            if missed is not None and reading.optima and reading.optima[0].f <= _MET:
-                missed.guesses = chain([reading.optima[0].tensions], missed.guesses)
-                self._now, missed = missed, None
+            readings = [near]
+            if missed is not None and near.least <= _MET:
+                nearest = min([*near.met, *near.unstable], key=_objective)
+                missed.guesses = chain([nearest.tensions], missed.guesses)
+                readings, missed = [missed, near], None
+            for self._now in readings:
                 result = self._finished()
                 if result is not None:
-                    return result
+                    return replace(result, unstable=unstable and result.statement.mode != "exact")
                 unstable |= bool(self._now.unstable)
-                self._now = reading
-            result = self._finished()
-            if result is not None:
-                return replace(result, unstable=unstable)
-            unstable |= bool(reading.unstable)
-            missed = reading if hasty else missed
+            missed = near if hasty else missed
         return replace(self._so_far(stopped=False), unstable=unstable)
 
     def _readings(self) -> Iterator[Mode]:
@@ -150,40 +148,34 @@ class Search:
         if self.task.can_be_exact:
             yield "exact"
         terms = terms_of(self.task.arm, self.task.targets)
-        if terms.names[1] or self.task.problem(self.task.coarse("closest")).n_slack > 0:
+        if terms.names[1] or self.task.problem(self.task.coarse("closest")).program.n_slack:
             yield "closest"
         yield "nearest"
 
     def _finished(self) -> SearchResult | None:
         """Return the best optimum of a reading of the targets, None where there is none.
 
-        That a default margin of stability cannot be had counts less than that targets are missed.
+        Where finer meshes have none of the coarse mesh's optima others are looked for, as if no
+        guess had led there. That a default margin of stability cannot be had counts less than that
+        targets are missed.
         """
-        result, lost = None, True
-        while result is None and lost:
+        while True:
             self._try()
-            near = self._now.mode != "exact" and any(s.f <= _MET for s in self._now.unstable)
+            reading = self._now
+            near = reading.mode != "exact" and any(each.f <= _MET for each in reading.unstable)
             result = self._best(_MET if near and self.task.best_margin else np.inf)
-            lost = result is None and not near and self._forgotten()
-        if result is None and self._now.unstable and self.task.best_margin:
-            result = self._without_margin()
-        return result
-
-    def _forgotten(self) -> bool:
-        """Put optima of the coarse mesh that finer ones do not have aside; whether there are any.
-
-        As if nothing had led there: other guesses are tried then.
-        """
-        reading = self._now
-        reading.lost, lost, reading.met = [*reading.lost, *reading.met], reading.met, []
-        if lost:
+            if result is not None or near or not reading.met:
+                break
+            reading.lost, reading.met = [*reading.lost, *reading.met], []
             reading.trials = [replace(trial, met=False) for trial in reading.trials]
-        return bool(lost)
+        if result is None and reading.unstable and self.task.best_margin:
+            return self._without_margin()
+        return result
 
     def _without_margin(self) -> SearchResult | None:
         """Return the best optimum that is stable at all, where its margin cannot be had."""
         stated = self.task.statement.but(margin=0.0)
-        self.task, self._margin = replace(self.task, statement=stated, best_margin=False), 0.0
+        self.task = replace(self.task, statement=stated, best_margin=False)
         optima, reading = [*self._now.met, *self._now.unstable], self._now
         self._now = replace(reading, met=[], unstable=[])
         for optimum in optima:
@@ -215,7 +207,7 @@ class Search:
         """
         reading, statement = self._now, self.task.coarse(self._now.mode)
         for T in islice(reading.guesses, most):
-            if self._enough() or (until_met and any(o.f <= _MET for o in reading.optima)):
+            if self._enough() or (until_met and reading.least <= _MET):
                 return
             tell(_PHASES[reading.mode], len(reading.trials), self.task.most)
             self._keep(self.solve(statement, T))
@@ -233,19 +225,17 @@ class Search:
 
     def _keep(self, candidate: Candidate) -> None:
         self._now.trials.append(Trial(candidate.f, candidate.met, candidate.iterations))
-        if not candidate.finite:
-            return
-        self._last = candidate
-        if candidate.met:
-            self._sort(candidate)
+        if candidate.finite:
+            self._last = candidate
+            if candidate.met:
+                self._sort(candidate)
 
     def _sort(self, optimum: Candidate) -> None:
         """Keep an optimum with those that are as stable as they have to be, or with the others."""
-        if any(_is_same(optimum, other) for other in self._now.optima):
-            return
-        least = optimum.problem.stability(optimum.x)
-        stable = least >= self._margin - _COARSE * (self._margin > 0)
-        (self._now.met if stable else self._now.unstable).append(optimum)
+        met, unstable, margin = self._now.met, self._now.unstable, self.task.statement.margin
+        if not any(_is_same(optimum, other) for other in (*met, *unstable)):
+            stable = optimum.problem.stands(optimum.x, margin - _COARSE * (margin > 0))
+            (met if stable else unstable).append(optimum)
 
     def from_tensions(self, mode: Mode, T: Array) -> Candidate | None:
         """Return the optimum that tensions lead to, as stable as it has to be."""
@@ -269,18 +259,8 @@ class Search:
         check_time()
         self._now = _Reading(mode, iter(()))
         self._keep(candidate)
-        if self._now.met:
-            return self._now.met[0]
-        for optimum in self._now.unstable:
-            for floor in self._floors():
-                held = self._with_mode(optimum, floor)
-                if held is not None:
-                    return held
-        return None
-
-    def _floors(self) -> list[float]:
-        """Return what the least stable mode is held to, more and more."""
-        return sorted({max(floor, self._margin) for floor in _FLOORS})
+        held = (each for optimum in self._now.unstable for each in self._held(optimum))
+        return next(chain(self._now.met, held), None)
 
     def _enough(self) -> bool:
         """Return whether enough guesses led to the best optimum, or later ones to dearer ones.
@@ -299,39 +279,37 @@ class Search:
         return agreed(trials) >= _AGREED + hard or (mode == "exact" and since >= _ENOUGH)
 
     def _best(self, limit: float = np.inf) -> SearchResult | None:
-        """Return the best optimum up to a limit that is stable, and not lost on a finer mesh."""
-        lost, optima = None, [optimum for optimum in self.met if optimum.f <= limit]
-        for optimum in optima:
-            fine = self._held(optimum.f) if self._now.unstable else None
-            fine = fine or refine(optimum, self.task.accuracy)
+        """Return the best optimum up to a limit that is stable, and not lost on a finer mesh.
+
+        Unstable ones are held to stability, which makes them dearer, when no other is cheaper.
+        """
+        number, lost = count(), np.inf
+        unstable = {float(f"{each.f:.3g}"): each for each in self._now.unstable}
+        stable = [(each.f, next(number), each, iter(())) for each in self._now.met]
+        cheapest = [unstable[f] for f in sorted(unstable)[:_HELD]]
+        queue = [*stable, *((each.f, next(number), None, self._held(each)) for each in cheapest)]
+        heapify(queue)
+        while queue and queue[0][0] <= limit:
+            f, _, optimum, others = heappop(queue)
+            fine = None if optimum is None else refine(optimum, self.task.accuracy)
             if fine is not None:
-                cheaper = 0.0 if lost is None else 1 - float(np.sqrt(lost / fine.f))
+                cheaper = 1 - float(np.sqrt(lost / fine.f)) if lost < fine.f else 0.0
                 cheaper = cheaper if cheaper > 10 * _COARSE else 0.0
                 return SearchResult.at(fine, self.trials, lost=cheaper)
-            lost = optimum.f if lost is None else lost
-        held = self._held(limit)
-        return None if held is None else SearchResult.at(held, self.trials)
-
-    def _held(self, limit: float) -> Candidate | None:
-        """Return an optimum held to stability, near unstable ones that cost less than a limit."""
-        different = {float(f"{each.f:.3g}"): each for each in self._now.unstable if each.f < limit}
-        beside = [different[f] for f in sorted(different)[:_HELD]]
-        for optimum in beside:
-            fine = self._refined_with_mode(optimum, limit)
-            if fine is not None:
-                return fine
+            if optimum in self._now.met:
+                lost = min(lost, f)
+            held = next(others, None)
+            if held is not None:
+                heappush(queue, (held.f, next(number), held, others))
         return None
 
-    def _refined_with_mode(self, optimum: Candidate, limit: float) -> Candidate | None:
-        """Return the optimum held to the lowest floor from which the arm comes there from rest."""
-        for floor in self._floors():
+    def _held(self, optimum: Candidate) -> Iterator[Candidate]:
+        """Yield the optimum near an unstable one whose least mode is held to more and more."""
+        for floor in sorted({max(floor, self.task.statement.margin) for floor in _FLOORS}):
             held = self._with_mode(optimum, floor)
-            if held is None or held.f >= limit:
-                return None
-            fine = refine(held, self.task.accuracy)
-            if fine is not None:
-                return fine
-        return None
+            if held is None:
+                return
+            yield held
 
     def _with_mode(self, optimum: Candidate, floor: float) -> Candidate | None:
         """Return the optimum with its least stable mode held to a floor, near one without it.
@@ -348,7 +326,7 @@ class Search:
         check_time()
         if not (held.met and held.finite):
             return None
-        return held if problem.stability(held.x) >= floor - _COARSE * floor else None
+        return held if problem.stands(held.x, floor - _COARSE * floor) else None
 
     def _so_far(self, stopped: bool = True) -> SearchResult:
         """Return the best that was seen: of optima that of least effort, else what came last."""

@@ -50,8 +50,7 @@ def warm_start(near: Answer, task: Task) -> SearchResult | None:
             return None
         optimum, apart = continued
         fine = refine(optimum, task.accuracy, start.defect)
-        least = margin - _SLACK if margin else 0.0
-        if fine is None or fine.problem.stability(fine.x) < least:
+        if fine is None or not fine.problem.stands(fine.x, margin and margin - _SLACK):
             return None
         trials = (Trial(optimum.f, True, optimum.iterations),)
         return SearchResult.at(fine, trials, jump=apart)

@@ -114,7 +114,7 @@ class Waypoints:
             if not (solution.met and solution.finite):
                 return False
             solved = list(zip(stops, program.split(solution.x), strict=True))
-            if not k and not all(stop.problem.stability(x) > 0 for stop, x in solved):
+            if not k and not all(stop.problem.stands(x) for stop, x in solved):
                 return False
             changed = zip(self.waypoints, solved, strict=True)
             self.waypoints = [replace(w, tensions=s.problem.tensions(x)) for w, (s, x) in changed]
