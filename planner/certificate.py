@@ -145,11 +145,6 @@ class Certificate(Shown):
         return not self.problem and missed <= self.tolerance
 
     @property
-    def lacks_stability(self) -> bool:
-        """Whether the arm is stable, but below its margin, by more than digits of a mesh."""
-        return 0 <= self.stability < self.stability_margin - STABILITY_TOLERANCE
-
-    @property
     def failures(self) -> tuple[str, ...]:
         """What did not pass, a sentence each."""
         if self.problem:

@@ -72,9 +72,12 @@ def _check_folder(_: Any, folder: Path | None) -> None:
 
 SceneFile = Annotated[Path, Parameter(help="Scene file, SCENE.toml.")]
 Folder = Annotated[Path, Parameter(validator=_check_folder)]
-Seconds = Annotated[float, Parameter(validator=Number(gt=0))]
-_ACCURACY = "Tip error over arm length; else the scene's."
-Accuracy = Annotated[float, Parameter(validator=Number(gte=1e-12, lte=0.1), help=_ACCURACY)]
+Accuracy = Annotated[
+    float,
+    Parameter(
+        validator=Number(gte=1e-12, lte=0.1), help="Tip error over arm length; else the scene's."
+    ),
+]
 
 
 @Parameter(name="*")
@@ -93,7 +96,7 @@ class Options:
     """
 
     json: bool = False
-    time_limit: Seconds | None = None
+    time_limit: Annotated[float | None, Parameter(validator=Number(gt=0))] = None
     verbose: Annotated[bool, Parameter(alias="-v")] = False
 
     def loaded(

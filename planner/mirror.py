@@ -24,8 +24,8 @@ from planner.program.terms import compliance_requests, stations_of
 from planner.solve.task import Task
 from planner.targets.base import Target
 
-# Angles that are the same [rad], and tensions that are, over the largest.
-_SAME_ANGLE, _SAME = 1e-9, 1e-6
+# Tensions that are the same, over the largest.
+_SAME = 1e-6
 # How well mirrored poses meet the targets, over the arm's length, before a shape is settled for it.
 _LIKELY = 1e-3
 
@@ -43,7 +43,7 @@ def _planes(arm: Arm, limits: Limits) -> Iterator[tuple[float, Array]]:
     alike &= all(section.turn is None for section in arm.sections)
     for double in np.unique((angles[0] + angles[alike[0]]) % (2 * np.pi)):
         apart = (double - angles[:, None] - angles + np.pi) % (2 * np.pi) - np.pi
-        images = alike & (np.abs(apart) < _SAME_ANGLE)
+        images = alike & np.isclose(apart, 0.0)
         if images.any(axis=1).all():
             yield float(double) / 2, images.argmax(axis=1)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from planner.certificate import STABILITY_TOLERANCE
 from planner.targets.base import OVER_WANTED
 
 
@@ -33,8 +34,9 @@ def _happened(plan: Any) -> str:
     if certificate.too_near:
         advice = "move it or the target, raise the limits or ask for less clearance"
         return f"Not clear: {certificate.nearest}; no way around it was found: {advice} ({tried})"
-    if certificate.lacks_stability:
-        stability = f"stability {certificate.stability:.3g}, asked {certificate.stability_margin:g}"
+    least = certificate.stability_margin
+    if 0 <= certificate.stability < least - STABILITY_TOLERANCE:
+        stability = f"stability {certificate.stability:.3g}, asked {least:g}"
         advice = "raise the limits or ask for a lower margin"
         return f"Not stable enough: {stability}; {advice} ({tried})"
     failures = "; ".join(certificate.failures)

@@ -259,8 +259,8 @@ def plan(
     seconds = None if time_limit is None else positive("time_limit", time_limit)
     strokes = (stroke_max, stroke_min, stroke_zero)
     limits = checked_limits(arm, scene, tension_max, tension_min, total_pull, *strokes)
-    is_finite = np.all(np.isfinite(limits.upper)) or limits.total is not None
-    if compliance_requests(targets) and not is_finite:
+    is_limited = limits.total is not None
+    if compliance_requests(targets) and not (is_limited or np.all(np.isfinite(limits.upper))):
         raise InputError("tension_max", np.inf, "finite limits where a stiffness is wanted")
     if form not in (None, "condensed", "multiple-shooting"):
         allowed = "condensed, multiple-shooting; it is deprecated and has no effect"
@@ -273,8 +273,13 @@ def plan(
     margin = BRINK if is_loaded(scene) and not contacts(scene) else 0.0
     if stability_margin is not None:
         margin = within("stability_margin", stability_margin, 0.0, 1.0)
-    statement = Statement(check_solver(solver), check_norm(norm), margin=margin)
-    statement = statement.but(limited=limits.total is not None, wound=limits.strokes is not None)
+    statement = Statement(
+        check_solver(solver),
+        check_norm(norm),
+        limited=is_limited,
+        margin=margin,
+        wound=limits.strokes is not None,
+    )
     more = checked_accuracy(accuracy), checked_compile(compile), starts, stability_margin is None
     task = Task(arm, targets, scene, limits, statement, *more)
     check_holds(targets, scene)

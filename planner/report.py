@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import fields
 from importlib import import_module
 from typing import Any
@@ -40,11 +41,10 @@ def _plan(plan: Plan) -> Iterator[Part]:
         held = [arm.tendon_name(int(j)) for j in at]
         table += f"\n  at their maximum: {', '.join(held) or 'none'}"
     tables = [plan.outcome, table]
-    try:
+    # Where tensions do not settle there is no shape.
+    with suppress(OctoplanError, OutOfTime):
         tables += _winches(plan.shape, plan.limits.stroke_zero)
-        tables.append("tip [mm]  " + "  ".join(f"{1e3 * x:.3f}" for x in plan.tip))
-    except (OctoplanError, OutOfTime):
-        pass  # where tensions do not settle there is no shape
+        tables.append("tip [mm]  " + "  ".join(f"{1e3 * x:.3f}" for x in plan.shape.tip))
     yield "\n\n".join(tables)
     yield ""
     yield from parts_of(plan.certificate)
