@@ -29,7 +29,7 @@ from planner.io.scene_file import Question, load
 
 
 @dataclass(frozen=True)
-class Answer:
+class Output:
     """What a command computed, in the forms in which it can be handed out.
 
     Attributes
@@ -180,7 +180,7 @@ _CODES: tuple[tuple[Any, int], ...] = (
 def parse(argv: Sequence[str]) -> tuple[Callable[[], Any], Options]:
     """Return what answers a command line, and the options that it has; raises UsageError.
 
-    What it returns is an Answer, or a text where help or versions are wanted.
+    What it returns is an Output, or a text where help or versions are wanted.
     """
     if not argv:
         raise UsageError("no command; to begin: octoplan new (see octoplan --help)")
@@ -192,17 +192,15 @@ def parse(argv: Sequence[str]) -> tuple[Callable[[], Any], Options]:
             argv, exit_on_error=False, print_error=False, verbose=False
         )
     except CycloptsError as reason:
-        command = next((item for item in argv if item in COMMANDS), "")
-        where = " ".join(["octoplan", command]).strip()
+        where = " ".join(["octoplan", *[item for item in argv if item in COMMANDS][:1]])
         raise UsageError(f"{reason} (see {where} --help)") from None
-    if call.__name__ not in COMMANDS:
-        return partial(printed, line, partial(call, *bound.args, **bound.kwargs)), Options()
     bound.apply_defaults()
     # Defaults are shared, and change with the scene.
     options = copy(bound.arguments.get("options", Options()))
     if "options" in bound.arguments:
         bound.arguments["options"] = options
-    return partial(call, *bound.args, **bound.kwargs), options
+    command = partial(call, *bound.args, **bound.kwargs)
+    return command if call.__name__ in COMMANDS else partial(printed, line, command), options
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -213,11 +211,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         with time_limit(None if options.time_limit is None else options.time_limit + GRACE):
             with _warned(), _logged() if options.verbose else progress_line():
                 tell("working")
-                answer = command()
-            if not isinstance(answer, Answer):
-                answer = Answer(partial(str, answer))
-            deliver(answer, options)
-        return 0 if answer.reached else 1
+                output = command()
+            if not isinstance(output, Output):
+                output = Output(partial(str, output))
+            deliver(output, options)
+        return 0 if output.reached else 1
     except OutOfTime:
         reason: Exception = TimeLimitError(options.time_limit or 0.0)
     except (OctoplanError, BrokenPipeError) as error:
@@ -256,22 +254,22 @@ def _logged() -> Iterator[None]:
             logger.setLevel(logging.NOTSET)
 
 
-def deliver(answer: Answer, options: Options) -> None:
+def deliver(output: Output, options: Options) -> None:
     """Write the files that --out asks for, all or none, then what --json or people are shown.
 
     Raises OutputError where standard output takes nothing; BrokenPipeError where its reader is
     gone.
     """
     if isinstance(options, FileOptions) and options.out is not None:
-        files = {name: content() for name, content in answer.tables.items()}
-        files[f"{answer.name}.json"] = to_json(answer.record)
-        if answer.draw is not None:
+        files = {name: content() for name, content in output.tables.items()}
+        files[f"{output.name}.json"] = to_json(output.record)
+        if output.draw is not None:
             kind = options.figure or "png"
             # Matplotlib is loaded for figures alone.
             drawn = import_module("planner.plots.plan").drawn
-            files[f"{answer.name}.{kind}"] = drawn(answer.draw(), kind)
+            files[f"{output.name}.{kind}"] = drawn(output.draw(), kind)
         write_together(options.out, files)
-    text = to_json(answer.record).decode() if options.json else answer.text()
+    text = to_json(output.record).decode() if options.json else output.text()
     if sys.stdout is None:
         raise OutputError("it is closed")
     try:

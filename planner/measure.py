@@ -13,7 +13,7 @@ from model.paths import Array
 from model.shape import Shape
 from model.stiffness import stiffness
 from model.winches import pulls, rest_lengths
-from planner.program.terms import compliance_requests, target_numbers, terms_of
+from planner.program.terms import target_numbers, terms_of
 from planner.targets.base import Target
 from planner.targets.stiffness import MinimumStiffness
 
@@ -44,8 +44,6 @@ def compliances_along(
     With lengths held all tendons are locked, as the program's responses have them; or those without
     tension `release`d, as stiffness has it by default.
     """
-    if not compliance_requests(targets):
-        return []
     terms, compliances = terms_of(arm, targets), []
     directions = terms.directions.call([target_numbers(arm, targets)])
     for request, along in zip(terms.requests, directions, strict=True):

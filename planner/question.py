@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from model.arm import Arm
-from model.checks import finite_array
 from model.effects import PrintedStatics
 from model.errors import InputError
 from model.scene import Scene
@@ -62,17 +61,14 @@ def _zeroed_at(arm: Arm, scene: Scene, zero: Any) -> tuple[float, ...] | None:
     if isinstance(zero, str) and zero == "at rest":
         zero = settle(arm, np.zeros(arm.n_tendons), scene)
     lengths: Any = zero.tendon_lengths if isinstance(zero, Shape) and zero.arm == arm else zero
-    allowed = '"straight", "at rest", a shape of this arm, or the lengths of its tendons [m]'
-    if isinstance(lengths, str | Shape):
+    if isinstance(lengths, str | Shape) or not isinstance(lengths, Iterable):
+        allowed = '"straight", "at rest", a shape of this arm, or the lengths of its tendons [m]'
         given = "of another arm" if isinstance(zero, Shape) else zero
         raise InputError("stroke_zero", given, allowed)
-    try:
-        flat = arm.flat(lengths, "stroke_zero")
-    except InputError:
-        raise InputError("stroke_zero", zero, allowed) from None
+    flat = arm.flat(lengths, "stroke_zero")
     if flat.min() <= 0:
         raise InputError("stroke_zero", zero, "lengths above 0 [m]")
-    return tuple(finite_array("stroke_zero", flat, (arm.n_tendons,)).tolist())
+    return tuple(flat.tolist())
 
 
 def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, ...]:

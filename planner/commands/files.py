@@ -13,7 +13,7 @@ from cyclopts import Parameter
 from model import InputError, OctoplanError
 from model.text import shortened_lines, told
 from model.time_limit import OutOfTime, time_limit
-from planner.cli import Answer, FileOptions, Options
+from planner.cli import FileOptions, Options, Output
 from planner.fit.calibrate import calibrate as find_calibration
 from planner.io.files import to_json, write_together
 from planner.io.fit_files import CalibrationFile, DesignFile, load_asked, run_design
@@ -43,7 +43,7 @@ def new(
     /,
     *,
     kind: Kind = "plan",
-) -> Answer:
+) -> Output:
     """Write a commented file to start from, that runs as it is; never over one that is there.
 
     Parameters
@@ -68,7 +68,7 @@ def new(
     write_together(path.parent, {name: text.encode() for name, text in contents.items()})
     written = " and ".join(str(path.with_name(name)) for name in contents)
     verb, more = "is" if len(contents) == 1 else "are", " --out out" * (kind != "sweep")
-    return Answer(lambda: f"{written} {verb} written; next: octoplan {kind} {path}{more}")
+    return Output(lambda: f"{written} {verb} written; next: octoplan {kind} {path}{more}")
 
 
 def sweep(
@@ -79,7 +79,7 @@ def sweep(
     jobs: int = 1,
     scheduler: str | None = None,
     options: Options = _DEFAULT,
-) -> Answer:
+) -> Output:
     """Find shapes, plans or stiffness at many values of a scene, and go on where it was killed.
 
     Stopped by --time-limit, the same command goes on too.
@@ -104,7 +104,7 @@ def sweep(
         raise OctoplanError(f"{limit}; {kept}") from None
     more = {"met": int(attributes["met"]), "failures": json.loads(attributes["failures"])}
     result = record(SweepRecord, wanted, file=str(to), earlier=is_earlier, **more)
-    return Answer(lambda: _sweep_text(result), result)
+    return Output(lambda: _sweep_text(result), result)
 
 
 def _sweep_text(record: SweepRecord) -> str:
@@ -124,7 +124,7 @@ def calibrate(
     *,
     leave_out: bool = False,
     options: FileOptions = _DEFAULT,
-) -> Answer:
+) -> Output:
     """Find numbers of an arm from measured shapes.
 
     Parameters
@@ -140,7 +140,7 @@ def calibrate(
         error = f"{1e3 * result.leave_out().mean_error:.3g} mm in the mean"
         return f"{told(result)}\n  shapes left out are predicted to {error}"
 
-    return Answer(text, record(CalibrationRecord, result), "calibration", result.plot)
+    return Output(text, record(CalibrationRecord, result), "calibration", result.plot)
 
 
 def design(
@@ -148,10 +148,10 @@ def design(
     /,
     *,
     options: FileOptions = _DEFAULT,
-) -> Answer:
+) -> Output:
     """Find the arm for which several tasks take least effort."""
     result = run_design(file)
-    return Answer(
+    return Output(
         lambda: told(result),
         record(DesignRecord, result),
         "design",
@@ -200,7 +200,7 @@ def schema_of(what: str) -> dict[str, Any]:
 _WHAT = Parameter(choices=SCHEMAS, help="scene unless given")
 
 
-def schema(what: Annotated[str, _WHAT] = "scene", /) -> Answer:
+def schema(what: Annotated[str, _WHAT] = "scene", /) -> Output:
     """Print the JSON Schema of files, or of what a command prints with --json."""
     # It is JSON for people too.
-    return Answer(lambda: to_json(schema_of(what)).decode())
+    return Output(lambda: to_json(schema_of(what)).decode())

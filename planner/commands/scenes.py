@@ -19,10 +19,10 @@ from planner.c_code.export import export as export_map
 from planner.c_code.source import Precision
 from planner.cli import (
     Accuracy,
-    Answer,
     FileOptions,
     Folder,
     Options,
+    Output,
     SceneFile,
     SceneOptions,
 )
@@ -49,12 +49,12 @@ from planner.report import figure, switch_table
 _DEFAULT = SceneOptions()
 
 
-def plan(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Answer:
+def plan(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Output:
     """Find the tensions of least effort for the scene's target."""
     result = planned(options.question(scene))
     tables = {"plan.csv": lambda: plan_csv(result), "shape.csv": lambda: _shape_csv(result)}
     record = plan_record(result)
-    return Answer(
+    return Output(
         lambda: str(result), record, "plan", result.plot, tables, result.certificate.passed
     )
 
@@ -66,10 +66,10 @@ def _shape_csv(result: Plan) -> bytes:
     return b""
 
 
-def trajectory(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Answer:
+def trajectory(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Output:
     """Find tensions over time through the scene's waypoints."""
     result = in_motion(options.question(scene))
-    return Answer(
+    return Output(
         lambda: told(result),
         record(TrajectoryRecord, result),
         "trajectory",
@@ -79,28 +79,28 @@ def trajectory(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Answ
     )
 
 
-def settle(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Answer:
+def settle(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Output:
     """Find the shape under the scene's tensions or lengths."""
     shape = settled(options.question(scene))
     tables = {"shape.csv": lambda: shape_csv(shape)}
-    return Answer(lambda: told(shape), record(ShapeRecord, shape), "shape", shape.plot, tables)
+    return Output(lambda: told(shape), record(ShapeRecord, shape), "shape", shape.plot, tables)
 
 
-def stiffness(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Answer:
+def stiffness(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Output:
     """Find the compliance that the scene's [stiffness] table asks for."""
     k = stiff(options.question(scene))
-    return Answer(lambda: repr(k), record(StiffnessRecord, k), "stiffness", lambda: plotted(k))
+    return Output(lambda: repr(k), record(StiffnessRecord, k), "stiffness", lambda: plotted(k))
 
 
 def effects(
     scene: SceneFile, /, *, accuracy: Accuracy | None = None, options: FileOptions = _DEFAULT
-) -> Answer:
+) -> Output:
     """Settle the scene with each effect switched in turn."""
     question = options.loaded(scene, accuracy)
     check_complete(question, "tensions")
     accuracy = question.accuracy
     switches = switch_effects(question.arm, question.tensions, question.scene, accuracy)
-    return Answer(
+    return Output(
         lambda: switch_table(switches, accuracy),
         record(EffectsRecord, switches, accuracy=accuracy),
         "effects",
@@ -116,7 +116,7 @@ def live(
     port: int = 8080,
     accuracy: Accuracy | None = None,
     compile: bool = False,  # noqa: A002  (the name of the option)
-) -> Answer:
+) -> Output:
     """Open a page on which the scene's target is dragged and the arm follows.
 
     It is served until the last browser that looked at it is gone.
@@ -139,7 +139,7 @@ def live(
     sys.stderr.write(f"octoplan: http://{host}:{port} (ends with the last browser)\n")
     page.wait()
     page.end()
-    return Answer(lambda: "The last browser is gone.")
+    return Output(lambda: "The last browser is gone.")
 
 
 # Exports
@@ -162,7 +162,7 @@ def export(
     precision: Precision = "double",
     accuracy: Accuracy | None = None,
     options: Options = _DEFAULT,
-) -> Answer:
+) -> Output:
     """Write the scene's map from tensions to shape or its inverse as C, or its settled arm.
 
     Parameters
@@ -197,7 +197,7 @@ def export(
     text = f"{', '.join(file.name for file in files)} in {to}{more}"
     names = list(map(str, files))
     written = record(ExportRecord, shape, files=names, static_bytes=static_bytes)
-    return Answer(lambda: text, written, name)
+    return Output(lambda: text, written, name)
 
 
 def c_name(scene: Path) -> str:
