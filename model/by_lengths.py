@@ -12,8 +12,10 @@ by Newton steps, of least norm in combinations of tensions that no length feels.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -43,13 +45,9 @@ from model.winches import ROUNDING, Winches, least, slackened
 
 # Stages of the elements on which the least energy is sought.
 _STAGES = 2
-# Newton steps; that one is the last which changes tensions by no more than this share, or which
-# will leave no more than this share of rounding, as its error goes by the square.
-_STEPS, _LAST, _SQUARE = 30, 1e-5, 0.1
-# What is left of taut tendons after a step, over rounding, where others keep them from it.
-_APART = 10.0
-# What is left of tendons that are slack, and what taut ones may be off, over the arm's length; on
-# meshes that are not the last one all.
+# Newton steps; the last one changes tensions by no more than this share.
+_STEPS, _LAST = 30, 1e-4
+# What taut tendons may be off, over the arm's length, and what they are on meshes before the last.
 _NEARLY = 1e-9
 # How often a step is halved that leads to no equilibrium.
 _HALVINGS = 6
@@ -71,68 +69,7 @@ class AtLengths(Protocol):
         """How these change with the tensions (n_tendons, n_tendons) [m/N]."""
 
 
-def least_by_lengths(
-    arm: Arm, scene: Scene, winches: Winches, machine_code: bool
-) -> Iterator[tuple[System, Array, Array]]:
-    """Yield tensions [N] and strains of the least energy by lengths, from rest, on a coarse mesh.
-
-    Tensions (n_tendons,) of slack tendons are 0; strains are at the stages of the system. Forces
-    without a potential are left out at first; then they are updated until they stay. Raises
-    InputError where no shape has the lengths, naming the tendon that is farthest from it.
-    """
-    mesh = 1, (), is_loaded(scene), machine_code
-    program = LeastEnergy(system(arm, scene, _STAGES, *mesh))
-    for rounds in (1,) if program.conservative else (1, ROUNDS):
-        minimum = program.least(program.at_rest(), winches.tensions, 1.0, winches, rounds)
-        if minimum is None and program.conservative:
-            refuse(LeastEnergy(system(arm, scene, STAGES, *mesh)), winches)
-        if minimum is not None:
-            left = winches.lacks(program.lengths(minimum), minimum.tensions)
-            tensions = slackened(minimum.tensions, left, winches, arm)
-            yield program.system, tensions, program.strains(minimum)
-
-
 _At = TypeVar("_At", bound=AtLengths)
-
-
-class UnloadedLengths:
-    """The tensions of an arm without loads, whose cross-sections settle each by itself."""
-
-    def __init__(self, arm: Arm, scene: Scene, winches: Winches, machine_code: bool) -> None:
-        self._lengths, self.winches = tendon_lengths(arm, scene, machine_code), winches
-        self._of = arm, scene, winches, machine_code
-        self._crushed: CollapsedError | None = None
-
-    def tensions(self, near: Array | None = None) -> Array:
-        """Return the tensions (n_tendons,) [N], begun with some nearby; see settle.
-
-        Raises CollapsedError where steps towards the lengths crush the arm.
-        """
-        arm, winches = self._of[0], self.winches
-        if not winches.tensions.any():
-            left = winches.lacks(self._lengths(0 * winches.tensions).lengths, 0 * winches.tensions)
-            if left[winches.held].min() >= -ROUNDING * arm.length:
-                return 0 * winches.tensions
-        result = led(self._begins(near), winches, self._beside, arm)
-        if result is None:
-            raise self._crushed or unknown_least(arm, winches)
-        return result.tensions
-
-    def _begins(self, near: Array | None) -> Iterator[Lengths]:
-        if near is not None:
-            yield self._lengths(np.where(self.winches.held, near, self.winches.tensions))
-        for _, tensions, _ in least_by_lengths(*self._of):
-            yield self._lengths(tensions)
-
-    def _beside(self, at: Lengths, tensions: Array) -> Lengths | None:
-        try:
-            result = self._lengths(tensions)
-        except UnsettledSectionError:
-            return None
-        if result.crushed:
-            self._crushed = result.crushed
-            return None
-        return result
 
 
 def equilibrium_beside(at: Linearised, tensions: Array) -> Linearised | None:
@@ -153,58 +90,29 @@ def tightened(
     """Return the equilibrium whose taut tendons are as long as winches leave them, to `rounding`.
 
     Over the arm's length; combinations of tensions that lengths feel by less are the least. None
-    where it takes too many steps. A tendon that has slackened is tight again only where
-    nothing is left of it, but for what others lack so far; one that keeps taut ones from their
-    lengths is not.
+    where it takes too many steps. Where rounding is more than that, steps end as soon as they come
+    no nearer.
     """
     held, rounding = winches.held, rounding * arm.length
-    close, last = max(_NEARLY * arm.length, _APART * rounding), 0.0
-    nearly = np.full(at.tensions.size, _NEARLY * arm.length)
+    before, change = np.inf, np.inf
     for _ in range(_STEPS):
         check_time()
         now, left = at.tensions, winches.lacks(at.lengths, at.tensions)
-        taut = now > 0
-        level = 2 * np.abs(left[held & taut]).max(initial=0.0)
-        limit = np.where(nearly > 0, np.maximum(nearly, level), -rounding)
-        tight = np.flatnonzero(held & (taut | (left <= limit)))
-        M = np.diag(winches.stretch[tight]) - at.length_tension[np.ix_(tight, tight)]
+        off = float(np.abs(np.where(now > 0, left, np.minimum(left, 0.0)))[held].max(initial=0.0))
+        no_nearer = off <= _NEARLY * arm.length and off > before / 2
+        if change <= _LAST * now.max() and (off <= rounding or no_nearer):
+            return at
+        tight = np.flatnonzero(held & ((now > 0) | (left <= max(rounding, 2 * off))))
         T = now.copy()
-        T[tight], well = least(M, left[tight], now[tight], rounding)
-        beyond = left[tight] + M @ (T - now)[tight]
-        slack = (T[tight] == 0) & (beyond > rounding)
-        apart = np.abs(beyond[T[tight] > 0]).max(initial=0.0) > _APART * rounding
-        change, off = float(np.abs(T - now).max()), float(np.abs(left[tight]).max(initial=0.0))
-        ratio = change / last if last else np.inf
-        small = (well and change <= _LAST * T.max()) or off * ratio * ratio <= _SQUARE * rounding
+        if tight.size:
+            M = np.diag(winches.stretch[tight]) - at.length_tension[np.ix_(tight, tight)]
+            T[tight] = least(M, left[tight], now[tight], rounding)
+        before, change = off, float(np.abs(T - now).max())
         after = _stepped(at, T, beside) if np.isfinite(T).all() else None
         if after is None:
             return None
-        if small and not (apart and slack.any()):
-            lacks = winches.lacks(after.lengths, T)
-            missed = held & (lacks <= nearly)
-            missed[tight] = np.abs(lacks[tight]) > np.where(T[tight] > 0, close, np.inf)
-            if not missed.any():
-                return after
-        nearly[taut & (T == 0)], last = rounding, change
-        if apart:
-            nearly[tight[slack]] = -rounding
         at = after
     return None
-
-
-def led(
-    begins: Iterable[_At],
-    winches: Winches,
-    beside: Callable[[_At, Array], _At | None],
-    arm: Arm,
-    rounding: float = ROUNDING,
-) -> _At | None:
-    """Return the equilibrium by lengths near the first of some that have one near; None for none.
-
-    See tightened.
-    """
-    results = (tightened(at, winches, beside, arm, rounding) for at in begins)
-    return next((result for result in results if result is not None), None)
 
 
 def _stepped(at: _At, tensions: Array, beside: Callable[[_At, Array], _At | None]) -> _At | None:
@@ -232,26 +140,17 @@ class GivenLengths:
     machine_code: bool = False
     near: Array | None = None
 
-    def on(self, forward: ForwardMap, near: Equilibrium | None) -> Equilibrium:
+    def on(
+        self, forward: ForwardMap, near: Equilibrium | None, rounding: float = _NEARLY
+    ) -> Equilibrium:
         """Return the equilibrium on the mesh of a forward map, near that of another if given.
 
-        Raises InputError where no shape has the lengths.
+        Lengths are met to `rounding` over the arm's. Raises InputError where no shape has them.
         """
         if not (is_loaded(self.scene) and isinstance(forward, Collocation)):
             return equilibrium_on(forward, self._unloaded)
-        return self._loaded(forward, near)
-
-    def finished(self, forward: ForwardMap, end: Equilibrium) -> Equilibrium:
-        """Return an equilibrium that is accepted, its tensions found to rounding."""
-        if not (isinstance(end, Linearised) and isinstance(forward, Collocation)):
-            return end
-        if not is_loaded(self.scene):
-            return end
-        return tightened(end, self.winches, _beside(forward), self.arm) or end
-
-    def _loaded(self, forward: Collocation, near: Equilibrium | None) -> Linearised:
-        begins = (at for at in self._begins(forward, near) if at is not None)
-        result = led(begins, self.winches, _beside(forward), self.arm, _NEARLY)
+        beside = forward.beside if isinstance(forward, TouchingMap) else equilibrium_beside
+        result = self._led(self._begins(forward, near), beside, rounding)
         if result is None:
             raise unknown_least(self.arm, self.winches)
         return result
@@ -259,7 +158,10 @@ class GivenLengths:
     def _begins(
         self, forward: Collocation, near: Equilibrium | None
     ) -> Iterator[Linearised | None]:
-        if isinstance(near, Linearised):
+        """Yield equilibria to begin with: one near that of another mesh, then from rest."""
+        if isinstance(near, Linearised) and near.system is forward.system:
+            yield near
+        elif isinstance(near, Linearised):
             T = np.where(self.winches.held, near.tensions, self.winches.tensions)
             if isinstance(forward, TouchingMap):
                 yield forward.solve(T, near)
@@ -268,18 +170,68 @@ class GivenLengths:
         if isinstance(forward, TouchingMap):
             yield forward.by_lengths(self.winches)
             return
-        of = self.arm, self.scene, self.winches, self.machine_code
-        for coarse, T, v in least_by_lengths(*of):
+        for coarse, T, v in self._least():
             strains = carried_strains(coarse, v, forward.system)
             yield newton(forward.system, T, 1.0, forward.system.start(T, strains, 1.0))
 
     @cached_property
     def _unloaded(self) -> Array:
-        """Tensions of the arm without loads, found once: no mesh is asked for."""
-        lengths = UnloadedLengths(self.arm, self.scene, self.winches, self.machine_code)
-        return lengths.tensions(self.near)
+        """Tensions of the arm without loads, found once: no mesh is asked for.
 
+        Raises CollapsedError where steps towards the lengths crush the arm.
+        """
+        winches, lengths = self.winches, tendon_lengths(self.arm, self.scene, self.machine_code)
+        crushed: list[CollapsedError] = []
 
-def _beside(forward: Collocation) -> Callable[[Linearised, Array], Linearised | None]:
-    """Return what leads from an equilibrium to that under tensions near its own."""
-    return forward.beside if isinstance(forward, TouchingMap) else equilibrium_beside
+        def beside(at: Lengths | None, tensions: Array) -> Lengths | None:
+            with suppress(UnsettledSectionError):
+                result = lengths(tensions)
+                if result.crushed is None:
+                    return result
+                crushed.append(result.crushed)
+            return None
+
+        slack = beside(None, winches.tensions)
+        if slack is not None:
+            left = winches.lacks(slack.lengths, slack.tensions)[winches.held]
+            if left.min() >= -ROUNDING * self.arm.length:
+                return winches.tensions
+        near = [] if self.near is None else [np.where(winches.held, self.near, winches.tensions)]
+        begins = map(lengths, chain(near, (tensions for _, tensions, _ in self._least())))
+        result = self._led(begins, beside, ROUNDING)
+        if result is None:
+            raise crushed[-1] if crushed else unknown_least(self.arm, winches)
+        return result.tensions
+
+    def _led(
+        self,
+        begins: Iterable[_At | None],
+        beside: Callable[[_At, Array], _At | None],
+        rounding: float,
+    ) -> _At | None:
+        """Return the equilibrium near the first of some that have one near; None for none."""
+        for begin in begins:
+            result = begin and tightened(begin, self.winches, beside, self.arm, rounding)
+            if result is not None:
+                return result
+        return None
+
+    def _least(self) -> Iterator[tuple[System, Array, Array]]:
+        """Yield tensions [N] and strains of the least energy from rest, on a coarse mesh.
+
+        Tensions (n_tendons,) of slack tendons are 0; strains are at the stages of the system.
+        Forces without a potential are left out at first; then they are updated until they stay.
+        Raises InputError where no shape has the lengths, naming the tendon that is farthest from
+        it.
+        """
+        arm, scene, winches = self.arm, self.scene, self.winches
+        mesh = 1, (), is_loaded(scene), self.machine_code
+        program = LeastEnergy(system(arm, scene, _STAGES, *mesh))
+        for rounds in (1,) if program.conservative else (1, ROUNDS):
+            minimum = program.least(program.at_rest(), winches.tensions, 1.0, winches, rounds)
+            if minimum is None and program.conservative:
+                refuse(LeastEnergy(system(arm, scene, STAGES, *mesh)), winches)
+            if minimum is not None:
+                left = winches.lacks(program.lengths(minimum), minimum.tensions)
+                tensions = slackened(minimum.tensions, left, winches, arm)
+                yield program.system, tensions, program.strains(minimum)

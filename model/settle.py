@@ -41,7 +41,7 @@ from model.shape import Shape, sharp
 from model.shortest import UnknownLeastError, too_short
 from model.time_limit import PATIENCE, before_long, check_time, limited
 from model.units import TENDONS, called_by_a_script, warn, warn_unusual
-from model.winches import Winches
+from model.winches import ROUNDING, Winches
 
 LOG = logging.getLogger(__name__)
 ACCURACY = 1e-6
@@ -274,7 +274,7 @@ def _settled(
             if error <= accuracy:
                 winches = None
                 if isinstance(value, GivenLengths):
-                    point, winches = value.finished(forward, point), value.winches
+                    point, winches = value.on(forward, point, ROUNDING), value.winches
                 check_stretch(point)
                 return Shape(maps.arm, maps.scene, error, point, refinement, winches, snaps)
         finer = fine if refinement < fine else 0

@@ -1,6 +1,6 @@
 """Frozen values: dataclasses whose arguments are checked and kept as their annotations say.
 
-An argument is converted before the class sees it: numbers become floats within their bounds,
+An argument is converted before the class looks at it: numbers become floats within their bounds,
 sequences tuples, arrays of numbers nested tuples of their shape; what is of another type is told by
 InputError with the class and the argument. `__post_init__` is left with what depends on several.
 """
@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
-from functools import cache, partial, wraps
-from types import UnionType
+from functools import cache, partial
+from types import NoneType, UnionType
 from typing import (
     Annotated,
     Any,
@@ -28,12 +28,14 @@ from typing import (
 import numpy as np
 from msgspec import Meta
 
-from model.checks import LARGEST, finite, finite_array, kind, not_negative, positive, such
+from model.checks import finite, finite_array, kind, not_negative, positive, such
 from model.errors import InputError
 from model.units import likely_degrees
 
 # Returns an argument as it is kept, from the name that it has in messages and what was given.
 Convert = Callable[[str, Any], Any]
+# What annotations say of numbers and sizes, by the names that Meta has for it.
+Bounds = dict[str, Any]
 T = TypeVar("T", bound=type[Any])
 
 
@@ -62,44 +64,32 @@ def value(cls: Any = None, **options: bool) -> Any:
     """
     if cls is None:
         return partial(value, **options)
+    check_together = getattr(cls, "__post_init__", None)
+
+    def convert_first(self: Any) -> None:
+        if type(self) is made:
+            for name, default, label, convert in _converters(made):
+                if vars(self)[name] is not default:
+                    vars(self)[name] = convert(label, vars(self)[name])
+        if check_together:
+            check_together(self)
+
+    cls.__post_init__ = convert_first
     own_hash = "__hash__" in vars(cls)
-    made = dataclass(frozen=True, **options)(cls)
-    if options.get("init", True):
-        _convert_first(made)
+    made: Any = dataclass(frozen=True, **options)(cls)
     if not own_hash:
         _remember_hash(made)
     return made
 
 
-def _convert_first(cls: Any) -> None:
-    """Let arguments be converted before they are assigned."""
-    assign = cls.__init__
-    positional = tuple(each.name for each in fields(cls) if each.init and not each.kw_only)
-
-    @wraps(assign)
-    def init(self: Any, *args: Any, **keywords: Any) -> None:
-        arguments = dict(zip(positional, args, strict=False))
-        if len(arguments) < len(args) or arguments.keys() & keywords.keys():
-            assign(self, *args, **keywords)  # a TypeError, in Python's words
-        converters = _converters(cls)
-        for name, each in (arguments | keywords).items():
-            if name in converters:
-                label, convert = converters[name]
-                each = convert(label, each)
-            arguments[name] = each
-        assign(self, **arguments)
-
-    cls.__init__ = init
-
-
 @cache
-def _converters(cls: Any) -> dict[str, tuple[str, Convert]]:
-    """Return the name in messages and the converter of each argument of a class."""
+def _converters(cls: Any) -> list[tuple[str, Any, str, Convert]]:
+    """Return the name, default, name in messages, and converter of each argument of a class."""
     hints = get_type_hints(cls, include_extras=True)
-    return {
-        each.name: (f"{cls.__name__}.{each.name}", converter(hints[each.name]))
+    return [
+        (each.name, each.default, f"{cls.__name__}.{each.name}", converter(hints[each.name]))
         for each in fields(cls)
-    }
+    ]
 
 
 def _remember_hash(cls: Any) -> None:
@@ -110,13 +100,13 @@ def _remember_hash(cls: Any) -> None:
     work_out, key = cls.__hash__, "_hash"
 
     def remembered(self: Any) -> int:
-        known = self.__dict__.get(key)
+        known = vars(self).get(key)
         if known is None:
-            known = self.__dict__[key] = work_out(self)
+            known = vars(self)[key] = work_out(self)
         return int(known)
 
     def state(self: Any) -> dict[str, Any]:
-        return {name: each for name, each in self.__dict__.items() if name != key}
+        return {name: each for name, each in vars(self).items() if name != key}
 
     cls.__hash__, cls.__getstate__ = remembered, state
 
@@ -124,13 +114,14 @@ def _remember_hash(cls: Any) -> None:
 # Converters, by annotations
 
 
-def converter(hint: Any) -> Convert:
-    """Return what converts arguments of an annotation; TypeError for one that says too little."""
-    metadata = getattr(hint, "__metadata__", ())
-    convert = _of_type(bare(hint), [each for each in metadata if isinstance(each, Meta)])
-    rules = [each.apply for each in metadata if isinstance(each, Rule)]
-    if not rules:
-        return convert
+def converter(hint: Any, outer: Bounds | None = None) -> Convert:
+    """Return what converts arguments of an annotation; TypeError for one that says too little.
+
+    Bounds that are said of a choice hold for what is chosen: they are the `outer` ones.
+    """
+    bounds = (outer or {}) | _bounds(hint)
+    rules = [each.apply for each in getattr(hint, "__metadata__", ()) if isinstance(each, Rule)]
+    convert = _of_type(bare(hint), bounds)
 
     def ruled(name: str, argument: Any) -> Any:
         argument = convert(name, argument)
@@ -138,7 +129,7 @@ def converter(hint: Any) -> Convert:
             argument = rule(name, argument)
         return argument
 
-    return ruled
+    return ruled if rules else convert
 
 
 def bare(hint: Any) -> Any:
@@ -146,22 +137,30 @@ def bare(hint: Any) -> Any:
     return hint.__origin__ if get_origin(hint) is Annotated else hint
 
 
-def _of_type(hint: Any, metas: list[Meta]) -> Convert:
+def _bounds(hint: Any) -> Bounds:
+    """Return what annotations say of a number or a size, and whether it is an angle."""
+    metas = [each for each in getattr(hint, "__metadata__", ()) if isinstance(each, Meta)]
+    names = ("gt", "ge", "lt", "le", "min_length", "max_length")
+    pairs = [(name, getattr(meta, name)) for meta in metas for name in names]
+    bounds = {name: each for name, each in pairs if each is not None}
+    is_angle = any((meta.extra or {}).get("unit") == "deg" for meta in metas)
+    return bounds | ({"angle": True} if is_angle else {})
+
+
+def _of_type(hint: Any, bounds: Bounds) -> Convert:
     """Return the converter of a type, with the bounds that it is annotated with."""
     origin, inside = get_origin(hint), get_args(hint)
     if origin in (Union, UnionType):
-        return _choice(inside, metas)
+        return _choice(inside, bounds)
     if hint in (float, int):
-        return _number(hint is int, metas)
-    shape = _shape(hint, metas)
-    if shape is not None:
-        return _array(hint, shape, metas)
-    if origin is tuple and inside[-1] is Ellipsis:
-        return _items(inside[0], _bounds(metas, "min_length").get("min_length", 0))
-    if hasattr(hint, "_fields"):
-        return _named(hint)
+        return _number(hint, bounds)
+    numbers = _numbers(hint, bounds)
+    if numbers is not None:
+        return _array(hint, *numbers, bounds.get("min_length", 0))
+    if origin is tuple or hasattr(hint, "_fields"):
+        return _items(hint, bounds.get("min_length", 0))
     if origin is Literal:
-        return _literal(hint, inside)
+        return partial(_literal, hint)
     if hint is Any:
         return lambda name, argument: argument
     if isinstance(hint, type):
@@ -169,32 +168,26 @@ def _of_type(hint: Any, metas: list[Meta]) -> Convert:
     raise TypeError(f"{hint} does not say how it is converted")
 
 
-def _bounds(metas: list[Meta], *names: str) -> dict[str, Any]:
-    """Return those of several bounds that annotations have."""
-    pairs = ((name, getattr(meta, name)) for meta in metas for name in names)
-    return {name: each for name, each in pairs if each is not None}
+def _is_sequence(argument: Any) -> bool:
+    return isinstance(argument, Sequence | np.ndarray) and not isinstance(argument, str)
 
 
-def _choice(kinds: tuple[Any, ...], metas: list[Meta]) -> Convert:
+def _choice(kinds: tuple[Any, ...], bounds: Bounds) -> Convert:
     """Return the converter of one value, a sequence of them, or None, as far as each is allowed."""
-    others = [each for each in kinds if each is not type(None)]
-    several = [converter(other) for other in others if get_origin(bare(other)) is tuple]
-    single = [
-        converter(Annotated[other, *metas] if metas else other)
-        for other in others
-        if get_origin(bare(other)) is not tuple
-    ]
-    if len(several) > 1 or len(single) > 1:
+    others = [each for each in kinds if each is not NoneType]
+    by_form = {get_origin(bare(each)) is tuple: converter(each, bounds) for each in others}
+    if len(by_form) < len(others):
         raise TypeError(f"which of {kinds} an argument is cannot be told")
+    several, single = by_form.get(True), by_form.get(False)
 
     def convert(name: str, argument: Any) -> Any:
-        if argument is None and len(others) < len(kinds):
+        if argument is None and NoneType in kinds:
             return None
-        is_sequence = isinstance(argument, Sequence | np.ndarray) and not isinstance(argument, str)
-        if several and (is_sequence or not single):
-            return several[0](name, argument)
+        if several and (single is None or _is_sequence(argument)):
+            return several(name, argument)
+        assert single is not None
         try:
-            return single[0](name, argument)
+            return single(name, argument)
         except InputError as reason:
             if not several:
                 raise
@@ -204,17 +197,15 @@ def _choice(kinds: tuple[Any, ...], metas: list[Meta]) -> Convert:
     return convert
 
 
-def _number(is_whole: bool, metas: list[Meta]) -> Convert:
-    """Return the converter of a number within bounds."""
-    bounds = _bounds(metas, "gt", "ge", "lt", "le")
-    units = {(meta.extra or {}).get("unit") for meta in metas}
-    number: Convert = partial(_bounded, bounds, "deg" in units)
-    if bounds == {"gt": 0}:
-        number = positive
-    elif bounds == {"ge": 0}:
-        number = not_negative
-    if not is_whole:
-        return number
+_BOUNDS = {"gt": "above {}", "ge": "from {}", "lt": "below {}", "le": "up to {}"}
+
+
+def _number(hint: Any, bounds: Bounds) -> Convert:
+    """Return the converter of a float or a whole number within bounds."""
+    ends = {key: each for key, each in bounds.items() if key in _BOUNDS}
+    number: Convert = partial(_bounded, ends, "angle" in bounds)
+    if ends in ({"gt": 0}, {"ge": 0}):
+        number = positive if "gt" in ends else not_negative
 
     def whole(name: str, argument: Any) -> int:
         result = number(name, argument)
@@ -222,62 +213,53 @@ def _number(is_whole: bool, metas: list[Meta]) -> Convert:
             raise InputError(name, argument, "a whole number")
         return int(result)
 
-    return whole
+    return whole if hint is int else number
 
 
-_BOUNDS = {"gt": "above {}", "ge": "from {}", "lt": "below {}", "le": "up to {}"}
-
-
-def _bounded(bounds: dict[str, Any], is_angle: bool, name: str, argument: Any) -> float:
+def _bounded(ends: Bounds, is_angle: bool, name: str, argument: Any) -> float:
     """Return a number within any bounds."""
     number = finite(name, argument)
-    low, high = bounds.get("ge", -math.inf), bounds.get("le", math.inf)
-    above, below = bounds.get("gt", -math.inf), bounds.get("lt", math.inf)
-    if low <= number <= high and above < number < below:
+    low, high = ends.get("ge", -math.inf), ends.get("le", math.inf)
+    if low <= number <= high and ends.get("gt", -math.inf) < number < ends.get("lt", math.inf):
         return number
-    ends = (
-        (_BOUNDS[key], "pi" if each == math.pi else f"{each:g}") for key, each in bounds.items()
-    )
+    names = ((_BOUNDS[key], "pi" if each == math.pi else f"{each:g}") for key, each in ends.items())
     message = f"{'an angle in rad' if is_angle else 'a number'} "
-    message += ", ".join(words.format(end) for words, end in ends)
+    message += ", ".join(words.format(end) for words, end in names)
     raise InputError(name, argument, message + (likely_degrees(number) if is_angle else ""))
 
 
 def _parts(hint: Any) -> tuple[list[Any], bool]:
-    """Return the types inside of a tuple, and whether it is of any length."""
+    """Return the annotations inside of a tuple, and whether it is of any length."""
     if hasattr(hint, "_fields"):
         return list(get_type_hints(hint, include_extras=True).values()), False
     inside = list(get_args(hint)) if get_origin(hint) is tuple else []
     return (inside[:1], True) if inside[-1:] == [Ellipsis] else (inside, False)
 
 
-def _shape(hint: Any, metas: list[Meta]) -> tuple[int | None, ...] | None:
-    """Return the shape of numbers in tuples, None along what has any length; None for others."""
-    if hint in (float, int):
-        return ()
+def _numbers(hint: Any, bounds: Bounds) -> tuple[tuple[int | None, ...], list[Any]] | None:
+    """Return the shape of numbers in nested tuples, and their annotations in turn; None of others.
+
+    The shape has None along what is of any length.
+    """
     parts, is_endless = _parts(hint)
-    shapes = {_shape(bare(part), [*getattr(part, "__metadata__", ())]) for part in parts}
+    inner = [
+        ((), [part]) if bare(part) in (float, int) else _numbers(bare(part), _bounds(part))
+        for part in parts
+    ]
+    shapes = {None if each is None else each[0] for each in inner}
     if len(shapes) != 1 or None in shapes:
         return None
-    sizes = _bounds([meta for meta in metas if isinstance(meta, Meta)], "min_length", "max_length")
-    least, most = sizes.get("min_length"), sizes.get("max_length")
-    values = (most if least == most else None) if is_endless else len(parts)
-    return values, *(shapes.pop() or ())
+    least, most = bounds.get("min_length"), bounds.get("max_length")
+    count = (most if least == most else None) if is_endless else len(parts)
+    return (count, *(shapes.pop() or ())), [leaf for each in inner if each for leaf in each[1]]
 
 
-def _array(hint: Any, shape: tuple[int | None, ...], metas: list[Meta]) -> Convert:
+def _array(hint: Any, shape: tuple[int | None, ...], leaves: list[Any], least: int) -> Convert:
     """Return the converter of numbers in nested tuples, each within its own bounds."""
-    least = _bounds(metas, "min_length").get("min_length", 0)
-    make = getattr(hint, "_make", tuple)
-    leaves = _leaves(hint)
-    is_whole = bare(leaves[0]) is int
-    each = (
-        [converter(leaf) for leaf in leaves] if any(bare(leaf) != leaf for leaf in leaves) else []
-    )
+    make, is_whole = getattr(hint, "_make", tuple), bare(leaves[0]) is int
+    each = [converter(leaf) for leaf in leaves if any(map(_bounds, leaves))]
 
     def convert(name: str, argument: Any) -> Any:
-        if len(shape) == 1 and not each and not is_whole and _is_kept(argument, shape[0], least):
-            return argument
         array = finite_array(name, argument, shape)
         if len(array) < least:
             raise InputError(name, argument, f"at least {'one' if least == 1 else least}")
@@ -290,61 +272,33 @@ def _array(hint: Any, shape: tuple[int | None, ...], metas: list[Meta]) -> Conve
     return convert
 
 
-def _leaves(hint: Any) -> list[Any]:
-    """Return the annotations of the numbers in nested tuples, in turn."""
-    parts, _ = _parts(bare(hint))
-    return [leaf for part in parts for leaf in _leaves(part)] if parts else [hint]
-
-
-def _is_kept(argument: Any, size: int | None, least: int) -> bool:
-    """Return whether numbers are a tuple of finite floats already."""
-    return (
-        type(argument) is tuple
-        and (len(argument) >= least if size is None else len(argument) == size)
-        and all(type(each) is float and -LARGEST <= each <= LARGEST for each in argument)
-    )
-
-
 def _tuples(nested: Any) -> Any:
     return tuple(map(_tuples, nested)) if isinstance(nested, list) else nested
 
 
 def _items(hint: Any, least: int) -> Convert:
-    """Return the converter of a sequence of what are no numbers."""
-    each = converter(hint)
+    """Return the converter of a named tuple, or a sequence, of what are not all numbers."""
+    parts, is_endless = _parts(hint)
+    each = [converter(part) for part in parts]
+    allowed = f"a tuple of which each is {such(bare(parts[0]))}" if is_endless else such(hint)
 
     def convert(name: str, argument: Any) -> Any:
-        if isinstance(argument, str) or not isinstance(argument, Sequence | np.ndarray):
-            raise InputError(name, argument, f"a tuple of which each is {such(bare(hint))}")
+        if not _is_sequence(argument) or not (is_endless or len(argument) == len(parts)):
+            raise InputError(name, argument, allowed)
         if len(argument) < least:
-            message = f"at least {'one' if least == 1 else least}: {such(bare(hint))}"
+            message = f"at least {'one' if least == 1 else least}: {such(bare(parts[0]))}"
             raise InputError(name, argument, message)
-        return tuple(each(f"{name}[{i}]", item) for i, item in enumerate(argument))
+        if is_endless:
+            return tuple(each[0](f"{name}[{i}]", item) for i, item in enumerate(argument))
+        rows = zip(hint._fields, each, argument, strict=True)
+        return hint(*(convert(f"{name}.{item}", x) for item, convert, x in rows))
 
     return convert
 
 
-def _named(hint: Any) -> Convert:
-    """Return the converter of a named tuple."""
-    parts, _ = _parts(hint)
-    each = [(item, converter(part)) for item, part in zip(hint._fields, parts, strict=True)]
-
-    def convert(name: str, argument: Any) -> Any:
-        if not isinstance(argument, Sequence | np.ndarray) or len(argument) != len(each):
-            raise InputError(name, argument, such(hint))
-        pairs = zip(each, argument, strict=True)
-        return hint(*(part(f"{name}.{item}", x) for (item, part), x in pairs))
-
-    return convert
-
-
-def _literal(hint: Any, allowed: tuple[Any, ...]) -> Convert:
-    """Return the converter of what is one of several texts or whole numbers."""
-
-    def convert(name: str, argument: Any) -> Any:
-        is_one = isinstance(argument, str | int | np.integer) and not isinstance(argument, bool)
-        if is_one and argument in allowed:
-            return allowed[allowed.index(argument)]
-        raise InputError(name, argument, such(hint))
-
-    return convert
+def _literal(hint: Any, name: str, argument: Any) -> Any:
+    """Return what is one of several texts or whole numbers."""
+    allowed, is_plain = get_args(hint), isinstance(argument, str | int | np.integer)
+    if is_plain and not isinstance(argument, bool) and argument in allowed:
+        return allowed[allowed.index(argument)]
+    raise InputError(name, argument, such(hint))
