@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -22,7 +21,6 @@ from model.paths import Array
 from model.rotations import matrices
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
-from model.shape import Shape
 from model.text import MOST_LINES, columns, counted, shortened_lines
 from model.time_limit import check_time
 from model.unloaded.sections import LEAST_STRETCH
@@ -58,6 +56,18 @@ class Shapes:
     slack: NDArray[np.bool_]
     problems: tuple[str, ...] = ()
 
+    @classmethod
+    def unsettled(cls, arm: Arm, count: int) -> Shapes:
+        """Return so many rows of nan, to be filled."""
+        tip, frame = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
+        tensions = np.full((count, arm.n_tendons), np.nan)
+        return cls(tip, frame, np.full(count, np.nan), tensions, np.zeros(tensions.shape, bool))
+
+    def fill(self, i: Any, poses: Array, error: Any, tensions: Array, slack: Any) -> None:
+        """Put down what some sets are settled to, by the poses of their tips."""
+        self.tip[i], self.tip_frame[i] = poses[..., 4:], matrices(poses[..., :4])
+        self.error[i], self.tensions[i], self.slack[i] = error, tensions, slack
+
     def __repr__(self) -> str:
         lost = [f"  {i}: {why}" for i, why in enumerate(self.problems) if why]
         rows = [
@@ -69,62 +79,6 @@ class Shapes:
         table = columns([head, *rows[:MOST_LINES]])
         more = [f"  ... and {len(rows) - MOST_LINES} more"] if len(rows) > MOST_LINES else []
         return "\n".join([said, *table, *more, *shortened_lines(lost)])
-
-
-class _Rows:
-    """The rows of many sets, as they come to be settled; nan where something went wrong."""
-
-    def __init__(self, arm: Arm, count: int, errors: Errors) -> None:
-        if errors not in ("raise", "nan"):
-            raise InputError("errors", errors, '"raise" or "nan"')
-        self._arm, self._raised = arm, errors == "raise"
-        self.problems = [""] * count
-        self.tip, self.frame = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
-        self.error, self.tensions = np.full(count, np.nan), np.full((count, arm.n_tendons), np.nan)
-        self.slack = np.zeros((count, arm.n_tendons), dtype=bool)
-
-    @contextmanager
-    def of(self, i: int) -> Iterator[None]:
-        """Keep what goes wrong at a set, unless it is to be raised."""
-        try:
-            yield
-        except OctoplanError as reason:
-            if self._raised:
-                raise
-            self.problems[i] = str(reason)
-
-    def fill(self, i: Any, poses: Array, error: Any, tensions: Array, slack: Any) -> None:
-        """Put down what some sets are settled to."""
-        self.tip[i], self.frame[i] = poses[..., 4:], matrices(poses[..., :4])
-        self.error[i], self.tensions[i], self.slack[i] = error, tensions, slack
-
-    @property
-    def good(self) -> Any:
-        """The numbers of the sets where nothing went wrong."""
-        return np.flatnonzero([not problem for problem in self.problems])
-
-    def settle(self, settled: Callable[[int], Shape]) -> Shapes:
-        """Return the rows; sets that are not settled yet, and not wrong, by themselves."""
-        for i in np.flatnonzero(np.isnan(self.error)).tolist():
-            if not self.problems[i]:
-                with self.of(i):
-                    shape = settled(i)
-                    poses, slack = shape.equilibrium.poses[-1], shape.slack.ravel()
-                    self.fill(i, poses, shape.error, shape.tensions, slack)
-        values = self.tip, self.frame, self.error, self.tensions, self.slack
-        return Shapes(*values, tuple(self.problems))
-
-    def stack(self, tensions: Any) -> Array:
-        """Return sets of tensions (m, n_tendons), 0 of those that are not allowed."""
-        if isinstance(tensions, np.ndarray) and tensions.dtype == float:
-            fits = tensions.shape[1:] in self._arm.shapes
-            if fits and np.all((tensions >= 0) & (tensions <= LARGEST)):
-                return tensions.reshape(self.tensions.shape)
-        rows = np.zeros(self.tensions.shape)
-        for i, row in enumerate(tensions):
-            with self.of(i):
-                rows[i] = self._arm.flat(row, f"tensions[{i}]")
-        return rows
 
 
 def _marched(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
@@ -189,56 +143,65 @@ def settle_many(
     CompilerError
         If `compile` is True, and there is no compiler or it fails.
     """
-    scene = checked_scene(arm, scene)
-    accuracy = checked_accuracy(accuracy)
+    scene, accuracy = checked_scene(arm, scene), checked_accuracy(accuracy)
     options: dict[str, Any] = {"compile": checked_compile(compile)}
-    if lengths is not None:
-        options |= {"tendon_EA": tendon_EA, "tendon_outside": tendon_outside}
-        return _by_lengths(arm, lengths, tensions, scene, accuracy, options, errors)
-    if not hasattr(tensions, "__len__"):
-        raise InputError("tensions", tensions, "a set of tensions for each shape to settle")
-    rows = _Rows(arm, len(tensions), errors)
-    T = rows.stack(tensions)
-    if not is_loaded(scene):
-        maps, good = maps_of(arm, scene, None, options["compile"]), rows.good
-        poses, error = _marched(maps, T[good], accuracy)
-        settled = ~np.isnan(error)
-        good, T_good = good[settled], T[good[settled]]
-        rows.fill(good, poses[settled], error[settled], T_good, ~pulls(arm, T_good))
-
-    def alone(i: int) -> Shape:
-        try:
-            return settle(arm, T[i], scene, accuracy, **options)
-        except UnsettledSectionError as error:
-            raise UnsettledSectionError(error.s, f"tensions[{i}]") from None
-        except CollapsedError as error:
-            raise CollapsedError(error.s, error.stretch, f"tensions[{i}]") from None
-
-    return rows.settle(alone)
-
-
-def _by_lengths(
-    arm: Arm,
-    lengths: Any,
-    tensions: Any,
-    scene: Scene,
-    accuracy: float,
-    options: dict[str, Any],
-    errors: Errors,
-) -> Shapes:
-    """Return the tips by sets of lengths, and of tensions where these are given in part."""
-    for name, values in (("lengths", lengths), ("tensions", tensions)):
-        if values is not None and not hasattr(values, "__len__"):
+    if errors not in ("raise", "nan"):
+        raise InputError("errors", errors, '"raise" or "nan"')
+    for name, values in (("tensions", tensions), ("lengths", lengths)):
+        is_wanted = values is not None or (name == "tensions" and lengths is None)
+        if is_wanted and not hasattr(values, "__len__"):
             raise InputError(name, values, f"a set of {name} for each shape to settle")
-    if tensions is not None and len(tensions) != len(lengths):
-        raise InputError("tensions", f"{len(tensions)} sets", f"{len(lengths)}, as of lengths")
-
-    def settled(i: int) -> Shape:
-        T = None if tensions is None else tensions[i]
+    by, count = ("tensions", len(tensions)) if lengths is None else ("lengths", len(lengths))
+    if tensions is not None and len(tensions) != count:
+        raise InputError("tensions", f"{len(tensions)} sets", f"{count}, as of lengths")
+    if by == "lengths":
+        options |= {"tendon_EA": tendon_EA, "tendon_outside": tendon_outside}
+    shapes, problems = Shapes.unsettled(arm, count), [""] * count
+    if by == "tensions" and not is_loaded(scene):
+        T = _rows(arm, tensions)
+        allowed = np.flatnonzero(((T >= 0) & (T <= LARGEST)).all(axis=1))
+        maps = maps_of(arm, scene, None, options["compile"])
+        poses, error = _marched(maps, T[allowed], accuracy)
+        good, settled = allowed[~np.isnan(error)], ~np.isnan(error)
+        shapes.fill(good, poses[settled], error[settled], T[good], ~pulls(arm, T[good]))
+    for i in np.flatnonzero(np.isnan(shapes.error)).tolist():
+        if lengths is not None:
+            options["lengths"] = lengths[i]
         try:
-            return settle(arm, T, scene, accuracy, lengths=lengths[i], **options)
-        except InputError as reason:
-            field = reason.field.replace("lengths", f"lengths[{i}]", 1)
-            raise InputError(field, reason.given, reason.allowed) from None
+            alone = settle(
+                arm, None if tensions is None else tensions[i], scene, accuracy, **options
+            )
+        except OctoplanError as reason:
+            if errors == "raise":
+                raise _of_set(reason, by, i) from None
+            problems[i] = str(_of_set(reason, by, i))
+        else:
+            poses, slack = alone.equilibrium.poses[-1], alone.slack.ravel()
+            shapes.fill(i, poses, alone.error, alone.tensions, slack)
+    return replace(shapes, problems=tuple(problems))
 
-    return _Rows(arm, len(lengths), errors).settle(settled)
+
+def _rows(arm: Arm, tensions: Any) -> Array:
+    """Return sets of tensions (m, n_tendons), nan of those that are no numbers for the tendons."""
+    are_numbers = isinstance(tensions, np.ndarray) and tensions.dtype == float
+    if are_numbers and tensions.shape[1:] in arm.shapes:
+        return np.reshape(tensions, (len(tensions), arm.n_tendons))
+    rows = np.full((len(tensions), arm.n_tendons), np.nan)
+    for i, row in enumerate(tensions):
+        with suppress(InputError):  # it is told where the set is settled alone
+            rows[i] = arm.flat(row)
+    return rows
+
+
+def _of_set(reason: OctoplanError, by: str, i: int) -> OctoplanError:
+    """Return an error that names the set, of what is about its tendons or a cross-section."""
+    if isinstance(reason, InputError):
+        field = reason.field
+        for name in ("tensions", "lengths"):
+            field = f"{name}[{i}]{field[len(name) :]}" if field.startswith(name) else field
+        return InputError(field, reason.given, reason.allowed)
+    if isinstance(reason, UnsettledSectionError):
+        return UnsettledSectionError(reason.s, f"{by}[{i}]")
+    if isinstance(reason, CollapsedError):
+        return CollapsedError(reason.s, reason.stretch, f"{by}[{i}]")
+    return reason

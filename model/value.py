@@ -67,7 +67,7 @@ def value(cls: Any = None, **options: bool) -> Any:
     check_together = getattr(cls, "__post_init__", None)
 
     def convert_first(self: Any) -> None:
-        if type(self) is made:
+        if self.__class__ is made:
             for name, default, label, convert in _converters(made):
                 if vars(self)[name] is not default:
                     vars(self)[name] = convert(label, vars(self)[name])
