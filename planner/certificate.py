@@ -149,9 +149,9 @@ class Certificate(Shown):
         """What did not pass, a sentence each."""
         if self.problem:
             return (self.problem,)
-        least, unstable = self.stability_margin, "the arm does not stand; stability below 0 by"
-        if self.stability >= 0:
-            unstable = f"stability below its margin of {least:g} by"
+        least = self.stability_margin
+        below = f"stability below its margin of {least:g} by"
+        unstable = below if self.stability >= 0 else "the arm does not stand; stability below 0 by"
         checks = [
             (self.residual, self.tolerance, "target residual"),
             (-min(self.inequality.values(), default=0.0), self.tolerance, "inequality below 0 by"),
@@ -185,27 +185,29 @@ class Certificate(Shown):
         """What was checked: name with unit, value, what is allowed; first the names of columns."""
         most, least = f"at most {self.tolerance:.0e}", "as small as the limits allow"
         measured = ((self.equality, most), (self.soft_residual, least))
-        rows: list[tuple[str, float, str]] = [
-            (f"{name} [{self.units.get(name, '-')}]", value, allowed)
-            for values, allowed in (*measured, (self.inequality, "at least 0"))
-            for name, value in values.items()
-        ]
-        rows += [
+        load_factor = None if self.load_factor is None else min(self.load_factor, MOST_LOADS)
+        rows: list[tuple[str, float | None, str]] = [
+            *(
+                (f"{name} [{self.units.get(name, '-')}]", value, allowed)
+                for values, allowed in (*measured, (self.inequality, "at least 0"))
+                for name, value in values.items()
+            ),
             ("limits violated by [N]", self.bounds, "at most 0"),
             ("optimality residual [-]", self.kkt, f"at most {KKT_TOLERANCE:.0e}"),
             ("integrators differ by [L]", self.agreement, most),
             ("estimated tip error [L]", self.error, ""),
             ("stability [-]", self.stability, f"at least {self.stability_margin:g}; 1 at rest"),
+            ("load factor [-]", load_factor, self.bears),
+            ("complementarity missed by", self.complementarity, ""),
+            ("clearance [mm]", 1e3 * self.clearance, self.nearest or "can meet nothing"),
         ]
-        if self.load_factor is not None:
-            rows.append(("load factor [-]", min(self.load_factor, MOST_LOADS), self.bears))
-        if self.complementarity is not None:
-            rows.append(("complementarity missed by", self.complementarity, ""))
-        rows.append(("clearance [mm]", 1e3 * self.clearance, self.nearest or "can meet nothing"))
-        # As people write numbers: small ones with their exponents.
-        shown = [f"{x:.3g}" if x == 0 or 1e-2 <= abs(x) < 1e5 else f"{x:.2e}" for _, x, _ in rows]
-        cells = zip(rows, shown, strict=True)
-        return [["checked", "value", "allowed"], *([row[0], x, row[2]] for row, x in cells)]
+        known = ([name, _digits(x), allowed] for name, x, allowed in rows if x is not None)
+        return [["checked", "value", "allowed"], *known]
 
     def __str__(self) -> str:
         return told(self)
+
+
+def _digits(value: float) -> str:
+    """Return a number with three digits: as people write it, a small one with its exponent."""
+    return f"{value:.3g}" if value == 0 or 1e-2 <= abs(value) < 1e5 else f"{value:.2e}"

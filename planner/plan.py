@@ -263,11 +263,16 @@ def plan(
     if compliance_requests(targets) and not (is_limited or np.all(np.isfinite(limits.upper))):
         raise InputError("tension_max", np.inf, "finite limits where a stiffness is wanted")
     if form not in (None, "condensed", "multiple-shooting"):
-        allowed = "condensed, multiple-shooting; it is deprecated and has no effect"
-        raise InputError("form", form, allowed)
+        raise InputError(
+            "form",
+            form,
+            "condensed, multiple-shooting; it is deprecated and has no effect",
+        )
     if form is not None:
-        warning = "form has no effect: there is one program; solver= tells what solves it"
-        warn(warning, DeprecationWarning)
+        warn(
+            "form has no effect: there is one program; solver= tells what solves it",
+            DeprecationWarning,
+        )
     if starts is not None and (type(starts) is not int or starts < 1):
         raise InputError("starts", starts, "a whole number from 1")
     margin = BRINK if is_loaded(scene) and not contacts(scene) else 0.0

@@ -102,10 +102,10 @@ def _scene(scene: Scene) -> Iterator[Part]:
 
 
 def _trajectory(motion: Trajectory) -> Iterator[Part]:
-    yield f"{motion.outcome}\n"
-    head = ["t [s]", *(f"{name} [N]" for name in motion.arm.tendon_names)]
+    yield f"{motion.outcome}\n\ntensions [N]"
     pairs = zip(motion.times, motion.flat, strict=True)
-    yield [head, *([f"{t:.4g}", *(f"{x:.4f}" for x in T)] for t, T in pairs)]
+    rows = ([f"{t:.4g}", *(f"{x:.4f}" for x in T)] for t, T in pairs)
+    yield [["t [s]", *motion.arm.tendon_names], *rows]
     yield ""
     yield from parts_of(motion.certificate)
 
