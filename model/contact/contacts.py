@@ -6,13 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from model.contact.friction import positions, tangents
 from model.contact.gaps import along
 from model.contact.touches import Touches, frictions, resultants, second
 from model.equilibrium.linearised import Linearised
 from model.loads import contacts
-from model.obstacles import distances, numbers_of
-from model.obstacles.base import Convex
+from model.obstacles import numbers_of
+from model.obstacles.base import Convex, pair_distances
 from model.paths import SAME, Array
 
 
@@ -72,17 +71,15 @@ def touches_of(
         return ()
     s = system.mesh.s[nodes]
     places, values = system.poses(states)[nodes, 4:], second(system, states)[nodes, numbers]
-    if shifted:
-        shifts = values * touches.moves[nodes, numbers]
-        places += shifts[:, None] * tangents(point, s)
-    slipped = 0 * places if before is None else places - positions(before, s)
-    all_distances, all_normals = distances(numbers_of([body.obstacle for body in bodies]), places)
-    each = np.arange(nodes.size)
-    distance, normals = all_distances[each, numbers], all_normals[each, numbers]
-    pressed, tangential = resultants(system, states), frictions(system, states)
     # Strains may jump at a node, and with them the radius of a body that swells.
-    sides = [np.minimum(s + side * length, length) for side in (0.0, SAME)]
-    gaps = np.min([along(system, point.x, side, numbers)[:, 0] for side in sides], axis=0)
+    before_it, _, tangent = along(system, point.x, s, numbers)
+    beyond = along(system, point.x, np.minimum(s + SAME * length, length), numbers)[0]
+    gaps = np.minimum(before_it[:, 0], beyond[:, 0])
+    if shifted:
+        places += (values * touches.moves[nodes, numbers])[:, None] * tangent
+    slipped = 0 * places if before is None else places - before.at(s)[0][:, 4:]
+    distance, normals = pair_distances(numbers_of([bodies[j].obstacle for j in numbers]), places)
+    pressed, tangential = resultants(system, states), frictions(system, states)
     read_off = []
     for i, (k, j) in enumerate(zip(nodes, numbers, strict=True)):
         n, rubbed, body = normals[i], tangential[k, j], bodies[j]

@@ -44,7 +44,8 @@ class TouchingMap(Collocation):
         base = mesh_with_contact(arm, scene, refinement, at)
         self._form = stages, refinement, at, machine_code
         self._state(System(arm, scene, base, stages, True, machine_code))
-        self._fixed = np.unique(landmarks(arm, scene, at))
+        fixed = {base.node(s) for s in landmarks(arm, scene, at)}
+        self._fixed = base.s[sorted(fixed)]
         none = np.zeros(arm.n_tendons)
         x = self.system.x(none, 0.0, self.without_loads(none))
         self._at_rest = Linearised(self.system, x)

@@ -17,38 +17,16 @@ from collections.abc import Sequence
 import numpy as np
 import scipy
 
+from model.contact.gaps import along
 from model.contact.touches import Touches, kernel_numbers
-from model.cross_section.law import kinematics
-from model.equilibrium.integration import poses_and_strains
 from model.equilibrium.linearised import Index, Linearised
 from model.paths import Array
-from model.rotations import matrices
-from model.transcription.system import System
 from model.transcription.touch import BEFORE
 
 # Equilibria on a load path, and the load factors at which they are: the first at 0.
 Path = Sequence[tuple[Linearised, float]]
 # The step of differences in where nodes were, over the arm's length.
 _STEP = 1e-7
-
-
-def positions(point: Linearised, s: Array) -> Array:
-    """Return where the midline is (n, 3) in an equilibrium at arc lengths s (n,) [m]."""
-    return poses_and_strains(point.system, point.x, s)[0][:, 4:]
-
-
-def tangents(point: Linearised, s: Array) -> Array:
-    """Return the derivatives (k, 3) of the midline by arc length, on the base side of s (k,)."""
-    poses, v = poses_and_strains(point.system, point.x, s)
-    along = kinematics(point.system.of.form.law, v)[1]
-    return np.asarray(np.einsum("kij,kj->ki", matrices(poses[:, :4]), along))
-
-
-def set_history(system: System, before: Linearised) -> None:
-    """Set where the nodes of a system were, which the kernels of friction read."""
-    kernel_numbers(system, "contact_friction")[:, :, -BEFORE:] = positions(
-        before, system.mesh.s[1:]
-    )[:, None]
 
 
 def path_sensitivities(path: Path) -> Array:
@@ -77,8 +55,8 @@ def _by_history(before: Linearised, earlier: Array, point: Linearised, by_step: 
     by_before = _by_positions(point, nodes)
     by_history = by_before @ were.reshape(3 * nodes.size, -1)
     k, j = np.nonzero(touches.points[nodes])
-    rolled = tangents(point, s[k]) - tangents(before, s[k])
-    by_shift = -np.einsum("nki,ki->nk", by_before.reshape(-1, nodes.size, 3)[:, k], rolled)
+    now, then = (along(at.system, at.x, s[k], j)[2] for at in (point, before))
+    by_shift = -np.einsum("nki,ki->nk", by_before.reshape(-1, nodes.size, 3)[:, k], now - then)
     shifts = system.of.touches[nodes[k], j, 1]
     shifted = np.linalg.solve(np.eye(k.size) - by_shift[shifts], (by_step + by_history)[shifts])
     return np.asarray(by_history + by_shift @ shifted)
@@ -95,7 +73,6 @@ def _by_positions(point: Linearised, nodes: Index) -> Array:
     for axis in range(3):
         for sign in (1, -1):
             changed = copy.copy(point.system)
-            changed.p = point.system.p.copy()
             kernel_numbers(changed, "contact_friction")[:, :, axis - BEFORE] += sign * step
             slope = sign * changed.residual(point.x)[rows] / (2 * step)
             right[rows, np.arange(nodes.size)[:, None], axis] += slope

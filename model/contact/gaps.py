@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
-import casadi as ca
 import numpy as np
 
 from model.centreline import Centreline
-from model.contact.touches import Places
-from model.cross_section.law import CrossSection, size
+from model.contact.touches import Mask, Places
 from model.equilibrium.integration import poses_and_strains
 from model.equilibrium.linearised import Index
 from model.errors import InputError
 from model.loads import contacts
-from model.machine.buffered import Mapped
+from model.machine.buffered import mapped
 from model.obstacles import distances, numbers_of
-from model.obstacles.base import SIZE, signed_distance
 from model.paths import SAME, Array
-from model.rotations import unit_matrix
 from model.transcription.collocation import gauss
 from model.transcription.system import System
-from model.transcription.touch import TOUCH, swelling
+from model.transcription.touch import gap_along
 
 # What a gap may be below 0, over the arm's length.
 THROUGH = 1e-9
@@ -30,63 +24,45 @@ THROUGH = 1e-9
 _SAMPLES, _AMONG, _NARROWED = 6, 9, 7
 
 
-def along(system: System, x: Array, s: Array, obstacles: Array | Index) -> Array:
+def along(system: System, x: Array, s: Array, obstacles: Index) -> tuple[Array, Array, Array]:
     """Return gap [m], gap' [-] and gap'' [1/m] (N, 3) at arc lengths s (N,), on their base side.
 
-    Each of one of the obstacles (N,), by its number.
+    Each of one of the obstacles (N,), by its number; and its normal and the midline's derivative
+    (N, 3) there.
     """
     of, mesh = system.of, system.mesh
     poses, v = poses_and_strains(system, x, s)
     m, step = of.form.stages, np.clip(np.searchsorted(mesh.s, s) - 1, 0, mesh.steps - 1)
-    h = np.diff(mesh.s)[step]
+    h, p = np.diff(mesh.s)[step], np.arange(1, m)
     fraction = (s - mesh.s[step]) / h
-    p = np.arange(1, m)
     weights = p * fraction[:, None] ** (p - 1) @ gauss(m).powers[1:] / h[:, None]
     stages = x[of.first + of.stages].reshape(-1, m, of.form.strains)[step]
     rate = np.einsum("km,kmn->kn", weights, stages)
-    bodies = system.p[of.equations.numbers_of("touch")].reshape(-1, of.form.contacts, TOUCH)
-    radii = np.array(system.arm.outer_radius(s))
-    return _along(of.form.law, of.form.machine_code)(
-        poses, v, rate, bodies[0, obstacles, :SIZE], radii.T
-    )[0]
+    bodies = numbers_of([contact.obstacle for contact in contacts(system.scene)])[obstacles]
+    radii = np.array(system.arm.outer_radius(s)).T
+    call = mapped(gap_along(of.form.law), of.form.machine_code)
+    gaps, normals, tangents = call(poses, v, rate, bodies, radii)
+    return gaps, normals, tangents
 
 
-@lru_cache(maxsize=32)
-def _along(law: CrossSection, machine_code: bool) -> Mapped:
-    """Return pose, strains, their rates, an obstacle, radius and two derivatives -> gap, ..."""
-    g, v, rate = ca.SX.sym("g", 7), ca.SX.sym("v", size(law)), ca.SX.sym("rate", size(law))
-    body, radius = ca.SX.sym("body", SIZE), ca.SX.sym("radius", 3)
-    distance, normal = signed_distance()(g[4:], body)
-    kappa, nu = law.twist(v)
-    R = unit_matrix(g[:4])
-    u1 = R @ nu
-    u2 = R @ (ca.cross(kappa, nu) + ca.jtimes(nu, v, rate))
-    bend = ca.jacobian(normal, g[4:])
-    wide, widening = swelling(law, v)
-    wide1 = widening @ rate
-    wide2 = ca.jtimes(wide1, v, rate)
-    gap = ca.vertcat(
-        distance - radius[0] * wide,
-        ca.dot(normal, u1) - radius[1] * wide - radius[0] * wide1,
-        ca.dot(normal, u2)
-        + ca.dot(u1, bend @ u1)
-        - radius[2] * wide
-        - 2 * radius[1] * wide1
-        - radius[0] * wide2,
-    )
-    function = ca.Function("along", [g, v, rate, body, radius], [gap], {"cse": True})
-    return Mapped(function, machine_code)
+def gaps_along(system: System, states: Array, samples: int = _SAMPLES) -> tuple[Array, Array]:
+    """Return arc lengths (n,) beyond the base, and the gaps there (n, K) [m].
 
-
-def gaps_along(system: System, states: Array) -> tuple[Array, Array]:
-    """Return arc lengths (n,) beyond the base, and the gaps there (n, K) [m]."""
-    line, fractions = Centreline.at_states(system, states), np.arange(1, _SAMPLES + 1) / _SAMPLES
-    element = np.repeat(np.arange(system.mesh.steps), _SAMPLES)
-    fraction = np.tile(fractions, system.mesh.steps)
+    So many in each element, the last at its end.
+    """
+    line, steps = Centreline.at_states(system, states), system.mesh.steps
+    element = np.repeat(np.arange(steps), samples)
+    fraction = np.tile(np.arange(1, samples + 1) / samples, steps)
     points = line.along(element, np.zeros(element.size), fraction)[0]
     bodies = numbers_of([contact.obstacle for contact in contacts(system.scene)])
     s = system.mesh.s[element] + fraction * np.diff(system.mesh.s)[element]
     return s, distances(bodies, points)[0] - line.radius(element, fraction)[:, None]
+
+
+def are_least(gaps: Array) -> Mask:
+    """Return which gaps (n, K) are no larger than those beside them."""
+    wide = np.pad(gaps, ((1, 1), (0, 0)), constant_values=np.inf)
+    return np.asarray((gaps <= wide[:-2]) & (gaps <= wide[2:]))
 
 
 def least_gaps(system: System, x: Array, places: Places = ()) -> list[tuple[int, float]]:
@@ -98,37 +74,30 @@ def least_gaps(system: System, x: Array, places: Places = ()) -> list[tuple[int,
     s, gap = gaps_along(system, x[system.of.first :])
     apart = np.diff(s, prepend=0.0)
     reach = np.maximum(apart, np.append(apart[1:], 0.0))
-    wide = np.pad(gap, ((1, 1), (0, 0)), constant_values=np.inf)
-    least, same = (gap < reach[:, None]) & (gap <= wide[:-2]) & (gap <= wide[2:]), SAME * s[-1]
+    least, same, L = are_least(gap) & (gap < reach[:, None]), SAME * s[-1], system.arm.length
     for place in places:
         least[(s >= place.start - same) & (s <= place.end + same), place.obstacle] = False
     k, j = np.nonzero(least)
-    if not k.size:
-        return []
-    at, reach, most = s[k], reach[k], system.arm.length
-    for _ in range(_NARROWED):
-        ends = np.maximum(at - reach, THROUGH * most), np.minimum(at + reach, most)
+    at, reach, gaps = s[k], reach[k], np.zeros((k.size, 1))
+    for _ in range(_NARROWED * bool(k.size)):
+        ends = np.maximum(at - reach, THROUGH * L), np.minimum(at + reach, L)
         stations = np.linspace(*ends, _AMONG, axis=1)
-        gaps = along(system, x, stations.ravel(), np.repeat(j, _AMONG))[:, 0].reshape(
-            stations.shape
-        )
-        at = np.take_along_axis(stations, gaps.argmin(axis=1)[:, None], axis=1)[:, 0]
+        gaps = along(system, x, stations.ravel(), np.repeat(j, _AMONG))[0][:, 0]
+        gaps = gaps.reshape(stations.shape)
+        at = stations[np.arange(k.size), gaps.argmin(axis=1)]
         reach = (ends[1] - ends[0]) / (_AMONG - 1)
-    low = gaps.min(axis=1) < -THROUGH * most
+    low = gaps.min(axis=1) < -THROUGH * L
     return sorted(set(zip(j[low].tolist(), at[low].tolist(), strict=True)))
 
 
 def check_outside(system: System, states: Array) -> None:
     """Raise InputError where the arm at rest, with states (n_states,), is inside of an obstacle."""
-    s, gap = gaps_along(system, states)
+    (s, gap), bodies = gaps_along(system, states), contacts(system.scene)
     inside = np.flatnonzero(gap.min(axis=0) < -THROUGH * system.arm.length)
-    if inside.size:
-        bodies = [contact.obstacle for contact in contacts(system.scene)]
-        deepest = zip(inside, gap[:, inside].argmin(axis=0), strict=True)
-        where = [
-            f"{-1e3 * gap[k, j]:.3g} mm inside{f' of {bodies[j]}' if j > inside[0] else ''}"
-            f" at s = {s[k]:.4g} m"
-            for j, k in deepest
-        ]
+    where = list[str]()
+    for j, k in zip(inside, gap[:, inside].argmin(axis=0), strict=True):
+        of = f" of {bodies[j].obstacle}" if where else ""
+        where.append(f"{-1e3 * gap[k, j]:.3g} mm inside{of} at s = {s[k]:.4g} m")
+    if where:
         allowed = f"one that the arm at rest is clear of; it is {', and '.join(where)}"
-        raise InputError("Contact.obstacle", bodies[inside[0]], allowed)
+        raise InputError("Contact.obstacle", bodies[inside[0]].obstacle, allowed)

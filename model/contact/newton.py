@@ -10,13 +10,11 @@ import copy
 
 import numpy as np
 
-from model.centreline import Centreline
+from model.contact.gaps import are_least, gaps_along
 from model.contact.touches import Touches, forces, kernel_numbers
 from model.effects import NeoHookean
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import CLOSE, KEPT, TURN, step_sizes
-from model.loads import contacts
-from model.obstacles import distances, numbers_of
 from model.obstacles.base import SIZE
 from model.paths import Array
 from model.time_limit import check_time
@@ -45,36 +43,29 @@ def newton(
     last, kept = 0.0, None
     for _ in range(_STEPS):
         check_time()
-        system = _active(system, states) if complementary else system
-        widened = _widened(system, states)
-        same = kept is not None and np.array_equal(kept.system.p, widened.p)
-        point = Linearised(widened, widened.x(tensions, load, states), kept if same else None)
+        system = (_active if complementary else _widened)(system, states)
+        if kept is not None and not np.array_equal(kept.system.p, system.p):
+            kept = None
+        point = Linearised(system, system.x(tensions, load, states), kept)
         change = point.newton_step()
         if change is None:
             return None
-        turn = float(np.abs(change[system.of.nodes[:, :4]]).max())
+        turn, size = step_sizes(system, change, states)
+        size = max(size, _rubbed(system, change, states))
         states = states + min(1.0, TURN / max(turn, TURN)) * change
-        size = max(float(step_sizes(system, change, states)[1]), _rubbed(system, change, states))
         if turn <= TURN and (size < _CONVERGED or size**2 < _CONVERGED * last):
-            widened = _widened(system, states)
-            return Linearised(widened, widened.x(tensions, load, states))
+            return Linearised(system, system.x(tensions, load, states))
         contracts = size < (KEPT * last if last else CLOSE)
-        keeps = contracts and not system.of.form.contact_friction
-        kept = (point.near or point) if keeps else None
+        kept = (kept or point) if contracts and not system.of.form.contact_friction else None
         last = size
     return None
 
 
 def _active(system: System, states: Array) -> System:
     """Return equations with nodes that touch: those that press, and the deepest inside."""
-    line = Centreline.at_states(system, states)
-    bodies = numbers_of([contact.obstacle for contact in contacts(system.scene)])
-    at = np.arange(system.mesh.steps)
-    gap = distances(bodies, line.poses[1:, 4:])[0] - line.radius(at, np.ones(at.size))[:, None]
-    wide = np.pad(gap, ((1, 1), (0, 0)), constant_values=np.inf)
-    deepest = (gap < 0) & (gap <= wide[:-2]) & (gap <= wide[2:])
-    touches, before = Touches.none(system), Touches.of(system).points[1:]
-    touches.held[1:] = np.where(before, forces(system, states)[1:] > 0, deepest)
+    gap, touches = gaps_along(system, states, 1)[1], Touches.of(system)
+    presses, deepest = forces(system, states)[1:] > 0, (gap < 0) & are_least(gap)
+    touches.held[1:] = np.where(touches.points[1:], presses, deepest)
     return touches.on(system)
 
 
@@ -83,13 +74,10 @@ def _widened(system: System, states: Array) -> System:
 
     Friction at a point lets the stretch jump, and with it the radius of a body that swells.
     """
-    of, scene = system.of, system.scene
-    if not (of.form.contact_friction and scene.has(NeoHookean)):
+    if not (system.of.form.contact_friction and system.scene.has(NeoHookean)):
         return system
     before, beyond = system.stretch_beside(system.strains(states))
-    widened = copy.copy(system)
-    widened.p = system.p.copy()
-    radius = np.asarray(system.arm.outer_radius(system.mesh.s[1:])[0])
+    widened, radius = copy.copy(system), np.asarray(system.arm.outer_radius(system.mesh.s[1:])[0])
     kernel_numbers(widened, "touch")[:, :, SIZE] = (
         radius[:, None] * np.sqrt(np.maximum(before / beyond, 1.0))[:, None]
     )
@@ -101,9 +89,9 @@ def _rubbed(system: System, change: Array, states: Array) -> float:
 
     Strains may be too stiff to tell.
     """
-    if not system.of.form.contact_friction:
-        return 0.0
     of, h = system.of, float(np.diff(system.mesh.s).mean())
+    if not of.form.contact_friction:
+        return 0.0
     most = np.abs(states[of.touches[:, :, 0]]).max()
     size = max(np.abs(change[of.friction_forces]).max(), h * np.abs(change[of.tractions]).max())
     return float(size / max(most, _ROUNDING)) * _FRICTION

@@ -21,12 +21,12 @@ from model.contact.gaps import least_gaps
 from model.contact.newton import newton
 from model.contact.sharp import Request, sharpened
 from model.contact.touches import (
+    Place,
     Places,
     Touches,
     forces,
     mesh_with,
     places_of,
-    point_at,
     read_off,
 )
 from model.equilibrium.linearised import Linearised
@@ -214,7 +214,7 @@ def _least(request: Request, near: Linearised) -> Linearised | None:
     minimum = program.least(begin, *to, _ROUNDS)
     if minimum is None:
         return None
-    touches = Touches.none(system)
+    touches = Touches.of(system)
     largest = max(minimum.forces.max(), program.force_unit)
     touches.held[1:] = minimum.forces > _NONE * largest
     states = program.states(minimum, request.load)
@@ -266,11 +266,11 @@ def _at_forces(rough: Linearised) -> Places:
 def _nodes(rough: Linearised) -> Places:
     """Return where nodes are wanted: those that touch, and where gaps are least and below 0."""
     s, least = rough.system.mesh.s, least_gaps(rough.system, rough.x)
-    spacing, wanted = np.diff(s), [point_at(*at) for at in least]
+    spacing, wanted = np.diff(s), [Place(at[0], at[1], at[1]) for at in least]
     for k, j in zip(*np.nonzero(Touches.of(rough.system).points), strict=True):
         near = spacing[max(k - 2, 0) : k + 1].max() / 2
         if all(j != i or abs(at - s[k]) > near for i, at in least):
-            wanted.append(point_at(int(j), float(s[k])))
+            wanted.append(Place(int(j), float(s[k]), float(s[k])))
     return tuple(wanted)
 
 

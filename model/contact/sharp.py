@@ -8,11 +8,10 @@ the arm passes through it between places there are new ones.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from model.contact.friction import set_history
 from model.contact.gaps import along, least_gaps
 from model.contact.newton import newton
 from model.contact.touches import (
@@ -20,8 +19,9 @@ from model.contact.touches import (
     Places,
     Touches,
     forces,
+    frictions,
+    kernel_numbers,
     mesh_with,
-    point_at,
     read_off,
     resultants,
     second,
@@ -29,24 +29,23 @@ from model.contact.touches import (
 )
 from model.effects import NeoHookean, Shear
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import Collocation
+from model.equilibrium.newton import carried_strains
 from model.loads import contacts
 from model.mesh import Mesh
 from model.paths import SAME, Array
 from model.transcription.system import System
+from model.transcription.touch import BEFORE
 from model.winches import Winches
 
 # How often places move, come or go.
 _ROUNDS = 30
-# How far off places may be, over the arm's length.
-_OFF = 1e-10
+# How far off places may be, over the arm's length; of the largest force or slope, what is rounding.
+_OFF, _ROUNDING = 1e-10, 1e-9
 # gap'' [1/m] that counts as flat, and what points move by instead, over 1 / L: to lesser gaps.
 _FLAT, _BENT = 1e-3, 4.0
 # Over an element: how far from an end derivatives are taken, half the length of a part that was a
 # point and how far points move from corners at most, parts that are points, and what is near.
 _ASIDE, _BORN, _SHORT, _NEAR = 0.05, 0.3, 0.02, 0.25
-# Of the largest force, what is rounding.
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +79,9 @@ class Request:
         base = self.base
         form = base.of.form.stages, True, base.of.form.machine_code, pressed
         system = System(base.arm, base.scene, mesh, *form)
-        if self.before is not None and system.of.form.contact_friction:
-            set_history(system, self.before)
+        if self.before is not None:
+            were = self.before.at(mesh.s[1:])[0][:, 4:]
+            kernel_numbers(system, "contact_friction")[:, :, -BEFORE:] = were[:, None]
         return system
 
     @property
@@ -120,21 +120,21 @@ def _apart(places: Places, others: Places) -> float:
     """Return how far places are from others [m]; infinite where there are more or fewer."""
     if len(places) != len(others):
         return np.inf
-    ends = (np.array([[at.start, at.end] for at in each]) for each in (places, others))
-    return float(np.abs(np.subtract(*ends)).max(initial=0.0))
+    pairs = zip(places, others, strict=True)
+    return max((max(abs(a.start - b.start), abs(a.end - b.end)) for a, b in pairs), default=0.0)
 
 
 def with_places(of: Request, near: Linearised, places: Places) -> Linearised | None:
     """Return the equilibrium that touches at given places, near another one."""
-    scene, mesh = of.base.scene, mesh_with(of.base, of.fixed, places)
+    mesh = mesh_with(of.base, of.fixed, places)
     if mesh is None:
         return None
     system = of.on(mesh, any(place.lies for place in places))
-    touches = touches_at(system, places, scene.has(Shear))
+    touches = touches_at(system, places, of.base.scene.has(Shear))
     free = [p for p in places if not p.lies and p.start not in of.corners]
     if free:
         s, j = np.array([p.start for p in free]), np.array([p.obstacle for p in free])
-        curve, nodes = along(near.system, near.x, s, j)[:, 2], [mesh.node(p.start) for p in free]
+        nodes, curve = [mesh.node(p.start) for p in free], along(near.system, near.x, s, j)[0][:, 2]
         touches.moves[nodes, j] = 1
         touches.curve[nodes, j] = np.where(curve > _FLAT, curve, _BENT / of.base.arm.length)
     system = touches.on(system)
@@ -143,17 +143,19 @@ def with_places(of: Request, near: Linearised, places: Places) -> Linearised | N
 
 def _carried(of: Request, near: Linearised, system: System) -> Array:
     """Return states to begin with on another mesh: forces are those of the nodes nearest."""
-    before, states = near.system, Collocation.on(system).carried(of.tensions, near).copy()
-    old, new, touches = before.of, system.of, Touches.of(system)
-    at = np.abs(system.mesh.s[:, None] - before.mesh.s).argmin(axis=1)
-    pressed = (second(before, near.states) * Touches.of(before).pressing)[at]
-    states[new.touches[:, :, 0]] = forces(before, near.states)[at] * touches.held
-    states[new.touches[:, :, 1]] = pressed * touches.pressing
-    if new.form.contact_friction and old.form.contact_friction:
-        for kind, mask in (("friction_forces", touches.held), ("tractions", touches.pressing)):
-            rubbed = near.states[getattr(old, kind)[at]]
-            states[getattr(new, kind)] = rubbed * mask[:, :, None]
-    return states
+    before, states = near.system, near.states
+    if not np.array_equal(of.tensions, near.tensions):
+        states = states + near.by_tensions @ (of.tensions - near.tensions)
+    strains = carried_strains(before, before.strains(states), system)
+    nearest = np.abs(before.mesh.s[:, None] - system.mesh.s).argmin(axis=1)
+    pressed = np.zeros_like(system.of.touches[:, :, 0], dtype=float)
+    np.add.at(pressed, nearest, resultants(before, states))
+    carried = system.start(of.tensions, strains, of.load, pressed[1:])
+    if system.of.form.contact_friction:
+        rubbed = np.zeros(system.of.friction_forces.shape)
+        np.add.at(rubbed, nearest, frictions(before, states))
+        carried[system.of.friction_forces] = rubbed
+    return carried
 
 
 def _refined(of: Request, point: Linearised, places: Places) -> Places:
@@ -161,60 +163,59 @@ def _refined(of: Request, point: Linearised, places: Places) -> Places:
     refined, L = list[Place](), of.base.arm.length
     least = 0.0 if of.base.scene.has(Shear) else _SHORT * np.diff(point.system.mesh.s).max()
     for place in places:
-        if not place.lies:
-            start = end = place.start + _point_shift(of, point, place)
-        else:
-            start = place.start + _end_shift(of, point, place, -1)
-            end = min(place.end + _end_shift(of, point, place, 1), L)
-            if end - start < least:
-                start = end = (start + end) / 2
+        start, end = place.start, place.end
+        shifts = (
+            [_end_shift(of, point, place, side) for side in (-1, 1)]
+            if place.lies
+            else [_point_shift(of, point, place)]
+        )
+        first, *_, last = (
+            shift if abs(shift) > _OFF * L else 0.0 for shift in (*shifts, shifts[-1])
+        )
+        start, end = place.start + first, min(place.end + last, L)
+        if place.lies and end - start < least:
+            start = end = (start + end) / 2
         refined.append(Place(place.obstacle, start, end))
     return _joined(refined, point.system.mesh)
 
 
 def _point_shift(of: Request, point: Linearised, place: Place) -> float:
-    """Return how far on the gap is least, up to the next corner; 0 where that is close."""
+    """Return how far on the gap is least, up to the next corner."""
     system, s, j = point.system, place.start, place.obstacle
     node, h = system.mesh.node(s), float(np.diff(system.mesh.s).max())
+    shift = float(system.mesh.s[node] + second(system, point.states)[node, j]) - s
     if s in of.corners:
-        _, slope, curve = along(system, point.x, np.array([s]), np.array([j]))[0]
+        _, slope, curve = along(system, point.x, np.array([s]), np.array([j]))[0][0]
         shift = -min(slope / max(curve, _FLAT), _BORN * h) * (slope > _ROUNDING)
-    else:
-        shift = float(system.mesh.s[node] + second(system, point.states)[node, j]) - s
     shift = min(max(shift, -h / 2), h / 2)
     passed = [at - s for at in of.corners if 0 < (at - s) * np.sign(shift) < abs(shift)]
-    shift = passed[0] if passed else shift
-    return shift if abs(shift) > _OFF * of.base.arm.length else 0.0
+    return passed[0] if passed else shift
 
 
 def _end_shift(of: Request, point: Linearised, place: Place, side: int) -> float:
-    """Return how far on an end of a part is; 0 where that is close.
+    """Return how far on an end of a part is.
 
     There gap'' of the free arm beyond is 0; with friction that inside of the part, which changes
     the stretch there and so what curvature lies on the obstacle. Of an arm that shears gap' beyond.
     """
-    system, L = point.system, of.base.arm.length
-    s = place.end if side > 0 else place.start
-    node = system.mesh.node(s)
-    beyond = node + side
+    system, L, sheared = point.system, of.base.arm.length, of.base.scene.has(Shear)
+    s, j = (place.end if side > 0 else place.start), place.obstacle
+    beyond = system.mesh.node(s) + side
     if s >= L * (1 - SAME) or not 0 <= beyond < system.mesh.s.size:
         return 0.0
-    h, j = abs(float(system.mesh.s[beyond]) - s), place.obstacle
-    most = min(0.8 * h, 0.35 * (place.end - place.start))
+    h = abs(float(system.mesh.s[beyond]) - s)
     # Values at a node are those on its base side.
-    within = contacts(system.scene)[j].friction > 0 and not system.scene.has(Shear)
-    at = s + SAME * L * ((side > 0) != within)
-    stations = np.array([at, s + side * _ASIDE * h, s + 2 * side * _ASIDE * h])
-    _, slope, curve = along(system, point.x, stations, np.full(3, j)).T
-    if system.scene.has(Shear):
-        f, rate = float(slope[0] - curve[0] * (at - s)), float(curve[0])
-        shift = -f / rate if rate > 0 else side * h * float(np.sign(f))
-    else:
-        rate = float(curve[2] - curve[1]) / (side * _ASIDE * h)
-        f = float(curve[0]) - rate * (at - s)
-        # A part is too long where the free arm leaves with gap'' > 0, as if it were pulled there.
-        shift = -side * float(np.sign(f)) * abs(f / rate if rate else h)
-    return min(max(shift, -most), most) if abs(shift) > _OFF * L else 0.0
+    within = contacts(system.scene)[j].friction > 0 and not sheared
+    stations = s + np.array(
+        [SAME * L * ((side > 0) != within), side * _ASIDE * h, side * 2 * _ASIDE * h]
+    )
+    gaps = along(system, point.x, stations, np.full(3, j))[0]
+    # A part is too long where the free arm leaves with gap'' > 0, as if it were pulled there.
+    leaves = side * gaps[:, 1] if sheared else gaps[:, 2]
+    rate = float(leaves[2] - leaves[1]) / (side * _ASIDE * h)
+    f = float(leaves[0]) - rate * (stations[0] - s)
+    most = min(0.8 * h, 0.35 * (place.end - place.start))
+    return -side * float(np.sign(f)) * min(abs(f / rate) if rate else h, most)
 
 
 def _exchanged(of: Request, point: Linearised, places: Places, settled: bool) -> Places:
@@ -222,56 +223,39 @@ def _exchanged(of: Request, point: Linearised, places: Places, settled: bool) ->
     system, states, touches = point.system, point.states, Touches.of(point.system)
     force, pressed = forces(system, states), resultants(system, states)
     least = np.where(touches.held, np.minimum(force, pressed), pressed)
-    presses = touches.touching & (least >= -_rounding(system, pressed)[:, None])
+    presses = touches.touching & (least >= -_ROUNDING * pressed.max(initial=0.0))
     kept = list[Place]()
     for place in read_off(system, presses, touches.lies > 0, pressed):
         stays = settled and not place.lies and place in places
-        kept += _touching(of, point, place) if stays else [place]
-    if tuple(kept) != places:
-        return _joined(kept, system.mesh)
-    new = [point_at(*least) for least in least_gaps(system, point.x, places)]
-    return _joined([*kept, *new], system.mesh) if new else places
+        kept.append(_touching(of, point, place) if stays else place)
+    new = [Place(j, s, s) for j, s in least_gaps(system, point.x, places)]
+    return _joined(kept + new * (tuple(kept) == places), system.mesh)
 
 
-def _rounding(system: System, pressed: Array) -> Array:
-    """Return what forces (N + 1,) are rounding [N]: a part of the largest of those that press.
+def _touching(of: Request, point: Linearised, place: Place) -> Place:
+    """Return what becomes of a point: a part, where the arm bends into the obstacle about it.
 
-    Or what bends the elements beside a node by the last digit of its place.
+    A force at a point bends an arm that shears by an angle there.
     """
-    arm, s = system.arm, system.mesh.s
-    h = np.diff(s)
-    shortest = np.minimum(np.append(h[0], h), np.append(h, h[-1]))
-    EJ = arm.material.E * np.pi * arm.radius.evaluate(s, arm.length)[0] ** 4 / 4
-    last = np.finfo(float).eps * arm.length * EJ / shortest**3
-    return np.asarray(np.maximum(last, _ROUNDING * pressed.max(initial=0.0)))
-
-
-def _touching(of: Request, point: Linearised, place: Place) -> list[Place]:
-    """Return what becomes of a point: a part, where the arm bends into the obstacle about it."""
-    system, s, j = point.system, place.start, place.obstacle
-    L, h = of.base.arm.length, float(np.diff(system.mesh.s)[system.mesh.node(s) - 1])
-    beyond = min(s + SAME * L, L)
-    (_, slope, curve), (_, after, beyond_curve) = along(
-        system, point.x, np.array([s, beyond]), np.array([j, j])
-    )
-    if system.scene.has(Shear):
-        # A force at a point bends an arm that shears by an angle there.
-        length = (slope - after) / max(curve, beyond_curve, _FLAT)
-        return [Place(j, s, min(s + length, L)) if length > 2 * SAME * L else place]
-    if curve >= 0 or s in of.corners:
-        return [place]
-    return [Place(j, s - _BORN * h, min(s + _BORN * h, L))]
+    system, s, j, L = point.system, place.start, place.obstacle, of.base.arm.length
+    h = _BORN * float(np.diff(system.mesh.s)[system.mesh.node(s) - 1])
+    both = np.array([s, min(s + SAME * L, L)])
+    (_, slope, curve), (_, after, _) = along(system, point.x, both, np.array([j, j]))[0]
+    if of.base.scene.has(Shear):
+        return Place(j, s - h, min(s + h, L)) if slope - after > _ROUNDING else place
+    return place if curve >= 0 or s in of.corners else Place(j, s - h, min(s + h, L))
 
 
 def _joined(places: list[Place], mesh: Mesh) -> Places:
     """Return places in order, points next to a part that lies on the same obstacle within it."""
     joined = list[Place]()
     for place in sorted(places):
-        last = joined[-1] if joined else None
-        if last is not None and last.obstacle == place.obstacle and (last.lies or place.lies):
-            k = mesh.node(last.end)
-            if place.start - last.end <= (mesh.s[min(k + 1, mesh.steps)] - mesh.s[k]) / 10:
-                joined[-1] = replace(last, end=max(place.end, last.end))
-                continue
-        joined.append(place)
+        last = joined[-1] if joined else place
+        k = mesh.node(last.end)
+        near = (mesh.s[min(k + 1, mesh.steps)] - mesh.s[k]) / 10
+        same = joined and last.obstacle == place.obstacle and (last.lies or place.lies)
+        if same and place.start - last.end <= near:
+            joined[-1] = Place(place.obstacle, last.start, max(place.end, last.end))
+        else:
+            joined.append(place)
     return tuple(joined)

@@ -50,18 +50,13 @@ class Place:
 Places = tuple[Place, ...]
 
 
-def point_at(obstacle: int, s: float) -> Place:
-    """Return the place of a point."""
-    return Place(obstacle, s, s)
-
-
 class Touches:
     """How nodes touch obstacles, as the kernels are told; where all is 0 the arm is free.
 
     Attributes
     ----------
-    lies : (N, K)
-        1 for elements of parts that lie on each of K obstacles, else 0.
+    flags : (N + 1, K, 6)
+        All of these, by node and obstacle.
     held : (N + 1, K)
         1 for nodes with a force: points, at which it keeps the gap at 0, and ends of parts.
     inside : (N + 1, K)
@@ -70,27 +65,25 @@ class Touches:
         1 for ends of parts, with force and pressure.
     moves, curve : (N + 1, K)
         1 for points that may move along the arm, and gap'' [1/m] there, above 0.
+    lies : (N + 1, K)
+        1 for nodes on whose tip side the element lies on the obstacle.
     """
 
-    def __init__(self, flags: Array, lies: Array) -> None:
-        """Take the values above but `lies` (N + 1, K, 5), and these."""
-        self._flags, self.lies = flags, lies
-        self.held, self.inside, self.end, self.moves, self.curve = np.moveaxis(flags, 2, 0)
-
-    @classmethod
-    def none(cls, system: System) -> Touches:
-        """Return those of a free arm."""
-        N, K = system.of.elements, system.of.form.contacts
-        return cls(np.zeros((N + 1, K, TOLD)), np.zeros((N, K)))
+    def __init__(self, flags: Array) -> None:
+        self.flags = flags
+        self.held, self.inside, self.end, self.moves, self.curve, self.lies = np.moveaxis(
+            flags, 2, 0
+        )
 
     @classmethod
     def of(cls, system: System) -> Touches:
         """Return those that are set on a system."""
-        touches = cls.none(system)
-        touches._flags[1:] = kernel_numbers(system, "touch")[:, :, -TOLD:]
-        if system.of.form.pressed:
-            touches.lies[:] = kernel_numbers(system, "pressure")[:, :, -1]
-        return touches
+        form = system.of.form
+        flags = np.zeros((system.of.elements + 1, form.contacts, TOLD + 1))
+        flags[1:, :, :TOLD] = kernel_numbers(system, "touch")[:, :, -TOLD:]
+        if form.pressed:
+            flags[:-1, :, TOLD] = kernel_numbers(system, "pressure")[:, :, -1]
+        return cls(flags)
 
     @property
     def points(self) -> Mask:
@@ -109,13 +102,12 @@ class Touches:
 
     def on(self, system: System) -> System:
         """Return a system with these touches set."""
-        changed = copy.copy(system)
-        changed.p = system.p.copy()
-        kernel_numbers(changed, "touch")[:, :, -TOLD:] = self._flags[1:]
-        if system.of.form.pressed:
-            kernel_numbers(changed, "pressure")[:, :, -1] = self.lies
-        if system.of.form.contact_friction:
-            first = self.end * np.vstack([self.lies, np.zeros_like(self.lies[:1])])
+        changed, form = copy.copy(system), system.of.form
+        kernel_numbers(changed, "touch")[:, :, -TOLD:] = self.flags[1:, :, :TOLD]
+        if form.pressed:
+            kernel_numbers(changed, "pressure")[:, :, -1] = self.lies[:-1]
+        if form.contact_friction:
+            first = self.end * self.lies
             flags = [self.held, self.inside, self.end - first, first, self.moves]
             rows = kernel_numbers(changed, "contact_friction")
             rows[:, :, -BEFORE - FRICTION_TOLD : -BEFORE] = np.stack(flags, axis=2)[1:]
@@ -149,8 +141,8 @@ def resultants(system: System, states: Array) -> Array:
     touches = Touches.of(system)
     p, thirds = second(system, states) * touches.pressing, np.diff(system.mesh.s)[:, None] / 3
     total = forces(system, states) * touches.held
-    total[:-1] += thirds * touches.lies * (p[:-1] + p[1:] / 2)
-    total[1:] += thirds * touches.lies * (p[:-1] / 2 + p[1:])
+    total[:-1] += thirds * touches.lies[:-1] * (p[:-1] + p[1:] / 2)
+    total[1:] += thirds * touches.lies[:-1] * (p[:-1] / 2 + p[1:])
     return np.asarray(total)
 
 
@@ -173,40 +165,32 @@ def frictions(system: System, states: Array) -> Array:
 def mesh_with(base: System, fixed: Array, places: Places) -> Mesh | None:
     """Return the mesh of equations with its nodes moved so that some are at places.
 
-    Nodes at `fixed` arc lengths (n,) stay; points that are very near to each other share one.
-    Elements are halved where there are too few. None where a place is no arc length.
+    Nodes at `fixed` arc lengths (n,) stay; points that are very near to each other share one. Parts
+    that lie have a node inside, and elements are halved where there are too few. None where a place
+    is no arc length.
     """
-    at = np.array([s for place in places for s in (place.start, place.end)])
-    if not (np.isfinite(at) & (at > 0) & (at <= base.arm.length)).all():
-        return None
-    nodes = base.mesh.s
-    while (anchors := _anchors(nodes, fixed, places)) is None:
-        nodes = np.interp(np.arange(2 * nodes.size - 1) / 2, np.arange(nodes.size), nodes)
-    numbers = sorted(anchors)
-    return with_nodes(
-        base.arm, np.interp(np.arange(nodes.size), numbers, [anchors[k] for k in numbers])
+    ends, L = (
+        np.array([end for place in places for end in (place.start, place.end)]),
+        base.arm.length,
     )
-
-
-def _anchors(nodes: Array, fixed: Array, places: Places) -> dict[int, float] | None:
-    """Return where some of the nodes (N + 1,) go, the nearest in order; None if there are too few.
-
-    A part has a node inside of it.
-    """
-    anchors = {int(np.argmin(np.abs(nodes - s))): float(s) for s in fixed}
-    stay, near = sorted(anchors), _BESIDE * float(nodes[-1])
-    ends = {(place.start, _LYING if place.lies else 1, 1) for place in places}
-    ends |= {(place.end, 1, _LYING) for place in places if place.lies}
-    for s, room, apart in sorted(ends):
-        if min(abs(s - at) for at in anchors.values()) <= near:
-            continue
-        after = next(k for k in stay if anchors[k] > s) - room
-        before = max(k for k, at in anchors.items() if at < s) + apart
-        k = max(round(float(np.interp(s, nodes, np.arange(nodes.size)))), before)
-        if min(k, after) < before:
-            return None
-        anchors[min(k, after)] = s
-    return anchors
+    if not (np.isfinite(ends) & (ends > 0) & (ends <= L)).all():
+        return None
+    wanted, near = fixed, _BESIDE * L
+    for s in np.sort(ends):
+        wanted = wanted if np.abs(wanted - s).min() <= near else np.append(wanted, s)
+    wanted, least = np.sort(wanted), np.ones(wanted.size, dtype=int)
+    for place in places:
+        within = (wanted[:-1] >= place.start - near) & (wanted[1:] <= place.end + near)
+        least[1:][within & place.lies] = _LYING
+    stay, apart, nodes = np.isin(wanted, fixed), np.cumsum(least), base.mesh.s
+    while True:
+        # The nearest nodes in order: pushed on from the base, then back from those that stay.
+        nearest = np.round(np.interp(wanted, nodes, np.arange(nodes.size))).astype(int)
+        k = np.where(stay, nearest, apart + np.maximum.accumulate(nearest - apart))
+        k = apart + np.minimum.accumulate((k - apart)[::-1])[::-1]
+        if (np.diff(k) >= least[1:]).all() and (k == nearest)[stay].all():
+            return with_nodes(base.arm, np.interp(np.arange(nodes.size), k, wanted))
+        nodes = np.interp(np.arange(2 * nodes.size - 1) / 2, np.arange(nodes.size), nodes)
 
 
 def touches_at(system: System, places: Places, sheared: bool) -> Touches:
@@ -214,7 +198,7 @@ def touches_at(system: System, places: Places, sheared: bool) -> Touches:
 
     Parts of an arm that is `sheared` have no forces at their ends.
     """
-    touches, mesh = Touches.none(system), system.mesh
+    touches, mesh = Touches.of(system), system.mesh
     for place in places:
         first, last, j = mesh.node(place.start), mesh.node(place.end), place.obstacle
         if not place.lies:
@@ -235,7 +219,7 @@ def places_of(system: System) -> Places:
 def read_off(system: System, touching: Mask, joined: Mask, force: Array) -> Places:
     """Return the places of nodes (N + 1, K) that touch, with their forces, in order.
 
-    Three and more in a row, joined by their elements (N, K), are a part that lies.
+    Three and more in a row, joined by the elements on their tip side, are a part that lies.
     """
     s, places = system.mesh.s, list[Place]()
     for j in range(touching.shape[1]):
@@ -245,8 +229,9 @@ def read_off(system: System, touching: Mask, joined: Mask, force: Array) -> Plac
             if run.size > 2:
                 places.append(Place(j, float(s[run[0]]), float(s[run[-1]])))
             elif run.size == 1 or run[-1] == s.size - 1:
-                places.append(point_at(j, float(s[run[-1]])))
+                places.append(Place(j, float(s[run[-1]]), float(s[run[-1]])))
             else:
                 weights = np.maximum(force[run, j], np.finfo(float).tiny)
-                places.append(point_at(j, float(np.average(s[run], weights=weights))))
+                middle = float(np.average(s[run], weights=weights))
+                places.append(Place(j, middle, middle))
     return tuple(places)

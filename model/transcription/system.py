@@ -95,7 +95,7 @@ class System:
 
     def __copy__(self) -> System:
         result = object.__new__(System)
-        vars(result).update(vars(self))
+        vars(result).update(vars(self), p=self.p.copy())
         return result
 
     @property
@@ -151,7 +151,6 @@ class System:
     def pushed(self, force: Array) -> System:
         """Return the same equations with a dead force (3,) [N] more at the tip."""
         other = copy(self)
-        other.p = self.p.copy()
         elements = other.p[self.of.equations.numbers_of("element")].reshape(self.mesh.steps, -1)
         elements[:, 1:4] += force
         return other

@@ -17,6 +17,8 @@ derivative of the deflection, with as many values as nodes and four conditions a
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import casadi as ca
 import numpy as np
 
@@ -34,14 +36,6 @@ TOUCH = SIZE + 3 + TOLD
 PRESSURE = SIZE + 2
 
 
-def swelling(law: CrossSection, v: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return the radius over that at rest, and its derivatives by the strains v (1, n)."""
-    at = ca.SX.sym("v", size(law))
-    wide = law.width(law.twist(at)[1][0]) if isinstance(law, EnergySection) else ca.SX(1)
-    width, jacobian = ca.substitute([wide, ca.jacobian(wide, at)], [at], [v])
-    return width, jacobian
-
-
 def touch(law: CrossSection, m: int) -> Kernel:
     """Return the kernel of a node that may touch an obstacle.
 
@@ -52,31 +46,49 @@ def touch(law: CrossSection, m: int) -> Kernel:
     """
     v, q, u = ca.SX.sym("v", size(law), m), ca.SX.sym("q", 4), ca.SX.sym("u", 3)
     P, p, c = ca.SX.sym("P"), ca.SX.sym("p"), ca.SX.sym("c", TOUCH)
-    gap, slope, along, normal = _gap(law, m, v, q, u, c)
-    held, inside, end, moves, curve = ca.vertsplit(c[-TOLD:])
-    second = inside * gap + end * slope + moves * (slope + curve * p)
+    radius, slope, h = ca.vertsplit(c[SIZE : SIZE + 3])
+    end, rate = v @ ca.DM(gauss(m).at(1.0)), v @ ca.DM(np.arange(m) @ gauss(m).powers) / h
+    g, radii = ca.vertcat(q, u), ca.vertcat(radius, slope, 0)
+    gaps, normal, along = gap_along(law)(g, end, rate, c[:SIZE], radii)
+    gap, gap1, _ = ca.vertsplit(gaps)
+    held, inside, is_end, moves, curve = ca.vertsplit(c[-TOLD:])
+    second = inside * gap + is_end * gap1 + moves * (gap1 + curve * p)
     rows = [
         -moves * p * P * ca.cross(along, normal),
         -P * (normal + moves * p * (ca.jacobian(normal, u) @ along)),
         held * gap + (1 - held) * P,
-        second + (1 - inside - end - moves) * p,
+        second + (1 - inside - is_end - moves) * p,
     ]
     return Kernel("touch", ca.vertcat(ca.vec(v), q, u, P, p), c, ca.vertcat(*rows))
 
 
-def _gap(
-    law: CrossSection, m: int, v: ca.SX, q: ca.SX, u: ca.SX, c: ca.SX
-) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Return gap, gap', u' and normal at the end of an element."""
-    radius, slope, h = ca.vertsplit(c[SIZE : SIZE + 3])
-    end, powers = v @ ca.DM(gauss(m).at(1.0)), np.arange(m)
-    rate = v @ ca.DM(powers @ gauss(m).powers) / h
-    distance, normal = signed_distance()(u, c[:SIZE])
-    wide, widening = swelling(law, end)
-    gap = distance - radius * wide
-    along = unit_matrix(q) @ law.twist(end)[1]
-    gap_slope = ca.dot(normal, along) - slope * wide - radius * (widening @ rate)
-    return gap, gap_slope, along, normal
+@lru_cache(maxsize=16)
+def gap_along(law: CrossSection) -> ca.Function:
+    """Return pose, strains, their rates, an obstacle, radii -> gap and derivatives, normal, u'.
+
+    The gap's first two along the arm, rates those of strains, radii (3,) at rest with theirs. A
+    body that keeps its volume swells where it is shortened.
+    """
+    g, v, rate = ca.SX.sym("g", 7), ca.SX.sym("v", size(law)), ca.SX.sym("rate", size(law))
+    body, radius = ca.SX.sym("body", SIZE), ca.SX.sym("radius", 3)
+    distance, normal = signed_distance()(g[4:], body)
+    (kappa, nu), R = law.twist(v), unit_matrix(g[:4])
+    along = R @ nu
+    bend = R @ (ca.cross(kappa, nu) + ca.jtimes(nu, v, rate))
+    wide = law.width(nu[0]) if isinstance(law, EnergySection) else ca.SX(1)
+    wide1 = ca.jtimes(wide, v, rate)
+    wide2 = ca.jtimes(wide1, v, rate)
+    normal1 = ca.jacobian(normal, g[4:]) @ along
+    gap = ca.vertcat(
+        distance - radius[0] * wide,
+        ca.dot(normal, along) - radius[1] * wide - radius[0] * wide1,
+        ca.dot(normal, bend)
+        + ca.dot(along, normal1)
+        - radius[2] * wide
+        - 2 * radius[1] * wide1
+        - radius[0] * wide2,
+    )
+    return ca.Function("along", [g, v, rate, body, radius], [gap, normal, along], {"cse": True})
 
 
 def no_touch() -> Kernel:
