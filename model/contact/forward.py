@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
 from model.arm import Arm
 from model.contact.gaps import check_outside
 from model.contact.newton import newton
-from model.contact.path import Touching, close, follow, in_proportion, taken_in
+from model.contact.path import Touching, close, follow
 from model.contact.sharp import Request, sharpened
 from model.contact.touches import places_of
 from model.equilibrium.linearised import Equilibrium, Linearised
@@ -22,7 +22,7 @@ from model.obstacles import numbers_of
 from model.paths import Array
 from model.scene import Scene
 from model.transcription.system import System
-from model.winches import Winches
+from model.winches import Winches, rest_lengths
 
 # Elements of a mesh over those of one without contact, and how long the longest may be: a part of
 # the arm's length, or of obstacle and arm together, but no shorter than a part of the length.
@@ -44,8 +44,9 @@ class TouchingMap(Collocation):
         base = mesh_with_contact(arm, scene, refinement, at)
         self._form = stages, refinement, at, machine_code
         self._state(System(arm, scene, base, stages, True, machine_code))
-        fixed = {base.node(s) for s in landmarks(arm, scene, at)}
-        self._fixed = base.s[sorted(fixed)]
+        self._rubs = self.system.of.form.contact_friction
+        # Landmarks may be so near to each other that they are one node.
+        self._fixed = base.s[sorted({base.node(s) for s in landmarks(arm, scene, at)})]
         none = np.zeros(arm.n_tendons)
         x = self.system.x(none, 0.0, self.without_loads(none))
         self._at_rest = Linearised(self.system, x)
@@ -64,27 +65,33 @@ class TouchingMap(Collocation):
         as long as it touches nothing: else InputError. Raises UnsettledContactError where none is
         found, SnapError where it would jump unless it may.
         """
-        request, rubs = Request(self.system, self._fixed, tensions), self._rubs
+        end = Request(self.system, self._fixed, tensions)
         if not isinstance(near, Linearised):
-            if rubs:
+            if self._rubs:
                 return self._untouched(tensions)
-            return follow(in_proportion(request, 0 * tensions, 0.0), self._at_rest)
+            return follow(replace(end, tensions=0 * tensions, load=0.0), end, self._at_rest)
         stays = np.array_equal(tensions, near.tensions)
-        if rubs:
+        if self._rubs:
             past = near.before if isinstance(near, Touching) and stays else None
-            request = replace(request, before=past or near)
-        if stays or not rubs:
-            there = sharpened(request, near, places_of(near.system))
+            end = replace(end, before=past or near)
+        if stays or not self._rubs:
+            there = sharpened(end, near, places_of(near.system))
             if there is not None and close(near, there):
-                path = ((request.before, 0.0), (there, 1.0)) if request.before else ()
+                path = ((end.before, 0.0), (there, 1.0)) if end.before else ()
                 return Touching.of(there, (), path)
-        return follow(in_proportion(request, near.tensions, 1.0), near, jumps)
+        return follow(replace(end, tensions=near.tensions), end, near, jumps)
 
     def by_lengths(self, winches: Winches) -> Linearised | None:
-        """Return the equilibrium about where winches hold the tendons; None if none is found."""
-        request = Request(self.system, self._fixed, winches.tensions)
+        """Return the equilibrium about where winches hold the tendons; None if none is found.
+
+        They take them in from rest, while loads grow.
+        """
+        end = Request(self.system, self._fixed, winches.tensions, winches=winches)
+        longest = np.maximum(rest_lengths(self.system.arm), winches.lengths)
+        loose = replace(winches, lengths=longest)
+        start = replace(end, tensions=0 * winches.tensions, load=0.0, winches=loose)
         try:
-            return follow(taken_in(request, winches), self._at_rest)
+            return follow(start, end, self._at_rest)
         except UnsettledContactError:
             return None
 
@@ -94,10 +101,6 @@ class TouchingMap(Collocation):
             return self.solve(tensions, at, jumps=False)
         except (SnapError, UnsettledContactError):
             return None
-
-    @property
-    def _rubs(self) -> bool:
-        return self.system.of.form.contact_friction
 
     def _untouched(self, tensions: Array) -> Touching:
         """Return the equilibrium of an arm from rest that touches nothing; InputError else."""
@@ -124,13 +127,12 @@ class TouchingMap(Collocation):
 
 def mesh_with_contact(arm: Arm, scene: Scene, refinement: int, at: tuple[float, ...]) -> Mesh:
     """Return the mesh of a refinement that has the arc lengths `at` as nodes."""
-    nodes = (*at, *places(arm, scene))
-    return graded(arm, _FINER * refinement, nodes, partial(_density, arm, scene))
-
-
-def _density(arm: Arm, scene: Scene, s: Array) -> Array:
-    """Return how fast solutions may grow, or contact may change, at s (N,) [1/m]."""
     bodies = numbers_of([contact.obstacle for contact in contacts(scene)])
     small = float((bodies[:, 15] + bodies[:, 12:15].min(axis=1)).min())
-    wide = np.maximum(small + arm.outer_radius(s)[0], _SHORTEST * arm.length)
-    return np.maximum(growth(arm, scene, s), 0.75 / np.minimum(wide, _LONGEST * arm.length))
+
+    def density(s: Array) -> Array:
+        """Return how fast solutions may grow, or contact may change, at s (N,) [1/m]."""
+        wide = np.maximum(small + arm.outer_radius(s)[0], _SHORTEST * arm.length)
+        return np.maximum(growth(arm, scene, s), 0.75 / np.minimum(wide, _LONGEST * arm.length))
+
+    return graded(arm, _FINER * refinement, (*at, *places(arm, scene)), density)

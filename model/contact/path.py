@@ -40,7 +40,7 @@ from model.paths import Array
 from model.progress import tell
 from model.time_limit import check_time
 from model.transcription.system import System
-from model.winches import Winches, rest_lengths, slackened
+from model.winches import slackened
 
 # First, least and longest step in the load factor; with friction: where a point rolls, that is not
 # to count as slip.
@@ -87,48 +87,27 @@ class Touching(Linearised):
         return Touching, (self.system, self.x, None, None, self.snaps, self.path[-2:])
 
 
-def in_proportion(request: Request, tensions: Array, load: float) -> Callable[[float], Request]:
-    """Return requests by how far tensions and loads have come to those of a request, from some."""
-
-    def at(factor: float) -> Request:
-        between = tensions + factor * (request.tensions - tensions)
-        return replace(request, tensions=between, load=load + factor * (request.load - load))
-
-    return at
-
-
-def taken_in(request: Request, winches: Winches) -> Callable[[float], Request]:
-    """Return requests by how far winches have taken tendons in, and loads have grown, from rest."""
-    longest = np.maximum(rest_lengths(request.base.arm), winches.lengths)
-
-    def at(factor: float) -> Request:
-        part = replace(winches, lengths=longest + factor * (winches.lengths - longest))
-        return replace(request, tensions=factor * winches.tensions, load=factor, winches=part)
-
-    return at
-
-
-def follow(at: Callable[[float], Request], start: Linearised, jumps: bool = True) -> Touching:
-    """Return where an equilibrium comes to by requests from a load factor of 0 to 1.
+def follow(start: Request, end: Request, near: Linearised, jumps: bool = True) -> Touching:
+    """Return where an arm comes to from an equilibrium, by all that lies between two requests.
 
     Raises UnsettledContactError where none is found; unless it may jump, SnapError where it would.
     """
-    request, snaps = at(1.0), list[float]()
-    rubs = request.before is not None
+    snaps, rubs, base = list[float](), end.before is not None, end.base
     most = _CLOSE if rubs else _TURN
 
     def solve(factor: float, near: Linearised) -> Linearised | None:
+        to = start.towards(end, factor)
         if rubs:
-            there = sharpened(replace(at(factor), before=near), near, places_of(near.system))
+            there = sharpened(replace(to, before=near), near, places_of(near.system))
         else:
-            there = _at_nodes(at(factor), near)
+            there = _at_nodes(to, near)
         return there if there is not None and close(near, there, most) else None
 
     def over(before: float, factor: float, near: Linearised) -> Linearised:
         if rubs and not jumps:
             raise SnapError(before, "it jumps")
-        to = replace(at(factor), before=near) if rubs else at(factor)
-        there = _slid(to, near) if rubs else _least(to, near)
+        to = start.towards(end, factor)
+        there = _slid(replace(to, before=near), near) if rubs else _least(to, near)
         if there is None:
             raise UnsettledContactError(factor, "no least energy is found")
         if rubs or not close(near, there, most):
@@ -137,27 +116,24 @@ def follow(at: Callable[[float], Request], start: Linearised, jumps: bool = True
             snaps.append(factor)
         return there
 
-    if not rubs:
-        begin, system = at(0.0), request.base
-        strains = carried_strains(start.system, start.system.strains(start.states), system)
-        states = system.start(begin.tensions, strains, begin.load)
-        start = Linearised(system, system.x(begin.tensions, begin.load, states))
-    path = stepped(solve, start, _WITH_FRICTION if rubs else _STEPS, over)
-    end, winches = path[-1][0], request.winches
     if rubs:
-        return Touching.of(end, tuple(snaps), tuple(path))
-    if winches is not None:
-        left = winches.lacks(end.lengths, end.tensions)
-        tensions = slackened(end.tensions, left, winches, request.base.arm)
-        request = replace(request, tensions=tensions, winches=None)
-    return Touching.of(_sharp(request, end), tuple(snaps))
+        path = stepped(solve, near, _WITH_FRICTION, over)
+        return Touching.of(path[-1][0], tuple(snaps), tuple(path))
+    strains = carried_strains(near.system, near.system.strains(near.states), base)
+    states = base.start(start.tensions, strains, start.load)
+    free = Linearised(base, base.x(start.tensions, start.load, states))
+    rough, _ = stepped(solve, free, _STEPS, over)[-1]
+    if end.winches is not None:
+        left = end.winches.lacks(rough.lengths, rough.tensions)
+        tensions = slackened(rough.tensions, left, end.winches, base.arm)
+        end = replace(end, tensions=tensions, winches=None)
+    return Touching.of(_sharp(end, rough), tuple(snaps))
 
 
 def close(one: Linearised, other: Linearised, most: float = _CLOSE) -> bool:
     """Return whether no frame turns by `most` [rad] between equilibria, be they on two meshes."""
-    a, b = one.system, other.system
-    before, after = a.poses(one.states)[:, :4], b.poses(other.states)[:, :4]
-    there = np.array([np.interp(b.mesh.s, a.mesh.s, column) for column in before.T]).T
+    before, after = one.poses[:, :4], other.poses[:, :4]
+    there = np.array([np.interp(other.mesh.s, one.mesh.s, column) for column in before.T]).T
     same = np.abs((there * after).sum(axis=1)) / np.linalg.norm(there, axis=1)
     return bool(same.min() > np.cos(most / 2))
 
@@ -195,8 +171,7 @@ def _at_nodes(request: Request, near: Linearised) -> Linearised | None:
     Without a potential the least energy takes several programs: only the least steps are by it.
     """
     if request.winches is None:
-        states, to = near.states, (request.tensions, request.load)
-        there = newton(near.system, *to, states, complementary=True)
+        there = newton(near.system, request.tensions, request.load, near.states, True)
         if there is not None and close(near, there, _TURN) and not _passes(near, there):
             return there
         if not LeastEnergy(request.base).conservative:
@@ -204,31 +179,27 @@ def _at_nodes(request: Request, near: Linearised) -> Linearised | None:
     return _least(request, near)
 
 
+def _passes(before: Linearised, after: Linearised) -> bool:
+    """Return whether nodes go through an obstacle in a step, by half the arm's radius or more."""
+    arm, scene, s = after.system.arm, after.system.scene, after.mesh.s[1:]
+    between = np.linspace(before.poses[1:, 4:], after.poses[1:, 4:], _SAMPLES)
+    bodies = numbers_of([contact.obstacle for contact in contacts(scene)])
+    gaps = distances(bodies, between.reshape(-1, 3))[0].min(axis=1).reshape(_SAMPLES, -1)
+    return bool((gaps < arm.outer_radius(s)[0] / 2).any())
+
+
 def _least(request: Request, near: Linearised) -> Linearised | None:
     """Return the least energy with forces at nodes near an equilibrium on the mesh of a request."""
     program, system = LeastEnergy(request.base), request.base
-    begin = program.near(
-        near.tensions, carried_strains(near.system, near.system.strains(near.states), system)
-    )
+    strains = carried_strains(near.system, near.system.strains(near.states), system)
     to = request.tensions, request.load, request.winches
-    minimum = program.least(begin, *to, _ROUNDS)
+    minimum = program.least(program.near(near.tensions, strains), *to, _ROUNDS)
     if minimum is None:
         return None
-    touches = Touches.of(system)
-    largest = max(minimum.forces.max(), program.force_unit)
+    touches, largest = Touches.of(system), max(minimum.forces.max(), program.force_unit)
     touches.held[1:] = minimum.forces > _NONE * largest
     states = program.states(minimum, request.load)
     return Linearised(touches.on(system), system.x(minimum.tensions, request.load, states))
-
-
-def _passes(before: Linearised, after: Linearised) -> bool:
-    """Return whether nodes go through an obstacle in a step, by half the arm's radius or more."""
-    system = after.system
-    bodies = numbers_of([contact.obstacle for contact in contacts(system.scene)])
-    start, end = (system.poses(at.states)[1:, 4:] for at in (before, after))
-    between = np.linspace(start, end, _SAMPLES).reshape(-1, 3)
-    radius = np.tile(system.arm.outer_radius(system.mesh.s[1:])[0], _SAMPLES)
-    return bool((distances(bodies, between)[0].min(axis=1) < radius / 2).any())
 
 
 def _sharp(request: Request, rough: Linearised) -> Linearised:
@@ -244,9 +215,9 @@ def _sharp(request: Request, rough: Linearised) -> Linearised:
             mode, rough = unstable_mode(end), end
             if mode is None:
                 return end
-            states, system = rough.states.copy(), rough.system
-            states[system.of.stages] += _ASIDE * mode
-            rough = Linearised(system, system.x(rough.tensions, request.load, states))
+            x, of = end.x.copy(), end.system.of
+            x[of.first + of.stages] += _ASIDE * mode
+            rough = Linearised(end.system, x)
         mesh = mesh_with(request.base, request.fixed, _nodes(rough))
         assert mesh is not None
         after = _least(replace(request, base=request.on(mesh)), rough)
@@ -265,10 +236,10 @@ def _at_forces(rough: Linearised) -> Places:
 
 def _nodes(rough: Linearised) -> Places:
     """Return where nodes are wanted: those that touch, and where gaps are least and below 0."""
-    s, least = rough.system.mesh.s, least_gaps(rough.system, rough.x)
-    spacing, wanted = np.diff(s), [Place(at[0], at[1], at[1]) for at in least]
+    s, least = rough.mesh.s, least_gaps(rough.system, rough.x)
+    wanted = [Place(j, at, at) for j, at in least]
     for k, j in zip(*np.nonzero(Touches.of(rough.system).points), strict=True):
-        near = spacing[max(k - 2, 0) : k + 1].max() / 2
+        near = np.diff(s)[max(k - 2, 0) : k + 1].max() / 2
         if all(j != i or abs(at - s[k]) > near for i, at in least):
             wanted.append(Place(int(j), float(s[k]), float(s[k])))
     return tuple(wanted)

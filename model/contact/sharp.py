@@ -8,7 +8,7 @@ the arm passes through it between places there are new ones.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -83,6 +83,15 @@ class Request:
             were = self.before.at(mesh.s[1:])[0][:, 4:]
             kernel_numbers(system, "contact_friction")[:, :, -BEFORE:] = were[:, None]
         return system
+
+    def towards(self, end: Request, factor: float) -> Request:
+        """Return the request so far on the way to another one, a factor of 0 to 1."""
+        winches, tensions = end.winches, self.tensions + factor * (end.tensions - self.tensions)
+        if winches is not None and self.winches is not None:
+            slack = self.winches.lengths - winches.lengths
+            winches = replace(winches, lengths=winches.lengths + (1 - factor) * slack)
+        load = self.load + factor * (end.load - self.load)
+        return replace(end, tensions=tensions, load=load, winches=winches)
 
     @property
     def corners(self) -> tuple[float, ...]:
