@@ -1,4 +1,4 @@
-"""What friction of contacts knows of the motion before, and what follows from it.
+"""How an equilibrium with friction of contacts changes with tensions, by all of its load path.
 
 Friction acts against how far the midline has slipped since the equilibrium before. So along a load
 path whose steps have the equilibria x_k under T_k = T_0 + t_k (T - T_0),
@@ -11,22 +11,19 @@ from D_0 = 0 on. That normals rotate as a point moves along the arm is left out 
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 
 import numpy as np
 import scipy
 
 from model.contact.gaps import along
-from model.contact.touches import Touches, kernel_numbers
-from model.equilibrium.linearised import Index, Linearised
+from model.contact.touches import Touches
+from model.equilibrium.linearised import Linearised
 from model.paths import Array
 from model.transcription.touch import BEFORE
 
 # Equilibria on a load path, and the load factors at which they are: the first at 0.
 Path = Sequence[tuple[Linearised, float]]
-# The step of differences in where nodes were, over the arm's length.
-_STEP = 1e-7
 
 
 def path_sensitivities(path: Path) -> Array:
@@ -47,33 +44,19 @@ def _by_history(before: Linearised, earlier: Array, point: Linearised, by_step: 
     arm looks back to another station of it, by the angle between the arm's tangents then and now.
     """
     system, touches = point.system, Touches.of(point.system)
-    nodes = np.flatnonzero(touches.touching.any(axis=1))
-    if not nodes.size:
-        return np.zeros_like(by_step)
-    s, places = system.mesh.s[nodes], before.system.of.nodes[:, 4:7]
-    were = scipy.interpolate.make_interp_spline(before.system.mesh.s, earlier[places])(s)
-    by_before = _by_positions(point, nodes)
-    by_history = by_before @ were.reshape(3 * nodes.size, -1)
-    k, j = np.nonzero(touches.points[nodes])
-    now, then = (along(at.system, at.x, s[k], j)[2] for at in (point, before))
-    by_shift = -np.einsum("nki,ki->nk", by_before.reshape(-1, nodes.size, 3)[:, k], now - then)
-    shifts = system.of.touches[nodes[k], j, 1]
+    of, s, n = system.of, system.mesh.s, system.of.n_tendons
+    k, j = np.nonzero(touches.points)
+    # Where nodes were, by the tensions and by how far points move along the arm.
+    were = np.zeros((s.size, 3, n + k.size))
+    nodes = before.system.of.nodes[:, 4:7]
+    were[:, :, :n] = scipy.interpolate.make_interp_spline(before.mesh.s, earlier[nodes])(s)
+    if k.size:
+        now, then = (along(at.system, at.x, s[k], j)[2] for at in (point, before))
+        were[k, :, n + np.arange(k.size)] = then - now
+    change = np.zeros((of.equations.n_p, n + k.size))
+    rows = change[of.equations.numbers_of("contact_friction")]
+    rows.reshape(of.elements, of.form.contacts, -1, n + k.size)[:, :, -BEFORE:] = were[1:, None]
+    by = -point.solve(of.equations.along_numbers(point.x, system.p, change))
+    by_history, by_shift, shifts = by[:, :n], by[:, n:], of.touches[k, j, 1]
     shifted = np.linalg.solve(np.eye(k.size) - by_shift[shifts], (by_step + by_history)[shifts])
     return np.asarray(by_history + by_shift @ shifted)
-
-
-def _by_positions(point: Linearised, nodes: Index) -> Array:
-    """Return dx/du (n_states, 3 k) by where some nodes (k,) were before.
-
-    By differences: of the equations those of friction at each node alone know where it was.
-    """
-    of, step = point.system.of, _STEP * point.system.arm.length
-    rows = np.concatenate([of.friction_forces, of.tractions], axis=2)[nodes].reshape(nodes.size, -1)
-    right = np.zeros((of.n_states, nodes.size, 3))
-    for axis in range(3):
-        for sign in (1, -1):
-            changed = copy.copy(point.system)
-            kernel_numbers(changed, "contact_friction")[:, :, axis - BEFORE] += sign * step
-            slope = sign * changed.residual(point.x)[rows] / (2 * step)
-            right[rows, np.arange(nodes.size)[:, None], axis] += slope
-    return -point.solve(np.asfortranarray(right.reshape(of.n_states, -1)))

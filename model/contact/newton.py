@@ -14,15 +14,15 @@ from model.contact.gaps import are_least, gaps_along
 from model.contact.touches import Touches, forces, kernel_numbers
 from model.effects import NeoHookean
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import CLOSE, KEPT, TURN, step_sizes
+from model.equilibrium.newton import CLOSE, KEPT, SETTLED, TURN, step_sizes
 from model.obstacles.base import SIZE
 from model.paths import Array
 from model.time_limit import check_time
 from model.transcription.system import System
 
 # Steps at most, each of which may bring some places from sticking to slip or back, or other nodes
-# into touch; the size of the last one.
-_STEPS, _CONVERGED = 30, 1e-11
+# into touch.
+STEPS = 30
 # How much a change of friction counts as one of strains: rounding in them is that of forces of the
 # whole arm. Forces [N] below the second are rounding.
 _FRICTION, _ROUNDING = 1e-2, 1e-13
@@ -41,7 +41,7 @@ def newton(
     Steps that rotate frames far are shortened.
     """
     last, kept = 0.0, None
-    for _ in range(_STEPS):
+    for _ in range(STEPS):
         check_time()
         system = (_active if complementary else _widened)(system, states)
         if kept is not None and not np.array_equal(kept.system.p, system.p):
@@ -53,7 +53,7 @@ def newton(
         turn, size = step_sizes(system, change, states)
         size = max(size, _rubbed(system, change, states))
         states = states + min(1.0, TURN / max(turn, TURN)) * change
-        if turn <= TURN and (size < _CONVERGED or size**2 < _CONVERGED * last):
+        if turn <= TURN and (size < SETTLED or size**2 < SETTLED * last):
             return Linearised(system, system.x(tensions, load, states))
         contracts = size < (KEPT * last if last else CLOSE)
         kept = (kept or point) if contracts and not system.of.form.contact_friction else None

@@ -36,7 +36,6 @@ from model.errors import SnapError, UnsettledContactError
 from model.least_energy import LeastEnergy
 from model.loads import contacts, without_friction
 from model.obstacles import distances, numbers_of
-from model.paths import Array
 from model.progress import tell
 from model.time_limit import check_time
 from model.transcription.system import System
@@ -45,16 +44,14 @@ from model.winches import slackened
 # First, least and longest step in the load factor; with friction: where a point rolls, that is not
 # to count as slip.
 _STEPS, _WITH_FRICTION = (1 / 4, 1 / 16, 1.0), (1 / 8, 1 / 128, 1 / 8)
-# The farthest that a frame may turn in a step [rad], and from forces at nodes to refined places.
-_TURN, _CLOSE = 1.0, 0.6
+# The farthest that a frame may turn in a step, and from forces at nodes to refined places [rad].
+_TURN = 1.0
 # How often nodes are exchanged; forces that are those of an interior point, over the largest.
 _EXCHANGES, _NONE = 8, 1e-5
 # How often forces without a potential are updated in a step: places are refined with them in full.
 _ROUNDS = 3
 # How far frames turn off an unstable equilibrium at first [rad].
 _ASIDE = 0.1
-# At how many positions on its way in a step each node is checked.
-_SAMPLES = 9
 T = TypeVar("T")
 
 
@@ -93,7 +90,6 @@ def follow(start: Request, end: Request, near: Linearised, jumps: bool = True) -
     Raises UnsettledContactError where none is found; unless it may jump, SnapError where it would.
     """
     snaps, rubs, base = list[float](), end.before is not None, end.base
-    most = _CLOSE if rubs else _TURN
 
     def solve(factor: float, near: Linearised) -> Linearised | None:
         to = start.towards(end, factor)
@@ -101,7 +97,7 @@ def follow(start: Request, end: Request, near: Linearised, jumps: bool = True) -
             there = sharpened(replace(to, before=near), near, places_of(near.system))
         else:
             there = _at_nodes(to, near)
-        return there if there is not None and close(near, there, most) else None
+        return there if there is not None and close(near, there) else None
 
     def over(before: float, factor: float, near: Linearised) -> Linearised:
         if rubs and not jumps:
@@ -110,7 +106,7 @@ def follow(start: Request, end: Request, near: Linearised, jumps: bool = True) -
         there = _slid(replace(to, before=near), near) if rubs else _least(to, near)
         if there is None:
             raise UnsettledContactError(factor, "no least energy is found")
-        if rubs or not close(near, there, most):
+        if rubs or not close(near, there):
             if not jumps:
                 raise SnapError(before, "it jumps")
             snaps.append(factor)
@@ -130,12 +126,12 @@ def follow(start: Request, end: Request, near: Linearised, jumps: bool = True) -
     return Touching.of(_sharp(end, rough), tuple(snaps))
 
 
-def close(one: Linearised, other: Linearised, most: float = _CLOSE) -> bool:
-    """Return whether no frame turns by `most` [rad] between equilibria, be they on two meshes."""
+def close(one: Linearised, other: Linearised) -> bool:
+    """Return whether no frame turns far between equilibria, be they on two meshes."""
     before, after = one.poses[:, :4], other.poses[:, :4]
     there = np.array([np.interp(other.mesh.s, one.mesh.s, column) for column in before.T]).T
     same = np.abs((there * after).sum(axis=1)) / np.linalg.norm(there, axis=1)
-    return bool(same.min() > np.cos(most / 2))
+    return bool(same.min() > np.cos(_TURN / 2))
 
 
 def stepped(
@@ -172,7 +168,7 @@ def _at_nodes(request: Request, near: Linearised) -> Linearised | None:
     """
     if request.winches is None:
         there = newton(near.system, request.tensions, request.load, near.states, True)
-        if there is not None and close(near, there, _TURN) and not _passes(near, there):
+        if there is not None and close(near, there) and not _passes(near, there):
             return there
         if not LeastEnergy(request.base).conservative:
             return None
@@ -180,12 +176,17 @@ def _at_nodes(request: Request, near: Linearised) -> Linearised | None:
 
 
 def _passes(before: Linearised, after: Linearised) -> bool:
-    """Return whether nodes go through an obstacle in a step, by half the arm's radius or more."""
-    arm, scene, s = after.system.arm, after.system.scene, after.mesh.s[1:]
-    between = np.linspace(before.poses[1:, 4:], after.poses[1:, 4:], _SAMPLES)
-    bodies = numbers_of([contact.obstacle for contact in contacts(scene)])
-    gaps = distances(bodies, between.reshape(-1, 3))[0].min(axis=1).reshape(_SAMPLES, -1)
-    return bool((gaps < arm.outer_radius(s)[0] / 2).any())
+    """Return whether nodes go through an obstacle in a step, by half the arm's radius or more.
+
+    Looked at where they are no farther apart than that.
+    """
+    half = after.system.arm.outer_radius(after.mesh.s[1:])[0] / 2
+    start, end = before.poses[1:, 4:], after.poses[1:, 4:]
+    count = 2 + int((np.linalg.norm(end - start, axis=1) / half).max())
+    between = np.linspace(start, end, count).reshape(-1, 3)
+    bodies = numbers_of([contact.obstacle for contact in contacts(after.system.scene)])
+    gaps = distances(bodies, between)[0].min(axis=1).reshape(count, -1)
+    return bool((gaps < half).any())
 
 
 def _least(request: Request, near: Linearised) -> Linearised | None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from model.contact.gaps import along, least_gaps
-from model.contact.newton import newton
+from model.contact.newton import STEPS, newton
 from model.contact.touches import (
     Place,
     Places,
@@ -37,12 +37,10 @@ from model.transcription.system import System
 from model.transcription.touch import BEFORE
 from model.winches import Winches
 
-# How often places move, come or go.
-_ROUNDS = 30
 # How far off places may be, over the arm's length; of the largest force or slope, what is rounding.
 _OFF, _ROUNDING = 1e-10, 1e-9
-# gap'' [1/m] that counts as flat, and what points move by instead, over 1 / L: to lesser gaps.
-_FLAT, _BENT = 1e-3, 4.0
+# gap'' [1/m] that counts as flat.
+_FLAT = 1e-3
 # Over an element: how far from an end derivatives are taken, half the length of a part that was a
 # point and how far points move from corners at most, parts that are points, and what is near.
 _ASIDE, _BORN, _SHORT, _NEAR = 0.05, 0.3, 0.02, 0.25
@@ -110,7 +108,7 @@ def sharpened(request: Request, near: Linearised, places: Places) -> Linearised 
     as far as in the round before.
     """
     last = np.inf
-    for _ in range(_ROUNDS):
+    for _ in range(STEPS):
         point = with_places(request, near, places)
         if point is None:
             return None
@@ -145,7 +143,8 @@ def with_places(of: Request, near: Linearised, places: Places) -> Linearised | N
         s, j = np.array([p.start for p in free]), np.array([p.obstacle for p in free])
         nodes, curve = [mesh.node(p.start) for p in free], along(near.system, near.x, s, j)[0][:, 2]
         touches.moves[nodes, j] = 1
-        touches.curve[nodes, j] = np.where(curve > _FLAT, curve, _BENT / of.base.arm.length)
+        # Where it is below 0 too, points move to lesser gaps.
+        touches.curve[nodes, j] = np.maximum(np.abs(curve), _FLAT)
     system = touches.on(system)
     return newton(system, of.tensions, of.load, _carried(of, near, system))
 
