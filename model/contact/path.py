@@ -90,13 +90,21 @@ def follow(start: Request, end: Request, near: Linearised, jumps: bool = True) -
     Raises UnsettledContactError where none is found; unless it may jump, SnapError where it would.
     """
     snaps, rubs, base = list[float](), end.before is not None, end.base
+    # Without a potential the least energy takes several programs: only the least steps are by it.
+    conservative = LeastEnergy(base).conservative
 
     def solve(factor: float, near: Linearised) -> Linearised | None:
         to = start.towards(end, factor)
         if rubs:
             there = sharpened(replace(to, before=near), near, places_of(near.system))
-        else:
-            there = _at_nodes(to, near)
+            return there if there is not None and close(near, there) else None
+        if to.winches is None:
+            there = newton(near.system, to.tensions, to.load, near.states, complementary=True)
+            if there is not None and close(near, there) and not _passes(near, there):
+                return there
+            if not conservative:
+                return None
+        there = _least(to, near)
         return there if there is not None and close(near, there) else None
 
     def over(before: float, factor: float, near: Linearised) -> Linearised:
@@ -159,20 +167,6 @@ def stepped(
             there, step = over(at, factor, near), least
         path, step = [*path, (there, factor)], min(2 * step, longest)
     return path
-
-
-def _at_nodes(request: Request, near: Linearised) -> Linearised | None:
-    """Return the equilibrium with forces at nodes near one: by Newton's method, or least energy.
-
-    Without a potential the least energy takes several programs: only the least steps are by it.
-    """
-    if request.winches is None:
-        there = newton(near.system, request.tensions, request.load, near.states, True)
-        if there is not None and close(near, there) and not _passes(near, there):
-            return there
-        if not LeastEnergy(request.base).conservative:
-            return None
-    return _least(request, near)
 
 
 def _passes(before: Linearised, after: Linearised) -> bool:

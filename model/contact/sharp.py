@@ -19,7 +19,6 @@ from model.contact.touches import (
     Places,
     Touches,
     forces,
-    frictions,
     kernel_numbers,
     mesh_with,
     read_off,
@@ -146,23 +145,25 @@ def with_places(of: Request, near: Linearised, places: Places) -> Linearised | N
         # Where it is below 0 too, points move to lesser gaps.
         touches.curve[nodes, j] = np.maximum(np.abs(curve), _FLAT)
     system = touches.on(system)
-    return newton(system, of.tensions, of.load, _carried(of, near, system))
+    return newton(system, of.tensions, of.load, _carried(of, near, system, touches))
 
 
-def _carried(of: Request, near: Linearised, system: System) -> Array:
+def _carried(of: Request, near: Linearised, system: System, touches: Touches) -> Array:
     """Return states to begin with on another mesh: forces are those of the nodes nearest."""
     before, states = near.system, near.states
     if not np.array_equal(of.tensions, near.tensions):
         states = states + near.by_tensions @ (of.tensions - near.tensions)
     strains = carried_strains(before, before.strains(states), system)
-    nearest = np.abs(before.mesh.s[:, None] - system.mesh.s).argmin(axis=1)
-    pressed = np.zeros_like(system.of.touches[:, :, 0], dtype=float)
-    np.add.at(pressed, nearest, resultants(before, states))
+    apart = np.abs(before.mesh.s[:, None] - system.mesh.s)
+    pressed = np.zeros(touches.held.shape)
+    np.add.at(pressed, apart.argmin(axis=1), resultants(before, states))
     carried = system.start(of.tensions, strains, of.load, pressed[1:])
-    if system.of.form.contact_friction:
-        rubbed = np.zeros(system.of.friction_forces.shape)
-        np.add.at(rubbed, nearest, frictions(before, states))
-        carried[system.of.friction_forces] = rubbed
+    if system.of.form.contact_friction and before.of.form.contact_friction:
+        at, now, were = apart.argmin(axis=0), system.of, before.of
+        held, pressing = touches.held[:, :, None], touches.pressing[:, :, None]
+        carried[now.touches] = states[were.touches[at]] * np.dstack([held, pressing])
+        carried[now.friction_forces] = states[were.friction_forces[at]] * held
+        carried[now.tractions] = states[were.tractions[at]] * pressing
     return carried
 
 
@@ -171,17 +172,13 @@ def _refined(of: Request, point: Linearised, places: Places) -> Places:
     refined, L = list[Place](), of.base.arm.length
     least = 0.0 if of.base.scene.has(Shear) else _SHORT * np.diff(point.system.mesh.s).max()
     for place in places:
-        start, end = place.start, place.end
-        shifts = (
-            [_end_shift(of, point, place, side) for side in (-1, 1)]
-            if place.lies
-            else [_point_shift(of, point, place)]
-        )
-        first, *_, last = (
-            shift if abs(shift) > _OFF * L else 0.0 for shift in (*shifts, shifts[-1])
-        )
+        if place.lies:
+            shifts = [_end_shift(of, point, place, side) for side in (-1, 1)]
+        else:
+            shifts = [_point_shift(of, point, place)] * 2
+        first, last = (shift if abs(shift) > _OFF * L else 0.0 for shift in shifts)
         start, end = place.start + first, min(place.end + last, L)
-        if place.lies and end - start < least:
+        if end - start < least:
             start = end = (start + end) / 2
         refined.append(Place(place.obstacle, start, end))
     return _joined(refined, point.system.mesh)

@@ -228,10 +228,8 @@ def read_off(system: System, touching: Mask, joined: Mask, force: Array) -> Plac
         for run in np.split(nodes, np.flatnonzero(~linked) + 1) if nodes.size else ():
             if run.size > 2:
                 places.append(Place(j, float(s[run[0]]), float(s[run[-1]])))
-            elif run.size == 1 or run[-1] == s.size - 1:
-                places.append(Place(j, float(s[run[-1]]), float(s[run[-1]])))
             else:
                 weights = np.maximum(force[run, j], np.finfo(float).tiny)
-                middle = float(np.average(s[run], weights=weights))
-                places.append(Place(j, middle, middle))
+                at = float(s[-1] if run[-1] == s.size - 1 else np.average(s[run], weights=weights))
+                places.append(Place(j, at, at))
     return tuple(places)
