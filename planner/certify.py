@@ -98,9 +98,7 @@ def certify(
 def _held(targets: tuple[Target, ...], shape: Shape) -> dict[str, Array]:
     """Return what is left of the wrenches that are held, over their sizes, by name."""
     holds = [target for target in targets if isinstance(target, Hold)]
-    grasps = [Grasp.of(shape.arm, shape.contacts, hold) for hold in holds]
-    pairs = zip(grasps, holds, strict=True)
-    rows = [grasp.scaled(grasp.least) / hold.size(shape.arm) for grasp, hold in pairs]
+    rows = [Grasp.of(shape.arm, shape.contacts, hold).least for hold in holds]
     return {WRENCH: np.concatenate(rows)} if rows else {}
 
 

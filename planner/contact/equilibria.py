@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from model.contact.contacts import touches_of
 from model.contact.forward import TouchingMap
-from model.contact.friction import Path, path_sensitivities
+from model.contact.friction import path_sensitivities
 from model.contact.touches import Touches, forces
 from model.equilibrium.linearised import Linearised, check_stretch
 from model.equilibrium.newton import STAGES
+from model.equilibrium.stability import stability
+from model.errors import SnapError
 from model.paths import Array
 from model.time_limit import check_time
 from planner.contact.grasp import Grasp
@@ -23,9 +23,6 @@ from planner.targets.hold import Hold
 
 # The meshes of searches and of plans; forces that do not press, over what bends the arm by 1 rad.
 COARSE, FINE, _PRESSED = 1, 2, 1e-8
-
-# Tensions (n_tendons,) -> the equilibrium, derivatives (n_states, n_tendons) of its states.
-Settle = Callable[[Array], tuple[Linearised, Array]]
 
 
 class Equilibria:
@@ -54,25 +51,21 @@ class Equilibria:
             point = self.settled(T, point)
         return point
 
-    def near(self, point: Linearised) -> Settle:
-        """Return how shapes are settled near one: each from the last, or with friction from there.
+    def beside(
+        self, tensions: Array, near: Linearised, begin: Linearised
+    ) -> tuple[Linearised, Array]:
+        """Return the equilibrium next to another, and its states' derivatives by the tensions.
 
-        In a straight line of tensions then, against which friction acts all along.
+        These are (n_states, n_tendons). With friction it is come to in a straight line of tensions
+        from where the arm began, against which friction acts all along.
         """
-        begin = last = point
-        rubbing = rubs(self.task.scene)
-        path: Path = ()
-
-        def settle(tensions: Array) -> tuple[Linearised, Array]:
-            nonlocal last, path
-            if rubbing and not (path and np.array_equal(tensions, last.tensions)):
-                last = end = self.map.solve(tensions, begin, jumps=False)
-                path = end.path
-            elif not np.array_equal(tensions, last.tensions):
-                last = self.settled(tensions, last)
-            return last, path_sensitivities(path) if path else self._released(last).by_tensions
-
-        return settle
+        if rubs(self.task.scene):
+            end = self.map.solve(tensions, begin, jumps=False)
+            return end, path_sensitivities(end.path)
+        point = self.settled(tensions, near)
+        if stability(point) < 0:
+            raise SnapError(1.0, "it is unstable next to another equilibrium")
+        return point, self._released(point).by_tensions
 
     def _released(self, point: Linearised) -> Linearised:
         """Return an equilibrium whose points that do not press count as free; itself without."""
@@ -87,8 +80,6 @@ class Equilibria:
 
     def wrench_left(self, point: Linearised) -> float:
         """Return what is left of the wrenches of holds, over their sizes."""
-        arm, left = self.task.arm, 0.0
-        for hold in (target for target in self.task.targets if isinstance(target, Hold)):
-            grasp = Grasp.of(arm, touches_of(point), hold)
-            left += float(np.linalg.norm(grasp.scaled(grasp.least)) / hold.size(arm))
-        return left
+        holds = [target for target in self.task.targets if isinstance(target, Hold)]
+        grasps = [Grasp.of(self.task.arm, touches_of(point), hold) for hold in holds]
+        return sum(float(np.linalg.norm(grasp.least)) for grasp in grasps)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import clarabel
 import numpy as np
@@ -19,8 +20,9 @@ from planner.targets.hold import LEVER, Hold
 
 # What tangential forces cost, so that those that nothing determines are small; how far cones are
 # kept from their edges.
-_COST = 1e-9
-_SHARP = 1e-11
+COST, _SHARP = 1e-9, 1e-11
+# A kind of cone, and rows and numbers of unknowns x, of which rows @ x + numbers is in it.
+Cone = tuple[Any, Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,29 +46,27 @@ class Grip:
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """Places that touch an object, and the wrench on it.
+    """Places that touch an object, and the wrench on it: forces over its size.
 
     Attributes
     ----------
-    points : (k, 3)
-        Of the object's surface, from its centre [m].
-    normals : (k, 3)
-        Out of the object.
+    bases : (k, 3, 2)
+        Two directions across each normal.
+    columns : (3 or 6, 2 k)
+        The wrenches of unit forces along them.
+    still : (3,) or (6,)
+        The wrench with the forces along the normals, which the arm's equilibrium presses.
     normal : (k,)
-        Forces along the normals, >= 0 [N]; on the object they push inwards.
-    wrench : (3,) or (6,)
-        On the object [N, N m].
+        These forces, >= 0.
     friction : float
-    lever : float
-        What moments are divided by [m].
+        Tangential ones are up to so many times the normal ones.
     """
 
-    points: Array
-    normals: Array
+    bases: Array
+    columns: Array
+    still: Array
     normal: Array
-    wrench: Array
     friction: float
-    lever: float
 
     @classmethod
     def of(cls, arm: Arm, contacts: Iterable[Touch], hold: Hold) -> Grasp:
@@ -75,101 +75,87 @@ class Grasp:
         points = np.array([touch.point for touch in touches]).reshape(-1, 3)
         forces = np.array([touch.force for touch in touches]).reshape(-1, 3)
         normals = np.array([touch.normal for touch in touches]).reshape(-1, 3)
-        out = (forces * normals).sum(axis=1)
-        centre = hold.obstacle.numbers[:3]
-        lever = LEVER * arm.length
-        wrench = np.array(hold.wrench)
-        return cls(points - centre, normals, out, wrench, hold.friction, lever)
+        return cls.at(arm, hold, points, normals, (forces * normals).sum(axis=1))
 
-    @cached_property
-    def bases(self) -> Array:
-        """Two directions across each normal (k, 3, 2), by the axis that is farthest from it."""
-        axes = np.eye(3)[np.argmin(np.abs(self.normals), axis=1)]
-        first = np.cross(self.normals, axes)
+    @classmethod
+    def at(cls, arm: Arm, hold: Hold, points: Array, normals: Array, forces: Array) -> Grasp:
+        """Return that of points (k, 3) [m], normals out of the object, and forces (k,) [N] there.
+
+        Moments are over a tenth of the arm's length.
+        """
+        lever, size = LEVER * arm.length, hold.size(arm)
+        first = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
         first /= np.linalg.norm(first, axis=1)[:, None]
-        return np.stack([first, np.cross(self.normals, first)], axis=2)
-
-    def left(self, tangential: Array) -> Array:
-        """Return the wrench that is left with tangential forces (k, 3): 0 if they balance."""
-        forces = tangential - self.normal[:, None] * self.normals
-        total = self.wrench.copy()
-        total[:3] += forces.sum(axis=0)
-        total[3:] += np.cross(self.points, forces).sum(axis=0)[: total.size - 3]
-        return np.asarray(total)
+        bases = np.stack([first, np.cross(normals, first)], axis=2)
+        levers, units = (points - hold.obstacle.numbers[:3]) / lever, bases.transpose(0, 2, 1)
+        columns = np.concatenate([units, np.cross(levers[:, None], units)], axis=2)
+        pressed = -forces[:, None] * normals
+        total = np.append(pressed.sum(axis=0), np.cross(levers, pressed).sum(axis=0))
+        wrench, m = np.array(hold.wrench), len(hold.wrench)
+        wrench[3:] /= lever
+        columns = columns.reshape(-1, 6).T[:m]
+        return cls(bases, columns, (wrench + total[:m]) / size, forces / size, hold.friction)
 
     @cached_property
-    def least(self) -> Array:
-        """What the best tangential forces leave of the wrench (3,) or (6,) [N, N m]."""
-        return self.left(self.best())
-
-    def scaled(self, wrench: Array) -> Array:
-        """Return a wrench with moments over the lever [N]."""
-        scaled = wrench.copy()
-        scaled[3:] /= self.lever
-        return np.asarray(scaled)
-
-    @property
-    def _columns(self) -> Array:
-        """What unit tangential forces along the bases add to the wrench (3 or 6, 2 k) [N]."""
-        units = self.bases.transpose(0, 2, 1).reshape(-1, 3)
-        moments = np.cross(np.repeat(self.points, 2, axis=0), units) / self.lever
-        return np.hstack([units, moments]).T[: self.wrench.size]
-
-    @property
-    def _unit(self) -> float:
-        return float(max(np.abs(self.wrench[:3]).max(), self.normal.max(initial=0.0)))
-
     def best(self) -> Array:
-        """Return the tangential forces (k, 3) [N] in their cones that leave least of the wrench."""
-        k, unit = len(self.normal), self._unit
-        most = self.friction * np.maximum(self.normal, 0.0) / unit
-        if not most.any():
-            return np.zeros((k, 3))
-        x = self._cone_program(np.eye(2 * k + 2)[-1], self.friction, np.inf)
-        z = np.zeros((k, 2)) if x is None else x[:-2].reshape(k, 2)
-        sizes = np.linalg.norm(z, axis=1)
-        z *= np.minimum(1.0, most / np.maximum(sizes, 1e-300))[:, None]
-        return np.asarray(unit * np.einsum("kij,kj->ki", self.bases, z))
+        """The tangential forces along the bases (2 k,) in their cones that leave least."""
+        x = self._conic(np.eye(self.columns.shape[1] + 2)[-1], np.inf)
+        z = np.zeros((self.normal.size, 2)) if x is None else x[:-2].reshape(-1, 2)
+        most = self.friction * np.maximum(self.normal, 0.0)
+        sizes = np.maximum(np.linalg.norm(z, axis=1), 1e-300)
+        return np.asarray((z * np.minimum(1.0, most / sizes)[:, None]).ravel())
 
-    def needed_friction(self, accuracy: float) -> float:
-        """Return the least coefficient of friction that leaves so much of the wrench [N] at most.
+    @property
+    def least(self) -> Array:
+        """What they leave of the wrench (3,) or (6,)."""
+        return np.asarray(self.still + self.columns @ self.best)
+
+    def needed_friction(self, left: float) -> float:
+        """Return the least coefficient of friction that leaves so much of the wrench at most.
 
         That of the grasp where no lesser one does.
         """
-        x = self._cone_program(np.eye(2 * len(self.normal) + 2)[-2], self.friction, accuracy)
+        x = self._conic(np.eye(self.columns.shape[1] + 2)[-2], left)
         return self.friction if x is None else float(max(x[-2], 0.0))
 
-    def _cone_program(self, cost: Array, friction: float, left: float) -> Array | None:
-        """Return (z, mu, t) of least cost . (z, mu, t), mu and t up to `friction` and `left` [N].
+    def _conic(self, cost: Array, left: float) -> Array | None:
+        """Return (z, mu, t) of least cost . (z, mu, t), mu and t up to friction and what is left.
 
-        Scaled tangential forces z are within cones of mu, and leave t of the wrench. None where
-        there are none. By clarabel (Goulart and Chen, arXiv:2405.12762, 2024).
+        Tangential forces z are within cones of mu, and leave t. None where there are none.
         """
-        k, unit, A = len(self.normal), self._unit, self._columns
-        still, n = self.scaled(self.left(np.zeros((k, 3)))) / unit, 2 * k + 2
-        cones, balance, eye = np.zeros((k, 3, n)), np.zeros((1 + still.size, n)), np.eye(n)
-        cones[:, 0, -2] = -np.maximum(self.normal, 0.0) / unit
-        cones[:, 1:, :-2] = -np.eye(2 * k).reshape(k, 2, 2 * k)
-        balance[0, -1], balance[1:, :-2] = -1.0, -A
-        most = min(left / unit, 2 * float(np.linalg.norm(still)))
-        rows = np.vstack([cones.reshape(-1, n), balance, eye[-2:], -eye[-2:-1]])
-        offsets = np.concatenate([np.zeros(3 * k + 1), still, [friction, most, 0.0]])
-        kinds = [clarabel.SecondOrderConeT(3)] * k
-        kinds += [clarabel.SecondOrderConeT(len(balance)), clarabel.NonnegativeConeT(3)]
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _SHARP
-        H = csc_array(np.diag(np.append(np.full(2 * k, _COST), [0.0, 0.0])))
-        solution = clarabel.DefaultSolver(
-            H, cost, csc_array(rows), offsets, kinds, settings
-        ).solve()
-        solved = str(solution.status) in ("Solved", "AlmostSolved", "InsufficientProgress")
-        return np.array(solution.x) if solved else None
+        f, [mu], [t] = np.split(np.eye(cost.size), [cost.size - 2, cost.size - 1])
+        most = min(left, 2 * float(np.linalg.norm(self.still)))
+        bounds = np.vstack([mu, -mu, -t]), np.array([0.0, self.friction, most])
+        balance = np.vstack([t, self.columns @ f]), np.append(0.0, self.still)
+        cones: list[Cone] = [(clarabel.NonnegativeConeT, *bounds)]
+        cones.append((clarabel.SecondOrderConeT, *balance))
+        for k, N in enumerate(self.normal):
+            rows = np.vstack([max(N, 0.0) * mu, f[2 * k : 2 * k + 2]])
+            cones.append((clarabel.SecondOrderConeT, rows, np.zeros(3)))
+        solution = conic_program(COST * f.T @ f, cost, cones)
+        return None if solution is None else solution[0]
+
+
+def conic_program(H: Array, cost: Array, cones: Sequence[Cone]) -> tuple[Array, Array] | None:
+    """Return x of least x . H x / 2 + cost . x within cones, and their multipliers; None without.
+
+    By clarabel (Goulart and Chen, arXiv:2405.12762, 2024).
+    """
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _SHARP
+    kinds, rows, numbers = zip(*cones, strict=True)
+    sized = [kind(len(offsets)) for kind, offsets in zip(kinds, numbers, strict=True)]
+    A, b = csc_array(-np.vstack(rows)), np.concatenate(numbers)
+    solution = clarabel.DefaultSolver(csc_array(np.triu(H)), cost, A, b, sized, settings).solve()
+    solved = str(solution.status) in ("Solved", "AlmostSolved", "InsufficientProgress")
+    return (np.array(solution.x), np.array(solution.z)) if solved else None
 
 
 def grips_of(shape: Shape, hold: Hold) -> tuple[Grip, ...]:
     """Return the forces on an object that leave least of the wrench, from base to tip."""
-    grasp, centre = Grasp.of(shape.arm, shape.contacts, hold), hold.obstacle.numbers[:3]
-    pressed = -grasp.normal[:, None] * grasp.normals
-    parts = zip(grasp.points + centre, pressed, grasp.best(), strict=True)
-    return tuple(Grip(hold.obstacle, *forces) for forces in parts)
+    grasp, size = Grasp.of(shape.arm, shape.contacts, hold), hold.size(shape.arm)
+    tangential = size * np.einsum("kij,kj->ki", grasp.bases, grasp.best.reshape(-1, 2))
+    touches = [touch for touch in shape.contacts if touch.obstacle == hold.obstacle]
+    pairs = zip(touches, tangential, strict=True)
+    return tuple(Grip(hold.obstacle, touch.point, -touch.force, f) for touch, f in pairs)

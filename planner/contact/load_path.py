@@ -13,7 +13,7 @@ from model.shape import Shape
 # Tensions on the path to an equilibrium, in order.
 LoadPath = tuple[tuple[float, ...], ...]
 # How accurately shapes on the path are settled.
-_ON_THE_PATH = 1e-4
+ON_THE_PATH = 1e-4
 
 
 def rubs(scene: Scene) -> bool:
@@ -32,7 +32,7 @@ def from_rest(arm: Arm, tensions: Array, scene: Scene, name: str = "near") -> Lo
     That is all that friction has to know of the motion before. Raises InputError, that names the
     field, where the arm touches something.
     """
-    if settle(arm, tensions, without_friction(scene), _ON_THE_PATH).contacts:
+    if settle(arm, tensions, without_friction(scene), ON_THE_PATH).contacts:
         allowed = (
             "the plan that the arm moves from: friction of contacts acts against the motion "
             "before, and an arm that touches something has no history by itself"
@@ -57,7 +57,7 @@ def settled_along(
     """
     if not load_path and not rubs(scene):
         return settle(arm, tensions, scene, accuracy, compile=machine_code)
-    rough = min(_ON_THE_PATH, accuracy) if rubs(scene) else _ON_THE_PATH
+    rough = min(ON_THE_PATH, accuracy) if rubs(scene) else ON_THE_PATH
     first, *others = load_path or (tensions,)
     near = settle(arm, first, without_friction(scene), rough, compile=machine_code)
     for T in others:

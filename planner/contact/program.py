@@ -7,105 +7,192 @@
                 the least eigenvalue of the energy's Hessian >= a margin, where that is asked for
                 lower <= T <= upper, sum T <= total pull
 
-By SLSQP (Kraft, A software package for sequential quadratic programming, DFVLR-FB 88-28, 1988), the
-shape's derivatives by the implicit function theorem; where constraints cannot be met, the least
-squares of their violations (Branch, Coleman and Li, SIAM J. Sci. Comput. 21, 1999).
+By the exact penalty of the violations' norm in a trust region, which steps over kinks where places
+come and go (Fletcher, Practical Methods of Optimization, 1987, section 14.3). The shape's
+derivatives are by the implicit function theorem; each step is a conic program, in which tangential
+forces are unknowns within their cones. Where constraints cannot be met violations become least.
 """
 
 from __future__ import annotations
 
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
+import clarabel
 import numpy as np
-from scipy.linalg import qr
-from scipy.optimize import least_squares, lsq_linear, minimize
+from scipy.linalg import block_diag
 
-from model.contact.contacts import touches_of
+from model.contact.touches import Touches, resultants, second
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.stability import stability
-from model.errors import OctoplanError, UnsettledContactError
+from model.errors import UnsettledContactError
+from model.loads import contacts
 from model.paths import Array
-from model.time_limit import check_time
 from model.transcription.layout import POSE
-from planner.contact.equilibria import Settle
-from planner.contact.grasp import Grasp
+from planner.contact.equilibria import Equilibria
+from planner.contact.grasp import COST, Cone, Grasp, conic_program
 from planner.program.limits import natural_tensions
 from planner.program.terms import stations_of, target_numbers, terms_of
-from planner.solve.task import Task
 from planner.targets.hold import Hold
 
-# How often settling may fail in one program.
-_FAILURES = 20
-# Violations where no shape is settled; constraints that are active; rows that depend on others,
-# over the largest; steps of differences in scaled unknowns: of states, and of shapes settled anew.
-_UNSETTLED, _ACTIVE, _DEPENDENT, _STEP, _CHANGE = 1e3, 1e-6, 1e-9, 1e-6, 1e-4
-# By how much cones are blunt at their tips, and what tangential forces cost, so that those that
-# nothing determines are small.
-_BLUNT, _COST = 1e-7, 1e-9
-# Stability is rounded to some 1e-13: lesser violations are not waited for.
-_SLSQP = {"ftol": 1e-12, "maxiter": 60}
+# Steps of differences in scaled tensions: of states, and of shapes settled anew.
+_STEP, _CHANGE = 1e-6, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Optimality:
-    """The residual of the first-order conditions, and multipliers of tensions and stability."""
+class Step:
+    """A step of least linearised merit.
 
-    residual: float
-    lam_bounds: Array
-    lam_stability: float
+    Attributes
+    ----------
+    change : (n,)
+        Of scaled tensions.
+    tangential : (2 k,)
+        Forces on objects after it, along the bases of their grasps.
+    decrease : float
+        How much less the merit is by its model.
+    multipliers : (2 n + m,)
+        Of bounds above and below, then of the constraints as their cones have them.
+    """
+
+    change: Array
+    tangential: Array
+    decrease: float
+    multipliers: Array
+
+    @property
+    def residual(self) -> float:
+        """How far the first-order conditions are from being met, if it had the effort's Hessian."""
+        return float(np.abs(self.change).max() / (1 + np.abs(self.multipliers).max()))
+
+    @property
+    def lam_bounds(self) -> Array:
+        """The multipliers of limits (n,), above 0 at the upper ones."""
+        n = self.change.size
+        return self.multipliers[:n] - self.multipliers[n : 2 * n]
+
+    @property
+    def lam_stability(self) -> float:
+        """The multiplier of the margin of stability, where there is one."""
+        return -float(self.multipliers[2 * self.change.size])
 
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """Constraints at an equilibrium: values (m,), derivatives (m, n), how many are equalities."""
-
-    point: Linearised
-    values: Array
-    jacobian: Array
-    equalities: int
-
-    @property
-    def short(self) -> Array:
-        """Residuals of the equalities, and what inequalities are below 0 (m,)."""
-        n = self.equalities
-        return np.append(self.values[:n], np.minimum(self.values[n:], 0.0))
-
-    @property
-    def violation(self) -> float:
-        """The largest violation."""
-        return float(np.abs(self.short).max(initial=0.0))
-
-
-class TensionProgram:
-    """The program of a task; unknowns are scaled tensions, then tangential forces on objects.
+    """Constraints at an equilibrium, linearised in scaled tensions (n,).
 
     Attributes
     ----------
-    start : (n,)
-        The unknowns at the equilibrium that it begins with, with the best tangential forces.
-    places : list of int
-        How many places touch each object there: as many have tangential forces.
-    least : float
-        The stability that shapes are held to; none with 0.
-    visited : list of (n_tendons,)
-        Tensions of the steps taken so far.
+    point : Linearised
+    tensions, low, high : (n,)
+        Scaled, and their bounds.
+    equal, unequal : (m, 1 + n)
+        Residuals, and inequalities, met at 0 and above; then their derivatives. The first
+        inequality is the margin of stability, where there is one.
+    grasps : tuple of Grasp
+        Of the objects held.
+    grasp_rates : (n, m)
+        The derivatives of their numbers, see `numbers_of`.
+    tangential : (2 k,)
+        Forces on objects at which they are linearised, along the bases of their grasps.
     """
 
-    def __init__(self, task: Task, settle: Settle, begin: Linearised, least: float = 0.0) -> None:
-        self.task, self.least, self._settle = task, least, settle
+    point: Linearised
+    tensions: Array
+    low: Array
+    high: Array
+    equal: Array
+    unequal: Array
+    grasps: tuple[Grasp, ...]
+    grasp_rates: Array
+    tangential: Array
+
+    @cached_property
+    def violation(self) -> float:
+        """The norm of all violations, with the best tangential forces."""
+        short = np.minimum(self.unequal[:, 0], 0.0)
+        left = [grasp.least for grasp in self.grasps]
+        return float(np.linalg.norm(np.concatenate([self.equal[:, 0], short, *left])))
+
+    def merit(self, penalty: float) -> float:
+        """Return half of the squared norm of scaled tensions, and the penalty of the violation."""
+        return float(self.tensions @ self.tensions) / 2 + penalty * self.violation
+
+    @cached_property
+    def cones(self) -> list[Cone]:
+        """The linearised constraints, as cones of unknowns.
+
+        These are changes of tensions, tangential forces, slacks of inequalities, the violation.
+        """
+        n, k, q = self.tensions.size, self.tangential.size, len(self.unequal)
+        T, f, slack, t = np.split(np.eye(n + k + q + 1), np.cumsum([n, k, q]))
+        still, most, columns = numbers_of(self.grasps)
+        m, rates = still.size, self.grasp_rates.T
+        by_columns = rates[m + most.size :].reshape(m, k, n)
+        by_wrench = rates[:m] + np.einsum("mkn,k->mn", by_columns, self.tangential)
+        left = [t, self.equal[:, 1:] @ T, by_wrench @ T + columns @ f, slack]
+        values = [np.zeros(1), self.equal[:, 0], still, np.zeros(q)]
+        cones: list[Cone] = [
+            (clarabel.NonnegativeConeT, self.unequal[:, 1:] @ T + slack, self.unequal[:, 0]),
+            (clarabel.SecondOrderConeT, np.vstack(left), np.concatenate(values)),
+        ]
+        for i, bound in enumerate(most):
+            rows = np.vstack([rates[m + i] @ T, f[2 * i : 2 * i + 2]])
+            cones.append((clarabel.SecondOrderConeT, rows, np.array([bound, 0.0, 0.0])))
+        return cones
+
+    @property
+    def by_tensions(self) -> Array:
+        """The rows of the cones against tensions (m, n)."""
+        return np.vstack([rows[:, : self.tensions.size] for _, rows, _ in self.cones])
+
+    def step(self, hessian: Array, radius: Array, penalty: float) -> Step:
+        """Return the step of least merit in a trust region (n,), by the Lagrangian's Hessian.
+
+        Raises UnsettledContactError if none is found.
+        """
+        n, k, size = self.tensions.size, self.tangential.size, self.cones[0][1].shape[1]
+        T, f, (*_, t) = np.split(np.eye(size), [n, n + k])
+        above = np.minimum(self.high - self.tensions, radius)
+        bounds = np.append(above, np.minimum(self.tensions - self.low, radius))
+        limits = (clarabel.NonnegativeConeT, np.vstack([-T, T]), bounds)
+        H = T.T @ hessian @ T + COST * f.T @ f
+        cost = T.T @ self.tensions + penalty * t
+        solution = conic_program(H, cost, [limits, *self.cones])
+        if solution is None:
+            raise UnsettledContactError(1.0, "no step is found")
+        x, lam = solution
+        decrease = penalty * self.violation - x @ (cost + H @ x / 2)
+        return Step(x[:n], x[n : n + k], float(decrease), lam)
+
+
+def numbers_of(grasps: tuple[Grasp, ...]) -> tuple[Array, Array, Array]:
+    """Return wrenches left without tangential forces (m,), bounds (k,) and columns (m, 2 k)."""
+    still = np.concatenate([np.zeros(0), *(grasp.still for grasp in grasps)])
+    most = np.concatenate([np.zeros(0), *(grasp.friction * grasp.normal for grasp in grasps)])
+    columns = block_diag(*(grasp.columns for grasp in grasps))
+    return still, most, columns[: still.size, : 2 * most.size]
+
+
+class TensionProgram:
+    """The program of a task in scaled tensions, near an equilibrium.
+
+    Attributes
+    ----------
+    unit : float
+        Of tensions [N].
+    least : float
+        The stability that shapes are held to; none with 0.
+    """
+
+    def __init__(self, equilibria: Equilibria, begin: Linearised, least: float = 0.0) -> None:
+        self.task, self.least, task = equilibria.task, least, equilibria.task
+        self._equilibria, self._begin = equilibria, begin
         self.unit, self.n = float(natural_tensions(task.arm).max()), task.arm.n_tendons
         self._holds = [target for target in task.targets if isinstance(target, Hold)]
         self._stations = stations_of(task.arm, task.targets)
         self._numbers = target_numbers(task.arm, task.targets)
-        self._known, self.visited = dict[bytes, Constraints | None](), list[Array]()
-        self.places, held = self.touching(begin), [begin.tensions / self.unit]
-        for hold, grasp in zip(self._holds, self._grasps(begin), strict=True):
-            tangential = np.einsum("kij,ki->kj", grasp.bases, grasp.best())
-            held.append(tangential.ravel() / hold.size(task.arm))
-        self.start = np.concatenate(held)
 
     @cached_property
     def _terms(self) -> ca.Function:
@@ -115,200 +202,80 @@ class TensionProgram:
         numbers = ca.MX.sym("numbers", *terms.size_in(1))
         equality, soft, inequality, _ = terms(poses, numbers, ca.MX(0, 1))
         rows = [ca.vertcat(equality, soft), inequality]
-        jacobians = [ca.densify(ca.jacobian(row, poses)) for row in rows]
-        return ca.Function("terms", [poses, numbers], [*rows, *jacobians])
+        return ca.Function(
+            "terms",
+            [poses, numbers],
+            [ca.densify(ca.horzcat(row, ca.jacobian(row, poses))) for row in rows],
+        )
 
-    def _grasps(self, point: Linearised) -> list[Grasp]:
-        touches = touches_of(point, shifted=True) if self._holds else ()
-        return [Grasp.of(self.task.arm, touches, hold) for hold in self._holds]
+    def at(self, tensions: Array, near: Linearised, tangential: Array | None = None) -> Constraints:
+        """Return the constraints at scaled tensions, next to an equilibrium; raises as settling.
 
-    def touching(self, point: Linearised) -> list[int]:
-        """Return at how many places an arm touches each object that it holds."""
-        return [grasp.normal.size for grasp in self._grasps(point)]
-
-    def _balance(self, grasps: list[Grasp], forces: Array) -> Array:
-        """Return what is left of wrenches, then in cones, over the sizes of the wrenches.
-
-        With tangential forces along the bases of the places that touch; no others act.
+        Linearised at tangential forces, or the best ones where others touch, or none are given.
         """
-        left, cones = list[Array](), list[Array]()
-        ends = np.cumsum(self.places)[:-1]
-        for hold, grasp, z in zip(
-            self._holds, grasps, np.split(forces.reshape(-1, 2), ends), strict=True
-        ):
-            size, k = hold.size(self.task.arm), min(len(z), grasp.normal.size)
-            tangential, room = np.zeros((grasp.normal.size, 3)), np.zeros(len(z))
-            tangential[:k] = size * np.einsum("kij,kj->ki", grasp.bases[:k], z[:k])
-            room[:k] = hold.friction * grasp.normal[:k] / size
-            left.append(grasp.scaled(grasp.left(tangential)) / size)
-            cones.append(room + _BLUNT - np.sqrt((z**2).sum(axis=1) + _BLUNT**2))
-        return np.concatenate(left + cones)
+        point, by_tensions = self._beside(tensions, near)
+        system, allowed = point.system, self.task.allowed
+        low, high = np.array(allowed.lower) / self.unit, np.array(allowed.upper) / self.unit
+        places = system.of.nodes[[system.mesh.node(s) for s in self._stations], :POSE]
+        by_poses = block_diag(1.0, self.unit * by_tensions[places.ravel()])
+        terms = self._terms(point.states[places].T, self._numbers)
+        equal, unequal = (np.array(each) @ by_poses for each in terms)
+        if self.least:
+            unequal = np.vstack([self._margin(point, tensions), unequal])
+        if allowed.total is not None:
+            left = allowed.total / self.unit - tensions.sum()
+            unequal = np.vstack([unequal, np.append(left, np.full(self.n, -1.0))])
+        here, rates = self._grasps(point, self.unit * by_tensions)
+        if any(not grasp.normal.size for grasp in here):
+            raise UnsettledContactError(1.0, "none is found in which the arm touches what it holds")
+        best = np.concatenate([np.zeros(0), *(grasp.best for grasp in here)])
+        f = best if tangential is None or tangential.size != best.size else tangential
+        return Constraints(point, tensions, low, high, equal, unequal, here, rates, f)
 
-    def _held(self, point: Linearised, by_tensions: Array, y: Array) -> tuple[Array, Array]:
-        """Return `_balance` at unknowns, and its derivatives by differences."""
-        n, grasps = self.n, self._grasps(point)
-        by_unknowns = np.zeros((point.x.size, n))
-        by_unknowns[point.system.of.first :] = self.unit * by_tensions
+    def _beside(self, tensions: Array, near: Linearised) -> tuple[Linearised, Array]:
+        return self._equilibria.beside(self.unit * tensions, near, self._begin)
 
-        def balance(step: Array) -> Array:
-            changed = grasps
-            if step[:n].any():
-                x = point.x + by_unknowns @ step[:n]
-                changed = self._grasps(Linearised(point.system, x))
-            return self._balance(changed, y[n:] + step[n:])
+    def _grasps(self, point: Linearised, by_tensions: Array) -> tuple[tuple[Grasp, ...], Array]:
+        """Return the grasps of an equilibrium, and the derivatives of their numbers."""
+        system, arm = point.system, self.task.arm
+        touches, bodies = Touches.of(system), contacts(system.scene)
+        which, step = np.nonzero(touches.touching), _STEP * arm.length
+        s = system.mesh.s[which[0]]
+        before, after = np.split(point.at(np.append(s - step, s))[0][:, 4:], 2)
+        tangents = (after - before) / step * touches.moves[which][:, None]
 
-        steps = _STEP * np.eye(y.size)
-        rates = [(balance(step) - balance(-step)) / (2 * _STEP) for step in steps]
-        return self._balance(grasps, y[n:]), np.array(rates).T
+        def at(change: Array) -> tuple[Grasp, ...]:
+            states = point.states + change
+            moved = second(system, change)[which][:, None] * tangents
+            places, forces = system.poses(states)[which[0], 4:] + moved, resultants(system, states)
+            grasps = list[Grasp]()
+            for hold in self._holds:
+                on = np.array([bodies[j].obstacle == hold.obstacle for j in which[1]], dtype=bool)
+                normals, gaps = (
+                    f(places[on]) for f in (hold.obstacle.gradient, hold.obstacle.distance)
+                )
+                points = places[on] - gaps[:, None] * normals
+                grasps.append(Grasp.at(arm, hold, points, normals, forces[which][on]))
+            return tuple(grasps)
 
-    def _margin(self, point: Linearised, T: Array) -> tuple[Array, Array]:
-        """Return stability beyond what it is held to, and its derivatives by differences."""
+        def flat(change: Array) -> Array:
+            return np.concatenate([each.ravel() for each in numbers_of(at(change))])
+
+        steps = _STEP * by_tensions.T
+        rates = [(flat(step) - flat(-step)) / (2 * _STEP) for step in steps]
+        return at(0 * point.states), np.array(rates)
+
+    def _margin(self, point: Linearised, tensions: Array) -> Array:
+        """Return stability beyond what it is held to, and its derivatives by differences.
+
+        Far from what it is held to these do not count.
+        """
+        beyond = stability(point) - self.least
+        if beyond > self.least:
+            return np.append(beyond, np.zeros(self.n))
 
         def at(step: Array) -> float:
-            return stability(self._settle(self.unit * (T + step))[0])
+            return stability(self._beside(tensions + step, point)[0])
 
         rates = [(at(step) - at(-step)) / (2 * _CHANGE) for step in _CHANGE * np.eye(self.n)]
-        return np.array([stability(point) - self.least]), np.array([rates])
-
-    def rows(self, y: Array) -> Constraints:
-        """Return the constraints at unknowns; raises what settling does."""
-        rows = self._rows(y)
-        if rows is None:
-            raise UnsettledContactError(1.0, "none is found under these tensions")
-        return rows
-
-    def _rows(self, y: Array) -> Constraints | None:
-        """Return the constraints at unknowns, None where nothing is settled; each sought once."""
-        if y.tobytes() not in self._known:
-            check_time()
-            self._known[y.tobytes()] = None
-            with suppress(OctoplanError):
-                self._known[y.tobytes()] = self._evaluated(y)
-        return self._known[y.tobytes()]
-
-    def _evaluated(self, y: Array) -> Constraints:
-        point, by_tensions = self._settle(self.unit * y[: self.n])
-        system, total = point.system, self.task.allowed.total
-        places = system.of.nodes[[system.mesh.node(s) for s in self._stations], :POSE]
-        parts = [np.array(each) for each in self._terms(point.states[places].T, self._numbers)]
-        by_poses = self.unit * by_tensions[places.ravel()]
-        equal, unequal = ([(parts[k].ravel(), parts[2 + k] @ by_poses)] for k in range(2))
-        if self.least:
-            unequal.append(self._margin(point, y[: self.n]))
-        if total is not None:
-            left = total / self.unit - y[: self.n].sum()
-            unequal.append((np.array([left]), -np.ones((1, self.n))))
-        if self._holds:
-            values, jacobian = self._held(point, by_tensions, y)
-            m = sum(len(hold.wrench) for hold in self._holds)
-            equal.append((values[:m], jacobian[:m]))
-            unequal.append((values[m:], jacobian[m:]))
-        values = np.concatenate([values for values, _ in equal + unequal])
-        jacobian = np.zeros((values.size, y.size))
-        first = 0
-        for part, by_unknowns in equal + unequal:
-            jacobian[first : first + part.size, : by_unknowns.shape[1]] = by_unknowns
-            first += part.size
-        return Constraints(point, values, jacobian, sum(part.size for part, _ in equal))
-
-    def _near(self, y: Array, last: Constraints) -> Constraints:
-        """Return the constraints at unknowns; large ones where nothing is settled.
-
-        Raises UnsettledContactError where settling has failed too often.
-        """
-        rows = self._rows(y)
-        if rows is None and list(self._known.values()).count(None) > _FAILURES:
-            raise UnsettledContactError(1.0, "none is found under many tensions")
-        return rows or replace(last, values=np.full_like(last.values, -_UNSETTLED))
-
-    def _bounds(self, size: int) -> tuple[Array, Array]:
-        """Return the bounds of unknowns."""
-        free, allowed = np.full(size - self.n, np.inf), self.task.allowed
-        low, high = np.array(allowed.lower) / self.unit, np.array(allowed.upper) / self.unit
-        return np.append(low, -free), np.append(high, free)
-
-    def solve(self, start: Array) -> Array:
-        """Return the unknowns that steps of SLSQP lead to.
-
-        Equalities that depend on others there, as of an arm that stays in its plane, are left out:
-        whether they are met is looked at in the end.
-        """
-        first, end = self.rows(start), start
-        n, weights = first.equalities, np.where(np.arange(start.size) < self.n, 1.0, _COST)
-        _, R, order = qr(first.jacobian[:n].T, mode="economic", pivoting=True)
-        sizes = np.abs(np.diag(R))
-        apart = np.sort(order[: sizes.size][sizes > _DEPENDENT * sizes.max(initial=0.0)])
-        constraints = [
-            {
-                "type": kind,
-                "fun": lambda y, at=at: self._near(y, first).values[at],
-                "jac": lambda y, at=at: self._near(y, first).jacobian[at],
-            }
-            for kind, at in (("eq", apart), ("ineq", np.arange(n, first.values.size)))
-        ]
-
-        def step(y: Array) -> None:
-            nonlocal end
-            if self._rows(y) is not None:
-                end = y.copy()
-                self._visit(end)
-
-        with suppress(OctoplanError):
-            minimize(
-                lambda y: (y @ (weights * y) / 2, weights * y),
-                start,
-                jac=True,
-                bounds=list(zip(*self._bounds(start.size), strict=True)),
-                constraints=constraints,
-                method="SLSQP",
-                options=_SLSQP,
-                callback=step,
-            )
-        return end
-
-    def nearest(self, start: Array) -> Array:
-        """Return unknowns nearby at which the violations' least squares are."""
-        first, (low, high) = self.rows(start), self._bounds(start.size)
-        high = np.maximum(high, low + 2 * _STEP)
-        inside = np.clip(start, low + _STEP / 2, high - _STEP / 2)
-
-        def jacobian(y: Array) -> Array:
-            rows = self._near(y, first)
-            return np.where(rows.short[:, None] != 0, rows.jacobian, 0.0)
-
-        with suppress(OctoplanError):
-            end = least_squares(
-                lambda y: self._near(y, first).short,
-                inside,
-                jacobian,
-                (low, high),
-                max_nfev=_SLSQP["maxiter"] // 2,
-            ).x
-            self.rows(end)
-            self._visit(end)
-            return np.asarray(end)
-        return start
-
-    def _visit(self, y: Array) -> None:
-        """Take note of the tensions in unknowns, within limits to the last digit."""
-        allowed = self.task.allowed
-        self.visited.append(np.clip(self.unit * y[: self.n], allowed.lower, allowed.upper))
-
-    def optimality(self, y: Array) -> Optimality:
-        """Return how far unknowns are from the first-order conditions.
-
-        The multipliers of what is active leave least of the gradient.
-        """
-        (low, high), rows, eye = self._bounds(y.size), self.rows(y), np.eye(y.size)
-        n, J = rows.equalities, rows.jacobian
-        tight = n + np.flatnonzero(rows.values[n:] < _ACTIVE)
-        active = np.vstack([J[:n], -J[tight], -eye[y <= low + _ACTIVE], eye[y >= high - _ACTIVE]])
-        least = np.append(np.full(n, -np.inf), np.zeros(len(active) - n))
-        gradient, lam = np.where(np.arange(y.size) < self.n, y, 0.0), np.zeros(len(active))
-        with np.errstate(invalid="ignore"):
-            lam = lsq_linear(active.T, -gradient, (least, np.inf)).x
-        off = np.abs(gradient + active.T @ lam).max() / (1 + np.abs(lam).max(initial=0.0))
-        ends, margin = n + tight.size, n + int(self._terms.numel_out(1))
-        pushed = lam[ends:] @ active[ends:]
-        at_margin = float(lam[n:ends][tight == margin].sum()) if self.least else 0.0
-        return Optimality(float(off), pushed[: self.n], -at_margin)
+        return np.append(beyond, rates)

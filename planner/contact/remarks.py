@@ -17,7 +17,7 @@ from model.shape import Shape
 from planner.contact.grasp import Grasp
 from planner.program.limits import Limits, natural_tensions
 from planner.targets.base import Target
-from planner.targets.hold import Hold
+from planner.targets.hold import LEVER, Hold
 from planner.targets.wrap import Wrap
 
 # Where a part is looked at, and the step of differences [m].
@@ -156,11 +156,11 @@ def _sides(phi: Array) -> Array:
 def _grip(hold: Hold, shape: Shape, accuracy: float) -> str:
     """Return what friction a hold takes, or which wrench is left."""
     grasp, size = Grasp.of(shape.arm, shape.contacts, hold), hold.size(shape.arm)
-    left = grasp.least
-    if np.linalg.norm(grasp.scaled(left)) <= 10 * accuracy * size:
-        needed = grasp.needed_friction(10 * accuracy * size)
+    if np.linalg.norm(grasp.least) <= 10 * accuracy:
+        needed = grasp.needed_friction(10 * accuracy)
         return f"The wrench is held with friction from {needed:.3g} on, {hold.friction:g} given."
+    left = size * grasp.least
     force = ", ".join(f"{component:.3g}" for component in left[:3])
-    moment = ", ".join(f"{component:.3g}" for component in left[3:])
+    moment = ", ".join(f"{LEVER * shape.arm.length * component:.3g}" for component in left[3:])
     more = f" and a moment ({moment}) N m" if moment else ""
     return f"Of the wrench a force ({force}) N{more} is left; more friction or tension may hold it."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
@@ -12,8 +12,7 @@ import numpy as np
 from model.contact.forward import TouchingMap
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import STAGES
-from model.equilibrium.stability import stability
-from model.errors import InputError, OctoplanError
+from model.errors import InputError, OctoplanError, UnsettledContactError
 from model.loads import contacts, without_friction
 from model.paths import Array
 from model.progress import tell
@@ -22,19 +21,15 @@ from model.shape import Shape
 from model.time_limit import OutOfTime, check_time, time_limit
 from planner.contact.equilibria import COARSE, FINE, Equilibria
 from planner.contact.guesses import guesses
-from planner.contact.load_path import LoadPath, rubs
-from planner.contact.program import Optimality, TensionProgram
+from planner.contact.load_path import ON_THE_PATH, LoadPath, rubs, settled_along
+from planner.contact.optimum import ContactOptimum, conditions, optimum
+from planner.contact.program import TensionProgram
 from planner.program.terms import compliance_requests
 from planner.solve.task import SearchResult, Task, Trial, agreed
 from planner.targets.base import Target
 from planner.targets.hold import Hold
 from planner.targets.wrap import Wrap
 
-# Violations that are met, and that are nearly met: from there SLSQP goes on; optimal residuals; how
-# often it begins anew, as other places touch or short of the optimum.
-_MET, _NEARLY, _OPTIMAL, _ROUNDS = 1e-7, 1e-2, 3e-7, 5
-# Where the arm would snap it is held to so much stability; the fraction of a margin that it may be.
-_FLOOR, _CLOSE = 1e-2, 1 - 1e-6
 # How far the tip may be from where a load path leads, over the arm's length.
 _ELSEWHERE = 1e-2
 # What is taken of the way to tensions without friction, and beyond.
@@ -72,64 +67,9 @@ def check_holds(targets: tuple[Target, ...], scene: Scene) -> None:
             raise InputError("Hold.obstacle", target.obstacle, allowed)
 
 
-@dataclass(frozen=True, eq=False)
-class ContactOptimum:
-    """Where a program leads from an equilibrium.
-
-    Attributes
-    ----------
-    point : Linearised
-        The equilibrium.
-    violation : float
-        The largest of a constraint; 0 where all are met.
-    optimality : Optimality
-    least : float
-        The stability that it was constrained to; 0 without.
-    load_path : LoadPath
-        The tensions by which it was come to, without those it begins with and its own.
-    """
-
-    point: Linearised
-    violation: float
-    optimality: Optimality
-    least: float
-    load_path: LoadPath
-
-    @property
-    def effort(self) -> float:
-        """The norm of its tensions [N]."""
-        return float(np.linalg.norm(self.point.tensions))
-
-
-def optimum(
-    equilibria: Equilibria, begin: Linearised, start: Array | None = None, least: float = 0.0
-) -> ContactOptimum:
-    """Return the optimum that a program leads to from an equilibrium, or from other tensions.
-
-    With a stability of at least so much. Where the constraints cannot be met from there, where they
-    are violated least. Raises what settling the start does.
-    """
-    settle, point, steps = equilibria.near(begin), begin, list[Array]()
-    for _ in range(_ROUNDS):
-        program = TensionProgram(equilibria.task, settle, point, least)
-        y = program.solve(program.start if start is None else start / program.unit)
-        if program.rows(y).violation > _MET:
-            y = program.nearest(y)
-            if _MET < program.rows(y).violation < _NEARLY:
-                y = program.solve(y)
-        rows, optimality, start = program.rows(y), program.optimality(y), None
-        point, steps = rows.point, [*steps, *program.visited]
-        done = rows.violation > _MET or optimality.residual < _OPTIMAL
-        if done and program.touching(point) == program.places:
-            break
-    path = tuple(tuple(T.tolist()) for T in steps)
-    violation = rows.violation if rows.violation > _MET else 0.0
-    return ContactOptimum(point, violation, optimality, least, path)
-
-
-def _cost(end: ContactOptimum) -> tuple[float, float]:
-    """Return what is compared of optima: their violation, their effort [N]."""
-    return end.violation, end.effort
+def _cost(end: ContactOptimum) -> tuple[float, bool, float]:
+    """Return what is compared: violations, whether tensions are least nearby, effort [N]."""
+    return end.violation, not end.is_optimal, end.effort
 
 
 class ContactSearch:
@@ -142,18 +82,18 @@ class ContactSearch:
     def __init__(self, task: Task, begin: LoadPath | None = None) -> None:
         self.task, self.begin = task, begin
         self.optima = list[ContactOptimum]()
+        self.best: ContactOptimum | None = None
 
     def run(self, seconds: float | None) -> SearchResult:
         """Return the best optimum from the guesses, or the best so far after so long."""
-        stopped, best = False, None
+        stopped = False
         with time_limit(seconds):
             try:
                 self._slide() if rubs(self.task.scene) else self._search()
-                best = self._led_to()
                 check_time()
             except OutOfTime:
                 stopped = True
-        return self._result(best or min(self.optima, key=_cost, default=None), stopped)
+        return self._result(self.best or min(self.optima, key=_cost, default=None), stopped)
 
     def _slide(self) -> None:
         """Find optima against friction, by what the targets take without.
@@ -176,52 +116,51 @@ class ContactSearch:
                 start = np.maximum(T + factor * (free - T), low)
                 end = optimum(equilibria, point, start)
                 self.optima.append(replace(end, load_path=self.begin))
+        self.best = min(self.optima, key=_cost, default=None)
 
     def _search(self) -> None:
         """Find optima until two agree on the best, or there are as many as are asked for."""
-        coarse = Equilibria(self.task, COARSE)
+        coarse, fine = (Equilibria(self.task, mesh) for mesh in (COARSE, FINE))
         nearby = [] if self.begin is None else [self.begin]
         from_rest = ((tuple(T.tolist()),) for T in guesses(self.task, coarse))
         for tried, load_path in enumerate(chain(nearby, from_rest), 1):
             tell("initial guesses", tried - 1, self.task.most)
             with suppress(OctoplanError):
-                self.optima.append(self._from(coarse, load_path))
+                end = optimum(coarse, coarse.along(load_path), least=self.task.statement.least)
+                end = replace(end, load_path=(*load_path, *end.load_path))
+                if not end.violation and all(_cost(end) < _cost(each) for each in self.optima):
+                    self.best = self._led_to(fine, end)
+                self.optima.append(end)
             count = agreed(self._trials)
             followed = self.begin is not None and tried == count == 1
             enough = followed or (count > 1 and self.task.starts is None)
             if enough or tried == self.task.most:
+                break
+        for end in () if self.best else sorted(self.optima, key=_cost):
+            with suppress(OctoplanError):
+                self.best = self._led_to(fine, end)
                 return
 
     @property
     def _trials(self) -> tuple[Trial, ...]:
         """One for each optimum."""
-        return tuple(Trial(end.effort, not end.violation, 0) for end in self.optima)
+        return tuple(Trial(end.effort, end.is_optimal, 0) for end in self.optima)
 
-    def _from(self, coarse: Equilibria, load_path: LoadPath) -> ContactOptimum:
-        """Return the optimum that a load path leads to; raises what settling does."""
-        margin, begin = self.task.statement.margin, coarse.along(load_path)
-        end, least = optimum(coarse, begin), max(margin, _FLOOR)
-        if stability(end.point) < (least if end.violation else margin * _CLOSE):
-            end = optimum(coarse, begin, least=least)
-        return replace(end, load_path=(*load_path, *end.load_path))
+    def _led_to(self, fine: Equilibria, end: ContactOptimum) -> ContactOptimum:
+        """Return an optimum on the fine mesh: the arm comes to it from rest, or by all steps.
 
-    def _led_to(self) -> ContactOptimum | None:
-        """Return the best optimum to which the arm comes from rest, or else by all steps.
-
-        On the fine mesh.
+        Raises UnsettledContactError where it does not.
         """
-        fine = Equilibria(self.task, FINE)
-        for end in sorted(self.optima, key=_cost):
-            if rubs(self.task.scene):
-                return end
-            for way in ((), end.load_path):
-                with suppress(OctoplanError):
-                    there = fine.along((*way, tuple(end.point.tensions.tolist())))
-                    if self._is_near(there, end.point):
-                        refined = optimum(fine, there, least=end.least)
-                        if bool(refined.violation) == bool(end.violation):
-                            return replace(refined, load_path=way)
-        return None
+        arm, scene, T = self.task.arm, self.task.scene, end.point.tensions
+        for way in ((), end.load_path):
+            with suppress(OctoplanError):
+                shape = settled_along(arm, way, T, scene, ON_THE_PATH, self.task.machine_code)
+                there = fine.settled(T, shape.known)
+                if self._is_near(there, end.point):
+                    refined = optimum(fine, there, least=self.task.statement.least)
+                    if bool(refined.violation) == bool(end.violation):
+                        return replace(refined, load_path=way)
+        raise UnsettledContactError(1.0, "the arm does not come to the optimum")
 
     def _is_near(self, one: Linearised, other: Linearised) -> bool:
         """Return whether the tips of two equilibria are at one place."""
@@ -236,9 +175,9 @@ class ContactSearch:
             *before, last = self.begin or (self.task.allowed.lower,)
             T = self.task.arm.by_section(np.array(last))
             return SearchResult(statement, T, (), (), trials, stopped, load_path=tuple(before))
-        lam_x = tuple(best.optimality.lam_bounds.tolist())
-        lam_g = (best.optimality.lam_stability,) if best.least else ()
-        statement = statement.but(modes=int(best.least > 0), floor=best.least or statement.floor)
+        lam_x = tuple(best.step.lam_bounds.tolist())
+        lam_g = (best.step.lam_stability,) if best.yields else ()
+        statement = statement.but(modes=int(best.yields))
         low, high = np.array(self.task.allowed.lower), np.array(self.task.allowed.upper)
         T, way = np.clip(best.point.tensions, low, high), best.load_path
         T = self.task.arm.by_section(T)
@@ -258,8 +197,7 @@ def optimality_of(task: Task, tensions: Array, shape: Shape, load_path: LoadPath
             # Twice: the gap's curvature at contact points is that of the mesh it comes from.
             on_mesh = equilibria.map.solve(tensions, shape.known)
             begin = equilibria.settled(tensions, on_mesh)
-        settle = equilibria.near(begin)
-        program = TensionProgram(task, settle, settle(tensions)[0], least)
-        return program.optimality(program.start).residual
+        program = TensionProgram(equilibria, begin, least)
+        return conditions(program.at(tensions / program.unit, begin)).residual
     except OctoplanError:
         return np.inf

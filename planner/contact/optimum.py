@@ -1,0 +1,138 @@
+"""The optimum that a program of an arm in contact leads to, by a trust region."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from model.equilibrium.linearised import Linearised
+from model.errors import OctoplanError
+from model.paths import Array
+from model.time_limit import check_time
+from planner.contact.equilibria import Equilibria
+from planner.contact.load_path import LoadPath
+from planner.contact.program import Constraints, Step, TensionProgram
+from planner.program.limits import natural_tensions
+
+# Steps, and those that fail, at most; the first trust region, in tensions that bend by 1 rad.
+_STEPS, _FAILURES, _RADIUS = 60, 12, 0.25
+# Penalties of violations, one after the other; violations and steps that are none, and
+# what is rounding of violations.
+_PENALTIES, _NONE, _ROUNDING = (1e2, 1e4), 1e-7, 1e-10
+# Merits are compared with the largest of so many; steps that bring so much of the decrease of their
+# model may become longer.
+_RECENT, _GOOD = 3, 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class ContactOptimum:
+    """Where a program leads from an equilibrium.
+
+    Attributes
+    ----------
+    point : Linearised
+        The equilibrium.
+    violation : float
+        The norm of the violations; 0 where all are met.
+    step : Step
+        The one that goes on from there, whose multipliers are those of the optimum.
+    yields : bool
+        Whether the stability that it is held to costs effort.
+    load_path : LoadPath
+        The tensions by which it was come to, without those it begins with and its own.
+    """
+
+    point: Linearised
+    violation: float
+    step: Step
+    yields: bool
+    load_path: LoadPath
+
+    @property
+    def is_optimal(self) -> bool:
+        """Whether all is met, and tensions are least nearby."""
+        return not self.violation and self.step.residual < 3 * _NONE
+
+    @property
+    def effort(self) -> float:
+        """The norm of its tensions [N]."""
+        return float(np.linalg.norm(self.point.tensions))
+
+
+def optimum(
+    equilibria: Equilibria, begin: Linearised, start: Array | None = None, least: float = 0.0
+) -> ContactOptimum:
+    """Return the optimum that a program leads to from an equilibrium, or from other tensions.
+
+    With a stability of at least so much. Where the constraints cannot be met from there, where they
+    are violated least. Raises what settling the start does.
+    """
+    program = TensionProgram(equilibria, begin, least)
+    at = program.at((begin.tensions if start is None else start) / program.unit, begin)
+    path = [at]
+    for penalty in _PENALTIES:
+        path += _descended(program, path[-1], penalty)
+        if path[-1].violation < _NONE:
+            break
+    at, steps = path[-1], (program.unit * each.tensions for each in path[1:-1])
+    violation = at.violation if at.violation > _NONE else 0.0
+    load_path = tuple(tuple(T.tolist()) for T in steps)
+    step = conditions(at)
+    yields = least > 0 and step.lam_stability < -_NONE
+    return ContactOptimum(at.point, violation, step, yields, load_path)
+
+
+def _descended(program: TensionProgram, at: Constraints, penalty: float) -> list[Constraints]:
+    """Return where steps lead from constraints: to the least merit by a penalty, or to a kink.
+
+    A step fails where no shape is settled or the merit is above the last ones: the next is shorter.
+    """
+    natural = natural_tensions(program.task.arm) / program.unit
+    hessian, radius, failures, path = np.eye(program.n), _RADIUS, 0, [at]
+    while len(path) < _STEPS and failures < _FAILURES:
+        check_time()
+        step = at.step(hessian, radius * natural, penalty)
+        size = float(np.abs(step.change / natural).max())
+        if size < _NONE:
+            break
+        worst, rounding = max(each.merit(penalty) for each in path[-_RECENT:]), penalty * _ROUNDING
+        try:
+            there = program.at(at.tensions + step.change, at.point, step.tangential)
+            less = worst - there.merit(penalty) + rounding
+        except OctoplanError:
+            less = -1.0
+        if less < 0:
+            radius, failures = size / 4, failures + 1
+            continue
+        if less > _GOOD * step.decrease:
+            radius = max(radius, 2 * size)
+        hessian, at = _updated(hessian, at, there, step), there
+        path.append(at)
+    return path[1:]
+
+
+def conditions(at: Constraints) -> Step:
+    """Return the step by the effort's Hessian: the less it is, the better first-order conditions.
+
+    By a penalty that exceeds the multipliers, where violations can be met.
+    """
+    for penalty in _PENALTIES:
+        step = at.step(np.eye(at.tensions.size), np.ones(at.tensions.size), penalty)
+        at = replace(at, tangential=step.tangential)
+        if np.abs(step.multipliers).max() < penalty / 2:
+            break
+    return step
+
+
+def _updated(hessian: Array, at: Constraints, there: Constraints, step: Step) -> Array:
+    """Return the Hessian of the Lagrangian after a step, by BFGS's formula as Powell damped it."""
+    before, after, s = at.by_tensions, there.by_tensions, step.change
+    if before.shape != after.shape:
+        return np.eye(s.size)
+    y = s - (after - before).T @ step.multipliers[2 * s.size :]
+    Bs = hessian @ s
+    curved, bent = s @ y, s @ Bs
+    damped = 1.0 if curved >= 0.2 * bent else 0.8 * bent / (bent - curved)
+    r = damped * y + (1 - damped) * Bs
+    return np.asarray(hessian + np.outer(r, r) / (s @ r) - np.outer(Bs, Bs) / bent)
