@@ -19,7 +19,7 @@ from planner.program.limits import natural_tensions
 _STEPS, _FAILURES, _RADIUS = 60, 12, 0.25
 # Penalties of violations, one after the other; violations and steps that are none, and
 # what is rounding of violations.
-_PENALTIES, _NONE, _ROUNDING = (1e2, 1e4), 1e-7, 1e-10
+_PENALTIES, _NONE, _ROUNDING = (1e1, 1e3, 1e5), 1e-7, 1e-10
 # Merits are compared with the largest of so many; steps that bring so much of the decrease of their
 # model may become longer.
 _RECENT, _GOOD = 3, 0.5

@@ -53,7 +53,8 @@ class Step:
     decrease : float
         How much less the merit is by its model.
     multipliers : (2 n + m,)
-        Of bounds above and below, then of the constraints as their cones have them.
+        Of bounds above and below, then of the constraints as their cones have them; 0 for the
+        violation, whose multiplier is the penalty.
     """
 
     change: Array
@@ -163,6 +164,7 @@ class Constraints:
         if solution is None:
             raise UnsettledContactError(1.0, "no step is found")
         x, lam = solution
+        lam[2 * n + len(self.unequal)] = 0.0
         decrease = penalty * self.violation - x @ (cost + H @ x / 2)
         return Step(x[:n], x[n : n + k], float(decrease), lam)
 
