@@ -11,7 +11,6 @@ import numpy as np
 
 from model.clearance import Clearance
 from model.text import Shown, told
-from planner.avoidance.surroundings import nearest_in_words
 
 KKT_TOLERANCE = 1e-6
 # Of the least eigenvalue, which another mesh has with other digits.
@@ -102,7 +101,7 @@ class Certificate(Shown):
     @property
     def nearest(self) -> str:
         """The nearest of what the arm can meet, in words."""
-        return nearest_in_words(self.clearances) if self.clearances else ""
+        return str(min(self.clearances.values(), key=lambda clear: clear.gap, default=""))
 
     @property
     def clearance(self) -> float:

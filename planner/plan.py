@@ -27,8 +27,7 @@ from model.time_limit import OutOfTime
 from model.time_limit import time_limit as limited_to
 from model.units import warn
 from planner.answer import Answer
-from planner.avoidance.around import Around
-from planner.avoidance.clear import keeping, line_of
+from planner.avoidance.around import Around, line_of
 from planner.avoidance.surroundings import Surroundings, surroundings
 from planner.certificate import BRINK
 from planner.contact.grasp import Grip, grips_of
@@ -333,7 +332,7 @@ def searched(task: Task, around: Surroundings, near: Answer | None) -> SearchRes
         return Around(task, around).run(None) if around else Search(task).run()
     if near.avoidance is not None and near.surroundings == around:
         # Among the same obstacles: by the inequalities of its program, if that keeps clear.
-        kept = warm_start(near, keeping(task, near.avoidance))
+        kept = warm_start(near, replace(task, targets=near.avoidance.beside(task.targets)))
         if kept is not None and not kept.stopped and not kept.jump:
             line = line_of(task, np.ravel(kept.tensions))
             if line is not None and around.keeps(line):

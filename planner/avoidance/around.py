@@ -6,6 +6,8 @@ new arm until it keeps clear, on the coarse mesh and as it settles. Optima are t
 until none that is left can be better. Where none leads around, other initial guesses are, then arms
 that touch nothing and come near to the target; from the latter the nearest shape that keeps clear
 is looked for where the target cannot be met.
+
+Arms that touch nothing are drawn at random: where to begin on the other side of obstacles.
 """
 
 from __future__ import annotations
@@ -18,21 +20,31 @@ import numpy as np
 
 from model.centreline import Centreline
 from model.clearance.lines import Lines
+from model.errors import OctoplanError
 from model.paths import Array
 from model.progress import tell
 from model.time_limit import OutOfTime, time_limit
-from planner.avoidance.clear import clear_arms, keeping, line_of
 from planner.avoidance.places import EXCHANGED, avoiding
 from planner.avoidance.rows import Avoidance, grid
 from planner.avoidance.surroundings import Surroundings
+from planner.initial_guess.guesses import drawn_arms
 from planner.program.statement import Mode
 from planner.solve.ipopt import Candidate
-from planner.solve.refine import refine
-from planner.solve.search import Search
+from planner.solve.refine import refine, settled
+from planner.solve.search import AGREED, Search
 from planner.solve.task import SearchResult, Task, Trial
 
-# Plans that are led around which are enough.
-_ENOUGH = 2
+# Drawn arms that are looked at, and those that are tried, at most.
+_LOOKED_AT, _MOST = 100, 6
+
+
+def line_of(task: Task, T: Array) -> Centreline | None:
+    """Return the centreline of a plan's settled shape; None if it does not settle."""
+    try:
+        shape = settled(task.arm, T, task.scene, task.accuracy, task.machine_code)
+        return Centreline.of(shape, grid(task.arm).tolist())
+    except (OctoplanError, np.linalg.LinAlgError):
+        return None
 
 
 class Around:
@@ -86,11 +98,20 @@ class Around:
         possible = mode == "nearest" or self.surroundings.allows(task.arm, task.targets)
         best = self._best(optima, mode) or self._best(guesses, mode) if possible else None
         if best is None:
-            clear = [(0.0, arm) for arm in clear_arms(task, self.surroundings, self._lines)]
+            clear = [(0.0, arm) for arm in self._clear_arms()]
             best = self._best(clear, mode) if possible else None
             if best is None and mode != "nearest":
                 best = self._best([*clear, (0.0, T)], "nearest")
         return best or result
+
+    def _clear_arms(self) -> list[Array]:
+        """Return tensions of drawn arms that touch nothing, the nearest to the targets first."""
+        task = self.task
+        question = task.arm, task.simple.scene, task.targets, task.allowed, task.machine_code
+        drawn = ((T, self._lines(T)) for T in islice(drawn_arms(*question), _LOOKED_AT))
+        lines = ((T, line) for T, line in drawn if line is not None)
+        clear = (T for T, line in lines if avoiding(line, self.surroundings, None)[1] >= 0)
+        return list(islice(clear, _MOST))
 
     def _best(self, starts: Iterable[tuple[float, Array]], mode: Mode) -> SearchResult | None:
         """Return the best that is led around from enough starts, of which no objective is less.
@@ -100,7 +121,7 @@ class Around:
         done: list[tuple[float, SearchResult]] = []
         for least, T in starts:
             tell(f"around obstacles, {mode}", len(self.trials))
-            if len(done) >= _ENOUGH or any(f < least for f, _ in done):
+            if len(done) >= AGREED or any(f < least for f, _ in done):
                 break
             led = self._led(T, mode)
             done += [] if led is None else [led]
@@ -110,21 +131,21 @@ class Around:
         """Return the plan that keeps clear to which tensions lead, with its objective."""
         avoidance: Avoidance | None = None
         optimum: Candidate | None = None
-        line = self._lines(T)
+        task, line = self.task, self._lines(T)
         for _ in range(EXCHANGED):
             if line is None:
                 return None
             lasting = avoidance is not None and all(row.is_lasting for row in avoidance.rows)
             avoidance, gap = avoiding(line, self.surroundings, avoidance)
             if optimum is not None and lasting and gap >= self.surroundings.clearance:
-                fine = refine(optimum, self.task.accuracy)
-                line = None if fine is None else line_of(self.task, fine.tensions)
+                fine = refine(optimum, task.accuracy)
+                line = None if fine is None else line_of(task, fine.tensions)
                 if fine is None or line is None:
                     return None
                 if self.surroundings.keeps(line):
                     return optimum.f, SearchResult.at(fine, self.trials)
                 avoidance, _ = avoiding(line, self.surroundings, avoidance)
-            search = Search(keeping(self.task, avoidance))
+            search = Search(replace(task, targets=avoidance.beside(task.targets)))
             optimum = search.exchanged(optimum) if optimum else search.from_tensions(mode, T)
             self.trials += search.trials
             if optimum is None:

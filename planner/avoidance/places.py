@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from scipy.ndimage import minimum_filter
 
@@ -19,9 +21,6 @@ EXCHANGED = 16
 # Even points that are looked at: the parabola through three is off by a few thousandths of a
 # millimetre where an arm of half a metre passes a body of 5 mm.
 _POINTS = 257
-# Where two parts of the arm lie side by side their even points are near to each other by turns:
-# pairs of places are so many points apart.
-_APART = 17
 # What is nearer than so much more than asked for gets an inequality beforehand, over L; the same
 # of arms that touch nothing, to stay on the side where they are.
 _NEAR, _WATCHED = 0.02, 0.15
@@ -36,56 +35,44 @@ def avoiding(
 
     At first also where an arm that touches nothing is not so near.
     """
-    near = _near(line, surroundings, _NEAR if before else _WATCHED)
-    least = min((gap for gap, _ in near), default=np.inf)
-    if not before and least < surroundings.clearance:
-        near = _near(line, surroundings, _NEAR)
-    rows = [row for _, row in near]
+    minima = list(_minima(line, surroundings))
+    least = min((gap for gap, _ in minima), default=np.inf)
+    near = _NEAR if before or least < surroundings.clearance else _WATCHED
+    most = surroundings.clearance + near * line.arm.length
+    rows = [_row(line, surroundings, *pair) for gap, pair in minima if gap < most]
     for row in before.rows if before else ():
         if row.is_lasting and not any(_is_same(line, row, other) for other in rows):
-            other = row.other.s if isinstance(row.other, Place) else np.array(row.other)
+            other = row.other.s if isinstance(row.other, Place) else row.other
             rows.append(_row(line, surroundings, row.place.s, other, row.is_part))
     return Avoidance(tuple(rows)), least
 
 
-class _Sampled:
-    """Gaps [m] of an arm at even points: from bodies (K, n), and of pairs of points (K, K)."""
+def _minima(
+    line: Centreline, surroundings: Surroundings
+) -> Iterator[tuple[float, tuple[float, float | tuple[float, ...], bool]]]:
+    """Yield gaps [m] where an arm is nearest to something not far off, and what they are between.
 
-    def __init__(self, line: Centreline, surroundings: Surroundings) -> None:
-        self.s = np.linspace(0.0, line.arm.length, _POINTS)
-        (points, radius), turned = line.at(self.s), line.turned(self.s)
-        plane = [base_plane(line.arm)] * surroundings.of_itself
-        self.bodies = Bodies([*surroundings.obstacles, *plane])
-        self.from_bodies = self.bodies.at(points[:, None])[0] - radius[:, None]
-        self.from_bodies[0] = np.inf  # the base stays where it is
-        self.from_bodies[turned < np.pi / 2, len(surroundings.obstacles) :] = np.inf
-        self.of_pairs = np.full((1, 1), np.inf)
-        if surroundings.of_itself:
-            apart = np.linalg.norm(points[:, None] - points, axis=2) - radius[:, None] - radius
-            self.of_pairs = np.where(turned - turned[:, None] < np.pi, np.inf, apart)
-
-
-def least_gap(line: Centreline, surroundings: Surroundings) -> float:
-    """Return how far an arm is from what it is to keep clear of, at even points [m]."""
-    sampled = _Sampled(line, surroundings)
-    return float(min(sampled.from_bodies.min(initial=np.inf), sampled.of_pairs.min()))
-
-
-def _near(line: Centreline, surroundings: Surroundings, within: float) -> list[tuple[float, Apart]]:
-    """Return the gaps [m] and rows where an arm is about as near as is allowed, or nearer."""
-    sampled, near = _Sampled(line, surroundings), list[tuple[float, Apart]]()
-    s, most = sampled.s, surroundings.clearance + within * line.arm.length
-    gaps = sampled.from_bodies
+    The place [m], another or the numbers of a body, and whether that is a part of a mesh.
+    """
+    s, bodies = np.linspace(0.0, line.arm.length, _POINTS), list(surroundings.obstacles)
+    (points, radius), turned = line.at(s), line.turned(s)
+    bodies += [base_plane(line.arm)] * surroundings.of_itself
+    gaps = Bodies(bodies).at(points[:, None])[0] - radius[:, None]
+    gaps[0] = np.inf  # the base stays where it is
+    gaps[turned < np.pi / 2, len(surroundings.obstacles) :] = np.inf
+    most = surroundings.clearance + _WATCHED * line.arm.length
     for i, k in np.argwhere((gaps <= minimum_filter(gaps, (3, 1))) & (gaps < most)):
-        (at, gap), body = _least(s, gaps[:, k], i), sampled.bodies.obstacles[k]
-        numbers = body.nearest_part(line.at(np.array([at]))[0][0])
-        is_part = not isinstance(body, Convex)
-        near.append((gap, _row(line, surroundings, at, numbers, is_part)))
-    gaps = sampled.of_pairs
-    for i, k in np.argwhere((gaps <= minimum_filter(gaps, _APART)) & (gaps < most)):
-        (one, gap), (other, _) = _least(s, gaps[:, k], i), _least(s, gaps[i], k)
-        near.append((gap, _row(line, surroundings, one, other)))
-    return near
+        at, gap = _least(s, gaps[:, k], i)
+        numbers = bodies[k].nearest_part(line.at(np.array([at]))[0][0])
+        yield gap, (at, tuple(numbers.tolist()), not isinstance(bodies[k], Convex))
+    if surroundings.of_itself:
+        gaps = np.linalg.norm(points[:, None] - points, axis=2) - radius[:, None] - radius
+        gaps[turned - turned[:, None] < np.pi] = np.inf
+        # Side by side even points of two parts of the arm are near to each other by turns.
+        window = 1 + 2 * round(_NEAR * _POINTS)
+        for i, k in np.argwhere((gaps <= minimum_filter(gaps, window)) & (gaps < most)):
+            (one, gap), (other, _) = _least(s, gaps[:, k], i), _least(s, gaps[i], k)
+            yield gap, (one, other, False)
 
 
 def _least(s: Array, gaps: Array, i: int) -> tuple[float, float]:
@@ -100,28 +87,28 @@ def _least(s: Array, gaps: Array, i: int) -> tuple[float, float]:
 
 def _is_same(line: Centreline, row: Apart, other: Apart) -> bool:
     """Return whether two rows keep the same apart at about the same place."""
-    pairs = [(row.place, other.place)]
+    near = _SAME * line.arm.length
     if isinstance(row.other, Place) and isinstance(other.other, Place):
-        pairs.append((row.other, other.other))
-    elif row.other != other.other:
-        return False
-    return all(abs(a.s - b.s) <= _SAME * line.arm.length for a, b in pairs)
+        to_same = abs(row.other.s - other.other.s) <= near
+    else:
+        to_same = row.other == other.other
+    return to_same and abs(row.place.s - other.place.s) <= near
 
 
 def _row(
     line: Centreline,
     surroundings: Surroundings,
     s: float,
-    other: float | Array,
-    is_part: bool = False,
+    other: float | tuple[float, ...],
+    is_part: bool,
 ) -> Apart:
     """Return the inequality of a place and a body, or of two places."""
     place, radius = _place(line, s)
     keep = radius + surroundings.clearance + surroundings.spare(line.arm)
-    if isinstance(other, float):
-        second, other_radius = _place(line, other)
-        return Apart(place, second, keep + other_radius)
-    return Apart(place, tuple(other.tolist()), keep, is_part)
+    if isinstance(other, tuple):
+        return Apart(place, other, keep, is_part)
+    second, other_radius = _place(line, other)
+    return Apart(place, second, keep + other_radius)
 
 
 def _place(line: Centreline, s: float) -> tuple[Place, float]:

@@ -90,20 +90,22 @@ class Avoidance(Target):
     rows: tuple[Apart, ...]
     room: tuple[int, ...] = ()
 
+    def beside(self, targets: tuple[Target, ...]) -> tuple[Target, ...]:
+        """Return targets and these inequalities, if there are any."""
+        return (*targets, self) if self.rows else targets
+
     def needed(self, arm: Arm) -> tuple[int, ...]:
         """Return for how many bodies each element has slots; none where no bodies are near."""
-        count = Counter(element_of(arm, row.place.s) for row in self.bodies)
+        count = Counter(element_of(arm, place.s) for place, *_ in self.bodies)
         if not count and not self.room:
             return ()
         least = self.room or (1,) * (grid(arm).size - 1)
-        return tuple(
-            -(-max(count[k], least_k) // _SLOTS) * _SLOTS for k, least_k in enumerate(least)
-        )
+        return tuple(-(-max(count[k], n) // _SLOTS) * _SLOTS for k, n in enumerate(least))
 
     @property
-    def bodies(self) -> list[Apart]:
-        """Rows of places and bodies."""
-        return [row for row in self.rows if not isinstance(row.other, Place)]
+    def bodies(self) -> list[tuple[Place, tuple[float, ...], float]]:
+        """A place, the numbers of a body and the distance to keep, of each row of these."""
+        return [(r.place, r.other, r.keep) for r in self.rows if not isinstance(r.other, Place)]
 
     @property
     def pairs(self) -> list[tuple[Place, Place, float]]:
@@ -112,7 +114,7 @@ class Avoidance(Target):
 
     def structure(self, arm: Arm) -> tuple[Hashable, ...]:
         """See Target.structure."""
-        return type(self).__name__, tuple(self._slots(arm)), tuple(self._elements(arm))
+        return type(self).__name__, self.needed(arm), tuple(self._elements(arm))
 
     def stations(self, arm: Arm) -> tuple[float, ...]:
         """See Target.stations: the nodes of the coarsest mesh."""
@@ -120,14 +122,13 @@ class Avoidance(Target):
 
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters: the places of each slot with their bodies, then of each pair."""
-        base, slots = np.array(arm.base_position), self._slots(arm)
-        far = np.array([*base, *np.eye(3).ravel(), 0.0, 0.0, 0.0, _FAR * arm.length, 0.0])
-        nothing = np.concatenate([np.zeros(7), far, [-3 * _FAR * arm.length]])
-        numbers, free = np.tile(nothing, (len(slots), 1)), list[int | None](slots)
-        for row in self.bodies:
-            i = free.index(element_of(arm, row.place.s))
-            body, free[i] = np.array(row.other), None
-            numbers[i] = np.concatenate([_weights(arm, row.place), body, [row.keep]])
+        base, slots, off = np.array(arm.base_position), self._slots(arm), _FAR * arm.length
+        nothing = [*np.zeros(7), *base, *np.eye(3).ravel(), *np.zeros(3), off, 0.0, -3 * off]
+        numbers = np.tile(nothing, (len(slots), 1))
+        for near, body, keep in self.bodies:
+            i = slots.index(element_of(arm, near.s))
+            slots[i] = -1
+            numbers[i] = [*_weights(arm, near), *body, keep]
         pairs = [[*_weights(arm, a), *_weights(arm, b), keep] for a, b, keep in self.pairs]
         return np.concatenate([numbers.ravel(), np.ravel(pairs)])
 

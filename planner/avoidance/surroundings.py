@@ -12,7 +12,7 @@ from model.arm import Arm
 from model.centreline import Centreline
 from model.checks import not_negative
 from model.clearance import clearances
-from model.clearance.nearest import BASE, ITSELF, OBSTACLES, Clearance
+from model.clearance.nearest import BASE, ITSELF, OBSTACLES
 from model.errors import InputError
 from model.obstacles import Moving, Obstacle, check_obstacles
 from model.obstacles.bodies import Bodies
@@ -56,9 +56,11 @@ class Surroundings:
     @property
     def keywords(self) -> dict[str, Any]:
         """What stands still of it, as keywords of `plan`."""
-        clearance = self.clearance if self.obstacles or self.of_itself else 0.0
-        rest = {"clearance": clearance, "self_clearance": self.of_itself}
-        return {"obstacles": self.obstacles} | rest
+        return {
+            "obstacles": self.obstacles,
+            "clearance": self.clearance if self.obstacles or self.of_itself else 0.0,
+            "self_clearance": self.of_itself,
+        }
 
     @property
     def least(self) -> Mapping[str, float]:
@@ -72,12 +74,10 @@ class Surroundings:
 
     def allows(self, arm: Arm, targets: tuple[Target, ...]) -> bool:
         """Return whether the places that targets prescribe for the tip are off the base plane."""
-        if not self.of_itself:
-            return True
         least = _radius(arm, arm.length) + self.clearance
         normal = np.array(arm.base_frame)[:, 0]
         heights = [(place - arm.base_position) @ normal for place in _tips(arm, targets)]
-        return all(height >= least for height in heights)
+        return not self.of_itself or min(heights, default=np.inf) >= least
 
     def keeps(self, line: Centreline) -> bool:
         """Return whether the arm of a centreline is verified to keep clear."""
@@ -87,7 +87,7 @@ class Surroundings:
         """Return the nearest to an arm that does not keep clear, in words; "" of one that does."""
         gaps = clearances(line, self.obstacles, self.least, self.clearance)
         keeps = all(gaps[name].gap >= gap for name, gap in self.least.items())
-        return "" if keeps else nearest_in_words(gaps)
+        return "" if keeps else str(min(gaps.values(), key=lambda clear: clear.gap))
 
 
 NOTHING = Surroundings()
@@ -119,13 +119,14 @@ def surroundings(
     if checked.clearance and not checked:
         allowed = "0, or obstacles to be clear of, or self_clearance=True"
         raise InputError("clearance", clearance, allowed)
-    if not checked.obstacles:
-        return checked
-    base, allowed = np.array(arm.base_position), "an obstacle away from the base"
-    _check_place(checked, "the arm's base", base, _radius(arm, 0.0), allowed)
+    base = "the arm's base", np.array(arm.base_position), 0.0, "an obstacle away from the base"
     allowed = "an obstacle away from the target, or a target away from the obstacle"
-    for place in _tips(arm, targets):
-        _check_place(checked, "the tip at its target", place, _radius(arm, arm.length), allowed)
+    tips = (("the tip at its target", place, arm.length, allowed) for place in _tips(arm, targets))
+    for name, place, s, allowed in (base, *tips):
+        gaps = Bodies(obstacles_there).at(place[None])[0] - _radius(arm, s) - checked.clearance
+        for i in np.flatnonzero(gaps < 0):
+            sentence = f"{allowed}: {name} would be {-1e3 * gaps[i]:.3g} mm too near"
+            raise InputError(f"obstacles[{i}]", obstacles_there[i], sentence)
     return checked
 
 
@@ -137,18 +138,3 @@ def _tips(arm: Arm, targets: tuple[Target, ...]) -> list[Array]:
 
 def _radius(arm: Arm, s: float) -> float:
     return float(arm.radius.evaluate(np.array([s]), arm.length)[0][0])
-
-
-def _check_place(
-    surroundings: Surroundings, name: str, place: Array, radius: float, allowed: str
-) -> None:
-    """Raise InputError if an obstacle holds a place (3,) that the arm takes in any case."""
-    gaps = Bodies(surroundings.obstacles).at(place[None])[0] - radius - surroundings.clearance
-    for i in np.flatnonzero(gaps < 0):
-        sentence = f"{allowed}: {name} would be {-1e3 * gaps[i]:.3g} mm too near"
-        raise InputError(f"obstacles[{i}]", surroundings.obstacles[i], sentence)
-
-
-def nearest_in_words(result: Mapping[str, Clearance]) -> str:
-    """Return the nearest of all in words."""
-    return str(min(result.values(), key=lambda clear: clear.gap))

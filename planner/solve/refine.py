@@ -37,7 +37,7 @@ from planner.solve.ipopt import MAGNIFIED, Candidate, Purpose, solve
 
 # Corrections and meshes that are tried; the part of the accuracy that a defect may be off by, and
 # of what optimality is held to.
-_CORRECTIONS, _PART = 8, 3
+CORRECTIONS, PART = 8, 3
 # Defects above this, over L, ask for a finer mesh; what is farther off comes to another shape.
 _ROUGH, _ELSEWHERE = 1e-3, 0.1
 # Least stretches above this need no correction.
@@ -68,8 +68,8 @@ def _refined(candidate: Candidate, accuracy: float, corrected: Array | None) -> 
     are settled from rest.
     """
     last = None
-    enough = max(min(accuracy, KKT_TOLERANCE) / _PART, FINEST_ACCURACY)
-    for correction in range(_CORRECTIONS):
+    enough = max(min(accuracy, KKT_TOLERANCE) / PART, FINEST_ACCURACY)
+    for correction in range(CORRECTIONS):
         check_time()
         problem = candidate.problem
         question = problem.arm, candidate.tensions, problem.scene, accuracy, problem.machine_code
@@ -117,7 +117,7 @@ def _is_optimal(candidate: Candidate, error: Array) -> bool:
     """Return whether least squares are optimal with a defect, which enters their gradient."""
     p = candidate.problem.parameters(defect=error)
     point = Point(candidate.problem, candidate.x, p)
-    return point.residual(*candidate.multipliers) <= KKT_TOLERANCE / _PART
+    return point.residual(*candidate.multipliers) <= KKT_TOLERANCE / PART
 
 
 def settled_on(problem: Problem, candidate: Candidate) -> Candidate:

@@ -37,7 +37,7 @@ from planner.targets.base import Target
 
 # Guesses that have to agree; one more where as many lead nowhere, or all miss the targets, and
 # where more than a point is to be met, which arms meet in ways that are far apart.
-_AGREED = 2
+AGREED = 2
 # Of guesses that come by effort, so many that lead to dearer optima are enough, too; and so many
 # from which the targets are not met before slacks tell how near they can be had.
 _ENOUGH = 3
@@ -276,7 +276,7 @@ class Search:
         astray = not self._by_effort and len(trials) >= 2 * len(efforts)
         hard = missed or astray or (self._by_effort and mode == "exact")
         since = len(efforts) - 1 - int(np.argmin(efforts)) if efforts and self._by_effort else 0
-        return agreed(trials) >= _AGREED + hard or (mode == "exact" and since >= _ENOUGH)
+        return agreed(trials) >= AGREED + hard or (mode == "exact" and since >= _ENOUGH)
 
     def _best(self, limit: float = np.inf) -> SearchResult | None:
         """Return the best optimum up to a limit that is stable, and not lost on a finer mesh.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from model.errors import OctoplanError
-from model.loads import contacts, is_loaded
+from model.loads import is_loaded
 from model.shape import Shape
 from model.text import Shown, told
 from planner.certificate import Certificate
@@ -19,7 +19,7 @@ from planner.solve.task import Task
 from planner.targets.base import Target
 from planner.trajectory.clear import between
 from planner.trajectory.question import Question
-from planner.trajectory.time_law import Timed
+from planner.trajectory.time_law import Timed, fastest_pace
 
 # Rounding, over a limit.
 _ROUNDING = 1e-9
@@ -103,11 +103,9 @@ class MotionCertificate(Shown):
     @property
     def failures(self) -> tuple[str, ...]:
         """What did not pass, a sentence each."""
-        problems = (self.problem, *(one.problem for one in self.at_targets))
-        if any(problems):
-            return (next(filter(None, problems)),)
+        sentences = [self.problem] * bool(self.problem)
         missed = [i for i, met in enumerate(self.reached) if not met]
-        sentences = [f"target {i} is off by {self.residuals[i]:.2g}" for i in missed[:3]]
+        sentences += [f"target {i} is off by {self.residuals[i]:.2g}" for i in missed[:3]]
         for i, one in enumerate(self.at_targets):
             # Targets and limits are told of already.
             kept = replace(one, equality={}, soft_residual={}, inequality={}, bounds=0.0)
@@ -154,34 +152,30 @@ class MotionCertificate(Shown):
 
 
 def certify_motion(
-    question: Question, way: Timed, met: tuple[int, ...], settled: Callable[[], tuple[Shape, ...]]
+    question: Question, way: Timed, settled: Callable[[], tuple[Shape, ...]]
 ) -> MotionCertificate:
-    """Check a motion whose targets are met at some of its waypoints.
-
-    `settled` returns the shapes at the waypoints, each near the one before.
-    """
-    rates, touching = question.rates, contacts(question.scene)
-    steps = np.abs(np.diff(way.tensions, axis=0)) / rates.tension
-    pace = np.array([law.speeds.max() for law in way.laws])
+    """Check a motion; `settled` returns the shapes at the waypoints, each near the one before."""
+    rates, parts = question.rates, way.progress.c[2].astype(int)
+    changes = (np.abs(np.diff(way.tensions, axis=0)) / rates.tension).max(axis=1)
+    stroke_rate, stroke, tip = map(float, way.largest / rates.of_places)
     result = MotionCertificate(
         bounds=max(tension_excess(T, question.limits) for T in way.tensions[1:]),
-        rate=float((steps.max(axis=1) * pace).max()),
+        rate=float((changes[parts] * fastest_pace(way.progress)).max()),
+        stroke_rate=stroke_rate,
+        stroke_acceleration=stroke,
+        tip_acceleration=tip,
     )
     try:
         shapes = settled()
-        paces = way.largest / (rates.stroke, rates.acceleration, rates.tip_acceleration)
     except OctoplanError as reason:
         return replace(result, problem=str(reason))
-    pairs = zip(question.targets, met, strict=True)
+    pairs = zip(question.targets, (shapes[k] for k in way.met), strict=True)
     result = replace(
         result,
-        at_targets=tuple(_at_target(question, targets, shapes[stop]) for targets, stop in pairs),
-        stroke_rate=float(paces[0]),
-        stroke_acceleration=float(paces[1]),
-        tip_acceleration=float(paces[2]),
+        at_targets=tuple(_at_target(question, targets, shape) for targets, shape in pairs),
         jumps=tuple(k for k, shape in enumerate(shapes) if k and shape.snaps),
     )
-    if touching or not question.surroundings:
+    if not question.surroundings:
         return result
     kept = between(question.lines(), way, question.surroundings)
     k = int(np.argmin(kept.bound))
@@ -196,5 +190,4 @@ def certify_motion(
 def _at_target(question: Question, targets: tuple[Target, ...], shape: Shape) -> Certificate:
     """Return the certificate of a waypoint, of which optimality is not asked."""
     stated = question.arm, targets, question.scene, question.limits, Statement()
-    task = Task(*stated, question.accuracy)
-    return certify(task, shape.tensions, lambda: shape, 0.0)
+    return certify(Task(*stated, question.accuracy), shape.tensions, lambda: shape, 0.0)

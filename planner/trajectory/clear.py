@@ -6,55 +6,67 @@ waypoints without targets, between them; then the program over all is solved aga
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from model.centreline import Counts
-from model.clearance.bisection import Found, closest
+from model.clearance.bisection import closest
 from model.clearance.lines import Lines
 from model.clearance.nearest import BASE, ITSELF, OBSTACLES, around
-from model.clearance.way import Moving, Tensions
+from model.clearance.way import Moving
+from model.errors import InputError
 from model.obstacles import numbers_of
 from model.obstacles.base import Convex
 from model.paths import Array
 from planner.avoidance.places import EXCHANGED, avoiding
 from planner.avoidance.rows import Avoidance, Place
 from planner.avoidance.surroundings import Surroundings
-from planner.trajectory.question import Question
+from planner.trajectory.question import Question, Waypoint
 from planner.trajectory.time_law import Timed
-from planner.trajectory.waypoints import Waypoint, Waypoints
+from planner.trajectory.waypoints import Waypoints
 
 # Shares of the way where a further waypoint parts it.
 _INSIDE = 0.02
 
 
-def cleared(question: Question) -> Waypoints:
-    """Return the waypoints of the best motion that keeps clear, as far as that can be had."""
-    waypoints = Waypoints(question)
+def cleared(question: Question) -> list[Waypoint]:
+    """Return the waypoints of the best motion that keeps clear, as far as that can be had.
+
+    Raises InputError where the arm is too near to something before it moves.
+    """
     if not question.surroundings:
-        return waypoints
+        return Waypoints(question).waypoints
     lines = question.lines()
+    line = lines(question.start)
+    nearest = "" if line is None else question.surroundings.at(0.0).in_the_way(line)
+    if nearest:
+        distance = 1e3 * question.surroundings.clearance
+        kept = f"{distance:g} mm of clearance" if distance else "clear"
+        allowed = f"a start or obstacles that leave the arm {kept} before it moves: {nearest}"
+        raise InputError("start", [round(float(T), 6) for T in question.start], allowed)
+    waypoints = Waypoints(question)
     for _ in range(EXCHANGED):
-        corrected = _corrected(question, waypoints, lines)
+        corrected = _corrected(question, waypoints.waypoints, lines)
         if corrected is None or not waypoints.solve(corrected):
             break
-    return waypoints
+    return waypoints.waypoints
 
 
-def _corrected(question: Question, before: Waypoints, lines: Lines) -> list[Waypoint] | None:
+def _corrected(question: Question, before: list[Waypoint], lines: Lines) -> list[Waypoint] | None:
     """Return waypoints with inequalities where they, or the ways between, are too near."""
-    timed = Timed.of(question, before.tensions, before.met_at)
-    way_there = between(lines, timed, question.surroundings)
-    too_near, starts = way_there.bound < 0, timed.starts
-    fractions = (way_there.when - starts[:-1]) / np.diff(starts)
+    way = Timed.of(question, before)
+    kept, starts = between(lines, way, question.surroundings), way.starts
+    fractions = (kept.when - starts[:-1]) / np.diff(starts)
+    too_near = kept.bound < 0
     inside = too_near & (fractions > _INSIDE) & (fractions < 1 - _INSIDE)
     beside = too_near | np.append(too_near[1:], False)
     waypoints, changed = list[Waypoint](), bool(inside.any())
-    for k, waypoint in enumerate(before.waypoints):
+    for k, waypoint in enumerate(before):
         if inside[k]:
-            T = timed.at(way_there.when[k : k + 1])[0]
-            rows = _updated(question, lines, T, float(way_there.when[k]), Avoidance(()))
+            T = way.at(kept.when[k : k + 1])[0]
+            rows = _updated(question, lines, T, float(kept.when[k]), Avoidance(()))
             waypoints.append(Waypoint((), T, rows, fractions[k] * waypoint.fraction))
             waypoint = replace(waypoint, fraction=(1 - fractions[k]) * waypoint.fraction)
         if beside[k]:
@@ -85,8 +97,7 @@ def _updated(
     return avoiding(line, surroundings, before)[0]
 
 
-@dataclass(frozen=True, eq=False)
-class Between:
+class Between(NamedTuple):
     """How clear an arm stays from each waypoint to the next.
 
     Attributes
@@ -105,47 +116,36 @@ class Between:
 
 
 def between(lines: Lines, way: Timed, surroundings: Surroundings) -> Between:
-    """Return how clear an arm stays from each waypoint to the next.
-
-    Where nothing but the arm moves, its pace does not matter, and is taken to be steady.
-    """
-    paced = way if surroundings.moving else way.steady
-    breaks = [t for one in surroundings.moving for t in one.times if 0 < t < paced.starts[-1]]
-    # Parts on which obstacles and arm move steadily.
-    times = np.unique(np.concatenate([paced.knots, breaks]))
+    """Return how clear an arm stays from each waypoint to the next."""
+    times, moving = way.starts, surroundings.moving
+    if moving:
+        # Parts on which obstacles move steadily, and the share of the way is a parabola.
+        breaks = np.concatenate([way.progress.x, *(one.times for one in moving)])
+        times = np.unique(breaks[(breaks >= 0) & (breaks <= way.starts[-1])])
     low, length = times[:-1], np.diff(times)
-    which = np.searchsorted(paced.starts[1:], low, side="right")
+    parts = np.arange(low.size)
 
     def tensions(part: Counts, fraction: Array) -> Array:
-        return paced.at(low[part] + fraction * length[part])
+        return way.at(low[part] + fraction * length[part])
 
-    moving, nearest = Moving(lines, tensions), list[Found]()
-    bodies = [*surroundings.obstacles, *(one.obstacle for one in surroundings.moving)]
+    path, nearest = Moving(lines, tensions), []
+    bodies = [*surroundings.obstacles, *(one.obstacle for one in moving)]
     for kind in [*[OBSTACLES] * bool(bodies), *[BASE, ITSELF] * surroundings.of_itself]:
         near = around(lines.arm, kind, bodies, surroundings.clearance)
-        if kind == OBSTACLES:
-            moved = np.zeros((low.size, 2, len(bodies), 3))
-            for i, one in enumerate(surroundings.moving, start=len(surroundings.obstacles)):
-                moved[:, :, i] = one.displacement(np.stack([low, low + length], axis=1))
-            near = replace(near, moved=moved, uneven=_uneven(tensions, low.size))
-        nearest.append(closest(moving, low.size, near))
+        if kind == OBSTACLES and moving:
+            ends, count = np.column_stack([low, times[1:]]), len(surroundings.obstacles)
+            moved = [np.zeros((*ends.shape, 3))] * count
+            moved += [one.displacement(ends) for one in moving]
+            # A parabola is farthest from the line between its ends halfway.
+            start, half, end = (tensions(parts, np.full(low.size, u)) for u in (0.0, 0.5, 1.0))
+            off = np.linalg.norm(half - (start + end) / 2, axis=1)
+            change = np.maximum(np.linalg.norm(end - start, axis=1), 1e-300)
+            near = replace(near, moved=np.stack(moved, axis=2), uneven=off / change)
+        nearest.append(closest(path, low.size, near))
     bounds = np.array([one.bound for one in nearest])
-    least = bounds.argmin(axis=0), np.arange(low.size)
-    bound, share = bounds[least], np.array([one.share for one in nearest])[least]
+    least = bounds.argmin(axis=0), parts
+    bound, when = bounds[least], low + np.array([one.share for one in nearest])[least] * length
+    # The first of the least of each stretch.
+    which = np.searchsorted(way.starts[1:], low, side="right")
     first = np.lexsort((bound, which))[np.searchsorted(which, np.arange(way.starts.size - 1))]
-    when = (low + share * length)[first]
-    if not surroundings.moving:
-        when = np.array([way.reaches(k, t - k) for k, t in enumerate(when)])
-    return Between(bound[first], when, max(float(one.step.max()) for one in nearest))
-
-
-def _uneven(tensions: Tensions, count: int) -> Array:
-    """Return how far the share of tensions is at the most from the share of time, by part (P,).
-
-    It is a parabola, which is farthest from the line between its ends halfway.
-    """
-    parts = np.arange(count)
-    start, half, end = (tensions(parts, np.full(count, u)) for u in (0.0, 0.5, 1.0))
-    length = np.linalg.norm(end - start, axis=1)
-    off = np.linalg.norm(half - (start + end) / 2, axis=1)
-    return np.asarray(off / np.maximum(length, 1e-300))
+    return Between(bound[first], when[first], max(float(one.step.max()) for one in nearest))

@@ -2,40 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from model.arm import Arm
-from model.checks import kind, positive
+from model.checks import positive
 from model.errors import InputError
 from model.loads import contacts
 from model.machine.compiled import Compile, checked_compile
 from model.mesh import checked_accuracy
-from model.paths import Array
 from model.progress import with_progress
 from model.scene import Scene
 from model.time_limit import limited
 from planner.avoidance.surroundings import surroundings
-from planner.plan import Plan
-from planner.program.limits import Limits
-from planner.question import check_targets, checked_limits, planned_scene
-from planner.targets.base import Target
+from planner.contact.load_path import is_same
+from planner.plan import HeldPlan, Plan
+from planner.question import checked_limits, planned_scene
 from planner.trajectory.clear import cleared
 from planner.trajectory.question import (
     Question,
     Rates,
+    checked_start,
     checked_times,
-    of_target,
     waypoints_of,
 )
 from planner.trajectory.result import Trajectory
 from planner.trajectory.time_law import Timed
-from planner.trajectory.touching import check_touching, planned_touching
-
-# What durations may exceed given times by, over these: rounding.
-_LATE = 1e-6
+from planner.trajectory.touching import planned_touching
 
 
 @with_progress
@@ -119,79 +113,46 @@ def trajectory(
     """
     seconds = None if time_limit is None else positive("time_limit", time_limit)
     scene = planned_scene(arm, scene)
-    path, file_times = waypoints_of(targets, waypoints)
-    times = file_times if times is None else times
+    sequence, file_times = waypoints_of(arm, targets, waypoints)
     strokes = (stroke_max, stroke_min, stroke_zero)
     limits = checked_limits(arm, scene, tension_max, tension_min, total_pull, *strokes)
-    sequence = _checked(arm, path)
     accelerations = stroke_acceleration_max, tip_acceleration_max
     rates = Rates.of(arm, rate_max, stroke_rate_max, *accelerations, quasi_static)
-    instants = checked_times(times, len(sequence))
+    instants = checked_times(file_times if times is None else times, len(sequence))
     if instants is None and not rates.limited:
         allowed = (
             "rate_max [N/s], a limit of strokes [m/s, m/s2] or of the tip's acceleration [m/s2] "
             "for the least time, or times [s]"
         )
         raise InputError("times", None, allowed)
-    every: tuple[Target, ...] = tuple(target for targets in sequence for target in targets)
+    every = tuple(target for targets in sequence for target in targets)
     around = surroundings(arm, every, obstacles, clearance, self_clearance, in_time=True)
-    accuracy = checked_accuracy(accuracy)
-    begin = _start(arm, start, limits)
-    own_plan = start if isinstance(start, Plan) else None
-    more = (around, instants, begin, accuracy, checked_compile(compile), own_plan)
-    question = Question(arm, scene, sequence, limits, rates, *more)
+    question = Question(
+        arm,
+        scene,
+        sequence,
+        limits,
+        rates,
+        around,
+        instants,
+        checked_start(arm, start, limits),
+        checked_accuracy(accuracy),
+        checked_compile(compile),
+        start if isinstance(start, HeldPlan) and is_same(start.scene, scene) else None,
+    )
     with limited(seconds):
-        if contacts(scene):
-            check_touching(question)
-            tensions, met = planned_touching(question)
-        else:
-            _check_start(question)
-            led = cleared(question)
-            tensions, met = led.tensions, led.met_at
-        timed = Timed.of(question, tensions, met)
-        _check_durations(question, timed, met)
-        return Trajectory(question, timed, met)
+        led = planned_touching(question) if contacts(scene) else cleared(question)
+        way = Timed.of(question, led)
+        _check_durations(question, way)
+        return Trajectory(question, way)
 
 
-def _checked(arm: Arm, path: Iterable[Any]) -> tuple[tuple[Target, ...], ...]:
-    """Return the targets of each waypoint; InputError names the one that is not allowed."""
-    checked = []
-    for i, target in enumerate(path):
-        with of_target(i):
-            checked.append(check_targets(arm, target))
-    return tuple(checked)
-
-
-def _start(arm: Arm, start: Any, limits: Limits) -> Array:
-    """Return the tensions (n_tendons,) that a motion begins with."""
-    if start is None:
-        return np.array(limits.lower)
-    if isinstance(start, Plan):
-        if start.arm != arm:
-            raise InputError("start", "a plan for another arm", "one for the same")
-        return np.ravel(start.tensions)
-    kind("start", start, Iterable, "a Plan, or tensions [N]")
-    return arm.flat(start, "start")
-
-
-def _check_start(question: Question) -> None:
-    """Raise InputError where the arm is too near to something before it moves."""
-    line, surroundings = question.lines()(question.start), question.surroundings.at(0.0)
-    nearest = surroundings.in_the_way(line) if surroundings and line is not None else ""
-    if not nearest:
-        return
-    distance = 1e3 * surroundings.clearance
-    kept = f"{distance:g} mm of clearance" if distance else "clear"
-    allowed = f"a start or obstacles that leave the arm {kept} before it moves: {nearest}"
-    raise InputError("start", [round(float(T), 6) for T in question.start], allowed)
-
-
-def _check_durations(question: Question, timed: Timed, met: tuple[int, ...]) -> None:
+def _check_durations(question: Question, way: Timed) -> None:
     """Raise InputError for times that the rates do not allow, with what would do."""
     if question.steps is None or question.times is None:
         return
-    needed, steps = np.diff(timed.starts[[0, *met]]), question.steps
-    late = np.flatnonzero(needed > steps * (1 + _LATE) + 1e-12)
+    needed, steps = np.diff(way.starts[[0, *way.met]]), question.steps
+    late = np.flatnonzero(needed > steps * (1 + question.accuracy))
     if late.size:
         i, faster = int(late[0]), float((needed / steps).max())
         allowed = (

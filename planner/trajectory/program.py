@@ -26,7 +26,7 @@ from planner.program.problem import Bounds, Problem, units
 from planner.program.program import Program
 from planner.solve.ipopt import TOGETHER, WARM, Solution, derivatives
 from planner.solve.side_by_side import Part, SideBySide, joined
-from planner.trajectory.question import Question
+from planner.trajectory.question import Question, Waypoint
 
 Indices = tuple[int, ...]
 # Of effort over time, where time is made least; where effort is, of that over time beyond what is
@@ -40,23 +40,12 @@ _AGAIN = WARM | {"tol": 1e-8, "constr_viol_tol": 1e-9, "mu_init": 1e-8}
 
 @dataclass(frozen=True, eq=False)
 class Stop:
-    """A waypoint as a program of its own.
+    """A waypoint with the program of its own, the parameters and bounds of that."""
 
-    Attributes
-    ----------
-    problem, p, bounds
-        With its parameters and bounds.
-    fraction : float
-        Of the time between two targets in which the arm goes there from the waypoint before.
-    is_target : bool
-        Whether a target is met there.
-    """
-
+    waypoint: Waypoint
     problem: Problem
     p: Array
     bounds: Bounds
-    fraction: float
-    is_target: bool
 
 
 class MotionProgram:
@@ -64,9 +53,10 @@ class MotionProgram:
 
     def __init__(self, question: Question, stops: Sequence[Stop], guess: Sequence[Array]) -> None:
         # The target to which each waypoint leads.
-        group = np.cumsum([0, *(stop.is_target for stop in stops[:-1])])
-        fractions = np.array([stop.fraction for stop in stops])
-        places, start, rate = _limited(question, stops)
+        group = np.cumsum([0, *(bool(stop.waypoint.targets) for stop in stops[:-1])])
+        fractions = np.array([stop.waypoint.fraction for stop in stops])
+        programs = tuple(stop.problem.program for stop in stops)
+        places, start, rate = _limited(question, programs)
         values = [start, *(x[list(at)] for x, at in zip(guess, places, strict=True))]
         slowest = (np.abs(np.diff(values, axis=0)) / rate).max(axis=1, initial=0.0) / fractions
         needed, steps = np.zeros(group[-1] + 1), question.steps
@@ -79,16 +69,22 @@ class MotionProgram:
         weights = (_WEIGHT, penalty) if steps is None else (1.0, penalty / _WEIGHT)
         least = np.zeros(needed.size) if steps is None else steps / unit
         self._numbers = [np.array(weights), start, rate * unit, fractions]
-        self._durations = least, np.full(least.size, np.inf)
+        coupled = 2 * rate.size * len(stops)
+        self._more = (
+            (least, np.full(least.size, np.inf)),
+            (np.full(coupled, -np.inf), np.zeros(coupled)),
+        )
         self._guess = np.concatenate([*guess, needed / unit + _SPARE])
-        programs = tuple(stop.problem.program for stop in stops)
         self._stated = _stated(programs, tuple(group.tolist()), places)
 
-    def solve(self, stops: Sequence[Stop], before: Solution | None = None) -> Solution:
-        """Return the optimum, warm from that for other numbers of the waypoints if there is one."""
-        rows = self._stated.lam.numel() - sum(stop.bounds[2].size for stop in stops)
-        coupled = np.full(rows, -np.inf), np.zeros(rows)
-        bounds = joined([stop.bounds for stop in stops], self._durations, coupled)
+    def solve(
+        self, stops: Sequence[Stop], before: Solution | None = None
+    ) -> tuple[Solution, list[Array]]:
+        """Return the optimum, and the unknowns of each waypoint there.
+
+        Warm from that for other numbers of the waypoints if there is one.
+        """
+        bounds = joined([stop.bounds for stop in stops], *self._more)
         p = np.concatenate([*self._numbers, *(stop.p for stop in stops)])
         if before is None:
             solution = self._stated.solve(TOGETHER, self._guess, p, bounds)
@@ -96,14 +92,12 @@ class MotionProgram:
             multipliers = before.lam_x, before.lam_g
             solution = self._stated.solve(_AGAIN, before.x, p, bounds, multipliers)
         check_time()
-        return solution
-
-    def split(self, x: Array) -> list[Array]:
-        """Return the unknowns of each waypoint."""
-        return self._stated.split(x)[:-1]
+        return solution, self._stated.split(solution.x)[:-1]
 
 
-def _limited(question: Question, stops: Sequence[Stop]) -> tuple[tuple[Indices, ...], Array, Array]:
+def _limited(
+    question: Question, programs: Sequence[Program]
+) -> tuple[tuple[Indices, ...], Array, Array]:
     """Return what has limited rates: its places in each waypoint's unknowns, start, rates.
 
     The latter (m,) in the units of these unknowns.
@@ -112,7 +106,6 @@ def _limited(question: Question, stops: Sequence[Stop]) -> tuple[tuple[Indices, 
     rate, L = np.array(rates.tension), question.arm.length
     j = np.flatnonzero(np.isfinite(rate))
     start, rate = question.start[j] / unit[j], rate[j] / unit[j]
-    programs = [stop.problem.program for stop in stops]
     if not np.isfinite(rates.pace):
         return (tuple(j.tolist()),) * len(programs), start, rate
     lengths = question.lines().lengths(question.start)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from model.arm import Arm
-from model.checks import finite_array, positive
+from model.checks import finite_array, kind, positive
 from model.clearance.lines import Lines
+from model.effects import Weight
 from model.errors import InputError
 from model.mesh import FINEST_ACCURACY
 from model.paths import Array
@@ -21,15 +22,16 @@ from model.settle import settle
 from model.shape import Shape
 from model.time_limit import OutOfTime
 from model.units import STROKE, warn_unusual
-from planner.avoidance.rows import grid
+from planner.avoidance.rows import Avoidance, grid
 from planner.avoidance.surroundings import Surroundings
 from planner.io.csv_files import load_waypoints
-from planner.plan import Plan, plan
+from planner.plan import HeldPlan, Plan, plan
 from planner.program.limits import Limits
+from planner.question import check_targets
 from planner.targets import TipPosition
 from planner.targets.base import Target
 
-GRAVITY = 9.81
+GRAVITY = float(np.linalg.norm(Weight().g))
 # The tip's acceleration over gravity up to which a motion counts as quasi-static.
 QUASI_STATIC = 0.1
 # Of the mesh of centrelines; what waypoints keep besides the clearance, over L, for the way
@@ -91,19 +93,19 @@ class Rates:
         return cls(tuple(each.tolist()), *most)
 
     @property
-    def of_strokes(self) -> bool:
-        """Whether rates or accelerations of strokes are limited."""
-        return bool(np.isfinite(self.stroke) or np.isfinite(self.acceleration))
+    def of_places(self) -> Array:
+        """The largest stroke rate [m/s], accelerations of strokes and of the tip [m/s2] (3,)."""
+        return np.array([self.stroke, self.acceleration, self.tip_acceleration])
 
     @property
     def at_rest(self) -> bool:
         """Whether accelerations are limited, so that motions rest at each waypoint."""
-        return bool(np.isfinite(self.acceleration) or np.isfinite(self.tip_acceleration))
+        return bool(np.isfinite(self.of_places[1:]).any())
 
     @property
     def limited(self) -> bool:
         """Whether every motion takes time."""
-        return bool(np.all(np.isfinite(self.tension))) or self.of_strokes or self.at_rest
+        return bool(np.all(np.isfinite(self.tension)) or np.isfinite(self.of_places).any())
 
     @property
     def pace(self) -> float:
@@ -116,10 +118,30 @@ class Rates:
 
 
 @dataclass(frozen=True, eq=False)
+class Waypoint:
+    """A place of a motion: the targets there, if any, tensions (n_tendons,) [N], inequalities.
+
+    `fraction` is that of the time between two targets in which the arm goes there from the waypoint
+    before.
+    """
+
+    targets: tuple[Target, ...]
+    tensions: Array
+    avoidance: Avoidance | None = None
+    fraction: float = 1.0
+
+    @property
+    def stated(self) -> tuple[Target, ...]:
+        """The targets of its program."""
+        return self.targets if self.avoidance is None else self.avoidance.beside(self.targets)
+
+
+@dataclass(frozen=True, eq=False)
 class Question:
     """The definition of a motion.
 
-    `start` are the tensions (n_tendons,) that it begins with [N], `begin` the plan they are of.
+    `start` are the tensions (n_tendons,) that it begins with [N]; `begin`, in contact, the plan
+    that these are of.
     """
 
     arm: Arm
@@ -132,7 +154,7 @@ class Question:
     start: Array
     accuracy: float
     machine_code: bool = field(default=False, compare=False)
-    begin: Plan | None = field(default=None, compare=False)
+    begin: HeldPlan | None = field(default=None, compare=False)
 
     @property
     def steps(self) -> Array | None:
@@ -152,16 +174,17 @@ class Question:
 
         Raises InputError, with the targets after it that are missed as well, if there is none.
         """
-        last = i
         with of_target(i):
             result = self._plan(i, near, starts)
-            if result.mode == "exact":
-                return result
-            while near is None and last + 1 < len(self.targets):
-                if self._plan(last + 1).mode == "exact":
+        if result.mode == "exact":
+            return result
+        missed = [i]
+        for k in range(i + 1, len(self.targets) if near is None else 0):
+            with of_target(k):
+                if self._plan(k).mode == "exact":
                     break
-                last += 1
-        place = f"targets[{i}]" + (last > i) * f" to [{last}]"
+            missed.append(k)
+        place = f"targets[{i}]" + (len(missed) > 1) * f" to [{missed[-1]}]"
         raise InputError(place, "out of reach", f"targets that can be met: {result.outcome}")
 
     def _plan(self, i: int, near: Plan | None = None, starts: int | None = None) -> Plan:
@@ -190,20 +213,6 @@ class Question:
         places = tuple(grid(self.arm)[1:].tolist())
         return Lines(self.arm, self.scene, _MESH, places, self.machine_code)
 
-    def places(self) -> Callable[[Array], Array]:
-        """Return lengths of the tendons and the tip's place by tensions (n_tendons + 3,) [m].
-
-        NaN where the arm does not settle.
-        """
-        lines = self.lines()
-
-        def places(T: Array) -> Array:
-            line = lines(T)
-            tip = np.full(3, np.nan) if line is None else line.poses[-1, 4:]
-            return np.concatenate([lines.lengths(T), tip])
-
-        return places
-
 
 @contextmanager
 def of_target(i: int) -> Iterator[None]:
@@ -215,8 +224,10 @@ def of_target(i: int) -> Iterator[None]:
         raise InputError(name, reason.given, reason.allowed) from None
 
 
-def waypoints_of(path: Any, count: int) -> tuple[list[Any], Array | None]:
-    """Return the targets of a path in order, and the times of a file that has them.
+def waypoints_of(
+    arm: Arm, path: Any, count: int
+) -> tuple[tuple[tuple[Target, ...], ...], Array | None]:
+    """Return the targets of each waypoint, and the times of a file that has them.
 
     Parameters
     ----------
@@ -229,20 +240,24 @@ def waypoints_of(path: Any, count: int) -> tuple[list[Any], Array | None]:
     InputError
         For what is none of these, and no targets; FileError with the place in a file.
     """
+    times = None
     if isinstance(path, str | Path):
-        return load_waypoints(Path(path))
-    if callable(path):
+        path, times = load_waypoints(Path(path))
+    elif callable(path):
         if isinstance(count, bool) or not isinstance(count, int) or count < 1:
             raise InputError("waypoints", count, "a whole number from 1")
         places = [path(float(share)) for share in np.linspace(0, 1, count)]
-        return [place if hasattr(place, "terms") else TipPosition(place) for place in places], None
+        path = [place if hasattr(place, "terms") else TipPosition(place) for place in places]
     if not isinstance(path, Iterable):
         allowed = "targets in order, a function, or the name of a .csv file"
         raise InputError("targets", path, allowed)
-    targets = list(path)
-    if not targets:
-        raise InputError("targets", targets, "at least one target")
-    return targets, None
+    checked = []
+    for i, target in enumerate(path):
+        with of_target(i):
+            checked.append(check_targets(arm, target))
+    if not checked:
+        raise InputError("targets", path, "at least one target")
+    return tuple(checked), times
 
 
 def checked_times(times: Any, count: int) -> Array | None:
@@ -256,3 +271,15 @@ def checked_times(times: Any, count: int) -> Array | None:
         allowed = "times above 0 that increase, one for each target"
         raise InputError(f"times[{worst}]", float(checked[worst]), allowed)
     return checked
+
+
+def checked_start(arm: Arm, start: Any, limits: Limits) -> Array:
+    """Return the tensions (n_tendons,) that a motion begins with [N]."""
+    if start is None:
+        return np.array(limits.lower)
+    if not isinstance(start, Plan):
+        kind("start", start, Iterable, "a Plan, or tensions [N]")
+        return arm.flat(start, "start")
+    if start.arm != arm:
+        raise InputError("start", "a plan for another arm", "one for the same")
+    return np.ravel(start.tensions)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.integrate import quad
 
 from model.arm import Arm
 from model.checks import finite_array
@@ -25,9 +26,6 @@ from planner.trajectory.question import GRAVITY, QUASI_STATIC, Question
 from planner.trajectory.time_law import Timed
 from planner.trajectory.touching import shapes_along
 
-# Places along the arm where its mass is summed.
-_PLACES = 101
-
 
 @dataclass(frozen=True, eq=False)
 class Trajectory(Shown):
@@ -39,13 +37,10 @@ class Trajectory(Shown):
         Its definition.
     way : Timed
         The waypoints and the pace between them.
-    met : tuple of int
-        At which waypoint each target is met.
     """
 
     question: Question
     way: Timed
-    met: tuple[int, ...]
 
     @property
     def times(self) -> Array:
@@ -55,7 +50,7 @@ class Trajectory(Shown):
         strokes are limited more in between. From one to the next tensions change linearly, or
         where accelerations are limited nearly so: `at` is exact.
         """
-        return self.way.knots
+        return np.asarray(self.way.progress.x)
 
     @property
     def flat(self) -> Array:
@@ -65,7 +60,7 @@ class Trajectory(Shown):
     @property
     def stops(self) -> tuple[int, ...]:
         """At which of the times each target is met."""
-        at = np.searchsorted(self.times, self.way.starts[list(self.met)] * (1 - 1e-12))
+        at = np.searchsorted(self.times, self.way.starts[list(self.way.met)] * (1 - 1e-12))
         return tuple(at.tolist())
 
     @property
@@ -101,7 +96,7 @@ class Trajectory(Shown):
     @cached_property
     def certificate(self) -> MotionCertificate:
         """The check of targets, limits, rates, and of clearance between the times, too."""
-        return certify_motion(self.question, self.way, self.met, lambda: self._at_waypoints)
+        return certify_motion(self.question, self.way, lambda: self._at_waypoints)
 
     @property
     def reached(self) -> tuple[bool, ...]:
@@ -187,11 +182,15 @@ def slowest_period(shape: Shape) -> float:
     tip, of places that move in proportion to their arc length squared, as those of a cantilever
     about do (Rayleigh's method). A fluid that buoys the arm moves along, as much as it displaces.
     """
-    arm, s = shape.arm, np.linspace(0.0, shape.arm.length, _PLACES)
-    area = np.pi * arm.radius.evaluate(s, arm.length)[0] ** 2
-    fluid = shape.scene.find(Buoyancy)
+    arm, fluid = shape.arm, shape.scene.find(Buoyancy)
     density = arm.material.density + (fluid.density if fluid else 0.0)
-    mass = density * np.trapezoid(area * (s / arm.length) ** 4, s)
+
+    def moving(share: float) -> float:
+        """Return the mass that moves with the tip by length, at a share of the arm [kg/m]."""
+        radius = arm.radius.evaluate(np.array([share * arm.length]), arm.length)[0][0]
+        return float(density * np.pi * radius**2 * share**4)
+
+    mass = arm.length * quad(moving, 0.0, 1.0)[0]
     near = shape if contacts(shape.scene) else None
     k = stiffness(arm, shape.tensions, shape.scene, accuracy=1e-3, near=near)
     compliance = float(np.linalg.eigvalsh(k.compliance[:3, :3]).max())

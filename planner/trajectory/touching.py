@@ -10,71 +10,52 @@ tensions.
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
 from model.errors import InputError
 from model.mesh import FINEST_ACCURACY
 from model.paths import Array
-from model.progress import reported, tell
+from model.progress import reported
 from model.shape import Shape
-from planner.contact.load_path import from_rest, is_same, rubs, settled_along
-from planner.plan import HeldPlan
-from planner.trajectory.question import Question
+from planner.contact.load_path import from_rest, rubs, settled_along
+from planner.plan import HeldPlan, Plan
+from planner.trajectory.question import Question, Waypoint
 
 
-def check_touching(question: Question) -> None:
-    """Raise InputError for what is not stated of motions in contact."""
-    rates = question.rates
+def planned_touching(question: Question) -> list[Waypoint]:
+    """Return the waypoints: the targets, and what plans for these are come to by.
+
+    Raises InputError for what is not stated of motions in contact.
+    """
+    rates, begin = question.rates, question.begin
     if question.surroundings:
-        raise InputError(
-            "obstacles", "given", "none in a scene with contact: there they are effects"
-        )
-    if rates.of_strokes or rates.at_rest:
-        name = "stroke_rate_max" if rates.of_strokes else "tip_acceleration_max"
+        allowed = "none in a scene with contact: there they are effects"
+        raise InputError("obstacles", "given", allowed)
+    if np.isfinite(rates.of_places).any():
+        name = "tip_acceleration_max" if np.isinf(rates.of_places[:2]).all() else "stroke_rate_max"
         raise InputError(name, "given", "rate_max or times in a scene with contact")
-    if rubs(question.scene) and _begin(question) is None:
+    if rubs(question.scene) and begin is None:
         if not np.array_equal(question.start, question.limits.lower):
             allowed = "with friction of contacts the plan that the arm moves from, or none"
             raise InputError("start", question.start.tolist(), allowed)
         from_rest(question.arm, question.start, question.scene, "start")
-
-
-def planned_touching(question: Question) -> tuple[Array, tuple[int, ...]]:
-    """Return the tensions (N + 1, n_tendons) at the waypoints, and at which targets are met.
-
-    Waypoints are the targets, and what plans for these are come to by.
-    """
-    tensions, met, near = [question.start], list[int](), _begin(question)
-    for k in range(len(question.targets)):
-        tell("waypoints", k, len(question.targets))
-        planned = _planned(question, k, near)
+    near, waypoints = begin, list[Waypoint]()
+    for k, targets in enumerate(reported("waypoints", list(question.targets))):
         before = () if near is None else (*near.load_path, tuple(np.ravel(near.tensions).tolist()))
-        follows = planned.load_path[: len(before)] == before
-        tensions += [np.array(T) for T in planned.load_path[len(before) * follows :]]
-        tensions.append(np.ravel(planned.tensions))
-        met.append(len(tensions) - 1)
-        near = planned
-    return np.vstack(tensions), tuple(met)
-
-
-def _begin(question: Question) -> HeldPlan | None:
-    """Return the plan in this scene that the motion begins with, if any is given."""
-    begin = question.begin
-    if isinstance(begin, HeldPlan) and is_same(begin.scene, question.scene):
-        return begin
-    return None
-
-
-def _planned(question: Question, k: int, near: HeldPlan | None) -> HeldPlan:
-    """Return the plan that is come to from the one before; from any start where that misses."""
-    plan = None
-    if near is not None:
-        with suppress(InputError):
-            plan = question.planned(k, near, 1)
-    plan = plan or question.planned(k, near)
-    assert isinstance(plan, HeldPlan)
-    return plan
+        planned: Plan | None = None
+        if near is not None:
+            with suppress(InputError):
+                planned = question.planned(k, near, 1)
+        # From any start where what is near leads nowhere.
+        planned = planned or question.planned(k, near)
+        assert isinstance(planned, HeldPlan)
+        follows, near = planned.load_path[: len(before)] == before, planned
+        new = [*planned.load_path[len(before) * follows :], np.ravel(planned.tensions)]
+        each = [Waypoint((), np.array(T), fraction=1 / len(new)) for T in new]
+        waypoints += [*each[:-1], replace(each[-1], targets=targets)]
+    return waypoints
 
 
 def shapes_along(question: Question, tensions: Array) -> tuple[Shape, ...]:
@@ -83,10 +64,10 @@ def shapes_along(question: Question, tensions: Array) -> tuple[Shape, ...]:
     The first from rest, or on the load path of the plan that the motion begins with. `Shape.snaps`
     of each tells where the arm jumps before it.
     """
-    fine, begin = max(question.accuracy / 10, FINEST_ACCURACY), question.begin
-    path = begin.load_path if isinstance(begin, HeldPlan) else ()
-    first = question.arm, path, tensions[0], question.scene, fine, question.machine_code
-    shapes = [settled_along(*first)]
+    fine = max(question.accuracy / 10, FINEST_ACCURACY)
+    path = question.begin.load_path if question.begin else ()
+    first = question.arm, path, tensions[0], question.scene, fine
+    shapes = [settled_along(*first, question.machine_code)]
     for T in reported("shapes", list(tensions[1:])):
         shapes.append(question.shape(T, shapes[-1]))
     return tuple(shapes)

@@ -15,7 +15,7 @@ from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from model.rotations import matrices
 from model.shape import Shape
 from planner import Plan, load_plan, plan
-from planner.avoidance.clear import line_of
+from planner.avoidance.around import line_of
 from planner.avoidance.places import avoiding
 from planner.avoidance.rows import cubic, element_of, grid
 from planner.avoidance.surroundings import Surroundings
@@ -110,7 +110,7 @@ def test_where_nothing_leads_around_the_nearest_shape_keeps_clear() -> None:
     assert not p.certificate.passed
     assert p.mode == "nearest"
     assert p.outcome.startswith("Not reached")
-    assert "keep clear" in p.outcome
+    assert "obstacles are in the way" in p.outcome
     assert p.certificate.gaps["obstacles"] >= 0
 
 

@@ -129,18 +129,18 @@ def test_a_motion_is_shown_in_the_time_that_it_takes(quickest: Trajectory, tmp_p
 
 
 def test_functions_and_files_are_paths(tmp_path: Path) -> None:
-    found, times = waypoints_of(lambda u: (0.3, 0.1 * u, 0.0), 3)
-    assert found == [TipPosition((0.3, y, 0.0)) for y in (0.0, 0.05, 0.1)]
+    found, times = waypoints_of(ARM, lambda u: (0.3, 0.1 * u, 0.0), 3)
+    assert found == tuple((TipPosition((0.3, y, 0.0)),) for y in (0.0, 0.05, 0.1))
     assert times is None
     file = tmp_path / "path.csv"
     file.write_text("t_s,x_m,y_m,z_m\n1,0.3,0,0\n2,0.3,0.1,0\n")
-    found, times = waypoints_of(file, 3)
-    assert found == [TipPosition((0.3, 0.0, 0.0)), TipPosition((0.3, 0.1, 0.0))]
+    found, times = waypoints_of(ARM, file, 3)
+    assert found == ((TipPosition((0.3, 0.0, 0.0)),), (TipPosition((0.3, 0.1, 0.0)),))
     assert times is not None
     assert times.tolist() == [1.0, 2.0]
     file.write_text("x_m,y_m,z_m\n0.3,zero,0\n")
     with pytest.raises(FileError, match=r"line 2: y_m: .*zero"):
-        waypoints_of(file, 3)
+        waypoints_of(ARM, file, 3)
 
 
 @pytest.mark.slow
