@@ -169,22 +169,19 @@ class Arm(Shown):
     @cached_property
     def offset_paths(self) -> tuple[tuple[int, Path], ...]:
         """(section index from 0, offset) of each section, or of each tendon where these differ."""
-        results: list[tuple[int, Path]] = []
-        for i, section in enumerate(self.sections):
-            values = section.offset if isinstance(section.offset, tuple) else (section.offset,)
-            results += [(i, path) for path in values]
-        return tuple(results)
+        offsets = [section.offset for section in self.sections]
+        rows = [each if isinstance(each, tuple) else (each,) for each in offsets]
+        return tuple((i, path) for i, row in enumerate(rows) for path in row)
 
     @cached_property
     def offset_of(self) -> tuple[int, ...]:
         """Which of `offset_paths` each tendon has."""
-        results: list[int] = []
-        first = 0
-        for section in self.sections:
-            count, values = len(section.angles), isinstance(section.offset, tuple)
-            results += [first + j * values for j in range(count)]
-            first += count if values else 1
-        return tuple(results)
+        steps = [
+            1 if j == 0 or isinstance(section.offset, tuple) else 0
+            for section in self.sections
+            for j in range(len(section.angles))
+        ]
+        return tuple(number - 1 for number in accumulate(steps))
 
     @cached_property
     def turns(self) -> tuple[Path | None, ...]:
@@ -251,13 +248,9 @@ class Arm(Shown):
 
         Raises InputError for a wrong shape and for NaN, infinite or negative numbers.
         """
-        try:
-            array = np.array(values)
-        except ValueError:  # rows of several sizes
-            array = np.array(None)
-        fits = array.dtype.kind in "iuf" and array.shape in self.shapes
-        if fits and array.min() >= 0 and array.max() <= LARGEST:
-            return np.asarray(array, dtype=float).ravel()
+        fits = isinstance(values, np.ndarray) and values.shape in self.shapes
+        if fits and values.dtype.kind in "iuf" and 0 <= values.min() <= values.max() <= LARGEST:
+            return np.array(values, dtype=float).ravel()
         counts = np.diff(self._first).tolist()
         allowed = f"{self.n_tendons} numbers, flat or a row per section, tip first "
         allowed += f"({'+'.join(map(str, counts))})"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from model.cross_section import cross_section_of
 from model.cross_section.law import strains_of
 from model.cross_section.sections import Sections
+from model.equilibrium.linearised import Index
 from model.equilibrium.newton import STAGES
 from model.equilibrium.sensitivities import Sensitivities
 from model.errors import ConvergenceError
@@ -31,48 +32,27 @@ _ORDER, _SCHEME = 2 * STAGES, "magnus6"
 _HARDER = 80.0
 
 
-@dataclass(frozen=True, eq=False)
-class Compliance:
-    """How a point of a shape answers to a force and moment there, and how well that is known.
+def compliance_of(shape: Shape, at: float, accuracy: float) -> tuple[Response, int, float]:
+    """Return how a point at arc length `at` answers with tensions held, to a relative accuracy.
 
-    Attributes
-    ----------
-    sensitivities : Response
-    refinement : int
-        Of the mesh.
-    error : float
-        Estimated relative error of the compliance.
-    """
-
-    sensitivities: Response
-    refinement: int
-    error: float
-
-
-def compliance_of(shape: Shape, at: float, accuracy: float) -> Compliance:
-    """Return the compliance at arc length `at`, tensions held, to a relative accuracy.
-
-    Raises ConvergenceError.
+    And the refinement of the mesh, and the estimated relative error of the compliance. Raises
+    ConvergenceError.
     """
     size = np.repeat([shape.arm.length, 1.0], 3)
     scale = np.outer(size, size)
     coarse, fine = _first_pair(shape, accuracy)
-    before: tuple[int, Array] | None = None
-    refinement, error = coarse, np.inf
+    before = sensitivities(shape, at, coarse).pose_wrench / scale
+    refinement, error = fine, np.inf
     while refinement:
         check_time()
         result = sensitivities(shape, at, refinement)
         scaled = result.pose_wrench / scale
-        if before is not None:
-            gap = np.abs(scaled - before[1]).max() / np.abs(scaled).max()
-            error = estimate(gap, before[0], refinement, _ORDER)
-            if error <= accuracy:
-                return Compliance(result, refinement, error)
-        before = refinement, scaled
-        if refinement < fine:
-            refinement = fine
-        else:
-            refinement = next_refinement(refinement, error, accuracy, _ORDER)
+        gap = np.abs(scaled - before).max() / np.abs(scaled).max()
+        error = estimate(gap, coarse, refinement, _ORDER)
+        if error <= accuracy:
+            return result, refinement, error
+        before, coarse = scaled, refinement
+        refinement = next_refinement(refinement, error, accuracy, _ORDER)
     raise ConvergenceError(accuracy, error, "ask for less accuracy or a smoother arm")
 
 
@@ -150,15 +130,28 @@ def length_response(shape: Shape) -> LengthResponse:
     Slack tendons stay slack and taut ones taut: it holds for changes that are small enough.
     """
     result, T = sensitivities(shape, shape.arm.length, shape.refinement), shape.tensions
-    pulling = pulls(shape.arm, T)
-    winches = shape.winches
-    held = np.ones(T.size, dtype=bool) if winches is None else winches.held
-    stretch = np.zeros(T.size) if winches is None else winches.stretch
+    winches, taut = shape.winches, pulls(shape.arm, shape.tensions)
+    if winches is not None:
+        taut &= winches.held
     longer = 1 + T / (np.inf if winches is None else winches.tendon_EA)
-    taut = np.flatnonzero(held & pulling)
-    values = stretch[taut] + least_compliance(shape.arm)
-    M = np.diag(values) - result.length_tension[np.ix_(taut, taut)]
-    tension = np.zeros((T.size, T.size))
-    tension[np.ix_(taut, taut)] = -np.linalg.solve(M, np.diag(longer[taut]))
+    tension, ix = np.zeros((T.size, T.size)), np.flatnonzero(taut)
+    tension[np.ix_(ix, ix)] = -by_lengths(shape, result, ix, np.diag(longer[ix]))
     pose = result.pose_tension @ tension
-    return LengthResponse(held & pulling, tension, pose[:3], pose[3:])
+    return LengthResponse(taut, tension, pose[:3], pose[3:])
+
+
+def by_lengths(
+    shape: Shape, point: Response, held: Index, longer: Array, EA: float = np.inf
+) -> Array:
+    """Return what tensions (k, m) of tendons that are held by length take up where paths change.
+
+    Parameters
+    ----------
+    longer : (k, m)
+        By how much their paths become longer [m], were tensions held.
+    EA : float
+        Of the tendons [N], unless winches of the shape tell how they stretch.
+    """
+    stretch = point.lengths[held] / EA if shape.winches is None else shape.winches.stretch[held]
+    M = np.diag(stretch + least_compliance(shape.arm)) - point.length_tension[np.ix_(held, held)]
+    return np.asarray(np.linalg.solve(M, longer))

@@ -11,12 +11,12 @@ from model.arm import Arm
 from model.checks import positive
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import STAGES, Followed, follow_on
-from model.errors import InputError
+from model.errors import ConvergenceError, InputError
 from model.forward import by_collocation
 from model.loads import check_loads, is_loaded
+from model.mesh import estimate, first_pair, next_refinement
+from model.paths import Array
 from model.scene import Scene
-
-_REFINEMENT, _FINEST = 4, 32
 
 
 @dataclass(frozen=True)
@@ -56,14 +56,23 @@ def critical_load_factor(
     if not is_loaded(scene):
         raise InputError("scene", [type(e).__name__ for e in scene.effects], "a scene with loads")
     T, most = arm.flat(tensions), positive("most", most)
-    refinement, before = _REFINEMENT, Critical(np.inf, "")
-    while True:
-        forward = by_collocation(arm, scene, STAGES, refinement)
-        x = forward.system.x(T, 0.0, forward.without_loads(T))
-        rest = Followed(Linearised(forward.system, x), 0.0, "")
-        end = follow_on(rest, most, accuracy / 4)
-        result = Critical(end.load, end.why)
-        gap = abs(result.load_factor - before.load_factor)
-        if gap <= accuracy * result.load_factor or refinement >= _FINEST:
-            return result if result.load_factor < most else Critical(result.load_factor, "")
-        before, refinement = result, 2 * refinement
+    order = 2 * STAGES
+    coarse, refinement = first_pair(accuracy, order)
+    before, error = _end(arm, scene, T, coarse, most, accuracy).load, np.inf
+    while refinement:
+        end = _end(arm, scene, T, refinement, most, accuracy)
+        error = estimate(abs(end.load - before) / end.load, coarse, refinement, order)
+        if error <= accuracy:
+            return Critical(end.load, end.why if end.load < most else "")
+        before, coarse = end.load, refinement
+        refinement = next_refinement(refinement, error, accuracy, order)
+    raise ConvergenceError(accuracy, error, "ask for less accuracy or a smoother arm")
+
+
+def _end(
+    arm: Arm, scene: Scene, T: Array, refinement: int, most: float, accuracy: float
+) -> Followed:
+    """Return where the branch ends on the mesh of a refinement, four times as accurate."""
+    forward = by_collocation(arm, scene, STAGES, refinement)
+    x = forward.system.x(T, 0.0, forward.without_loads(T))
+    return follow_on(Followed(Linearised(forward.system, x), 0.0, ""), most, accuracy / 4)

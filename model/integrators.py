@@ -57,7 +57,19 @@ def expansion(values: list[ca.SX], h: ca.SX, bracket: Bracket) -> ca.SX:
 
     In the Lie algebra of the bracket, of order twice the number of nodes.
     """
-    return _EXPANSIONS[len(values)](values, h, bracket)
+    first, last = values[0], values[-1]
+    omega: ca.SX = h * first
+    if len(values) == 2:
+        omega = h / 2 * (first + last) - h**2 * np.sqrt(3) / 12 * bracket(first, last)
+    if len(values) == 3:
+        a = h * values[1]
+        b = h * np.sqrt(15) / 3 * (last - first)
+        c = h * 10 / 3 * (first - 2 * values[1] + last)
+        ab = bracket(a, b)
+        inner = -20 * a - c + ab
+        outer = b - bracket(a, 2 * c + ab) / 60
+        omega = a + c / 12 + bracket(inner, outer) / 240
+    return omega
 
 
 def series(coefficients: list[ca.SX], h: ca.SX, bracket: Bracket, order: int) -> list[ca.SX]:
@@ -67,48 +79,18 @@ def series(coefficients: list[ca.SX], h: ca.SX, bracket: Bracket, order: int) ->
     equation of the expansion, Omega' = sum_j B_j / j! ad_Omega^j A with Bernoulli's numbers B_j,
     degree by degree: what is left out is of order h^(order + 1).
     """
-    rate = [h * coefficient for coefficient in coefficients]
-    powers, omega = [[_sum(rate[d : d + 1]) for d in range(order)]], [ca.SX()]
+    zero = 0 * coefficients[0]
+    rate = [h * coefficient for coefficient in coefficients][:order]
+    powers, omega = [rate + [zero] * (order - len(rate))], [zero]
     powers += [[] for _ in _BERNOULLI[1:]]
     for d in range(order):
         for lower, each in pairwise(powers):
             # The first coefficient of Omega is that of A, and commutes with it.
             inner = range(1, d + 1) if lower is not powers[0] or d > 1 else range(0)
-            terms = [bracket(omega[i], lower[d - i]) for i in inner if lower[d - i].numel()]
-            each.append(_sum(terms))
-        parts = zip(_BERNOULLI, powers, strict=True)
-        omega.append(_sum([b * each[d] for b, each in parts if b and each[d].numel()]) / (d + 1))
+            each.append(sum((bracket(omega[i], lower[d - i]) for i in inner), zero))
+        terms = (b * each[d] for b, each in zip(_BERNOULLI, powers, strict=True) if b)
+        omega.append(sum(terms, zero) / (d + 1))
     return omega[1:]
-
-
-def _sum(terms: list[ca.SX]) -> ca.SX:
-    """Return the sum of terms, empty if there are none."""
-    total = ca.SX()
-    for term in terms:
-        total = total + term if total.numel() else term
-    return total
-
-
-def _second(values: list[ca.SX], h: ca.SX, bracket: Bracket) -> ca.SX:
-    omega: ca.SX = h * values[0]
-    return omega
-
-
-def _fourth(values: list[ca.SX], h: ca.SX, bracket: Bracket) -> ca.SX:
-    first, last = values
-    omega: ca.SX = h / 2 * (first + last) - h**2 * np.sqrt(3) / 12 * bracket(first, last)
-    return omega
-
-
-def _sixth(values: list[ca.SX], h: ca.SX, bracket: Bracket) -> ca.SX:
-    first, middle, last = values
-    a = h * middle
-    b = h * np.sqrt(15) / 3 * (last - first)
-    c = h * 10 / 3 * (first - 2 * middle + last)
-    ab = bracket(a, b)
-    inner = -20 * a - c + ab
-    outer = b - bracket(a, 2 * c + ab) / 60
-    return a + c / 12 + bracket(inner, outer) / 240
 
 
 def _bracket(a: ca.SX, b: ca.SX) -> ca.SX:
@@ -118,7 +100,6 @@ def _bracket(a: ca.SX, b: ca.SX) -> ca.SX:
     return ca.vertcat(turn, shift)
 
 
-_EXPANSIONS = {1: _second, 2: _fourth, 3: _sixth}
 # Bernoulli's numbers over factorials, of what orders up to eight take.
 _BERNOULLI = (1.0, -1 / 2, 1 / 12, 0.0, -1 / 720, 0.0, 1 / 30240)
 

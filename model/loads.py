@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -211,8 +211,8 @@ def _crossings(arm: Arm, others: list[float]) -> list[float]:
         s = np.linspace(0.0, end, 401)
         y = path.evaluate(s, end)[0]
         for i in np.flatnonzero(y[:-1] * y[1:] < 0):
-            offset, ends = partial(_value, path, end), (s[i], s[i + 1])
-            results.append(scipy.optimize.brentq(offset, *ends, xtol=np.finfo(float).tiny))
+            ends, tiny = (s[i], s[i + 1]), np.finfo(float).tiny
+            results.append(scipy.optimize.brentq(_value, *ends, args=(path, end), xtol=tiny))
         results += s[1:-1][y[1:-1] == 0].tolist() if y.any() else []
     kept: list[float] = []
     for place in sorted(results):
@@ -221,7 +221,7 @@ def _crossings(arm: Arm, others: list[float]) -> list[float]:
     return kept
 
 
-def _value(path: Path, end: float, s: float) -> float:
+def _value(s: float, path: Path, end: float) -> float:
     return float(path.evaluate(np.array([s]), end)[0][0])
 
 

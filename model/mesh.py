@@ -89,7 +89,11 @@ def graded(
     weights : (2,)
         Of log R and of s/L.
     """
-    breaks, fine, weight = _weights(arm, at, taper or arm.radius, weights)
+    breaks = _breaks(arm, at)
+    fine = breaks[:-1, None] + np.diff(breaks)[:, None] * np.linspace(0, 1, _FINE + 1)
+    R = (taper or arm.radius).evaluate(fine.ravel(), arm.length)[0].reshape(fine.shape)
+    weight = weights[0] * np.abs(np.diff(np.log(R), axis=1))
+    weight += weights[1] * np.diff(fine, axis=1) / arm.length
     if growth is not None:
         rate = growth(fine.ravel()).reshape(fine.shape)
         turns = (rate[:, 1:] + rate[:, :-1]) / 2 * np.diff(fine, axis=1)
@@ -103,20 +107,6 @@ def graded(
         inner[-1] = right
         nodes.append(inner)
     return with_nodes(arm, np.concatenate(nodes))
-
-
-def _weights(
-    arm: Arm, at: Iterable[float], taper: Path, weights: tuple[float, float]
-) -> tuple[Array, Array, Array]:
-    """Return the breaks, places between each two, and what the steps between these weigh.
-
-    They are shared by the meshes of all refinements.
-    """
-    breaks = _breaks(arm, at)
-    fine = breaks[:-1, None] + np.diff(breaks)[:, None] * np.linspace(0, 1, _FINE + 1)
-    R = taper.evaluate(fine.ravel(), arm.length)[0].reshape(fine.shape)
-    steepness, length = np.abs(np.diff(np.log(R), axis=1)), np.diff(fine, axis=1) / arm.length
-    return breaks, fine, weights[0] * steepness + weights[1] * length
 
 
 def roughly(radius: Path) -> Path:

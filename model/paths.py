@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Annotated, Protocol, runtime_checkable
+from typing import Annotated, Any, Protocol, runtime_checkable
 
-import casadi as ca
 import numpy as np
+import scipy
 from msgspec import Meta
 from numpy.typing import NDArray
 
@@ -86,8 +86,8 @@ class Sampled:
             raise InputError(
                 "Sampled.s", (self.s[0], self.s[-1]), f"samples from 0 to {length_text(span)}"
             )
-        rows = np.array(_spline(self)(np.clip(s, self.s[0], self.s[-1])[None, :]))
-        return rows[0], rows[1], rows[2]
+        spline, x = _spline(self), np.clip(s, self.s[0], self.s[-1])
+        return spline(x), spline(x, 1), spline(x, 2)
 
     def knots(self) -> tuple[float, ...]:
         """See Path.knots."""
@@ -95,9 +95,5 @@ class Sampled:
 
 
 @lru_cache(maxsize=256)
-def _spline(path: Sampled) -> ca.Function:
-    spline = ca.interpolant("spline", "bspline", [list(path.s)], list(path.values))
-    x = ca.MX.sym("x")
-    value = spline(x)
-    slope = ca.jacobian(value, x)
-    return ca.Function("spline", [x], [ca.vertcat(value, slope, ca.jacobian(slope, x))])
+def _spline(path: Sampled) -> Any:
+    return scipy.interpolate.make_interp_spline(path.s, path.values)

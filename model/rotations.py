@@ -128,20 +128,11 @@ def _series(x: ca.SX, order: int) -> ca.SX:
 
 def from_matrix(frame: Array) -> Array:
     """Return the unit quaternion (4,) of a rotation matrix (3, 3)."""
-    K = np.array(
-        [
-            [np.trace(frame), *(_axis(frame))],
-            *np.column_stack([_axis(frame), frame + frame.T - np.trace(frame) * np.eye(3)]),
-        ]
-    )
-    q = np.linalg.eigh((K + K.T) / 2)[1][:, -1]
+    R, trace = frame, np.trace(frame)
+    axis = np.array([[R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]])
+    K = np.block([[trace * np.eye(1), axis], [axis.T, R + R.T - trace * np.eye(3)]])
+    q = np.linalg.eigh(K)[1][:, -1]
     return np.asarray(q * (1.0 if q[0] >= 0 else -1.0))
-
-
-def _axis(frame: Array) -> Array:
-    return np.array(
-        [frame[2, 1] - frame[1, 2], frame[0, 2] - frame[2, 0], frame[1, 0] - frame[0, 1]]
-    )
 
 
 def cross(a: Array, b: Array) -> Array:

@@ -6,7 +6,6 @@ import logging
 import math
 import time
 from contextlib import nullcontext
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -129,56 +128,45 @@ def settle(
     """
     limit = None if time_limit is None else positive("time_limit", time_limit)
     with nullcontext() if limit is None else limited(limit):
-        held = tensions, lengths, tendon_EA, tendon_outside
-        shape = _checked(arm, held, scene, accuracy, scheme, compile, near)
+        accuracy = checked_accuracy(accuracy)
+        if isinstance(scene, Scene) and scene.has(SelfContact):
+            for name, value in (("lengths", lengths), ("near", near), ("scheme", scheme)):
+                if value is not None:
+                    allowed = "none in a scene with SelfContact"
+                    raise InputError(name, "given with SelfContact", allowed)
+            shape = _on_itself(arm, tensions, scene, accuracy, checked_compile(compile))
+        else:
+            scene = checked_scene(arm, scene, contact=True)
+            begin = None if near is None else _near(near, arm, scene)
+            machine_code = checked_compile(compile)
+            given = _given(arm, scene, tensions, lengths, tendon_EA, tendon_outside)
+            maps = maps_of(arm, scene, scheme, machine_code)
+            if isinstance(given, Winches):
+                shape = _by_lengths(maps, given, accuracy, begin)
+            else:
+                shape = _settled(maps, given, accuracy, begin)
     if called_by_a_script() and (bent := sharp(shape)):
         warn(bent, ShapeWarning)
     return shape
 
 
-def _checked(
-    arm: Arm,
-    held: tuple[Any, Any, Any, Any],
-    scene: Scene | None,
-    accuracy: float,
-    scheme: str | None,
-    compile: Compile,  # noqa: A002  (the name that scripts use)
-    near: Shape | None,
-) -> Shape:
-    """Return what `settle` does, once all that is given is looked at."""
-    accuracy = checked_accuracy(accuracy)
-    if isinstance(scene, Scene) and scene.has(SelfContact):
-        for name, value in (("lengths", held[1]), ("near", near), ("scheme", scheme)):
-            if value is not None:
-                raise InputError(name, "given with SelfContact", "none in a scene with SelfContact")
-        return _on_itself(arm, held[0], scene, accuracy, checked_compile(compile))
-    scene = checked_scene(arm, scene, contact=True)
-    begin = None if near is None else _near(near, arm, scene)
-    machine_code = checked_compile(compile)
-    value = _given(arm, scene, *held)
-    maps = maps_of(arm, scene, scheme, machine_code)
-    if not isinstance(value, GivenLengths):
-        return _settled(maps, value, accuracy, begin)
-    near_by = None if begin is None else begin.tensions
-    value = replace(value, machine_code=machine_code, near=near_by)
-    try:
-        return _settled(maps, value, accuracy, begin)
-    except (CollapsedError, UnsettledSectionError, UnknownLeastError) as problem:
-        reason = _told(maps_of(arm, scene, None, machine_code), value, problem)
-        raise reason from None
+def _by_lengths(maps: Maps, winches: Winches, accuracy: float, near: Equilibrium | None) -> Shape:
+    """Return the shape by lengths; InputError names the tendon that no shape has so short."""
 
-
-def _told(maps: Maps, value: GivenLengths, problem: OctoplanError) -> OctoplanError:
-    """Return what to tell of lengths that the arm does not settle by."""
-
-    def problem_of(winches: Winches) -> OctoplanError | None:
+    def outcome(held: Winches, accuracy: float, near: Equilibrium | None) -> Shape | OctoplanError:
+        begin = None if near is None else near.tensions
+        given = GivenLengths(maps.arm, maps.scene, held, maps.machine_code, begin)
         try:
-            _settled(maps, replace(value, winches=winches, near=None), _ROUGHLY, None)
-        except OctoplanError as error:
-            return error
-        return None
+            return _settled(maps, given, accuracy, near)
+        except OctoplanError as problem:
+            return problem
 
-    return too_short(maps.arm, value.winches, problem, problem_of)
+    result = outcome(winches, accuracy, near)
+    if isinstance(result, CollapsedError | UnsettledSectionError | UnknownLeastError):
+        result = too_short(maps.arm, winches, result, lambda held: outcome(held, _ROUGHLY, None))
+    if isinstance(result, OctoplanError):
+        raise result
+    return result
 
 
 def _on_itself(arm: Arm, tensions: Any, scene: Scene, accuracy: float, machine_code: bool) -> Shape:
@@ -200,7 +188,7 @@ def _on_itself(arm: Arm, tensions: Any, scene: Scene, accuracy: float, machine_c
 
 def _given(
     arm: Arm, scene: Scene, tensions: Any, lengths: Any, EA: Any, outside: Any
-) -> Array | GivenLengths:
+) -> Array | Winches:
     """Return what holds the tendons, tensions (n_tendons,) or lengths; InputError."""
     if lengths is not None:
         if scene.has(PrintedStatics):
@@ -211,7 +199,7 @@ def _given(
         winches = Winches.of(arm, tensions, lengths, EA, outside)
         shares = np.sort(winches.lengths[winches.held] / arm.length)
         warn_unusual("lengths", shares[shares.size // 2 :][:1].tolist(), TENDONS)
-        return GivenLengths(arm, scene, winches)
+        return winches
     for name, value in (("tendon_EA", EA), ("tendon_outside", outside)):
         if value:
             raise InputError(name, value, "none where no lengths are given")

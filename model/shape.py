@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -175,15 +176,15 @@ class Shape(Shown):
 
     def position(self, s: Any) -> Array:
         """Return positions [m], (3,) or (N, 3), at arc length s [m], a scalar or (N,)."""
-        return self._at(s, lambda pose, _: pose[:, 4:7])
+        return self.poses(s)[..., 4:]
 
     def frame(self, s: Any) -> Array:
         """Return frames, (3, 3) or (N, 3, 3), columns t, n, b, at arc length s [m]."""
-        return self._at(s, lambda pose, _: matrices(pose[:, :4]))
+        return matrices(self.poses(s)[..., :4])
 
     def poses(self, s: Any) -> Array:
         """Return poses (quaternion, position [m]), (7,) or (N, 7), at arc length s [m]."""
-        return self._at(s, lambda pose, _: pose)
+        return self._at(s, lambda places: self.equilibrium.at(places)[0], self.equilibrium.poses)
 
     def strain(self, s: Any) -> Array:
         """Return strains (tau, xi, k, q), (4,) or (N, 4), at arc length s [m].
@@ -191,7 +192,7 @@ class Shape(Shown):
         Curvatures are about t, n, b per unit deformed length [1/m], q is the longitudinal strain
         [-]; at an anchorage, those on its base side (the paper's half-open domains).
         """
-        return self._at(s, lambda _, strain: strain[:, :4], strains=True)
+        return self.strains(s)[..., :4]
 
     def __repr__(self) -> str:
         tendons_by_section, lengths = self.arm.tendons_by_section, 1e3 * self.tendon_lengths
@@ -207,7 +208,7 @@ class Shape(Shown):
 
     def strains(self, s: Any) -> Array:
         """Return tau, xi, k, q, and nu_n, nu_b with shear, (N, 4 or 6), at arc length s [m]."""
-        return self._at(s, lambda _, strain: strain, strains=True)
+        return self._at(s, lambda places: self.equilibrium.at(places)[1])
 
     def tension(self, s: float) -> Array:
         """Return the tension of each tendon (n_tendons,) at arc length s, 0 beyond its end [N].
@@ -263,24 +264,18 @@ class Shape(Shown):
         """The equations by collocation and their solution, for other meshes to begin with."""
         return self.equilibrium if isinstance(self.equilibrium, Linearised) else None
 
-    def _at(self, s: Any, read: Any, strains: bool = False) -> Array:
-        wanted = finite_array("s", np.atleast_1d(s), (None,))
-        L = self.arm.length
-        if wanted.size and (wanted.min() < 0 or wanted.max() > L * (1 + 1e-12)):
+    def _at(self, s: Any, read: Callable[[Array], Array], at_nodes: Array | None = None) -> Array:
+        """Return what is read at s, a scalar or (N,); where all of s are nodes, what is known."""
+        places, L = finite_array("s", np.atleast_1d(s), (None,)), self.arm.length
+        if places.size and (places.min() < 0 or places.max() > L * (1 + 1e-12)):
             raise InputError("s", s, f"arc lengths from 0 to {L:g} m")
-        if not wanted.size:
-            return np.asarray(read(np.ones((0, 7)), np.ones((0, 4))))
-        pose, strain = self._read(np.minimum(wanted, L), strains)
-        values = np.asarray(read(pose, strain))
-        return values[0] if np.ndim(s) == 0 else values
-
-    def _read(self, s: Array, strains: bool) -> tuple[Array, Array]:
-        """Return poses and strains at s; poses alone where all of s are nodes of the mesh."""
-        nodes = self.equilibrium.mesh.s
-        near = np.minimum(np.searchsorted(nodes, s), nodes.size - 1)
-        if not strains and np.array_equal(nodes[near], s):
-            return self.equilibrium.poses[near], np.zeros((s.size, 4))
-        return self.equilibrium.at(s)
+        places, nodes = np.minimum(places, L), self.equilibrium.mesh.s
+        near = np.minimum(np.searchsorted(nodes, places), nodes.size - 1)
+        if at_nodes is not None and np.array_equal(nodes[near], places):
+            values = at_nodes[near]
+        else:
+            values = read(places) if places.size else np.zeros((0, 4))
+        return np.asarray(values[0] if np.ndim(s) == 0 else values)
 
 
 # How deep parts may be in each other, over the arm's length: what contact of them leaves.

@@ -12,11 +12,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.errors import CollapsedError, InputError, OctoplanError
 from model.least_energy import LeastEnergy
-from model.paths import Array
 from model.winches import Winches, arm_compliance, rest_lengths
 
 # What tendons may lack over the arm's length.
@@ -71,19 +71,19 @@ def _name(arm: Arm, j: int) -> str:
 
 
 def too_short(
-    arm: Arm,
-    winches: Winches,
-    problem: OctoplanError,
-    problem_of: Callable[[Winches], OctoplanError | None],
+    arm: Arm, winches: Winches, problem: OctoplanError, outcome: Callable[[Winches], object]
 ) -> OctoplanError:
     """Return what to tell of lengths that an arm does not settle by.
+
+    A tendon, or all that are taken in, is paid out up to its length at rest; where the arm ceases
+    to settle on the way back is found by bisection.
 
     Parameters
     ----------
     problem : OctoplanError
         What settling by these ended with; returned where nothing else is found.
-    problem_of : callable
-        What settling by the lengths of other winches ends with; None where the arm settles.
+    outcome : callable
+        What settling by the lengths of other winches ends with: an OctoplanError, or a shape.
     """
     rest = rest_lengths(arm)
     taken = np.where(winches.held, rest - winches.lengths, 0.0)
@@ -93,45 +93,31 @@ def too_short(
     j = int(np.argmax(share))
     if share[j] <= 0:
         return problem
-    alone, all_of_them = np.arange(rest.size) == j, taken > 0
-    for longer, beside in ((alone, ", beside the other lengths"), (all_of_them, "")):
-        result = _least(winches, np.where(longer, rest, winches.lengths), problem, problem_of)
-        if result is None:
+
+    def paid_out(longer: NDArray[np.bool_], share: float) -> Winches:
+        return replace(winches, lengths=winches.lengths + share * np.where(longer, taken, 0.0))
+
+    for longer, beside in (
+        (np.arange(rest.size) == j, ", beside the other lengths"),
+        (taken > 0, ""),
+    ):
+        low, high, last = 0.0, 1.0, problem
+        if isinstance(outcome(paid_out(longer, high)), OctoplanError):
             continue
-        lengths, last = result
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            other = outcome(paid_out(longer, middle))
+            if isinstance(other, OctoplanError):
+                low, last = middle, other
+            else:
+                high = middle
+        least = paid_out(longer, high).lengths[j]
         why = "shorter ones are found no shape for"
         if isinstance(last, CollapsedError):
             why = f"shorter ones crush the arm at s = {last.s:.6g} m"
-        from_on = f"from about {lengths[j]:.5g} m on{beside}"
+        from_on = f"from about {least:.5g} m on{beside}"
         if not beside:
-            from_on = f"lengths that go together, such as {lengths[j]:.5g} m with as much of the"
+            from_on = f"lengths that go together, such as {least:.5g} m with as much of the"
             from_on += " strokes of the others"
         return InputError(_name(arm, j), float(winches.lengths[j]), f"{from_on}: {why}")
     return problem
-
-
-def _least(
-    winches: Winches,
-    longer: Array,
-    problem: OctoplanError,
-    problem_of: Callable[[Winches], OctoplanError | None],
-) -> tuple[Array, OctoplanError] | None:
-    """Return the lengths on the way to longer ones from which on the arm settles; None if none.
-
-    And what settling by a little shorter ones ends with.
-    """
-
-    def at(share: float) -> Winches:
-        return replace(winches, lengths=winches.lengths + share * (longer - winches.lengths))
-
-    low, high = 0.0, 1.0
-    if problem_of(at(high)) is not None:
-        return None
-    for _ in range(_HALVINGS):
-        middle = (low + high) / 2
-        other = problem_of(at(middle))
-        if other is None:
-            high = middle
-        else:
-            low, problem = middle, other
-    return at(high).lengths, problem

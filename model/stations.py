@@ -122,21 +122,14 @@ def _turned(arm: Arm, at: Stations, place: Counts, tendon: Counts) -> Array:
 
 def tendon_offset(arm: Arm, tendon: int, s: Array) -> Array:
     """Return the offset Y = y d of a tendon along n and b (N, 2) [m] at arc lengths s (N,)."""
-    section, phi = arm.tendons[tendon]
-    end, turn = arm.sections[section].at, arm.turns[tendon]
-    angle = phi + (turn.evaluate(s, end)[0] if turn else np.zeros(s.size))
-    y = arm.offset_paths[arm.offset_of[tendon]][1].evaluate(s, end)[0]
-    return np.asarray(y[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    crossed = np.full(s.size, arm.tendons[tendon][0] + 1)
+    along = np.arange(s.size), np.full(s.size, tendon)
+    return tendon_paths(arm, stations(arm, s, crossed), *along)[:2].T
 
 
 def base_pose(arm: Arm) -> Array:
     """Return the clamped pose (7,) of the arm's base."""
-    return np.array([*_turned_by(arm.base_frame), *arm.base_position])
-
-
-def _turned_by(frame: tuple[tuple[float, ...], ...]) -> tuple[float, ...]:
-    """Return the quaternion of a frame."""
-    return tuple(from_matrix(np.array(frame)).tolist())
+    return np.append(from_matrix(np.array(arm.base_frame)), arm.base_position)
 
 
 def _quarter_exact(values: Array) -> Array:

@@ -10,13 +10,18 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.checks import finite_array, kind, positive, within
-from model.compliance import Response, compliance_of, section_stiffness, sensitivities
+from model.checks import finite_array, positive, within
+from model.compliance import (
+    Response,
+    by_lengths,
+    compliance_of,
+    section_stiffness,
+    sensitivities,
+)
 from model.effects import PrintedStatics
-from model.equilibrium.linearised import Index
 from model.errors import InputError, SingularError
 from model.forward import explicit_map
-from model.loads import check_loads, is_loaded
+from model.loads import is_loaded
 from model.machine.compiled import Compile
 from model.paths import Array
 from model.rotations import small_turns
@@ -28,7 +33,7 @@ from model.time_limit import limited
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.march_derivative import MarchDerivative
 from model.unloaded.marched import Marched
-from model.winches import FELT, checked_EA, least_compliance, pulls
+from model.winches import FELT, checked_EA, pulls
 
 Hold = Literal["tension", "length"]
 HOLDS: tuple[Hold, ...] = ("tension", "length")
@@ -220,39 +225,24 @@ def stiffness(
         if lengths is not None:
             held["tendon_EA"] = tendon_EA
         shape = settle(arm, tensions, scene, accuracy, **held)
-        result, pulling = compliance_of(shape, place, accuracy), pulls(arm, shape.tensions)
+        point, mesh, error = compliance_of(shape, place, accuracy)
+        pulling = pulls(arm, shape.tensions)
         slack = tuple(arm.tendon_name(int(j)) for j in np.flatnonzero(~pulling))
         locked = np.flatnonzero((pulling | (not release)) & (hold == "length"))
         if hold == "length" and shape.winches is not None:
             locked = np.flatnonzero(shape.winches.held & pulling)
-        point, C = result.sensitivities, result.sensitivities.pose_wrench
-        response = _tension_response(shape, point, locked, tendon_EA)
+        response = np.zeros((shape.tensions.size, 6))
         if locked.size:
-            C = C + point.pose_tension @ response
-        held_fast, mesh = tuple(locked.tolist()), result.refinement
-        return Stiffness(shape, hold, place, C, response, held_fast, slack, mesh, result.error)
-
-
-def _tension_response(shape: Shape, point: Response, locked: Index, EA: float | None) -> Array:
-    """Return what tensions (n_tendons, 6) change by per force and moment where some are locked."""
-    response = np.zeros((shape.tensions.size, 6))
-    stretch = point.lengths[locked] / EA if EA and locked.size else np.zeros(locked.size)
-    if shape.winches is not None:
-        stretch = shape.winches.stretch[locked]
-    if locked.size:
-        values = point.length_tension[np.ix_(locked, locked)] - np.diag(stretch)
-        values -= least_compliance(shape.arm) * np.eye(locked.size)
-        response[locked] = -np.linalg.solve(values, point.length_wrench[locked])
-    return response
+            EA, longer = tendon_EA or np.inf, point.length_wrench[locked]
+            response[locked] = by_lengths(shape, point, locked, longer, EA)
+        C, held_fast = point.pose_wrench + point.pose_tension @ response, tuple(locked.tolist())
+        return Stiffness(shape, hold, place, C, response, held_fast, slack, mesh, error)
 
 
 def _checked(
     arm: Arm, scene: Scene | None, hold: Any, at: Any, tendon_EA: Any
 ) -> tuple[Scene, float]:
-    kind("arm", arm, Arm, "an Arm, such as Arm.from_paper(...)")
-    scene = scene if scene is not None else Scene()
-    kind("scene", scene, Scene, "a Scene, such as Scene()")
-    check_loads(arm, scene, contact=True)
+    scene = checked_scene(arm, scene, contact=True)
     if hold not in HOLDS:
         raise InputError("hold", hold, '"tension" or "length"')
     if scene.has(PrintedStatics):

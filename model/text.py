@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import io
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from textwrap import indent
 from typing import Any
@@ -14,6 +15,7 @@ import numpy as np
 from model.errors import OctoplanError
 from model.paths import Array, Path
 
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+|inf|nan)(e[-+]?\d+)?")
 # Tendons in a line of a table; lines of a table in a repr.
 _ACROSS, MOST_LINES = 6, 12
 
@@ -112,7 +114,7 @@ def _html(part: Part) -> str:
     lines = []
     for i, row in enumerate(part):
         tag = "td" if i else "th"
-        sides = ["right" if _is_number(cell) else "left" for cell in row]
+        sides = ["right" if _NUMBER.fullmatch(cell.strip()) else "left" for cell in row]
         cells = [
             f"<{tag} style='text-align:{side}'>{html.escape(cell)}</{tag}>"
             for side, cell in zip(sides, row, strict=True)
@@ -147,14 +149,6 @@ def _shown_as(value: Any) -> _Way:
     if _later and not any(kind in _shown for kind in kinds):
         _later.pop()()
     return next((_shown[kind] for kind in kinds if kind in _shown), (None, _in_words))
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def arm_text(

@@ -72,17 +72,13 @@ def unless(ended: Callable[[], bool]) -> Iterator[None]:
 
 def is_out_of_time() -> bool:
     """Return whether the time limit is reached, or what goes on is to end."""
-    try:
-        check_time()
-    except OutOfTime:
-        return True
-    return False
+    end, ended = _end.get(), _ended.get()
+    return (end < math.inf and time.monotonic() > end) or (ended is not None and ended())
 
 
 def check_time() -> None:
     """Raise OutOfTime once the time limit is reached, or what goes on is to end."""
-    end, ended = _end.get(), _ended.get()
-    if (end < math.inf and time.monotonic() > end) or (ended is not None and ended()):
+    if is_out_of_time():
         raise OutOfTime
 
 

@@ -14,11 +14,11 @@ import scipy
 from numpy.typing import NDArray
 
 from model.arm import Arm
-from model.checks import not_negative, positive
+from model.checks import LARGEST, SMALLEST, not_negative
 from model.errors import InputError
 from model.mesh import graded
 from model.paths import Array
-from model.stations import crossing, stations, tendon_paths
+from model.stations import Counts, Stations, crossing, stations, tendon_paths
 
 # Compliance of held tendons as a share of the arm's own, so that combinations of lengths that no
 # strain changes do not matter.
@@ -90,11 +90,10 @@ class Winches:
 
 def checked_EA(value: Any) -> float:
     """Return the stiffness E A of tendons [N]; InputError unless it is above 0."""
-    try:
-        return positive("tendon_EA", value)
-    except InputError:
-        allowed = "a number above 0 [N], or None"
-        raise InputError("tendon_EA", value, allowed) from None
+    is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    if not (is_number and SMALLEST <= value <= LARGEST):
+        raise InputError("tendon_EA", value, "a number above 0 [N], or None")
+    return float(value)
 
 
 def _given(arm: Arm, values: Any, name: str) -> tuple[Array, NDArray[np.bool_]]:
@@ -110,6 +109,14 @@ def _given(arm: Arm, values: Any, name: str) -> tuple[Array, NDArray[np.bool_]]:
     return arm.flat(filled, name), ~np.isnan(np.concatenate([row.ravel() for row in rows]))
 
 
+def _along_tendons(arm: Arm) -> tuple[Stations, Array, Counts, Counts]:
+    """Return Gauss points along the arm, and where tendons cross them: weights, points, tendons."""
+    s, weights, active = graded(arm, _REST).points(3)
+    at = stations(arm, s, active)
+    place, tendon = np.nonzero(crossing(arm, at))
+    return at, weights[place], place, tendon
+
+
 @lru_cache(maxsize=64)
 def rest_lengths(arm: Arm) -> Array:
     """Return the length of each tendon in the arm at rest (n_tendons,) [m].
@@ -117,13 +124,11 @@ def rest_lengths(arm: Arm) -> Array:
     The integral of |t + Y' + kappa_0 x Y|, Y = y d, kappa_0 the arm's curvature at rest. Strokes
     count from there: what a winch has taken in.
     """
-    s, weight, active = graded(arm, _REST).points(3)
-    at = stations(arm, s, active)
-    place, tendon = np.nonzero(crossing(arm, at))
+    at, weights, place, tendon = _along_tendons(arm)
     n, b, *slope = tendon_paths(arm, at, place, tendon)
     bent = at.rest[0, place] * b - at.rest[1, place] * n if arm.is_curved else np.zeros(place.size)
     speed = np.sqrt((1 + bent) ** 2 + slope[0] ** 2 + slope[1] ** 2)
-    result = np.asarray(np.bincount(tendon, weight[place] * speed, arm.n_tendons), dtype=float)
+    result = np.asarray(np.bincount(tendon, weights * speed, arm.n_tendons), dtype=float)
     result.setflags(write=False)
     return result
 
@@ -143,16 +148,9 @@ def arm_compliance(arm: Arm) -> float:
 
     The straight arm's own compliance: integrals of y2/EJ + 1/EA.
     """
-    s = np.linspace(0.0, arm.length, 201)
-    R = arm.radius.evaluate(s, arm.length)[0]
-    EA = arm.material.E * np.pi * R**2
-    total = 0.0
-    for row in arm.offset_of:
-        section, path = arm.offset_paths[row]
-        end = arm.sections[section].at
-        y = path.evaluate(np.minimum(s, end), end)[0]
-        total += float(np.trapezoid((4 * y**2 / R**2 + 1) / EA * (s <= end), s))
-    return total
+    at, weights, place, tendon = _along_tendons(arm)
+    y, (EA, EJ, _) = at.y[np.array(arm.offset_of)[tendon], place], at.body[:, place]
+    return float(weights @ (y**2 / EJ + 1 / EA))
 
 
 def least_compliance(arm: Arm) -> float:
@@ -171,8 +169,8 @@ def slackened(tensions: Array, left: Array, winches: Winches, arm: Arm) -> Array
 
 # What rounding leaves of lengths, over the arm's length.
 ROUNDING = 3e-14
-# The weight of the norm beside what has to be met, whose square is above rounding; what is not met.
-_LEAST_NORM, _APART = 1e-5, 1e-13
+# The weight of the norm beside what has to be met: its square is above rounding.
+_LEAST_NORM = 1e-5
 
 
 def least(M: Array, w: Array, z: Array, rounding: float) -> Array:
@@ -219,7 +217,7 @@ def _least(M: Array, w: Array, z: Array, rounding: float) -> Array:
     pulled = scipy.optimize.nnls(with_norm, np.append(wanted, 0 * z))[0] > 0
     raised = np.zeros(z.size)
     raised[pulled] = np.linalg.lstsq(rows[:, pulled], wanted)[0]
-    is_met = np.linalg.norm(rows @ raised - wanted) <= _APART * np.linalg.norm(wanted)
+    is_met = np.linalg.norm(rows @ raised - wanted) <= ROUNDING * np.linalg.norm(wanted)
     return np.maximum(raised, 0.0) if is_met else np.asarray(result)
 
 
