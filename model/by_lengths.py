@@ -45,8 +45,9 @@ from model.winches import ROUNDING, Winches, least, slackened
 
 # Stages of the elements on which the least energy is sought.
 _STAGES = 2
-# Newton steps; the last one changes tensions by no more than this share.
-_STEPS, _LAST = 30, 1e-4
+# Newton steps; the last one changes tensions by no more than this share, where lengths do not tell
+# that they are met twice.
+_STEPS, _LAST = 30, 1e-5
 # What taut tendons may be off, over the arm's length, and what they are on meshes before the last.
 _NEARLY = 1e-9
 # How often a step is halved that leads to no equilibrium.
@@ -100,7 +101,8 @@ def tightened(
         now, left = at.tensions, winches.lacks(at.lengths, at.tensions)
         off = float(np.abs(np.where(now > 0, left, np.minimum(left, 0.0)))[held].max(initial=0.0))
         no_nearer = off <= _NEARLY * arm.length and off > before / 2
-        if change <= _LAST * now.max() and (off <= rounding or no_nearer):
+        stays = change <= _LAST * now.max() or before <= rounding
+        if stays and (off <= rounding or no_nearer):
             return at
         tight = np.flatnonzero(held & ((now > 0) | (left <= max(rounding, 2 * off))))
         T = now.copy()
