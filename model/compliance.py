@@ -94,7 +94,7 @@ def section_stiffness(shape: Shape, s: Array) -> Array:
     active = np.array([sum(section.at >= place for section in shape.arm.sections) for place in s])
     sections = Sections(shape.arm, shape.scene, law, s, active)
     v = strains_of(law, shape.strains(s))
-    at = sections.balance(v, sections.pulls(shape.tensions))
+    at = sections.balance(v, shape.tensions[sections.tendon])
     diagonal = np.einsum("nii->ni", at.jacobian)
     axial = diagonal[:, 3:4] if law.extension else np.full((s.size, 1), np.inf)
     return np.hstack([diagonal[:, :3], axial])

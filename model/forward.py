@@ -17,13 +17,12 @@ from model.equilibrium.newton import Collocation, collocation_order
 from model.errors import InputError
 from model.integrators import MAGNUS2, MAGNUS4, MAGNUS6, RK4, RK6, RK8
 from model.loads import contacts, is_loaded
-from model.mesh import IMPLICIT, ROUNDING, estimate, graded
+from model.mesh import IMPLICIT, ROUNDING, estimate
 from model.paths import Array
 from model.scene import Scene
-from model.unloaded.closed_form import ClosedForm, Geometry, geometry_on_mesh
+from model.unloaded.closed_form import ClosedForm
 from model.unloaded.marched import March, Marched
 from model.unloaded.printed import PrintedMap
-from model.unloaded.statics import closed_statics
 
 # By name: closed forms, stages of collocation, and integrators of the equations as printed. Of each
 # the first is used unless another is named.
@@ -115,12 +114,8 @@ def explicit_map(
     CasADi cannot differentiate its `function` where its kernels are compiled.
     """
     if scheme in PRINTED:
-        mesh = graded(arm, refinement, at)
-        return PrintedMap(arm, scene, mesh, PRINTED[scheme], machine_code, refinement)
-    magnus = CLOSED_FORMS[scheme]
-    statics = closed_statics(scene, arm)
-    places = geometry_on_mesh(Geometry.of(arm), statics, magnus, refinement, at)
-    return ClosedForm(arm, scene, statics, places, magnus, machine_code, refinement)
+        return PrintedMap(arm, scene, PRINTED[scheme], refinement, at, machine_code)
+    return ClosedForm(arm, scene, CLOSED_FORMS[scheme], refinement, at, machine_code)
 
 
 def _reduced(march: March) -> tuple[Any, ...]:

@@ -277,7 +277,7 @@ def tip_jacobian(
     assert isinstance(point, Marched)
     if isinstance(point.march, ClosedForm):
         return MarchDerivative(point, point.mesh.steps).pose_tension
-    function = tip_jacobian_function(arm, scene, point.scheme, point.refinement)
+    function = tip_jacobian_function(arm, scene, point.scheme, shape.refinement)
     return np.array(function(shape.tensions))
 
 

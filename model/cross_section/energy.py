@@ -2,30 +2,37 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import casadi as ca
 
-from model.cross_section.law import TINY, Name, join, less_rest, offset, size, split
+from model.cross_section.law import (
+    TINY,
+    CrossSection,
+    Name,
+    join,
+    less_rest,
+    offset,
+    size,
+    split,
+)
 
 
 @dataclass(frozen=True)
-class EnergySection:
+class EnergySection(CrossSection):
     """Strains are kappa, lambda = 1 + q and shears, all per unit reference length.
 
     The wrench is the gradient of `energy` plus that of the sum of T |c|; see CrossSection. A law of
     this kind states its energy, and what its section and tendons do as it stretches.
     """
 
-    extension: bool
-    torsion: bool = True
-    shear: bool = False
-    curved: bool = False
-    along_at_rest: float = field(default=1.0, init=False)
+    along_at_rest: ClassVar[float] = 1.0
 
+    @abstractmethod
     def energy(self, v: ca.SX, body: ca.SX) -> ca.SX:
         """Return the energy of a body that is straight at rest, per unit reference length [N]."""
-        raise NotImplementedError
 
     def width(self, stretch: ca.SX) -> ca.SX:
         """Return the width of a section over that at rest: 1, if it is rigid."""
@@ -72,10 +79,6 @@ class EnergySection:
         tangent, jacobian = (ca.substitute([f], [at, w], here)[0] for f in (c, jacobian))
         tangent = name(tangent)
         return jacobian.T @ (tangent / ca.sqrt(ca.sumsqr(tangent) + TINY))
-
-    def run(self, v: ca.SX, path: ca.SX) -> ca.SX:
-        """See CrossSection.run: the tangent."""
-        return self.tangent(v, path)
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,10 @@ forces that do work on the strains after the curvatures.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Protocol
+from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -27,57 +29,57 @@ TINY = 1e-24
 Name = Callable[[ca.SX], ca.SX]
 
 
-class CrossSection(Protocol):
+@dataclass(frozen=True)
+class CrossSection(ABC):
     """The law of a cross-section; a frozen value of structure alone, numbers are arguments.
 
     `body` are E A [N], E J [N m2], G I [N m2], k_s G A [N], and of a section that is curved at rest
     its curvature about n and b there [1/m]; `path` the offset Y = y d (2,) [m] of a tendon in the
     cross-section, along n and b, and its derivative along s [-].
+
+    Attributes
+    ----------
+    extension, torsion, shear : bool
+        Whether the stretch, curvature about t, and shears across n and b are strains.
+    curved : bool
+        Whether the section is curved at rest.
+    along_at_rest : float
+        The strain that extends the section, where nothing does: q = 0 or lambda = 1.
     """
 
-    def __hash__(self) -> int:
-        """Return the hash of the value."""
+    extension: bool
+    torsion: bool = True
+    shear: bool = False
+    curved: bool = False
+    along_at_rest: ClassVar[float]
 
-    @property
-    def torsion(self) -> bool:
-        """Whether curvature about t is a strain."""
-
-    @property
-    def extension(self) -> bool:
-        """Whether the stretch is a strain."""
-
-    @property
-    def shear(self) -> bool:
-        """Whether shears across n and b are strains."""
-
-    @property
-    def curved(self) -> bool:
-        """Whether the section is curved at rest."""
-
-    @property
-    def along_at_rest(self) -> float:
-        """The strain that extends the section, where nothing does: q = 0 or lambda = 1."""
-
+    @abstractmethod
     def twist(self, v: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return curvature kappa and tangent nu (3,) per unit reference length in (t, n, b)."""
 
+    @abstractmethod
     def strains(self, kappa: ca.SX, nu: ca.SX) -> ca.SX:
         """Return the strains v of kappa and nu (3,)."""
 
+    @abstractmethod
     def reported(self, v: ca.SX) -> ca.SX:
         """Return tau, xi, k (3,) per unit deformed length [1/m] and q [-] of strains v, eq. (1)."""
 
+    @abstractmethod
     def body(self, v: ca.SX, body: ca.SX) -> ca.SX:
         """Return the wrench of the body."""
 
+    @abstractmethod
     def tendon(self, v: ca.SX, path: ca.SX, name: Name = ca.densify) -> ca.SX:
         """Return the wrench of a tendon per newton of its tension; `name` its intermediates."""
 
+    @abstractmethod
     def tangent(self, v: ca.SX, path: ca.SX) -> ca.SX:
         """Return the tangent c (3,) along which a tendon pulls."""
 
     def run(self, v: ca.SX, path: ca.SX) -> ca.SX:
         """Return the derivative along s (3,) of the curve that a tendon runs along."""
+        return self.tangent(v, path)
 
 
 def size(law: CrossSection) -> int:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import casadi as ca
 
-from model.cross_section.law import Name, join, less_rest, offset, split
+from model.cross_section.law import CrossSection, Name, join, less_rest, offset, split
 
 _T = (1.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class PaperSection:
+class PaperSection(CrossSection):
     """Eqs. (8), (9) with (6): strains omega per unit deformed length, q, and shears.
 
     K omega + sum T Y x c = M, E A q + sum T t . c = F_t, and with shear k_s G A nu_n + sum T n . c
@@ -21,11 +21,7 @@ class PaperSection:
     turn, this is linear in six resultants of the tendons' tensions. See CrossSection.
     """
 
-    extension: bool
-    torsion: bool = True
-    shear: bool = False
-    curved: bool = False
-    along_at_rest: float = field(default=0.0, init=False)
+    along_at_rest: ClassVar[float] = 0.0
 
     def twist(self, v: ca.SX) -> tuple[ca.SX, ca.SX]:
         """See CrossSection.twist: kappa = (1 + q) omega, eq. (1)."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
 from typing import NamedTuple
 
 import casadi as ca
@@ -27,17 +26,9 @@ from model.stations import (
 _STEPS, _SETTLED = 20, 1e-8
 
 
-def body_numbers(arm: Arm, scene: Scene, at: Stations) -> Array:
-    """Return what laws take of the body (n, N); see CrossSection."""
-    return _with_shear(arm, scene, at.body, at.rest)
-
-
-def body_rates(arm: Arm, scene: Scene, at: Stations) -> Array:
-    """Return the derivatives along s (n, N) of what laws take of the body."""
-    return _with_shear(arm, scene, at.body_rate, at.rest_rate)
-
-
-def _with_shear(arm: Arm, scene: Scene, body: Array, rest: Array) -> Array:
+def body_numbers(arm: Arm, scene: Scene, at: Stations, rates: bool = False) -> Array:
+    """Return what laws take of the body (n, N), or its derivatives along s; see CrossSection."""
+    body, rest = (at.body_rate, at.rest_rate) if rates else (at.body, at.rest)
     shear = scene.find(Shear)
     GA = body[0] * (shear.k_s * arm.material.G / arm.material.E if shear else 0.0)
     return np.vstack([body, GA, rest])
@@ -93,32 +84,23 @@ class Sections:
         self.paths = tendon_paths(arm, at, self.place, self.tendon)
         self._arm, self._at = arm, at
 
-    @cached_property
-    def path_rates(self) -> Array:
-        """The derivatives of `paths` along s (4, P)."""
-        return tendon_path_rates(self._arm, self._at, self.place, self.tendon)
-
     def balance(self, v: Array, tensions: Array) -> Balance:
         """Return the wrenches of body and tendons at strains v (N, n), and their derivatives.
 
         `tensions` (P,) are those of the crossings.
         """
         (N, n), units = v.shape, np.zeros((0, v.shape[1]))
-        rows = self._mapped(body_kernel, v, self.body.T)
+        rows = self._kernel(_body, v, self.body.T)
         if self.place.size:
-            tendons = self._mapped(tendon_kernel, v[self.place], self.paths.T)
+            tendons = self._kernel(_tendon, v[self.place], self.paths.T)
             first, units = np.flatnonzero(np.diff(self.place, prepend=-1)), tendons[:, :n]
             rows[self.place[first]] += np.add.reduceat(tendons * tensions[:, None], first)
         jacobian = rows[:, n:].reshape(N, n, n).transpose(0, 2, 1)
         return Balance(rows[:, :n], jacobian, units)
 
-    def _mapped(self, kernel_of: Callable[[CrossSection], ca.Function], *value: Array) -> Array:
+    def _kernel(self, kernel_of: Callable[[CrossSection], ca.Function], *value: Array) -> Array:
         """Return what a kernel of the law has of arguments (N, n), a row each."""
         return mapped(kernel_of, self.law, self.machine_code)(*value)[0]
-
-    def pulls(self, tensions: Array) -> Array:
-        """Return the tensions of the crossings (P,) of constant tensions (n_tendons,)."""
-        return np.asarray(tensions[self.tendon])
 
     def solve(self, v: Array, wrench: Array, tensions: Array) -> Array:
         """Return the strains (N, n) near v that balance a wrench (N, n); NaN where none do."""
@@ -135,10 +117,9 @@ class Sections:
 
         At strains v and their rates (N, n).
         """
-        if not self.place.size:
-            return np.zeros(0), np.zeros((0, v.shape[1]))
-        arguments = (v[self.place], rate[self.place], self.paths.T, self.path_rates.T)
-        result = self._mapped(_turning, *arguments)
+        change = tendon_path_rates(self._arm, self._at, self.place, self.tendon)
+        arguments = (v[self.place], rate[self.place], self.paths.T, change.T)
+        result = self._kernel(_turning, *arguments)
         return result[:, 0], result[:, 1:]
 
     def by_tensions(self, at: Balance) -> Array:
@@ -147,28 +128,21 @@ class Sections:
         rows[self.place, :, self.tendon] = at.units
         return np.asarray(-np.linalg.solve(at.jacobian, rows))
 
-    def length_jacobian(self, v: Array, weights: Array) -> Array:
-        """Return the Jacobian of the lengths in the strains (n_tendons, N, n); see lengths."""
-        jacobian = np.zeros((self._n_tendons, *v.shape))
-        if self.place.size:
-            slopes = self._mapped(_run, v[self.place], self.paths.T)[:, 1:]
-            jacobian[self.tendon, self.place] = slopes * weights[self.place, None]
-        return jacobian
-
-    def lengths(self, v: Array, weights: Array) -> Array:
+    def lengths(self, v: Array, weights: Array) -> tuple[Array, Array]:
         """Return the lengths of the tendons (n_tendons,) by quadrature with weights (N,) [m].
 
-        Of |u_c'| with u_c of eq. (6), or the tangent of the energy with exact tendons; v (N, n).
+        And their Jacobian (n_tendons, N, n) in the strains v (N, n). They are of |u_c'| with u_c of
+        eq. (6), or of the tangent of the energy with exact tendons.
         """
-        speeds = self.speeds(v)
-        lengths = np.bincount(self.tendon, speeds * weights[self.place], self._n_tendons)
-        return np.asarray(lengths, dtype=float)
+        rows = self._kernel(_run, v[self.place], self.paths.T) * weights[self.place, None]
+        lengths = np.bincount(self.tendon, rows[:, 0], self._n_tendons)
+        jacobian = np.zeros((self._n_tendons, *v.shape))
+        jacobian[self.tendon, self.place] = rows[:, 1:]
+        return lengths.astype(float), jacobian
 
     def speeds(self, v: Array) -> Array:
         """Return the length of tendon per length of arm (P,) at each crossing, strains v (N, n)."""
-        if not self.place.size:
-            return np.zeros(0)
-        return self._mapped(_run, v[self.place], self.paths.T)[:, 0]
+        return self._kernel(_run, v[self.place], self.paths.T)[:, 0]
 
 
 def _turning(law: CrossSection) -> ca.Function:
@@ -186,13 +160,13 @@ def _run(law: CrossSection) -> ca.Function:
     return _with_jacobian("run", v, path, ca.norm_2(law.run(v, path)))
 
 
-def body_kernel(law: CrossSection) -> ca.Function:
+def _body(law: CrossSection) -> ca.Function:
     """Return strains, body numbers -> wrench of the body, then its derivatives column by column."""
     v, numbers = ca.SX.sym("v", size(law)), ca.SX.sym("body", body_size(law))
     return _with_jacobian("body", v, numbers, law.body(v, numbers))
 
 
-def tendon_kernel(law: CrossSection) -> ca.Function:
+def _tendon(law: CrossSection) -> ca.Function:
     """Return strains, path -> wrench of a tendon per newton, then its Jacobian column by column."""
     v, path = ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
     return _with_jacobian("tendon", v, path, law.tendon(v, path))

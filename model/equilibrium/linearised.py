@@ -45,8 +45,8 @@ class Band:
         Width of the band.
     height : int
         Rows of the storage, those that pivoting fills among them.
-    inside, outside : (n,)
-        Which nonzeros are against the states; which against tensions and the load factor.
+    inside : (n,)
+        Which nonzeros are against the states.
     states, equations : (n_states,)
         Their order in the storage. Of a node's states the quaternion comes last, on which all of
         its element depends, and equations come in the order of their first states: the band is as
@@ -59,7 +59,6 @@ class Band:
         self.rows, self.columns = of.equations.jacobian.triplet
         self.first, n = of.first, of.n_states
         self.inside = np.flatnonzero(self.columns >= of.first)
-        self.outside = np.flatnonzero(self.columns < of.first)
         self.states = np.arange(n)
         self.states[of.nodes] = np.roll(of.nodes, -4, axis=1)
         column = np.argsort(self.states)[self.columns[self.inside] - of.first]
@@ -175,29 +174,22 @@ class Linearised:
         return change if np.isfinite(change).all() else None
 
     @cached_property
-    def by_parameters(self) -> Array:
-        """The derivatives of the states by tensions and load factor (n_states, n_tendons + 1)."""
-        if self.near:
-            return self.near.by_parameters
-        at, outside = self.band, self.band.outside
-        right = np.zeros((self.system.of.n_states, at.first), order="F")
-        right[at.rows[outside], at.columns[outside]] = self.nonzeros[outside]
-        return -self.solve(right)
-
-    @property
     def by_tensions(self) -> Array:
         """The derivatives of the states by the tensions (n_states, n_tendons)."""
-        return self.by_parameters[:, :-1]
+        return -self.solve(self._outside(0, self.system.of.n_tendons))
 
     @property
     def by_load(self) -> Array:
         """The derivatives of the states by the load factor (n_states,), nan where singular."""
-        if self.near:
-            return self.near.by_load
-        at, right = self.band, np.zeros(self.system.of.n_states)
-        values = at.columns == at.first - 1
-        right[at.rows[values]] = self.nonzeros[values]
-        return np.full_like(right, np.nan) if self.factor is None else -self.solve(right)
+        right = self._outside(self.system.of.n_tendons, self.system.of.first)
+        return (np.full_like(right, np.nan) if self.factor is None else -self.solve(right))[:, 0]
+
+    def _outside(self, first: int, last: int) -> Array:
+        """Return the Jacobian against some of the unknowns that are no states (n_states, ...)."""
+        at, right = self.band, np.zeros((self.system.of.n_states, last - first), order="F")
+        inside = (at.columns >= first) & (at.columns < last)
+        right[at.rows[inside], at.columns[inside] - first] = self.nonzeros[inside]
+        return right
 
     @property
     def lengths(self) -> Array:
@@ -207,7 +199,7 @@ class Linearised:
     @property
     def length_jacobian(self) -> Array:
         """Their derivatives by the states (n_tendons, n_states)."""
-        return self.near.length_jacobian if self.near else self.system.length_jacobian(self.x)
+        return self.system.length_jacobian(self.x)
 
     @property
     def length_tension(self) -> Array:

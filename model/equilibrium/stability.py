@@ -150,9 +150,9 @@ def stability(point: Linearised) -> float:
 
 def _by_sections(point: Linearised) -> float:
     """Return the stability without loads, where no wrench couples the cross-sections."""
-    at, sections = point.system, unloaded_sections(point.system).sections
-    jacobian = sections.balance(at.strains(point.states), sections.pulls(point.tensions)).jacobian
-    root = np.sqrt(_at_rest(sections.law, sections.body).T)
+    at = unloaded_sections(point.system)
+    v, pulls = point.system.strains(point.states), point.tensions[at.tendon]
+    jacobian, root = at.balance(v, pulls).jacobian, np.sqrt(_at_rest(at.law, at.body).T)
     H = jacobian / root[:, :, None] / root[:, None, :]
     even = (H + H.transpose(0, 2, 1)) / 2
     if np.abs(H - even).max() <= _SYMMETRIC * np.abs(H).max():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from model.arm import Arm
-from model.cross_section.sections import body_numbers, body_rates
+from model.cross_section.sections import body_numbers
 from model.effects import Current, Friction, TipLoad
 from model.loads import beyond, contacts, directions, heaviness, levers
 from model.mesh import Mesh
@@ -52,7 +52,7 @@ def numbers(arm: Arm, scene: Scene, mesh: Mesh, of: Layout) -> tuple[Array, Arra
     body = body_numbers(arm, scene, at)
     if form.friction:
         k, j = of.passages
-        columns.append(np.vstack([body, body_rates(arm, scene, at)]))
+        columns.append(np.vstack([body, body_numbers(arm, scene, at, rates=True)]))
         columns += [sliding_numbers(arm, scene, at, h, k, j, m), _kinks(arm, mesh, of, h)]
     else:
         columns += [body, paths]

@@ -52,46 +52,51 @@ class MarchDerivative:
     def __init__(self, point: Marched, node: int) -> None:
         march = point.march
         assert isinstance(march, ClosedForm)
-        self.tensions, self._at = point.tensions, march.sections
-        at = self._at
+        self._at = at = march.sections
         h, m, law = np.diff(march.mesh.s), len(march.scheme.nodes), at.law
-        poses, v = point.poses, point.strains[: h.size * m]
-        self._weights, self._point = march.mesh.points(m)[1], poses[node, 4:]
-        v = v if law == march.law else strains_of(law, reported(march.law, v))
-        self._v, self._balance = v, at.balance(v, at.pulls(self.tensions))
-        twist, slopes = mapped(_kinematics, law)(v)
+        self._weights, place = march.mesh.points(m)[1], point.poses[node, 4:]
+        v = point.strains[: h.size * m]
+        self._v = v if law == march.law else strains_of(law, reported(march.law, v))
+        self._balance = at.balance(self._v, point.tensions[at.tendon])
+        twist, slopes = mapped(_kinematics, law)(self._v)
         call = built(_step_twists, march.scheme, h.size, march.machine_code)
-        (z,) = call(poses[:-1].ravel(), twist.ravel(), h)
+        (z,) = call(point.poses[:-1].ravel(), twist.ravel(), h)
         # Z transposed (P, 6 of kappa and nu, 6 of z), 0 beyond the node.
-        self._twists = z.reshape(-1, 6, 6)
-        self._twists[node * m :] = 0.0
-        self._moved = slopes.reshape(len(v), -1, 6) @ self._twists
+        twists = z.reshape(-1, 6, 6)
+        twists[node * m :] = 0.0
+        by_strains = (slopes.reshape(len(v), -1, 6) @ twists).reshape(-1, 6).T
+        # Displacement and rotation of the place, and the same as moment and force about the base.
+        unit = np.eye(3)
+        about_base = np.block([[np.cross(unit, place), unit], [unit, 0 * unit]])
+        self._pose = about_base.T @ by_strains
+        local = twists @ about_base / self._weights[:, None, None]
+        parts = [*moments(law), *(3 + k for k in forces(law))]
+        self._wrench = local[:, parts]
 
     @property
     def pose_tension(self) -> Array:
         """Displacement [m] and rotation [rad] per newton in each tendon (6, n_tendons)."""
-        return self._pose(self._by_tensions)
+        return np.asarray(self._pose @ self._by_tensions)
 
     @cached_property
     def pose_wrench(self) -> Array:
         """The same per force [N] and moment [N m] at the node (6, 6), base frame."""
-        return self._pose(self._by_wrench)
+        return np.asarray(self._pose @ self._by_wrench)
 
     @property
     def lengths(self) -> Array:
         """The lengths of the tendons (n_tendons,) [m]."""
-        return self._at.lengths(self._v, self._weights)
+        return self._at.lengths(self._v, self._weights)[0]
 
     @property
     def length_wrench(self) -> Array:
         """Lengths of the tendons per force and moment (n_tendons, 6)."""
-        return np.asarray(self._length_jacobian @ self._by_wrench.reshape(-1, 6))
+        return np.asarray(self._length_jacobian @ self._by_wrench)
 
     @property
     def length_tension(self) -> Array:
         """Lengths of the tendons per newton (n_tendons, n_tendons) [m/N]."""
-        by_tensions = self._by_tensions.reshape(-1, self.tensions.size)
-        return np.asarray(self._length_jacobian @ by_tensions)
+        return np.asarray(self._length_jacobian @ self._by_tensions)
 
     @property
     def stable(self) -> bool:
@@ -103,34 +108,20 @@ class MarchDerivative:
 
     @property
     def _by_tensions(self) -> Array:
-        """How strains change with the tensions (P, n, n_tendons)."""
-        return self._at.by_tensions(self._balance)
+        """How strains change with the tensions (P n, n_tendons)."""
+        by_tensions = self._at.by_tensions(self._balance)
+        return by_tensions.reshape(-1, by_tensions.shape[-1])
 
     @property
     def _by_wrench(self) -> Array:
-        """How strains change with a force and moment at the node (P, n, 6)."""
-        law, turned = self._at.law, _skew(self._point)
-        about_base = np.block([[turned, np.eye(3)], [np.eye(3), np.zeros((3, 3))]])
-        local = self._twists @ about_base / self._weights[:, None, None]
-        parts = [*moments(law), *(3 + k for k in forces(law))]
-        return np.asarray(np.linalg.solve(self._balance.jacobian, local[:, parts]))
+        """How strains change with a force and moment at the node (P n, 6)."""
+        return np.linalg.solve(self._balance.jacobian, self._wrench).reshape(-1, 6)
 
     @property
     def _length_jacobian(self) -> Array:
         """How lengths change with the strains (n_tendons, P n)."""
-        jacobian = self._at.length_jacobian(self._v, self._weights)
-        return jacobian.reshape(self.tensions.size, -1)
-
-    def _pose(self, strains: Array) -> Array:
-        """Return displacement and rotation (6, k) of the node that changes of strains are."""
-        moved = self._moved.reshape(-1, 6)
-        z = moved.T @ strains.reshape(len(moved), -1)
-        return np.vstack([z[3:] - _skew(self._point) @ z[:3], z[:3]])
-
-
-def _skew(v: Array) -> Array:
-    x, y, z = v
-    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        jacobian = self._at.lengths(self._v, self._weights)[1]
+        return jacobian.reshape(len(jacobian), -1)
 
 
 def _kinematics(law: CrossSection) -> ca.Function:

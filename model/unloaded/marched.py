@@ -36,31 +36,35 @@ class Lengths:
 
     Attributes
     ----------
+    at : UnloadedSections
+        The cross-sections at the quadrature's points.
     tensions : (n_tendons,)
         [N].
     strains : (N, n)
-        Of the cross-sections at the quadrature's points.
+        Of the cross-sections.
     lengths : (n_tendons,)
         [m].
+    jacobian : (n_tendons, N, n)
+        Of the lengths in the strains.
     """
 
-    of: TendonLengths
+    at: UnloadedSections
     tensions: Array
     strains: Array
     lengths: Array
+    jacobian: Array
 
     @property
     def crushed(self) -> CollapsedError | None:
         """What to tell of the first cross-section that leaves a tendon no length, if any."""
-        return self.of.at.crushed(self.strains)
+        return self.at.crushed(self.strains)
 
     @cached_property
     def length_tension(self) -> Array:
         """How the lengths change with the tensions (n_tendons, n_tendons) [m/N]."""
-        at, v = self.of.at.sections, self.strains
-        jacobian = at.length_jacobian(v, self.of.weights).reshape(self.tensions.size, -1)
-        by_tensions = at.by_tensions(at.balance(v, at.pulls(self.tensions)))
-        return jacobian @ by_tensions.reshape(jacobian.shape[1], -1)
+        at = self.at
+        balance = at.balance(self.strains, self.tensions[at.tendon])
+        return np.tensordot(self.jacobian, at.by_tensions(balance), 2)
 
 
 class TendonLengths:
@@ -68,13 +72,13 @@ class TendonLengths:
 
     def __init__(self, arm: Arm, scene: Scene, machine_code: bool = False) -> None:
         law = cross_section_of(unloaded(scene), arm.is_curved, torsion=False)
-        s, self.weights, active = graded(arm, 1).points(_POINTS)
-        self.at = UnloadedSections(arm, unloaded(scene), law, s, active, machine_code)
+        s, self._weights, active = graded(arm, 1).points(_POINTS)
+        self._at = UnloadedSections(arm, unloaded(scene), law, s, active, machine_code)
 
     def __call__(self, tensions: Array) -> Lengths:
         """Return the lengths under tensions (n_tendons,); raises UnsettledSectionError."""
-        v = self.at.strains(tensions)
-        return Lengths(self, tensions, v, self.at.sections.lengths(v, self.weights))
+        v = self._at.strains(tensions)
+        return Lengths(self._at, tensions, v, *self._at.lengths(v, self._weights))
 
 
 @lru_cache(maxsize=48)
@@ -99,8 +103,8 @@ class Marched:
     march : March
     tensions : (n_tendons,)
         [N].
-    rows : (N + 1, 7 or more)
-        At the nodes: poses, then strains where these are marched as well.
+    poses : (N + 1, 7)
+        At the nodes.
     stretch : (K,)
         1 + q at the march's `stretch_at`.
     strains
@@ -109,7 +113,7 @@ class Marched:
 
     march: March
     tensions: Array
-    rows: Array
+    poses: Array
     stretch: Array
     strains: Array
 
@@ -117,11 +121,6 @@ class Marched:
     def under(cls, march: March, tensions: Array) -> Marched:
         """Return the equilibrium under tensions (n_tendons,)."""
         return cls(march, tensions, *march.run(tensions))
-
-    @property
-    def poses(self) -> Array:
-        """See Linearised."""
-        return self.rows[:, :7]
 
     @property
     def mesh(self) -> Mesh:
@@ -132,11 +131,6 @@ class Marched:
     def stretch_at(self) -> Array:
         """See Linearised."""
         return self.march.stretch_at
-
-    @property
-    def refinement(self) -> int:
-        """See Linearised."""
-        return self.march.refinement
 
     @property
     def scheme(self) -> str:
@@ -155,7 +149,7 @@ class Marched:
 
     def at(self, s: Array) -> tuple[Array, Array]:
         """See Linearised: a step from the nodes beside s."""
-        return self.march.dense(self.tensions, self.rows, s)
+        return self.march.dense(self.tensions, self.poses, self.strains, s)
 
     def tensions_at(self, s: Array, place: Places, tendon: Places) -> Array:
         """See Linearised: the same all along."""
@@ -170,4 +164,4 @@ class Marched:
         law = cross_section_of(scene, arm.is_curved)
         s, weights, active = mesh.points(_PRINTED_POINTS)
         sections = Sections(arm, scene, law, s, active)
-        return sections.lengths(strains_of(law, self.at(s)[1]), weights)
+        return sections.lengths(strains_of(law, self.at(s)[1]), weights)[0]

@@ -22,19 +22,18 @@ from model.effects import Extension
 from model.integrators import RungeKutta
 from model.machine.buffered import Mapped
 from model.machine.compiled import kernel
-from model.mesh import Mesh
+from model.mesh import graded
 from model.paths import Array
 from model.rotations import IDENTITY, compose, inverse, multiply, rotate
 from model.scene import Scene
 from model.stations import (
     Counts,
+    Stations,
     base_pose,
     crossing,
     stations,
-    tendon_path_rates,
     tendon_paths,
 )
-from model.unloaded.statics import resultant_maps
 
 _N = 10
 M = TypeVar("M", ca.MX, ca.DM)
@@ -98,23 +97,23 @@ def _across(extension: bool, scheme: RungeKutta) -> ca.Function:
     return ca.Function("across", [x, outer, d, h], results, {"cse": True})
 
 
-def _rates_of_resultants() -> ca.Function:
-    path, rate = ca.SX.sym("path", 4), ca.SX.sym("rate", 4)
-    result = ca.jtimes(ca.vertcat(*resultants(path[0], path[1])), path, rate)
-    return ca.Function("rates", [path, rate], [ca.densify(result)])
+def _resultant_maps(arm: Arm, at: Stations) -> Array:
+    """Return the maps (N, 12, n_tendons) from tensions to the resultants and their derivatives."""
+    place, tendon = np.nonzero(crossing(arm, at))
+    n, b, n_rate, b_rate = tendon_paths(arm, at, place, tendon)
+    rates = 0.0, n_rate, b_rate, 2 * n * n_rate, n_rate * b + n * b_rate, 2 * b * b_rate
+    maps = np.zeros((at.s.size, 12, arm.n_tendons))
+    for i, share in enumerate((*resultants(n, b), *rates)):
+        maps[place, i, tendon] = share
+    return maps
 
 
 def section_numbers(arm: Arm, s: Array, active: Counts, T: M) -> M:
     """Return the numbers (18, N) of cross-sections: sums, body, each with its rate behind it."""
     at = stations(arm, s, active)
-    place, tendon = np.nonzero(crossing(arm, at))
-    rates = np.zeros((s.size, 6, arm.n_tendons))
-    if place.size:
-        value = (f(arm, at, place, tendon) for f in (tendon_paths, tendon_path_rates))
-        rates[place, :, tendon] = np.array(_rates_of_resultants().map(place.size)(*value)).T
-    both = np.concatenate([resultant_maps(arm, at), rates], axis=1)
-    sums: M = ca.sparsify(ca.DM(both.reshape(-1, arm.n_tendons))) @ T
-    return ca.vertcat(ca.reshape(sums, 12, s.size), ca.DM(np.vstack([at.body, at.body_rate])))
+    maps = _resultant_maps(arm, at).reshape(-1, arm.n_tendons)
+    sums: M = ca.reshape(ca.sparsify(ca.DM(maps)) @ T, 12, s.size)
+    return ca.vertcat(sums, ca.DM(np.vstack([at.body, at.body_rate])))
 
 
 class PrintedMap:
@@ -131,13 +130,14 @@ class PrintedMap:
         self,
         arm: Arm,
         scene: Scene,
-        mesh: Mesh,
         scheme: RungeKutta,
+        refinement: int,
+        at: tuple[float, ...] = (),
         machine_code: bool = False,
-        refinement: int = 0,
     ) -> None:
         self.name, self.refinement, self.machine_code = scheme.name, refinement, machine_code
-        self.arm, self.scene, self.mesh, self.scheme = arm, scene, mesh, scheme
+        self.arm, self.scene, self.scheme = arm, scene, scheme
+        self.mesh = mesh = graded(arm, refinement, at)
         self._across = kernel(_across(scene.has(Extension), scheme), machine_code)
         T, x = ca.MX.sym("T", arm.n_tendons), ca.MX(ca.DM([*IDENTITY, 0, 0, 0]))
         # From the tip on, where no tendons cross beyond the first node.
@@ -158,10 +158,9 @@ class PrintedMap:
         return section_numbers(self.arm, s, np.repeat(active, samples.size), T)
 
     def run(self, tensions: Array) -> tuple[Array, Array, Array]:
-        """See March.run: poses and strains (S + 1, 10), 1 + q (K,), and strains at the nodes."""
-        poses, along, strains = self.function(tensions)
-        rows = np.array(ca.vertcat(poses, strains)).T
-        return rows, np.array(along).ravel(), rows[:, 7:]
+        """See March.run: poses (S + 1, 7), 1 + q (K,), and tau, xi, k (S + 1, 3) at the nodes."""
+        poses, along, strains = (np.array(each).T for each in self.function(tensions))
+        return poses, along.ravel(), strains
 
     def bend(self, strains: Array) -> float:
         """See March.bend: tau, xi, k at the nodes."""
@@ -173,11 +172,11 @@ class PrintedMap:
         poses, along, _ = self._mapped(tensions)
         return poses.reshape(len(tensions), -1, 7)[:, nodes], along.min(axis=1)
 
-    def dense(self, tensions: Array, states: Array, s: Array) -> tuple[Array, Array]:
+    def dense(self, tensions: Array, poses: Array, strains: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes above."""
         step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.steps - 1)
         active, start = self.mesh.active[step], self.mesh.s[step + 1]
-        x, h = ca.DM(states[step + 1].T), s - start
+        x, h = ca.DM(np.hstack([poses, strains])[step + 1].T), s - start
         d = self._samples(start, h, active, ca.DM(tensions))
         across = self._across.map(s.size)
         after, _, along = across(x, d[:6, :: len(self.scheme.samples)], d, ca.DM(h).T)

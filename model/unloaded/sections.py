@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-import casadi as ca
 import numpy as np
 
 from model.arm import Arm
@@ -26,14 +25,13 @@ from model.paths import Array
 from model.scene import Scene
 from model.stations import Counts, stations
 from model.transcription.system import System
-from model.unloaded.statics import ClosedStatics, EnergyStatics, closed_statics
+from model.unloaded.statics import ClosedStatics, PaperStatics, closed_statics
 
 # Exact tendons keep a crushed section from turning inside out: what is left of its length then is
 # the width that keeps their roots smooth (see model.cross_section.law), and no shape.
 LEAST_STRETCH = 1e-7
 # Steps at most; of so many sections those in equilibrium are left out of further ones.
 _STEPS, _MANY = 40, 256
-_ALL = slice(None)
 
 
 def unloaded(scene: Scene) -> Scene:
@@ -42,37 +40,27 @@ def unloaded(scene: Scene) -> Scene:
     return Scene(*(effect for effect in scene.effects if isinstance(effect, kept)))
 
 
-def _kernels(statics: ClosedStatics, machine_code: bool) -> tuple[Mapped, Mapped | None]:
-    """Return (pull, data) -> strains, or what a step to these begins with; and that step."""
-    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
-    if isinstance(statics, EnergyStatics):
-        return Mapped(statics.begun(), machine_code), Mapped(statics.step(), machine_code)
-    v = ca.densify(statics.solve(pull, data))
-    return Mapped(ca.Function("balance", [pull, data], [v], {"cse": True}), machine_code), None
+def _kernels(statics: ClosedStatics, machine_code: bool) -> list[Mapped]:
+    """Return (pull, data) -> strains; or what steps to these begin with, and such a step."""
+    return [Mapped(each, machine_code) for each in statics.functions()]
 
 
 class StrainsByTensions:
-    """The strains of K cross-sections, in the law of their statics, by tensions.
+    """The strains of K cross-sections at s (K,), in the law of their statics, by tensions.
 
     Attributes
     ----------
     maps, data
-        Maps (K, n_pull, n_tendons) from tensions to pull, and data (K, n_data); see the statics.
+        Maps (K, n_pull, n_tendons) from tensions to pull, of the tendons of `active` (K,)
+        anchorages, and data (K, n_data); see the statics.
     """
 
     def __init__(
-        self, statics: ClosedStatics, maps: Array, data: Array, machine_code: bool
+        self, arm: Arm, statics: ClosedStatics, s: Array, active: Counts, machine_code: bool = False
     ) -> None:
-        self.statics, self.maps, self.data = statics, maps, data
-        self._flat, self._machine_code = maps.reshape(-1, maps.shape[2]), machine_code
-
-    @classmethod
-    def at(
-        cls, arm: Arm, statics: ClosedStatics, s: Array, active: Counts, machine_code: bool = False
-    ) -> StrainsByTensions:
-        """Return those at s (K,), which `active` (K,) anchorages' tendons cross."""
         at = stations(arm, s, active)
-        return cls(statics, statics.pulls(arm, at), statics.data(at).T, machine_code)
+        self.statics, self.maps, self.data = statics, statics.pulls(arm, at), statics.data(at).T
+        self._flat, self._machine_code = self.maps.reshape(-1, arm.n_tendons), machine_code
 
     def __call__(self, tensions: Array) -> Array:
         """Return the strains (K, n) under tensions (n_tendons,); NaN where none balance."""
@@ -84,16 +72,19 @@ class StrainsByTensions:
             return self._flat @ tensions, self.data.ravel()
         return (self(tensions).ravel(),)
 
-    def columns(self, tensions: Array, some: int) -> list[Array]:
-        """Return the same for tensions (M, n_tendons), by columns; `some` places at a time."""
+    def columns(self, tensions: Array, count: int, some: int) -> list[Array]:
+        """Return the same at the first places for tensions (M, n_tendons), by columns.
+
+        Of `count` places strains are solved for at `some` at a time.
+        """
         if self.statics.is_explicit:
-            return [self._flat @ tensions.T, self.data.reshape(-1, 1)]
-        K = len(self.data)
-        parts = [slice(k, min(k + some, K)) for k in range(0, K, some)]
+            flat = self.maps[:count].reshape(-1, tensions.shape[1])
+            return [flat @ tensions.T, self.data[:count].reshape(-1, 1)]
+        parts = [slice(k, k + some) for k in range(0, count, some)]
         values = [self.of_many(tensions, part).reshape(len(tensions), -1).T for part in parts]
         return [np.concatenate(values)]
 
-    def of_many(self, tensions: Array, places: slice = _ALL) -> Array:
+    def of_many(self, tensions: Array, places: slice) -> Array:
         """Return the strains (M, k, n) under tensions (M, n_tendons) at some of the places."""
         maps, M = self.maps[places], len(tensions)
         K, n_pull, n = maps.shape
@@ -105,13 +96,13 @@ class StrainsByTensions:
 
         Data may have fewer rows, which are taken again and again.
         """
-        begin, newton = built(_kernels, self.statics, self._machine_code)
+        begin, *step = built(_kernels, self.statics, self._machine_code)
         u, *w = begin(pull, data)
-        if newton is None or not isinstance(self.statics, EnergyStatics):
+        if isinstance(self.statics, PaperStatics):
             return u
         strains, left = np.full(u.shape, np.nan), np.arange(len(u))
         for _ in range(_STEPS):
-            u, *w, size, v = newton(u, *w, pull, data)
+            u, *w, size, v = step[0](u, *w, pull, data)
             done = size[:, 0] < self.statics.settled
             strains[left[done]] = v[done]
             going = size[:, 0] >= self.statics.settled  # what is no number stays so
@@ -124,7 +115,7 @@ class StrainsByTensions:
         return strains
 
 
-class UnloadedSections:
+class UnloadedSections(Sections):
     """The cross-sections of an arm at s (N,) that `active` (N,) anchorages' tendons cross.
 
     Strains are those of a law, which may twist and shear sections: these do not.
@@ -139,30 +130,29 @@ class UnloadedSections:
         active: Counts,
         machine_code: bool = False,
     ) -> None:
-        self.sections = Sections(arm, scene, law, s, active, machine_code)
+        super().__init__(arm, scene, law, s, active, machine_code)
         self._exact, statics = scene.has(ExactTendons), closed_statics(unloaded(scene), arm)
-        self._settled = StrainsByTensions.at(arm, statics, s, active, machine_code)
+        self._settled = StrainsByTensions(arm, statics, s, active, machine_code)
 
     def strains(self, tensions: Array) -> Array:
         """Return the strains (N, n) under tensions (n_tendons,); raises UnsettledSectionError."""
-        v, law, plain = self._settled(tensions), self.sections.law, self._settled.statics.law
+        v, plain = self._settled(tensions), self._settled.statics.law
         lost = np.isnan(v).any(axis=1)
         if lost.any():
-            raise UnsettledSectionError(float(self.sections.s[np.argmax(lost)]))
-        return v if law == plain else strains_of(law, reported(plain, v))
+            raise UnsettledSectionError(float(self.s[np.argmax(lost)]))
+        return v if self.law == plain else strains_of(self.law, reported(plain, v))
 
     def crushed(self, strains: Array) -> CollapsedError | None:
         """Return what to tell of the first section where strains (N, n) leave a tendon no length.
 
         None where they do so nowhere.
         """
-        at = self.sections
-        short = at.place[at.speeds(strains) <= LEAST_STRETCH]
+        short = self.place[self.speeds(strains) <= LEAST_STRETCH]
         if not self._exact or not short.size:
             return None
         i = int(short.min())
-        stretch = 1 + reported(at.law, strains[i : i + 1])[0, 3]
-        return CollapsedError(float(at.s[i]), float(stretch))
+        stretch = 1 + reported(self.law, strains[i : i + 1])[0, 3]
+        return CollapsedError(float(self.s[i]), float(stretch))
 
 
 @lru_cache(maxsize=32)

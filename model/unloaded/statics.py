@@ -106,17 +106,20 @@ class EnergyStatics:
 
     def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
         """Return the strains v where the wrench vanishes, NaN if a few steps do not lead there."""
-        (u, w), step = self.begun()(pull, data), self.step()
+        begun, step = self.functions()
+        u, w = begun(pull, data)
         for _ in range(_STEPS):
             u, w, size, v = step(u, w, pull, data)
         return ca.if_else(size < self.settled, v, np.nan)
 
-    def begun(self) -> ca.Function:
-        """Return (pull, data) -> u and w to begin with; see step."""
+    def functions(self) -> tuple[ca.Function, ...]:
+        """Return (pull, data) -> u and w to begin with, from the shape at rest; and `step`."""
         pull, data = ca.SX.sym("pull", self.n_pull), ca.SX.sym("data", self.n_data)
-        w = ca.SX.zeros(1 + self.is_rubber, self.n_pull)
-        begun = [ca.densify(self.straight(pull, data)), ca.vec(w)]
-        return ca.Function("begun", [pull, data], begun, {"cse": True})
+        stretch = 1 / ca.sqrt(1 + 2 * ca.sum1(pull) / data[0]) if self.is_rubber else ca.SX(1)
+        rest = data[3:5] if self.law.curved else ca.SX.zeros(2)
+        u = ca.vertcat(rest * self.law.width(stretch), stretch)[: 2 + self.law.extension]
+        begun = [ca.densify(u), ca.vec(ca.SX.zeros(1 + self.is_rubber, self.n_pull))]
+        return ca.Function("begun", [pull, data], begun, {"cse": True}), self.step()
 
     def step(self) -> ca.Function:
         """Return (u, w, pull, data) -> u and w after a Newton step, its size, the strains v there.
@@ -128,7 +131,9 @@ class EnergyStatics:
         u, W = ca.SX.sym("u", 2 + extension), ca.SX.sym("w", (1 + rubber) * self.n_pull)
         w = ca.reshape(W, 1 + rubber, self.n_pull)
         pull, data = ca.SX.sym("pull", self.n_pull), ca.SX.sym("data", self.n_data)
-        hessian, slope = ca.hessian(self.body_energy(u, data), u)
+        body = self._body(data)
+        resisted = less_rest(self.law, self.strains(u), body)
+        hessian, slope = ca.hessian(self.law.energy(resisted, body[:4]), u)
         tendons = [_Tendon(*self.tangent(j, u, data), u, w[:, j]) for j in range(w.shape[1])]
         for j, tendon in enumerate(tendons):
             slope += pull[j] * tendon.slope
@@ -148,22 +153,9 @@ class EnergyStatics:
         results = [after, ca.vec(turned), size, ca.densify(self.strains(after))]
         return ca.Function("newton", [u, W, pull, data], results, {"cse": True})
 
-    def straight(self, pull: ca.SX, data: ca.SX) -> ca.SX:
-        """Return the strains to begin with: the curvature at rest."""
-        rest = data[3:5] if self.law.curved else ca.SX.zeros(2)
-        if not self.law.extension:
-            return rest
-        stretch = 1 / ca.sqrt(1 + 2 * ca.sum1(pull) / data[0]) if self.is_rubber else ca.SX(1)
-        return ca.vertcat(rest * self.law.width(stretch), stretch)
-
     def strains(self, u: ca.SX) -> ca.SX:
         """Return the strains v of u = (w kappa, lambda), w the section's width; see drawn."""
         return ca.vertcat(u[:2] / self.law.width(u[2]), u[2]) if self.law.extension else u
-
-    def body_energy(self, u: ca.SX, data: ca.SX) -> ca.SX:
-        """Return the energy of the body at u."""
-        body = self._body(data)
-        return self.law.energy(less_rest(self.law, self.strains(u), body), body[:4])
 
     def _body(self, data: ca.SX) -> ca.SX:
         """Return what the law takes of the body."""
@@ -244,7 +236,12 @@ class PaperStatics:
 
     def pulls(self, arm: Arm, at: Stations) -> Array:
         """See EnergyStatics.pulls."""
-        return resultant_maps(arm, at)
+        place, tendon = np.nonzero(crossing(arm, at))
+        maps = np.zeros((at.s.size, self.n_pull, arm.n_tendons))
+        n, b = tendon_paths(arm, at, place, tendon)[:2]
+        for i, share in enumerate(resultants(n, b)):
+            maps[place, i, tendon] = share
+        return maps
 
     def data(self, at: Stations) -> Array:
         """See EnergyStatics.data."""
@@ -255,6 +252,12 @@ class PaperStatics:
         moment, along = self.law.tendons(v, pull)
         body = self.law.body(v, ca.vertcat(data[:3], 0, data[3:]))
         return body + join(self.law, moment, along, ca.SX(0, 1))
+
+    def functions(self) -> tuple[ca.Function, ...]:
+        """Return (pull, data) -> strains."""
+        pull, data = ca.SX.sym("pull", self.n_pull), ca.SX.sym("data", self.n_data)
+        v = ca.densify(self.solve(pull, data))
+        return (ca.Function("balance", [pull, data], [v], {"cse": True}),)
 
     def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
         """See EnergyStatics.solve: curvatures, of which the stretch follows."""
@@ -277,13 +280,3 @@ def closed_statics(scene: Scene, arm: Arm) -> ClosedStatics:
     assert isinstance(law, EnergySection)
     cos, sin = sides(arm)
     return EnergyStatics(law, arm.offset_of, tuple(cos.tolist()), tuple(sin.tolist()))
-
-
-def resultant_maps(arm: Arm, at: Stations) -> Array:
-    """Return the maps (N, 6, n_tendons) from tensions to the tendons' resultants at stations."""
-    place, tendon = np.nonzero(crossing(arm, at))
-    maps = np.zeros((at.s.size, 6, arm.n_tendons))
-    n, b = tendon_paths(arm, at, place, tendon)[:2]
-    for i, share in enumerate(resultants(n, b)):
-        maps[place, i, tendon] = share
-    return maps
