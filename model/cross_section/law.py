@@ -15,7 +15,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from model.machine.buffered import Mapped
+from model.machine.buffered import mapped
 from model.machine.compiled import built
 from model.paths import Array
 from model.rotations import norm
@@ -100,29 +100,24 @@ def less_rest(law: CrossSection, v: ca.SX, body: ca.SX) -> ca.SX:
     return v - join(law, ca.vertcat(none, body[4:6]), none, ca.SX.zeros(2))
 
 
-def forces(law: CrossSection) -> tuple[int, ...]:
-    """Return which components of the local force do work on the strains after the curvatures."""
-    return (0,) * law.extension + (1, 2) * law.shear
+def components(law: CrossSection) -> list[int]:
+    """Return which of the local moment and force (6,), or curvature, stretch and shears, it has.
 
-
-def moments(law: CrossSection) -> tuple[int, ...]:
-    """Return which components of the local moment do work on the strains."""
-    return (0, 1, 2) if law.torsion else (1, 2)
+    Those that do work on the strains, in their order.
+    """
+    return [0] * law.torsion + [1, 2] + [3] * law.extension + [4, 5] * law.shear
 
 
 def split(law: CrossSection, v: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Return curvatures (3,), what extends (a scalar, 0 if nothing does), and shears (2,)."""
-    i = int(law.torsion)
-    curvature = ca.vertcat(v[0] if law.torsion else ca.SX(0), v[i], v[i + 1])
-    along = v[i + 2] if law.extension else ca.SX(0)
-    return curvature, along, v[-2:] if law.shear else ca.SX.zeros(2)
+    parts = ca.SX.zeros(6)
+    parts[components(law)] = v
+    return parts[:3], parts[3], parts[4:]
 
 
 def join(law: CrossSection, curvature: ca.SX, along: ca.SX, shear: ca.SX) -> ca.SX:
     """Return the strains of their parts; undoes split. A wrench is joined the same way."""
-    parts = [curvature[k] for k in moments(law)]
-    parts += [along] * law.extension + [shear] * law.shear
-    return ca.vertcat(*parts)
+    return ca.vertcat(curvature, along, shear)[components(law)]
 
 
 def offset(path: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -140,30 +135,23 @@ def turning_rate(law: CrossSection, v: ca.SX, rate: ca.SX, path: ca.SX, change: 
     return norm(across)
 
 
-def mapped(
-    kernel_of: Callable[[CrossSection], ca.Function], law: CrossSection, machine_code: bool = False
-) -> Mapped:
-    """Return a kernel of a law for many cross-sections or tendons at once, made once."""
-    return built(Mapped, built(kernel_of, law), machine_code)
-
-
 def reported(law: CrossSection, v: Array) -> Array:
     """Return tau, xi, k, q (N, 4), with shear nu_n, nu_b (N, 6), of a law's strains v (N, n).
 
     Curvature per unit deformed length [1/m], eq. (1).
     """
-    return mapped(_reported, law)(v)[0]
+    return mapped(built(_reported, law))(v)[0]
 
 
 def strains_of(law: CrossSection, rows: Array) -> Array:
     """Return a law's strains (N, n) of tau, xi, k, q, and nu_n, nu_b if given (N, 4 or 6)."""
     padded = np.hstack([rows, np.zeros((len(rows), 6 - rows.shape[1]))])
-    return mapped(_strains, law)(padded)[0]
+    return mapped(built(_strains, law))(padded)[0]
 
 
 def kinematics(law: CrossSection, v: Array) -> tuple[Array, Array]:
     """Return kappa and nu (N, 3) per unit reference length of a law's strains v (N, n)."""
-    (result,) = mapped(_twist, law)(v)
+    (result,) = mapped(built(_twist, law))(v)
     return result[:, :3], result[:, 3:]
 
 

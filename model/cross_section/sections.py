@@ -9,8 +9,10 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.cross_section.law import CrossSection, body_size, mapped, size, turning_rate
+from model.cross_section.law import CrossSection, body_size, size, turning_rate
 from model.effects import Shear
+from model.machine.buffered import mapped
+from model.machine.compiled import built
 from model.paths import Array
 from model.scene import Scene
 from model.stations import (
@@ -100,7 +102,7 @@ class Sections:
 
     def _kernel(self, kernel_of: Callable[[CrossSection], ca.Function], *value: Array) -> Array:
         """Return what a kernel of the law has of arguments (N, n), a row each."""
-        return mapped(kernel_of, self.law, self.machine_code)(*value)[0]
+        return mapped(built(kernel_of, self.law), self.machine_code)(*value)[0]
 
     def solve(self, v: Array, wrench: Array, tensions: Array) -> Array:
         """Return the strains (N, n) near v that balance a wrench (N, n); NaN where none do."""

@@ -19,7 +19,7 @@ from functools import lru_cache, partial
 import casadi as ca
 import numpy as np
 
-from model.cross_section.law import forces, join, moments
+from model.cross_section.law import components, join
 from model.cross_section.sections import Sections
 from model.effects import Current, Friction
 from model.integrators import RK8
@@ -278,16 +278,15 @@ def poses_and_strains(system: System, x: Array, s: Array) -> tuple[Array, Array]
         y[between] = parts.run(parts.by_stages)[0][:, : POSE + form.wrench]
     stages = states[of.stages].reshape(of.elements, form.stages, -1)[elements]
     guess = np.einsum("pm,pmn->pn", gauss(form.stages).at(reach), stages)
-    local = np.zeros((2, s.size, 3))
+    local = np.zeros((s.size, 6))
     if form.loaded:
         force = load * beyond(arm, system.scene, s, mesh.s[elements + 1]).T
         force = force + y[:, POSE + 3 :] if form.moving else force
         base = np.stack([y[:, POSE : POSE + 3], force])
-        local = np.einsum("nij,kni->knj", matrices(y[:, :4]), base)
-    wrench = np.hstack([local[0][:, list(moments(law))], local[1][:, list(forces(law))]])
+        local = np.hstack([*np.einsum("nij,kni->knj", matrices(y[:, :4]), base)])
     at = Sections(arm, system.scene, law, s, mesh.active[elements], form.machine_code)
     pulls = sliding_tensions(system, x, s, at.place, at.tendon)
-    return y[:, :POSE], at.solve(guess, wrench, pulls)
+    return y[:, :POSE], at.solve(guess, local[:, components(law)], pulls)
 
 
 def sliding_tensions(at: System, x: Array, s: Array, place: Places, tendon: Places) -> Array:

@@ -14,10 +14,11 @@ from functools import lru_cache
 from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
-from model.cross_section.law import CrossSection, moments
+from model.cross_section.law import CrossSection, components
 from model.cross_section.sections import body_numbers
 from model.equilibrium.linearised import Index, Linearised, band
 from model.errors import SingularError
@@ -29,8 +30,6 @@ from model.transcription.layout import POSE, Layout
 from model.transcription.system import System
 from model.unloaded.sections import unloaded_sections
 
-# What a Hessian may be unsymmetric by for it not to matter.
-_SYMMETRIC = 1e-3
 # Of Arnoldi's method, vectors for each mode and restarts; the tolerance of an eigenvalue alone,
 # whose error is the square of that where the Hessian is symmetric, and of one whose sign matters.
 _VECTORS, _RESTARTS, _CLOSE, _ROUGH = 40, 10, 1e-8, 1e-2
@@ -93,11 +92,9 @@ def _is_minimum(point: Linearised) -> bool:
 
 def _is_definite(S: Array) -> bool:
     """Return whether all eigenvalues of a pivot (n, n) have positive real parts."""
-    try:
-        np.linalg.cholesky(S + S.T)
-    except np.linalg.LinAlgError:
-        return bool(np.isfinite(S).all() and (np.linalg.eigvals(S).real > 0).all())
-    return True
+    if dpotrf(S + S.T)[1] == 0:
+        return True
+    return bool(np.isfinite(S).all() and (np.linalg.eigvals(S).real > 0).all())
 
 
 def turns(q: Array) -> Array:
@@ -153,11 +150,7 @@ def _by_sections(point: Linearised) -> float:
     at = unloaded_sections(point.system)
     v, pulls = point.system.strains(point.states), point.tensions[at.tendon]
     jacobian, root = at.balance(v, pulls).jacobian, np.sqrt(_at_rest(at.law, at.body).T)
-    H = jacobian / root[:, :, None] / root[:, None, :]
-    even = (H + H.transpose(0, 2, 1)) / 2
-    if np.abs(H - even).max() <= _SYMMETRIC * np.abs(H).max():
-        return float(np.linalg.eigvalsh(even).min())
-    return float(np.linalg.eigvals(H).real.min())
+    return float(np.linalg.eigvals(jacobian / root[:, :, None] / root[:, None, :]).real.min())
 
 
 def least_modes(point: Linearised, count: int) -> tuple[Array, Array]:
@@ -310,5 +303,4 @@ def rest_stiffness(system: System) -> tuple[Array, Array]:
 def _at_rest(law: CrossSection, numbers: Array) -> Array:
     """Return the stiffness (strains, N) of the body against each strain at rest."""
     EA, EJ, GI, GA = numbers[:4]
-    bends = [(GI, EJ, EJ)[k] for k in moments(law)]
-    return np.array([*bends, *[EA] * law.extension, *[GA, GA] * law.shear])
+    return np.array([GI, EJ, EJ, EA, GA, GA])[components(law)]

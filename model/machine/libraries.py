@@ -16,7 +16,6 @@ import subprocess
 import sys
 import tempfile
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -32,38 +31,13 @@ _NAMES = ("cc", "gcc", "clang")
 _REMEDY = "install one, name one by $CC, or pip install 'octoplan[compiled]'"
 
 
-@dataclass(frozen=True)
-class Compiler:
-    """A compiler that works.
-
-    Attributes
-    ----------
-    command : tuple of str
-        How it is called.
-    identity : str
-        A hash of its version and of the processor that it compiles for.
-    """
-
-    command: tuple[str, ...]
-    identity: str
-
-    def compile(self, source: str, library: Path, flag: str) -> None:
-        """Write the shared library of C source; raises CompilerError."""
-        arguments = ("-x", "c", "-", "-o", str(library), "-lm")
-        _run((*self.command, *FLAGS, flag, *arguments), source)
-
-
-def compiler() -> Compiler:
-    """Return the compiler; raises CompilerError where there is none, or it fails."""
-    return _compiler(os.environ.get("CC", ""), os.environ.get("PATH", ""))
-
-
 @lru_cache(maxsize=8)
-def _compiler(named: str, path: str) -> Compiler:
+def _compiler(named: str, path: str) -> tuple[tuple[str, ...], str]:
+    """Return how the compiler is called, and a hash of its version and of the processor."""
     command = _command(named)
     # The macros that it begins with tell its version, the machine and the processor's features.
     macros = _run((*command, *FLAGS[:1], "-dM", "-E", "-x", "c", "-"), "")
-    return Compiler(command, hashlib.sha256(macros.encode()).hexdigest())
+    return command, hashlib.sha256(macros.encode()).hexdigest()
 
 
 def _command(named: str) -> tuple[str, ...]:
@@ -104,8 +78,8 @@ def library(source: str, flag: str) -> Path:
     ------
     CompilerError
     """
-    by = compiler()
-    values = (source, by.command, by.identity, FLAGS, flag)
+    command, identity = _compiler(os.environ.get("CC", ""), os.environ.get("PATH", ""))
+    values = (source, command, identity, FLAGS, flag)
     key, folder = hashlib.sha256(repr(values).encode()).hexdigest(), cache_folder()
     for path in folder.glob(f"{key}-*.so"):
         if path.name == _name(key, path):
@@ -114,7 +88,7 @@ def library(source: str, flag: str) -> Path:
             path.unlink()
     with tempfile.TemporaryDirectory(prefix="building-", dir=_writable(folder)) as work:
         built = Path(work) / "library.so"
-        by.compile(source, built, flag)
+        _run((*command, *FLAGS, flag, "-x", "c", "-", "-o", str(built), "-lm"), source)
         path = Path(work).parent / _name(key, built)
         built.replace(path)
     return path

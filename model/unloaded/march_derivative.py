@@ -20,15 +20,13 @@ import numpy as np
 
 from model.cross_section.law import (
     CrossSection,
-    forces,
-    mapped,
-    moments,
+    components,
     reported,
     size,
     strains_of,
 )
 from model.integrators import Magnus
-from model.machine.buffered import Buffered
+from model.machine.buffered import Buffered, mapped
 from model.machine.compiled import built, kernel
 from model.paths import Array
 from model.rotations import conjugate, exponential, matrix, multiply
@@ -58,7 +56,7 @@ class MarchDerivative:
         v = point.strains[: h.size * m]
         self._v = v if law == march.law else strains_of(law, reported(march.law, v))
         self._balance = at.balance(self._v, point.tensions[at.tendon])
-        twist, slopes = mapped(_kinematics, law)(self._v)
+        twist, slopes = mapped(built(_kinematics, law))(self._v)
         call = built(_step_twists, march.scheme, h.size, march.machine_code)
         (z,) = call(point.poses[:-1].ravel(), twist.ravel(), h)
         # Z transposed (P, 6 of kappa and nu, 6 of z), 0 beyond the node.
@@ -70,8 +68,7 @@ class MarchDerivative:
         about_base = np.block([[np.cross(unit, place), unit], [unit, 0 * unit]])
         self._pose = about_base.T @ by_strains
         local = twists @ about_base / self._weights[:, None, None]
-        parts = [*moments(law), *(3 + k for k in forces(law))]
-        self._wrench = local[:, parts]
+        self._wrench = local[:, components(law)]
 
     @property
     def pose_tension(self) -> Array:

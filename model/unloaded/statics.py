@@ -251,7 +251,7 @@ class PaperStatics:
         """See EnergyStatics.wrench."""
         moment, along = self.law.tendons(v, pull)
         body = self.law.body(v, ca.vertcat(data[:3], 0, data[3:]))
-        return body + join(self.law, moment, along, ca.SX(0, 1))
+        return body + join(self.law, moment, along, ca.SX.zeros(2))
 
     def functions(self) -> tuple[ca.Function, ...]:
         """Return (pull, data) -> strains."""
