@@ -151,13 +151,16 @@ def strains_of(law: CrossSection, rows: Array) -> Array:
 
 def kinematics(law: CrossSection, v: Array) -> tuple[Array, Array]:
     """Return kappa and nu (N, 3) per unit reference length of a law's strains v (N, n)."""
-    (result,) = mapped(built(_twist, law))(v)
-    return result[:, :3], result[:, 3:]
+    twist, _ = mapped(built(twist_kernel, law))(v)
+    return twist[:, :3], twist[:, 3:]
 
 
-def _twist(law: CrossSection) -> ca.Function:
+def twist_kernel(law: CrossSection) -> ca.Function:
+    """Return strains -> kappa and nu (6,), and their derivatives by the strains (6, n)."""
     v = ca.SX.sym("v", size(law))
-    return ca.Function("twist", [v], [ca.densify(ca.vertcat(*law.twist(v)))])
+    twist = ca.densify(ca.vertcat(*law.twist(v)))
+    slopes = ca.vec(ca.densify(ca.jacobian(twist, v)))
+    return ca.Function("twist", [v], [twist, slopes], {"cse": True})
 
 
 def _reported(law: CrossSection) -> ca.Function:

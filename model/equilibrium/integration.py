@@ -54,6 +54,11 @@ class Integration:
         Tensions, load factor and states.
     parts : (P,), (P,)
         Elements, and the shares of them that are integrated; all of each unless given.
+
+    Attributes
+    ----------
+    by_stages : (..., P, n)
+        The strains of the polynomials through the stages of collocation.
     """
 
     def __init__(
@@ -72,26 +77,16 @@ class Integration:
         self._h = reach[:, None] * self._length / substeps
         self._shape = self._share.shape
         self._dead, self._drag = load * dead, drag * np.array([load, 1, 1, 1])[: drag.shape[-1]]
+        self.by_stages = self._through_stages(gauss(of.form.stages).at(self._share), of.stages)
         if of.form.friction:
-            self._friction = load * coefficients(system)
+            self._friction, self._rates = load * coefficients(system), self._rates_by_stages()
         if of.form.pressed:
             self._press()
 
-    @property
-    def by_stages(self) -> Array:
-        """The strains (..., P, n) of the polynomials through the stages of collocation."""
-        weights = gauss(self._form.stages).at(self._share)
-        return np.asarray(np.einsum("...pm,pmn->...pn", weights, self._stages))
-
-    @property
-    def _stages(self) -> Array:
-        """The strains at the stages of each part's element (P, m, n)."""
-        return self._of_stages(self._system.of.stages)
-
-    def _of_stages(self, places: Places) -> Array:
-        of = self._system.of
-        rows = self._states[places].reshape(of.elements, self._form.stages, -1)
-        return rows[self._elements]
+    def _through_stages(self, weights: Array, places: Places) -> Array:
+        """Return the sums (..., P, n) of states at the stages of each part's element by weights."""
+        rows = self._states[places].reshape(self._system.of.elements, self._form.stages, -1)
+        return np.asarray(np.einsum("...pm,pmn->...pn", weights, rows[self._elements]))
 
     def within(self, strains: Array) -> Array:
         """Return those of the polynomials through others (nodes, P, n) that are one step's."""
@@ -108,8 +103,6 @@ class Integration:
         begin = states[of.nodes[self._elements, : of.node_size - of.touching]]
         wrenches = slice(POSE, POSE + of.form.wrench)
         begin[:, wrenches] = self._system.wrenches_beyond(self._x)[self._elements]
-        if not self._form.loaded:
-            v = self._without_wrench(v)
         for _ in range(_PASSES):
             self._linearise(v)
             y, result = begin, np.empty_like(v)
@@ -120,12 +113,6 @@ class Integration:
                 return y, result[0]
             v = result
         return np.full_like(begin, np.nan), v[0]
-
-    def _without_wrench(self, v: Array) -> Array:
-        """Return the strains (..., P, n) near v where tendons alone act: nothing couples them."""
-        at, flat = self._sections, v.reshape(-1, v.shape[-1])
-        pulls = sliding_tensions(self._system, self._x, at.s, at.place, at.tendon)
-        return at.solve(flat, np.zeros_like(flat), pulls).reshape(v.shape)
 
     def _linearise(self, v: Array) -> None:
         """Linearise the law of all cross-sections about strains (..., P, n)."""
@@ -144,23 +131,21 @@ class Integration:
             unit, slope = np.zeros((2, len(flat), n, flat.shape[1]))
             tensions, turning = np.zeros((2, len(flat), n))
             unit[place, tendon], tensions[place, tendon] = at.units, pulls
-            turning[place, tendon], slope[place, tendon] = sections.turning(flat, self._rates())
+            turning[place, tendon], slope[place, tendon] = sections.turning(flat, self._rates)
             self._unit = unit.swapaxes(1, 2).reshape(*v.shape, n)
             self._slope = slope.reshape(*self._shape, n, -1)
             self._tensions, self._turning = (
                 each.reshape(*self._shape, n) for each in (tensions, turning)
             )
 
-    def _rates(self) -> Array:
+    def _rates_by_stages(self) -> Array:
         """Return the derivatives of the strains along s, by the polynomials through the stages."""
         of, m = self._system.of, self._form.stages
-        weights = [hermite(m, x, 1) for x in self._share.ravel().tolist()]
-        values, slopes = (
-            np.array(part).reshape(*self._shape, m) for part in zip(*weights, strict=True)
-        )
-        result = np.einsum("...pm,pmk->...pk", values, self._stages) / self._length
-        result += np.einsum("...pm,pmk->...pk", slopes, self._of_stages(of.rates))
-        return np.asarray(result.reshape(-1, of.form.strains))
+        weights = np.array([hermite(m, x, 1) for x in self._share.ravel().tolist()])
+        values, slopes = np.moveaxis(weights, 1, 0).reshape(2, *self._shape, m)
+        result = self._through_stages(values, of.stages) / self._length
+        result += self._through_stages(slopes, of.rates)
+        return result.reshape(-1, of.form.strains)
 
     def _rate(self, step: int, strains: Array, stage: int, y: Array) -> Array:
         """Return y' (P, n) at a stage of a step, and leave the strains there."""

@@ -81,17 +81,9 @@ def _defects(point: Linearised, y: Array) -> Array:
     stages = of.inside.ravel()
     missed[of.nodes[:, POSE : POSE + w]] = left[of.nodes[:, POSE : POSE + w]]
     missed[stages] = left[stages]
-    missed[of.turned[1:]] = (states[there] - y)[:, POSE + w :] - _kinks(point)
+    if of.form.friction:
+        turned = y[:, POSE + w :].copy()
+        if of.kinks[0].size:
+            turned[of.kinks] -= point.system.rows_of("kink", point.x)[:, 0]
+        missed[of.turned[1:]] = states[there][:, POSE + w :] - turned
     return missed
-
-
-def _kinks(point: Linearised) -> Array:
-    """Return by how much each tendon turns at the far node of each element (N, n_tendons) [rad]."""
-    system, of, x = point.system, point.system.of, point.x
-    values = np.zeros((of.elements, of.n_tendons * of.form.friction))
-    for term in of.equations.terms:
-        if term.kernel.name == "kink":
-            c = system.p[of.equations.numbers_of("kink")].reshape(term.count, -1).T
-            rows = term.kernel.value.map(term.count)(x[term.unknowns], c)
-            values[of.kinks] = -np.array(rows).ravel()
-    return values

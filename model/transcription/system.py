@@ -172,16 +172,18 @@ class System:
             np.subtract.at(result[:, :3], nodes, moments)
         return np.asarray(result - self.touched(x) if of.form.contacts else result)
 
+    def rows_of(self, name: str, x: Array) -> Array:
+        """Return the residuals (N, n_r) of all that a kernel is repeated for, by its name."""
+        (term,) = [term for term in self.of.equations.terms if term.kernel.name == name]
+        c = self.p[self.of.equations.numbers_of(name)].reshape(term.count, -1)
+        return mapped(term.kernel.value, self.of.form.machine_code)(x[term.unknowns].T, c)[0]
+
     def touched(self, x: Array) -> Array:
         """Return the moment and force that contact adds at each node (N + 1, 6)."""
         values = np.zeros((self.mesh.steps + 1, 6))
-        for term in self.of.equations.terms:
-            name = term.kernel.name
-            if name in ("touch", "contact_friction"):
-                c = self.p[self.of.equations.numbers_of(name)].reshape(term.count, -1)
-                call = mapped(term.kernel.value, self.of.form.machine_code)
-                (rows,) = call(x[term.unknowns].T, c)
-                values[1:] -= rows[:, :6].reshape(self.mesh.steps, -1, 6).sum(axis=1)
+        for name in ["touch"] + ["contact_friction"] * self.of.form.contact_friction:
+            rows = self.rows_of(name, x)[:, :6]
+            values[1:] -= rows.reshape(self.mesh.steps, -1, 6).sum(axis=1)
         return values
 
     def strains(self, states: Array) -> Array:

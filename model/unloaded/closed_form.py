@@ -17,7 +17,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.cross_section import cross_section_of
-from model.cross_section.law import CrossSection, reported, size
+from model.cross_section.law import reported, size
 from model.cross_section.sections import Sections
 from model.integrators import Magnus
 from model.machine.buffered import Buffered, mapped
@@ -122,6 +122,8 @@ class ClosedForm:
         Arc lengths: the scheme's nodes in the steps, then both ends of each segment [m].
     strains : StrainsByTensions
         The strains there.
+    law : CrossSection
+        Whose strains these are.
     """
 
     def __init__(
@@ -141,7 +143,7 @@ class ClosedForm:
         ends, at_ends = self.mesh.segment_ends()
         self._inner, self._active = s.size, np.concatenate([active, at_ends])
         self.stretch_at, self._statics = np.concatenate([s, ends]), closed_statics(scene, arm)
-        on = self.stretch_at, self._active, machine_code
+        self.law, on = self._statics.law, (self.stretch_at, self._active, machine_code)
         self.strains = StrainsByTensions(arm, self._statics, *on)
         self._base, self._h = base_pose(arm), np.diff(self.mesh.s)
         self._march = built(_called, *self._structure(self._statics.is_explicit))
@@ -150,11 +152,6 @@ class ClosedForm:
         """Return what the march is built for; see _march."""
         steps = self.mesh.steps, self.stretch_at.size - self._inner
         return self._statics, self.scheme, *steps, by_pull, self.machine_code
-
-    @property
-    def law(self) -> CrossSection:
-        """The law of the cross-sections, whose strains these are."""
-        return self._statics.law
 
     @cached_property
     def sections(self) -> Sections:

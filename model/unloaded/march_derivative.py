@@ -19,11 +19,10 @@ import casadi as ca
 import numpy as np
 
 from model.cross_section.law import (
-    CrossSection,
     components,
     reported,
-    size,
     strains_of,
+    twist_kernel,
 )
 from model.integrators import Magnus
 from model.machine.buffered import Buffered, mapped
@@ -56,7 +55,7 @@ class MarchDerivative:
         v = point.strains[: h.size * m]
         self._v = v if law == march.law else strains_of(law, reported(march.law, v))
         self._balance = at.balance(self._v, point.tensions[at.tendon])
-        twist, slopes = mapped(built(_kinematics, law))(self._v)
+        twist, slopes = mapped(built(twist_kernel, law))(self._v)
         call = built(_step_twists, march.scheme, h.size, march.machine_code)
         (z,) = call(point.poses[:-1].ravel(), twist.ravel(), h)
         # Z transposed (P, 6 of kappa and nu, 6 of z), 0 beyond the node.
@@ -119,14 +118,6 @@ class MarchDerivative:
         """How lengths change with the strains (n_tendons, P n)."""
         jacobian = self._at.lengths(self._v, self._weights)[1]
         return jacobian.reshape(len(jacobian), -1)
-
-
-def _kinematics(law: CrossSection) -> ca.Function:
-    """Return strains -> kappa and nu (6,), and their derivatives by the strains (6, n)."""
-    v = ca.SX.sym("v", size(law))
-    twist = ca.densify(ca.vertcat(*law.twist(v)))
-    slopes = ca.vec(ca.densify(ca.jacobian(twist, v)))
-    return ca.Function("kinematics", [v], [twist, slopes], {"cse": True})
 
 
 def _step_twists(scheme: Magnus, steps: int, machine_code: bool) -> Buffered:

@@ -87,10 +87,6 @@ def tendon_lengths(arm: Arm, scene: Scene, machine_code: bool = False) -> Tendon
     return TendonLengths(arm, scene, machine_code)
 
 
-# Gauss points of an element by which lengths are integrated as printed.
-_PRINTED_POINTS = 3
-
-
 March = ClosedForm | PrintedMap
 
 
@@ -162,6 +158,6 @@ class Marched:
         if not scene.has(PrintedStatics):
             return tendon_lengths(arm, scene, self.machine_code)(self.tensions).lengths
         law = cross_section_of(scene, arm.is_curved)
-        s, weights, active = mesh.points(_PRINTED_POINTS)
+        s, weights, active = mesh.points(_POINTS)
         sections = Sections(arm, scene, law, s, active)
         return sections.lengths(strains_of(law, self.at(s)[1]), weights)[0]
