@@ -122,36 +122,33 @@ def closest(way: Way, count: int, around: Around, enough: float = 0.0) -> Found:
 
     Bounds are refined until they are `enough` [m] beyond what is to be kept, or close to the truth.
     """
-    return _Search(way, count, around, enough).run()
+    far, none, pair = np.full(count, np.inf), np.zeros(count), np.zeros((count, 2))
+    result = Found(far.copy(), far, none.copy(), none.astype(int), pair, none.copy())
+    search = _Search(way, around, enough, result)
+    pieces = np.zeros((count, 1 + (around.bodies is None)))
+    rows = _Rows(np.arange(count), none, none + 1, pieces.astype(int), pieces, pieces + 1)
+    rows, part, parts = search.parts(rows)
+    rows = search.whole(rows, parts) if parts else rows
+    for level in range(_LEVELS):
+        check_time()
+        rows, part, parts = search.parts(rows)
+        if parts is None:
+            break
+        late, near = search.step(rows, part, parts, level == _LEVELS - 1)
+        rows = near.joined(late.halved())
+    return replace(result, bound=np.minimum(result.bound, result.seen))
 
 
+@dataclass(frozen=True, eq=False)
 class _Search:
     """The search for the least distances; `found` is what it knows so far."""
 
-    def __init__(self, way: Way, count: int, around: Around, enough: float) -> None:
-        self.way, self.around, self.enough = way, around, enough
-        far, none = np.full(count, np.inf), np.zeros(count)
-        pair = np.zeros((count, 2))
-        none_yet = np.zeros(count, dtype=int)
-        self.found = Found(far.copy(), far, none, none_yet, pair, none.copy())
+    way: Way
+    around: Around
+    enough: float
+    found: Found
 
-    def run(self) -> Found:
-        """Look at elements, or pairs of them, until none is open."""
-        result, count = self.found, self.found.bound.size
-        none, pair = np.zeros(count), np.zeros((count, 1 + (self.around.bodies is None)))
-        rows = _Rows(np.arange(count), none, none + 1, pair.astype(int), pair, pair + 1)
-        rows, part, parts = self._parts(rows)
-        rows = self._whole(rows, parts) if parts else rows
-        for level in range(_LEVELS):
-            check_time()
-            rows, part, parts = self._parts(rows)
-            if parts is None:
-                break
-            late, near = self._step(rows, part, parts, level == _LEVELS - 1)
-            rows = near.joined(late.halved())
-        return replace(result, bound=np.minimum(result.bound, result.seen))
-
-    def _parts(self, rows: _Rows) -> tuple[_Rows, Counts, Parts | None]:
+    def parts(self, rows: _Rows) -> tuple[_Rows, Counts, Parts | None]:
         """Return rows, which part of a stretch each is in, and these; of each arm once.
 
         Without rows of stretches of which some arm has no equilibrium; None where none are left.
@@ -169,12 +166,12 @@ class _Search:
                 self.found.bound[int(k)], self.found.share[int(k)] = -np.inf, share
         there = ~np.isneginf(self.found.bound[rows.stretch])
         if not there.all():
-            return self._parts(rows.some(there))
+            return self.parts(rows.some(there))
         joined = Centreline.joined([line for line in lines if line is not None])
         spread = self.way.spread(stretch, *time[:, 1:].T)
         return rows, part.ravel(), Parts.of(joined, at.reshape(shares.shape), spread)
 
-    def _whole(self, rows: _Rows, parts: Parts) -> _Rows:
+    def whole(self, rows: _Rows, parts: Parts) -> _Rows:
         """Return the elements of arms in each part, or the pairs of them that may meet."""
         N = parts.elements
         if self.around.bodies is not None:
@@ -186,7 +183,7 @@ class _Search:
         part, *pair = np.nonzero(np.triu(reach, 1))
         return rows.some(part)._replace(element=np.column_stack(pair))
 
-    def _step(self, rows: _Rows, part: Counts, parts: Parts, last: bool) -> tuple[_Rows, _Rows]:
+    def step(self, rows: _Rows, part: Counts, parts: Parts, last: bool) -> tuple[_Rows, _Rows]:
         """Return rows whose part is to be halved, and the halves of pieces of others."""
         columns = zip(rows.element.T, rows.low.T, rows.high.T, strict=True)
         pieces = [parts.pieces(part, *column) for column in columns]

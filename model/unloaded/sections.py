@@ -59,7 +59,8 @@ class StrainsByTensions:
         self, arm: Arm, statics: ClosedStatics, s: Array, active: Counts, machine_code: bool = False
     ) -> None:
         at = stations(arm, s, active)
-        self.statics, self.maps, self.data = statics, statics.pulls(arm, at), statics.data(at).T
+        self.statics, self.maps = statics, statics.pulls(arm, at)
+        self.data = np.ascontiguousarray(statics.data(at).T)
         self._flat, self._machine_code = self.maps.reshape(-1, arm.n_tendons), machine_code
 
     def __call__(self, tensions: Array) -> Array:
