@@ -136,15 +136,18 @@ class Sections:
         And their Jacobian (n_tendons, N, n) in the strains v (N, n). They are of |u_c'| with u_c of
         eq. (6), or of the tangent of the energy with exact tendons.
         """
-        rows = self._kernel(_run, v[self.place], self.paths.T) * weights[self.place, None]
+        rows = self.speeds(v) * weights[self.place, None]
         lengths = np.bincount(self.tendon, rows[:, 0], self._n_tendons)
         jacobian = np.zeros((self._n_tendons, *v.shape))
         jacobian[self.tendon, self.place] = rows[:, 1:]
         return lengths.astype(float), jacobian
 
     def speeds(self, v: Array) -> Array:
-        """Return the length of tendon per length of arm (P,) at each crossing, strains v (N, n)."""
-        return self._kernel(_run, v[self.place], self.paths.T)[:, 0]
+        """Return the length of tendon per length of arm (P, 1 + n) at each crossing, strains v.
+
+        And its derivatives by the strains (N, n).
+        """
+        return self._kernel(_run, v[self.place], self.paths.T)
 
 
 def _turning(law: CrossSection) -> ca.Function:

@@ -132,14 +132,9 @@ class ByNumbers:
     @property
     def lengths(self) -> Array:
         """Of the lengths of the tendons (n_tendons, K) [m]."""
-        jacobian = self.point.system.length_jacobian(self.point.x)
-        return np.asarray(jacobian @ self.states + self.direct_lengths)
-
-    @property
-    def direct_lengths(self) -> Array:
-        """Of the lengths of the tendons in a shape that stays (n_tendons, K) [m]."""
-        at = self.point.system
-        return at.of.lengths.along_numbers(self.point.x, at.length_numbers, self.jacobian.lengths)
+        at, change = self.point.system, self.jacobian.lengths
+        direct = at.of.lengths.along_numbers(self.point.x, at.length_numbers, change)
+        return np.asarray(self.point.length_jacobian @ self.states + direct)
 
 
 def along(point: Linearised, nodes: Index) -> Array:

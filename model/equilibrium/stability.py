@@ -11,7 +11,7 @@ spread along the tendons are held as they are.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf
@@ -62,9 +62,8 @@ def _is_minimum(point: Linearised) -> bool:
     then, all of the energy's Hessian is. Source: inertia is additive (Haynsworth, Linear Algebra
     and its Applications 1, 1968).
     """
-    of, at = point.system.of, _block_places(point.system.of)
-    nonzeros = np.append(point.nonzeros, 0.0)  # the last is the place -1, of none
-    J, tip = nonzeros[at.elements], nonzeros[at.tip]
+    of, nonzeros = point.system.of, np.append(point.nonzeros, 0.0)  # the last is that of place -1
+    J, tip = (nonzeros[places] for places in _block_places(of))
     w, n = of.form.wrench, of.form.stages * of.form.strains
     small = turns(point.states[of.nodes[:, :4]])
     v, nxt = slice(POSE + w, POSE + w + n), POSE + w + n
@@ -104,20 +103,14 @@ def turns(q: Array) -> Array:
     return np.moveaxis(np.array(rows), 2, 0)
 
 
-class _Blocks(NamedTuple):
-    """Places among the nonzeros of the elements' blocks (N, rows, columns) and the tip's, -1: none.
-
-    Rows of an element are the wrench at the first node, the stages' balance, the quaternion at the
-    last node; columns pose and wrench at the first node, strains, pose and wrench at the last. Rows
-    of the tip are its wrench, columns its quaternion and wrench.
-    """
-
-    elements: Index
-    tip: Index
-
-
 @lru_cache(maxsize=16)
-def _block_places(of: Layout) -> _Blocks:
+def _block_places(of: Layout) -> tuple[Index, Index]:
+    """Return places among the nonzeros, -1 for none, of the elements' blocks and of the tip's.
+
+    Those of the elements are (N, rows, columns). Rows are the wrench at the first node, the stages'
+    balance, the quaternion at the last node; columns pose and wrench at the first node, strains,
+    pose and wrench at the last. Rows of the tip are its wrench, columns its quaternion and wrench.
+    """
     at, w, blocks = band(of), of.form.wrench, []
     shape = (of.n_states, of.n_x)
     numbered = csr_array((np.arange(1, at.rows.size + 1), (at.rows, at.columns)), shape)
@@ -128,7 +121,7 @@ def _block_places(of: Layout) -> _Blocks:
         blocks.append(numbered[rows][:, columns].toarray() - 1)
     last = nodes[-1]
     columns = of.first + np.concatenate([last[:4], last[POSE:]])
-    return _Blocks(np.array(blocks), numbered[last[POSE:]][:, columns].toarray() - 1)
+    return np.array(blocks), numbered[last[POSE:]][:, columns].toarray() - 1
 
 
 def stability(point: Linearised) -> float:

@@ -61,9 +61,11 @@ def kernels(functions: Iterable[ca.Function], machine_code: bool = True) -> list
     if not machine_code:
         return functions
     left = [f for f in dict.fromkeys(functions) if f not in _built and is_short(f)]
-    sources = [_source(f) for f in left]
+    generators = [ca.CodeGenerator("function.c") for _ in left]
+    for generator, f in zip(generators, left, strict=True):
+        generator.add(f)
     with ThreadPoolExecutor(max(len(left), 1)) as pool:
-        paths = list(pool.map(lambda source: library(source, _LEVEL), sources))
+        paths = list(pool.map(lambda each: library(str(each.dump()), _LEVEL), generators))
     for f, path in zip(left, paths, strict=True):
         _built[f] = ca.external(f.name(), str(path))
     return [_built.get(f, f) for f in functions]
@@ -88,9 +90,3 @@ def built(make: Callable[..., K], *of: Any) -> K:
 @lru_cache(maxsize=512)
 def _made(make: Callable[..., Any], *of: Any) -> Any:
     return make(*of)
-
-
-def _source(function: ca.Function) -> str:
-    generator = ca.CodeGenerator("function.c")
-    generator.add(function)
-    return str(generator.dump())

@@ -156,20 +156,17 @@ class Sum:
         of, what = self._of, self._what
         sizes = [("x", of.n_x), ("p", of.n_p), ("lam", of.n_g)]
         arguments = [ca.MX.sym(name, size) for name, size in sizes[: 3 if what == "hessian" else 2]]
+        x, p, *lam = arguments
         terms = [term.kernel for term in of.terms]
         functions = kernels(
             [each.value if what == "value" else each.derivative(what)[0] for each in terms],
             of.machine_code,
         )
-        results = [
-            f.map(term.count)(*self._arguments_of(k, arguments))
-            for k, (f, term) in enumerate(zip(functions, of.terms, strict=True))
-        ]
+        results = []
+        for f, term, numbers in zip(functions, of.terms, of.slices, strict=True):
+            # Unknowns, numbers and any multipliers, repetitions as columns.
+            gathered = [x[term.unknowns.ravel("F").tolist()], p[numbers]]
+            gathered += [weights[term.rows.ravel("F").tolist()] for weights in lam]
+            columns = [ca.reshape(values, -1, term.count) for values in gathered]
+            results.append(f.map(term.count)(*columns))
         return Buffered(ca.Function(f"{what}_of_kernels", arguments, results))
-
-    def _arguments_of(self, k: int, arguments: list[ca.MX]) -> list[ca.MX]:
-        """Return a term's unknowns, numbers and any multipliers, repetitions as columns."""
-        (x, p, *lam), term = arguments, self._of.terms[k]
-        gathered = [x[term.unknowns.ravel("F").tolist()], p[self._of.slices[k]]]
-        gathered += [weights[term.rows.ravel("F").tolist()] for weights in lam]
-        return [ca.reshape(values, -1, term.count) for values in gathered]

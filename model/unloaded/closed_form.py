@@ -76,11 +76,6 @@ def _step(
     return ca.Function("marched", arguments, results, {"cse": True})
 
 
-def _step_of_many(statics: ClosedStatics, scheme: Magnus, machine_code: bool) -> Columns:
-    """Return a step of many arms."""
-    return Columns(_step(statics, scheme, statics.is_explicit, least=True), machine_code)
-
-
 def _march(
     statics: ClosedStatics,
     scheme: Magnus,
@@ -201,7 +196,8 @@ class ClosedForm:
         return np.concatenate(poses), np.concatenate(least)
 
     def _many(self, tensions: Array, nodes: Sequence[int]) -> tuple[Array, Array]:
-        step = built(_step_of_many, self._statics, self.scheme, self.machine_code)
+        of = self._statics, self.scheme, self._statics.is_explicit, True
+        step = built(Columns, built(_step, *of), self.machine_code)
         poses, m = [np.repeat(self._base[:, None], len(tensions), axis=1)], len(self.scheme.nodes)
         least = self._stretch(self.strains.of_many(tensions, slice(self._inner, None))).min(axis=1)
         for k, h in enumerate(self._h):

@@ -143,7 +143,7 @@ class UnloadedSections(Sections):
 
         None where they do so nowhere.
         """
-        short = self.place[self.speeds(strains) <= LEAST_STRETCH]
+        short = self.place[self.speeds(strains)[:, 0] <= LEAST_STRETCH]
         if not self._exact or not short.size:
             return None
         i = int(short.min())
