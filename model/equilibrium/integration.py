@@ -21,9 +21,9 @@ import numpy as np
 
 from model.cross_section.law import components, join
 from model.cross_section.sections import Sections
-from model.effects import Current, Friction
+from model.effects import Current
 from model.integrators import RK8
-from model.loads import beyond, contacts, directions
+from model.loads import beyond, contacts
 from model.machine.buffered import Mapped
 from model.machine.compiled import built
 from model.obstacles import distances, numbers_of
@@ -34,6 +34,7 @@ from model.transcription.element import Form, drag_force
 from model.transcription.friction import hermite, turning_function
 from model.transcription.kernels import Places
 from model.transcription.layout import POSE
+from model.transcription.numbers import friction_coefficients
 from model.transcription.system import System
 
 SCHEME = RK8
@@ -79,7 +80,8 @@ class Integration:
         self._dead, self._drag = load * dead, drag * np.array([load, 1, 1, 1])[: drag.shape[-1]]
         self.by_stages = self._through_stages(gauss(of.form.stages).at(self._share), of.stages)
         if of.form.friction:
-            self._friction, self._rates = load * coefficients(system), self._rates_by_stages()
+            self._friction = load * friction_coefficients(system.arm, system.scene)
+            self._rates = self._rates_by_stages()
         if of.form.pressed:
             self._press()
 
@@ -294,11 +296,5 @@ def sliding_tensions(at: System, x: Array, s: Array, place: Places, tendon: Plac
     weights = share[:, None] ** powers / powers @ gauss(m).powers
     grows = h[element] * (weights * rates[element, tendon]).sum(axis=1)
     turned = x[node[element, tendon]] + grows
-    return np.asarray(T * np.exp(-x[of.n_tendons] * coefficients(at)[tendon] * turned))
-
-
-def coefficients(at: System) -> Array:
-    """Return direction times coefficient of friction of each tendon (n_tendons,)."""
-    friction = at.scene.find(Friction)
-    assert friction is not None
-    return np.asarray(friction.mu * np.array(directions(at.arm, friction)))
+    mu = friction_coefficients(at.arm, at.scene)[tendon]
+    return np.asarray(T * np.exp(-x[of.n_tendons] * mu * turned))

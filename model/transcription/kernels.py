@@ -16,6 +16,7 @@ Softw. 27 (2012), here by blocks.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Literal
 
 import casadi as ca
@@ -93,6 +94,9 @@ class Kernel:
         Residuals as expressions of y and c alone.
     value : casadi.Function
         y, c -> r.
+    derivative : callable
+        What -> a function for the nonzeros of a derivative, and the place of each; made once. Of
+        y, c -> dr/dy or dr/dc; y, c, lam -> the Hessian of lam . r in y.
     """
 
     def __init__(
@@ -100,18 +104,9 @@ class Kernel:
     ) -> None:
         self.name, self.y, self.c = name, y, c
         self._through, self._r = through or Steps(), ca.densify(r)
-        self._derivatives: dict[What, tuple[ca.Function, Places, Places]] = {}
+        self.derivative = cache(self._differentiated)
         self.r = self._through.resolved(self._r)
         self.value = ca.Function(name, [y, c], [self.r], {"cse": True})
-
-    def derivative(self, what: What) -> tuple[ca.Function, Places, Places]:
-        """Return a function for the nonzeros of a derivative, and the place of each; made once.
-
-        y, c -> dr/dy or dr/dc; y, c, lam -> the Hessian of lam . r in y.
-        """
-        if what not in self._derivatives:
-            self._derivatives[what] = self._differentiated(what)
-        return self._derivatives[what]
 
     def in_numbers(self) -> Kernel:
         """Return the same residuals with the numbers among the unknowns, behind the others."""

@@ -19,9 +19,7 @@ from model.stations import (
     tendon_path_rates,
     tendon_paths,
 )
-from model.transcription.collocation import gauss
 from model.transcription.element import Form
-from model.transcription.kernels import Places
 from model.transcription.layout import Layout
 from model.transcription.touch import BEFORE, FRICTION_TOLD, TOLD
 
@@ -35,14 +33,11 @@ def numbers(arm: Arm, scene: Scene, mesh: Mesh, of: Layout) -> tuple[Array, Arra
     Those of the equations of equilibrium (n_p,), of the equations of the tendons' lengths (n,), and
     the arc lengths of the stages (N stages,) [m].
     """
-    form, m = of.form, of.form.stages
-    method, h = gauss(m), np.diff(mesh.s)
-    s = (mesh.s[:-1, None] + h[:, None] * method.c).ravel()
-    at = stations(arm, s, np.repeat(mesh.active, m))
-    stage, number = of.crossings
+    form, (stage, number) = of.form, of.crossings
+    s, weights, active = mesh.points(form.stages)
+    at = stations(arm, s, active)
     paths = tendon_paths(arm, at, stage, number)
-    ends = np.repeat(mesh.s[1:], m)
-    columns = [base_pose(arm), element_numbers(arm, scene, form, s, h, ends)]
+    columns = [base_pose(arm), element_numbers(arm, scene, form, s, mesh.s)]
     if form.loaded:
         load = scene.find(TipLoad)
         wrench = [load.moment, load.force] if load else np.zeros((2, 3))
@@ -51,16 +46,14 @@ def numbers(arm: Arm, scene: Scene, mesh: Mesh, of: Layout) -> tuple[Array, Arra
         columns.append(levers(scene)[1].T)
     body = body_numbers(arm, scene, at)
     if form.friction:
-        k, j = of.passages
         columns.append(np.vstack([body, body_numbers(arm, scene, at, rates=True)]))
-        columns += [sliding_numbers(arm, scene, at, h, k, j, m), _kinks(arm, mesh, of, h)]
+        columns += friction_numbers(arm, scene, mesh, of, at)
     else:
         columns += [body, paths]
     if form.contacts:
         columns += contact_numbers(arm, scene, form, mesh)
-    weights = (h[:, None] * method.b).ravel()[stage]
     p = np.concatenate([np.ravel(column, "F") for column in columns])
-    return p, np.vstack([paths, weights]).ravel("F"), s
+    return p, np.vstack([paths, weights[stage]]).ravel("F"), s
 
 
 def contact_numbers(arm: Arm, scene: Scene, form: Form, mesh: Mesh) -> list[Array]:
@@ -88,36 +81,38 @@ def contact_numbers(arm: Arm, scene: Scene, form: Form, mesh: Mesh) -> list[Arra
     return results
 
 
-def sliding_numbers(
-    arm: Arm, scene: Scene, at: Stations, h: Array, k: Places, j: Places, m: int
-) -> Array:
-    """Return the numbers (n, P) of tendons j that slide through elements k; see TendonSymbols."""
-    friction = scene.find(Friction)
-    assert friction is not None
-    mu = friction.mu * np.array(directions(arm, friction))[j]
-    rows = [h[k], mu]
+def friction_numbers(arm: Arm, scene: Scene, mesh: Mesh, of: Layout, at: Stations) -> list[Array]:
+    """Return the numbers (n, P) of tendons that slide through elements; see TendonSymbols.
+
+    And those (6, P) of the kinks of tendons that go on beyond anchorages.
+    """
+    m, h, (k, j) = of.form.stages, np.diff(mesh.s), of.passages
+    slides = [h[k], friction_coefficients(arm, scene)[j]]
     for stage in range(m):
         arguments = arm, at, k * m + stage, j
-        rows += [tendon_paths(*arguments), tendon_path_rates(*arguments)[2:]]
-    return np.vstack(rows)
-
-
-def _kinks(arm: Arm, mesh: Mesh, of: Layout, h: Array) -> Array:
-    """Return the numbers (6, P) of the kinks of tendons that go on beyond anchorages."""
+        slides += [tendon_paths(*arguments), tendon_path_rates(*arguments)[2:]]
     k, j = of.kinks
-    at = stations(arm, mesh.s[k + 1], mesh.active[k + 1])
-    return np.vstack([h[k], h[k + 1], tendon_paths(arm, at, np.arange(k.size), j)])
+    ends = stations(arm, mesh.s[k + 1], mesh.active[k + 1])
+    kinks = [h[k], h[k + 1], tendon_paths(arm, ends, np.arange(k.size), j)]
+    return [np.vstack(slides), np.vstack(kinks)]
 
 
-def element_numbers(arm: Arm, scene: Scene, form: Form, s: Array, h: Array, end: Array) -> Array:
-    """Return the numbers (n, N) of elements of lengths h (N,); see ElementSymbols.
+def friction_coefficients(arm: Arm, scene: Scene) -> Array:
+    """Return direction times coefficient of friction of each tendon (n_tendons,)."""
+    friction = scene.find(Friction)
+    assert friction is not None
+    return np.asarray(friction.mu * np.array(directions(arm, friction)))
 
-    Their stages are at s (N stages,), in elements that reach as far as `end` (N stages,).
+
+def element_numbers(arm: Arm, scene: Scene, form: Form, s: Array, nodes: Array) -> Array:
+    """Return the numbers (n, N) of elements between nodes (N + 1,); see ElementSymbols.
+
+    Their stages are at s (N stages,).
     """
-    N, m = h.size, form.stages
-    rows = [h[None, :]]
+    N, m = nodes.size - 1, form.stages
+    rows = [np.diff(nodes)[None, :]]
     if form.loaded:
-        dead = beyond(arm, scene, s, end)
+        dead = beyond(arm, scene, s, np.repeat(nodes[1:], m))
         rows += [np.zeros((6, N)), dead.reshape(3, N, m).transpose(2, 0, 1).reshape(-1, N)]
     current = scene.find(Current)
     if form.current and current:

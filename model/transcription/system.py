@@ -27,35 +27,8 @@ from model.rotations import matrices
 from model.scene import Scene
 from model.transcription.collocation import gauss
 from model.transcription.element import Form, element
-from model.transcription.layout import POSE, Layout, layout
+from model.transcription.layout import POSE, layout
 from model.transcription.numbers import numbers
-
-
-def form_of(
-    scene: Scene,
-    curved: bool,
-    stages: int,
-    loaded: bool = True,
-    machine_code: bool = False,
-    pressed: bool = False,
-) -> Form:
-    """Return the form of a scene's equations by elements of so many stages.
-
-    `curved` says whether the arm is so at rest.
-    """
-    load = scene.find(TipLoad)
-    return Form(
-        cross_section_of(scene, curved, torsion=loaded),
-        stages,
-        loaded,
-        scene.has(Current),
-        load is not None and load.follower,
-        scene.has(Friction),
-        machine_code,
-        len(contacts(scene)) * loaded,
-        pressed,
-        any(contact.friction for contact in contacts(scene)) and loaded,
-    )
 
 
 class System:
@@ -84,8 +57,22 @@ class System:
         pressed: bool = False,
     ) -> None:
         self.arm, self.scene, self.mesh = arm, scene, mesh
-        form = form_of(scene, arm.is_curved, stages, loaded, machine_code, pressed)
-        self.of = structure(arm, scene, mesh, form)
+        tip, touched = scene.find(TipLoad), contacts(scene) if loaded else ()
+        form = Form(
+            cross_section_of(scene, arm.is_curved, torsion=loaded),
+            stages,
+            loaded,
+            scene.has(Current),
+            tip is not None and tip.follower,
+            scene.has(Friction),
+            machine_code,
+            len(touched),
+            pressed,
+            any(contact.friction for contact in touched),
+        )
+        at = [mesh.node(section.at) for section in arm.sections]
+        off = tuple(mesh.node(s) for s in levers(scene)[0].tolist())
+        self.of = layout(form, tuple(at[i] for i, _ in arm.tendons), mesh.steps, off)
         self.p, self.length_numbers, self.s = numbers(arm, scene, mesh, self.of)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -238,13 +225,6 @@ def _restored(*value: Any) -> System:
     result = System(*value[:-1])
     result.p = value[-1]
     return result
-
-
-def structure(arm: Arm, scene: Scene, mesh: Mesh, form: Form) -> Layout:
-    """Return the layout of the equations of an arm in a scene."""
-    at = [mesh.node(section.at) for section in arm.sections]
-    off = tuple(mesh.node(s) for s in levers(scene)[0].tolist())
-    return layout(form, tuple(at[i] for i, _ in arm.tendons), mesh.steps, off)
 
 
 @lru_cache(maxsize=32)

@@ -6,8 +6,9 @@ derivatives are by the implicit function theorem on the balance of each cross-se
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
@@ -54,6 +55,12 @@ class Lengths:
     lengths: Array
     jacobian: Array
 
+    @classmethod
+    def under(cls, at: UnloadedSections, weights: Array, tensions: Array) -> Lengths:
+        """Return those under tensions (n_tendons,), of cross-sections that have weights (N,)."""
+        v = at.strains(tensions)
+        return cls(at, tensions, v, *at.lengths(v, weights))
+
     @property
     def crushed(self) -> CollapsedError | None:
         """What to tell of the first cross-section that leaves a tendon no length, if any."""
@@ -67,24 +74,20 @@ class Lengths:
         return np.tensordot(self.jacobian, at.by_tensions(balance), 2)
 
 
-class TendonLengths:
-    """Tensions to lengths of the tendons, by Gauss quadrature in each step."""
-
-    def __init__(self, arm: Arm, scene: Scene, machine_code: bool = False) -> None:
-        law = cross_section_of(unloaded(scene), arm.is_curved, torsion=False)
-        s, self._weights, active = graded(arm, 1).points(_POINTS)
-        self._at = UnloadedSections(arm, unloaded(scene), law, s, active, machine_code)
-
-    def __call__(self, tensions: Array) -> Lengths:
-        """Return the lengths under tensions (n_tendons,); raises UnsettledSectionError."""
-        v = self._at.strains(tensions)
-        return Lengths(self._at, tensions, v, *self._at.lengths(v, self._weights))
-
-
 @lru_cache(maxsize=48)
-def tendon_lengths(arm: Arm, scene: Scene, machine_code: bool = False) -> TendonLengths:
-    """Return the lengths of tendons by tensions; see TendonLengths."""
-    return TendonLengths(arm, scene, machine_code)
+def tendon_lengths(
+    arm: Arm, scene: Scene, machine_code: bool = False
+) -> Callable[[Array], Lengths]:
+    """Return tensions (n_tendons,) -> the lengths, by Gauss quadrature in each step.
+
+    What it returns raises UnsettledSectionError.
+    """
+    alone = unloaded(scene)
+    law = cross_section_of(alone, arm.is_curved, torsion=False)
+    s, weights, active = graded(arm, 1).points(_POINTS)
+    return partial(
+        Lengths.under, UnloadedSections(arm, alone, law, s, active, machine_code), weights
+    )
 
 
 March = ClosedForm | PrintedMap
