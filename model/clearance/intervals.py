@@ -60,29 +60,17 @@ def _square(a: Interval) -> Interval:
     return Interval(least**2, np.maximum(a.low**2, a.high**2))
 
 
-def _sum(a: Interval, b: Interval) -> Interval:
-    return Interval(a.low + b.low, a.high + b.high)
-
-
-def _negative(a: Interval) -> Interval:
-    return Interval(-a.high, -a.low)
-
-
-def _root(a: Interval) -> Interval:
-    return Interval(np.sqrt(np.maximum(a.low, 0.0)), np.sqrt(np.maximum(a.high, 0.0)))
-
-
 _OPERATIONS: dict[int, Callable[..., Interval]] = {
     ca.OP_ASSIGN: lambda a: a,
-    ca.OP_ADD: _sum,
-    ca.OP_SUB: lambda a, b: _sum(a, _negative(b)),
-    ca.OP_NEG: _negative,
+    ca.OP_ADD: lambda a, b: Interval(a.low + b.low, a.high + b.high),
+    ca.OP_SUB: lambda a, b: Interval(a.low - b.high, a.high - b.low),
+    ca.OP_NEG: lambda a: Interval(-a.high, -a.low),
     ca.OP_TWICE: lambda a: Interval(2 * a.low, 2 * a.high),
     ca.OP_MUL: Interval.times,
     ca.OP_DIV: lambda a, b: a.times(_inverse(b)),
     ca.OP_INV: _inverse,
     ca.OP_SQ: _square,
-    ca.OP_SQRT: _root,
+    ca.OP_SQRT: lambda a: Interval(*(np.sqrt(np.maximum(each, 0.0)) for each in a)),
 }
 
 
