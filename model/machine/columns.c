@@ -25,28 +25,32 @@ static inline void function(const lanes *y, lanes *r) {
 BODY_
 }
 
-/* in[i] is (size, n), or (size, 1) of what is the same for all sets, out[i] (size, n). Of less than
-   LANES sets the rest of the lanes is 0; the last sets of more are done again. */
-void columns(long n, const long *same, const double *const *in, double *const *out) {
+/* in[i] is (steps, size, n), or (steps, size, 1) of what is the same for all sets, out[i] (steps,
+   size, n); but for in[0], which is that of the first step alone: others go on from out[0]. Of less
+   than LANES sets the rest of the lanes is 0; the last sets of more are done again. */
+void columns(long n, long steps, const long *same, const double *const *in, double *const *out) {
   static const int sizes_in[] = {SIZES_IN_, 0}, sizes_out[] = {SIZES_OUT_, 0};
   const long some = n < LANES ? n : LANES;
   lanes y[N_Y_ + 1], r[N_R_ + 1];
   for (long next = 0; next < n; next += LANES) {
     const long first = next + some <= n ? next : n - some;
-    lanes *to = y, *from = r;
-    for (int i = 0; i < N_IN_; ++i)
-      for (long j = 0; j < sizes_in[i]; ++j, ++to) {
-        const double *set = in[i] + j * (same[i] ? 1 : n) + !same[i] * first;
-        if (same[i]) *to = all(*set);
-        else if (some == LANES) *to = *(const unaligned *)set;
-        else for (long l = 0; l < LANES; ++l) (*to)[l] = l < some ? set[l] : 0.0;
-      }
-    function(y, r);
-    for (int i = 0; i < N_OUT_; ++i)
-      for (long j = 0; j < sizes_out[i]; ++j, ++from) {
-        double *set = out[i] + j * n + first;
-        if (some == LANES) *(unaligned *)set = *from;
-        else for (long l = 0; l < some; ++l) set[l] = (*from)[l];
-      }
+    for (long k = 0; k < steps; ++k) {
+      lanes *to = y, *from = r;
+      for (int i = 0; i < N_IN_; ++i)
+        for (long j = 0; j < sizes_in[i]; ++j, ++to) {
+          const double *set = in[i] + (k * sizes_in[i] + j) * (same[i] ? 1 : n) + !same[i] * first;
+          if (i == 0 && k > 0) *to = r[j];
+          else if (same[i]) *to = all(*set);
+          else if (some == LANES) *to = *(const unaligned *)set;
+          else for (long l = 0; l < LANES; ++l) (*to)[l] = l < some ? set[l] : 0.0;
+        }
+      function(y, r);
+      for (int i = 0; i < N_OUT_; ++i)
+        for (long j = 0; j < sizes_out[i]; ++j, ++from) {
+          double *set = out[i] + (k * sizes_out[i] + j) * n + first;
+          if (some == LANES) *(unaligned *)set = *from;
+          else for (long l = 0; l < some; ++l) set[l] = (*from)[l];
+        }
+    }
   }
 }

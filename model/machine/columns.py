@@ -89,31 +89,47 @@ class Columns:
     """
 
     def __init__(self, function: ca.Function, machine_code: bool) -> None:
+        self._sizes_in = [function.numel_in(i) for i in range(function.n_in())]
         self._sizes = [function.numel_out(i) for i in range(function.n_out())]
         self._lines, self._n_registers = instructions(function), function.sz_w()
         self._run = None
         if machine_code:
             self._run = ctypes.CDLL(str(library(written(function), "-O2"))).columns
             at, count = ctypes.c_void_p, ctypes.c_long
-            self._run.argtypes, self._run.restype = [count, at, at, at], None
+            self._run.argtypes, self._run.restype = [count, count, at, at, at], None
             self._places = (at * function.n_in(), at * function.n_out())
             self._same = count * function.n_in()
 
-    def __call__(self, *columns: Array) -> list[Array]:
-        """Return the results of N sets, as many as one of the arguments has columns at the most."""
+    def __call__(self, *columns: Array, steps: int = 1) -> list[Array]:
+        """Return the results of N sets, as many as one of the arguments has columns at the most.
+
+        Of several steps, each of which has the first result of the one before as its first
+        argument, the other arguments are (steps n_in, N) and results (steps n_out, N).
+        """
         N = max(each.shape[1] for each in columns)
-        results = [np.empty((size, N)) for size in self._sizes]
+        results = [np.empty((steps * size, N)) for size in self._sizes]
         if self._run is None:
             for i in range(0, N, _AT_ONCE):
                 part = slice(i, i + _AT_ONCE)
                 some = [each if each.shape[1] == 1 else each[:, part] for each in columns]
-                self._interpret(some, [result[:, part] for result in results])
+                self._interpret_steps(steps, some, [result[:, part] for result in results])
             return results
         arguments = [np.ascontiguousarray(each, dtype=float) for each in columns]
         places = zip(self._places, (arguments, results), strict=True)
         at = (kind(*(each.ctypes.data for each in arrays)) for kind, arrays in places)
-        self._run(N, self._same(*(each.shape[1] < N for each in columns)), *at)
+        self._run(N, steps, self._same(*(each.shape[1] < N for each in columns)), *at)
         return results
+
+    def _interpret_steps(self, steps: int, columns: list[Array], results: list[Array]) -> None:
+        """Fill in the results of some sets, step by step."""
+        state, *others = columns
+        for k in range(steps):
+            sizes = zip(others, self._sizes_in[1:], strict=True)
+            values = [each[k * size : (k + 1) * size] for each, size in sizes]
+            now = zip(results, self._sizes, strict=True)
+            after = [each[k * size : (k + 1) * size] for each, size in now]
+            self._interpret([state, *values], after)
+            state = after[0]
 
     def _interpret(self, columns: Sequence[Array], results: Sequence[Array]) -> None:
         """Fill in the results of some sets, one operation after the other."""

@@ -31,8 +31,8 @@ from model.stations import base_pose
 from model.unloaded.sections import StrainsByTensions
 from model.unloaded.statics import ClosedStatics, closed_statics
 
-# Arms at a time: their numbers stay in the processor's cache.
-_ARMS = 1024
+# Arms at a time, interpreted and by machine code: their numbers stay in the processor's cache.
+_ARMS = 2048, 512
 # So few are marched one after the other, where they are interpreted.
 _FEW = 256
 # Of log R and s/L in its meshes: errors of slender tips weigh most where strains follow tensions.
@@ -190,24 +190,27 @@ class ClosedForm:
             arms = [self.run(T) for T in tensions]
             rows = np.array([rows[nodes] for rows, *_ in arms]).reshape(-1, len(nodes), 7)
             return rows, np.array([stretch.min() for _, stretch, _ in arms])
-        starts = range(0, max(len(tensions), 1), _ARMS)
-        parts = [self._many(tensions[i : i + _ARMS], nodes) for i in starts]
+        some = _ARMS[self.machine_code]
+        starts = range(0, max(len(tensions), 1), some)
+        parts = [self._many(tensions[i : i + some], nodes) for i in starts]
         poses, least = zip(*parts, strict=True)
         return np.concatenate(poses), np.concatenate(least)
 
     def _many(self, tensions: Array, nodes: Sequence[int]) -> tuple[Array, Array]:
+        M, S, m = len(tensions), self.mesh.steps, len(self.scheme.nodes)
         of = self._statics, self.scheme, self._statics.is_explicit, True
         step = built(Columns, built(_step, *of), self.machine_code)
-        poses, m = [np.repeat(self._base[:, None], len(tensions), axis=1)], len(self.scheme.nodes)
-        least = self._stretch(self.strains.of_many(tensions, slice(self._inner, None))).min(axis=1)
-        for k, h in enumerate(self._h):
-            known = self.strains.columns(tensions, slice(k * m, (k + 1) * m))
-            pose, stretch = step(poses[-1], *known, np.array([[h]]))
-            poses.append(pose)
-            least = np.minimum(least, stretch[0])
+        base, known = (
+            np.tile(self._base[:, None], M),
+            self.strains.columns(tensions, self._inner, m),
+        )
+        poses, stretch = step(base, *known, self._h[:, None], steps=S)
+        poses = np.concatenate([base[None], poses.reshape(S, 7, M)])
+        at_ends = self._stretch(self.strains.of_many(tensions, slice(self._inner, None)))
+        least = np.minimum(stretch.min(axis=0), at_ends.min(axis=1))
         # The least of numbers and of what is none is a number.
-        least[np.isnan(pose[4])] = np.nan
-        return np.array([poses[node] for node in nodes]).transpose(2, 0, 1), least
+        least[np.isnan(poses[-1, 4])] = np.nan
+        return poses[nodes].transpose(2, 0, 1), least
 
     def _stretch(self, v: Array) -> Array:
         """Return 1 + q (..., K) of strains (..., K, n); NaN where these are none."""

@@ -73,12 +73,17 @@ class StrainsByTensions:
             return self._flat @ tensions, self.data.ravel()
         return (self(tensions).ravel(),)
 
-    def columns(self, tensions: Array, places: slice) -> list[Array]:
-        """Return the same at some places for tensions (M, n_tendons), by columns."""
-        if not self.statics.is_explicit:
-            return [self.of_many(tensions, places).reshape(len(tensions), -1).T]
-        maps = self.maps[places].reshape(-1, tensions.shape[1])
-        return [maps @ tensions.T, self.data[places].reshape(-1, 1)]
+    def columns(self, tensions: Array, count: int, some: int) -> list[Array]:
+        """Return the same at the first places for tensions (M, n_tendons), by columns.
+
+        Of `count` places strains are solved for at `some` at a time.
+        """
+        if self.statics.is_explicit:
+            flat = self.maps[:count].reshape(-1, tensions.shape[1])
+            return [flat @ tensions.T, self.data[:count].reshape(-1, 1)]
+        parts = [slice(k, k + some) for k in range(0, count, some)]
+        values = [self.of_many(tensions, part).reshape(len(tensions), -1).T for part in parts]
+        return [np.concatenate(values)]
 
     def of_many(self, tensions: Array, places: slice) -> Array:
         """Return the strains (M, k, n) under tensions (M, n_tendons) at some of the places."""
