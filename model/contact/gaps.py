@@ -17,7 +17,8 @@ from model.transcription.collocation import gauss
 from model.transcription.system import System
 from model.transcription.touch import gap_along
 
-# What a gap may be below 0, over the arm's length.
+# What a gap may be below 0, over the arm's length; of slopes, and over the largest of forces, what
+# is rounding.
 THROUGH = 1e-9
 # Gaps are sampled so often in each element; where one is least, among so many places in so many
 # intervals, each around the least of the one before.

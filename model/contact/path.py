@@ -46,8 +46,8 @@ from model.winches import slackened
 _STEPS, _WITH_FRICTION = (1 / 4, 1 / 16, 1.0), (1 / 8, 1 / 128, 1 / 8)
 # The farthest that a frame may turn in a step, and from forces at nodes to refined places [rad].
 _TURN = 1.0
-# How often nodes are exchanged; forces that are those of an interior point, over the largest.
-_EXCHANGES, _NONE = 8, 1e-5
+# How often nodes or pairs are exchanged; forces of an interior point alone, over the largest.
+EXCHANGES, _NONE = 8, 1e-5
 # How often forces without a potential are updated in a step: places are refined with them in full.
 _ROUNDS = 3
 # How far frames turn off an unstable equilibrium at first [rad].
@@ -203,7 +203,7 @@ def _sharp(request: Request, rough: Linearised) -> Linearised:
     Where none is found nodes that touch go to where the gap is least, others to where it is below 0
     in between. From where it is unstable the arm falls to the least energy aside of it.
     """
-    for _ in range(_EXCHANGES):
+    for _ in range(EXCHANGES):
         check_time()
         end = sharpened(request, rough, _at_forces(rough))
         if end is not None and close(rough, end):

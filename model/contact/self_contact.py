@@ -19,7 +19,7 @@ from model.centreline import Centreline
 from model.clearance.nearest import ITSELF, clearances
 from model.contact.contacts import Touch
 from model.contact.gaps import THROUGH
-from model.contact.path import stepped
+from model.contact.path import EXCHANGES, stepped
 from model.effects import PointLoad
 from model.errors import OctoplanError, UnsettledContactError
 from model.obstacles import Sphere
@@ -33,8 +33,8 @@ _STEPS = 1 / 4, 1 / 1024, 1 / 4
 # Penetration that is allowed when a pair begins, over the lesser radius; how far apart arc lengths
 # are another pair's, over the length.
 _DEEP, _OTHER = 0.5, 0.03
-# How often pairs come and go at one load factor; residuals of a root, scaled.
-_CHANGES, _ROOT = 8, 2e-10
+# Residuals of a root, scaled.
+_ROOT = 2e-10
 # Steps of differences: along the arm, over its length; of scaled unknowns.
 _ALONG, _DIFFERENCE = 1e-4, 1e-5
 # The sine of the angle between parts that cross.
@@ -170,7 +170,7 @@ def _step(tensions: Array, scene: Scene, settle: Settle, state: _State) -> _Stat
     """
     (before, _), (near, pairs) = state, state
     L, apart = before.arm.length, max(nearest_pair(before)[1], 0.0)
-    for _ in range(_CHANGES):
+    for _ in range(EXCHANGES):
         try:
             solution = _closed(tensions, scene, settle, pairs, near)
         except OctoplanError:

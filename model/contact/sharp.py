@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.contact.gaps import along, least_gaps
+from model.contact.gaps import THROUGH, along, least_gaps
 from model.contact.newton import STEPS, newton
 from model.contact.touches import (
     Place,
@@ -36,13 +36,13 @@ from model.transcription.system import System
 from model.transcription.touch import BEFORE
 from model.winches import Winches
 
-# How far off places may be, over the arm's length; of the largest force or slope, what is rounding.
-_OFF, _ROUNDING = 1e-10, 1e-9
+# How far off places may be, over the arm's length.
+_OFF = 1e-10
 # gap'' [1/m] that counts as flat.
 _FLAT = 1e-3
-# Over an element: how far from an end derivatives are taken, half the length of a part that was a
-# point and how far points move from corners at most, parts that are points, and what is near.
-_ASIDE, _BORN, _SHORT, _NEAR = 0.05, 0.3, 0.02, 0.25
+# Over an element: how far from an end derivatives are taken, parts that are points, and what is
+# near: half the length of a part that was a point, how far points move from corners at most.
+_ASIDE, _SHORT, _NEAR = 0.05, 0.02, 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,8 +142,8 @@ def with_places(of: Request, near: Linearised, places: Places) -> Linearised | N
         s, j = np.array([p.start for p in free]), np.array([p.obstacle for p in free])
         nodes, curve = [mesh.node(p.start) for p in free], along(near.system, near.x, s, j)[0][:, 2]
         touches.moves[nodes, j] = 1
-        # Where it is below 0 too, points move to lesser gaps.
-        touches.curve[nodes, j] = np.maximum(np.abs(curve), _FLAT)
+        # Where the gap is no least one yet points move to lesser gaps.
+        touches.curve[nodes, j] = np.where(curve > _FLAT, curve, 1 / of.base.arm.length)
     system = touches.on(system)
     return newton(system, of.tensions, of.load, _carried(of, near, system, touches))
 
@@ -191,7 +191,7 @@ def _point_shift(of: Request, point: Linearised, place: Place) -> float:
     shift = float(system.mesh.s[node] + second(system, point.states)[node, j]) - s
     if s in of.corners:
         _, slope, curve = along(system, point.x, np.array([s]), np.array([j]))[0][0]
-        shift = -min(slope / max(curve, _FLAT), _BORN * h) * (slope > _ROUNDING)
+        shift = -min(slope / max(curve, _FLAT), _NEAR * h) * (slope > THROUGH)
     shift = min(max(shift, -h / 2), h / 2)
     passed = [at - s for at in of.corners if 0 < (at - s) * np.sign(shift) < abs(shift)]
     return passed[0] if passed else shift
@@ -228,7 +228,7 @@ def _exchanged(of: Request, point: Linearised, places: Places, settled: bool) ->
     system, states, touches = point.system, point.states, Touches.of(point.system)
     force, pressed = forces(system, states), resultants(system, states)
     least = np.where(touches.held, np.minimum(force, pressed), pressed)
-    presses = touches.touching & (least >= -_ROUNDING * pressed.max(initial=0.0))
+    presses = touches.touching & (least >= -THROUGH * pressed.max(initial=0.0))
     kept = list[Place]()
     for place in read_off(system, presses, touches.lies > 0, pressed):
         stays = settled and not place.lies and place in places
@@ -243,11 +243,11 @@ def _touching(of: Request, point: Linearised, place: Place) -> Place:
     A force at a point bends an arm that shears by an angle there.
     """
     system, s, j, L = point.system, place.start, place.obstacle, of.base.arm.length
-    h = _BORN * float(np.diff(system.mesh.s)[system.mesh.node(s) - 1])
+    h = _NEAR * float(np.diff(system.mesh.s)[system.mesh.node(s) - 1])
     both = np.array([s, min(s + SAME * L, L)])
     (_, slope, curve), (_, after, _) = along(system, point.x, both, np.array([j, j]))[0]
     if of.base.scene.has(Shear):
-        return Place(j, s - h, min(s + h, L)) if slope - after > _ROUNDING else place
+        return Place(j, s - h, min(s + h, L)) if slope - after > THROUGH else place
     return place if curve >= 0 or s in of.corners else Place(j, s - h, min(s + h, L))
 
 

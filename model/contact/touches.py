@@ -22,8 +22,6 @@ from model.transcription.touch import BEFORE, FRICTION_TOLD, TOLD
 Mask = NDArray[np.bool_]
 # Arc lengths of points that share a node, over the arm's.
 _BESIDE = 1e-6
-# The least elements of a part that lies: one node inside of it.
-_LYING = 2
 
 
 @dataclass(frozen=True, order=True)
@@ -181,7 +179,7 @@ def mesh_with(base: System, fixed: Array, places: Places) -> Mesh | None:
     wanted, least = np.sort(wanted), np.ones(wanted.size, dtype=int)
     for place in places:
         within = (wanted[:-1] >= place.start - near) & (wanted[1:] <= place.end + near)
-        least[1:][within & place.lies] = _LYING
+        least[1:][within & place.lies] = 2
     stay, apart, nodes = np.isin(wanted, fixed), np.cumsum(least), base.mesh.s
     while True:
         # The nearest nodes in order: pushed on from the base, then back from those that stay.
