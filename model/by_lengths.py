@@ -45,10 +45,13 @@ from model.winches import ROUNDING, Winches, least, slackened
 
 # Stages of the elements on which the least energy is sought.
 _STAGES = 2
-# Newton steps; the last one changes tensions by no more than this share, where lengths do not tell
-# that they are met twice.
-_STEPS, _LAST = 30, 1e-5
-# What taut tendons may be off, over the arm's length, and what they are on meshes before the last.
+# Newton steps; that one is the last which changes tensions by no more than this share, or which
+# will leave no more than this share of rounding, as its error goes by the square.
+_STEPS, _LAST, _SQUARE = 30, 1e-5, 0.1
+# What is left of taut tendons after a step, over rounding, where others keep them from it.
+_APART = 10.0
+# What is left of tendons that are slack, and what taut ones may be off, over the arm's length; on
+# meshes that are not the last one all.
 _NEARLY = 1e-9
 # How often a step is halved that leads to no equilibrium.
 _HALVINGS = 6
@@ -91,28 +94,41 @@ def tightened(
     """Return the equilibrium whose taut tendons are as long as winches leave them, to `rounding`.
 
     Over the arm's length; combinations of tensions that lengths feel by less are the least. None
-    where it takes too many steps. Where rounding is more than that, steps end as soon as they come
-    no nearer.
+    where it takes too many steps. A tendon that has slackened is tight again only where
+    nothing is left of it, but for what others lack so far; one that keeps taut ones from their
+    lengths is not.
     """
     held, rounding = winches.held, rounding * arm.length
-    before, change = np.inf, np.inf
+    close, last = max(_NEARLY * arm.length, _APART * rounding), 0.0
+    nearly = np.full(at.tensions.size, _NEARLY * arm.length)
     for _ in range(_STEPS):
         check_time()
         now, left = at.tensions, winches.lacks(at.lengths, at.tensions)
-        off = float(np.abs(np.where(now > 0, left, np.minimum(left, 0.0)))[held].max(initial=0.0))
-        no_nearer = off <= _NEARLY * arm.length and off > before / 2
-        stays = change <= _LAST * now.max() or before <= rounding
-        if stays and (off <= rounding or no_nearer):
-            return at
-        tight = np.flatnonzero(held & ((now > 0) | (left <= max(rounding, 2 * off))))
+        taut = now > 0
+        level = 2 * np.abs(left[held & taut]).max(initial=0.0)
+        limit = np.where(nearly > 0, np.maximum(nearly, level), -rounding)
+        tight = np.flatnonzero(held & (taut | (left <= limit)))
+        M = np.diag(winches.stretch[tight]) - at.length_tension[np.ix_(tight, tight)]
         T = now.copy()
-        if tight.size:
-            M = np.diag(winches.stretch[tight]) - at.length_tension[np.ix_(tight, tight)]
-            T[tight] = least(M, left[tight], now[tight], rounding)
-        before, change = off, float(np.abs(T - now).max())
+        T[tight], well = least(M, left[tight], now[tight], rounding)
+        beyond = left[tight] + M @ (T - now)[tight]
+        slack = (T[tight] == 0) & (beyond > rounding)
+        apart = np.abs(beyond[T[tight] > 0]).max(initial=0.0) > _APART * rounding
+        change, off = float(np.abs(T - now).max()), float(np.abs(left[tight]).max(initial=0.0))
+        ratio = change / last if last else np.inf
+        small = (well and change <= _LAST * T.max()) or off * ratio * ratio <= _SQUARE * rounding
         after = _stepped(at, T, beside) if np.isfinite(T).all() else None
         if after is None:
             return None
+        if small and not (apart and slack.any()):
+            lacks = winches.lacks(after.lengths, T)
+            missed = held & (lacks <= nearly)
+            missed[tight] = np.abs(lacks[tight]) > np.where(T[tight] > 0, close, np.inf)
+            if not missed.any():
+                return after
+        nearly[taut & (T == 0)], last = rounding, change
+        if apart:
+            nearly[tight[slack]] = -rounding
         at = after
     return None
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dgesdd
 
 from model.arm import Arm
 from model.checks import LARGEST, SMALLEST, not_negative
@@ -167,58 +168,67 @@ def slackened(tensions: Array, left: Array, winches: Winches, arm: Arm) -> Array
     return np.where(slack, 0.0, tensions)
 
 
+# Rounding, against the largest number of its kind.
+_TINY = 1e-14
 # What rounding leaves of lengths, over the arm's length.
 ROUNDING = 3e-14
-# The weight of the norm beside what has to be met: its square is above rounding.
-_LEAST_NORM = 1e-5
+# Combinations that are felt by less than this share of what others are, are not felt well.
+_WELL = 1e-8
+# A residual as small says that inequalities exclude each other.
+_APART = 1e-9
 
 
-def least(M: Array, w: Array, z: Array, rounding: float) -> Array:
+def least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
     """Return z >= 0 (n,) after a Newton step to w = 0, w (n,) changing with z as M (n, n) says.
 
-    In the null space of M, directions that change w by less than `rounding` among it, z is of least
-    norm. Components that would go below 0 stay there, first those that come there first; then those
-    at 0 that keep others from w = 0.
+    And whether all that w tells apart it tells well. In the null space of M, directions that change
+    w by less than `rounding` among it, z is of least norm. Components that would go below 0 stay
+    there, first those that come there first.
     """
-    free = np.ones(z.size, dtype=bool)
+    free, well, nothing = np.ones(z.size, dtype=bool), True, _TINY * float(z.max(initial=0.0))
     while free.any():
         result = np.zeros(z.size)
-        result[free] = _least(M[np.ix_(free, free)], w[free], z[free], rounding)
-        below, left = result < 0, w + M @ (result - z)
-        loose = free & (result == 0) & (left > rounding)
-        apart = bool((np.abs(left[result > 0]) > rounding).any())
-        if not below.any() and not (apart and loose.any()):
-            return result
+        result[free], well = _least(M[np.ix_(free, free)], w[free], z[free], rounding)
+        below = result < 0
         if not below.any():
-            free &= ~loose
-            continue
-        shares = np.where(below, z / np.where(below, z - result, 1.0), 1.0)
-        blocked, before = shares <= shares.min(), z
-        z = np.where(blocked, 0.0, z + shares.min() * (result - z))
-        w = w + M @ (z - before)
+            return result, well
+        blocked = below & (z <= nothing)
+        if not blocked.any():
+            shares = np.ones(z.size)
+            shares[below] = z[below] / (z[below] - result[below])
+            share = float(shares.min())
+            before, blocked = z, shares <= share
+            z = np.where(blocked, 0.0, z + share * (result - z))
+            w = w + M @ (z - before)
         free &= ~blocked
-    return np.zeros(z.size)
+    return np.zeros(z.size), well
 
 
-def _least(M: Array, w: Array, z: Array, rounding: float) -> Array:
+def _least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
     """Return z of least norm after the step; below 0 where no such z avoids it; see least.
 
-    Which components are 0 is told by non-negative least squares: Lawson and Hanson, Solving Least
-    Squares Problems (1974), chapter 23.
+    Least distance programming: Lawson and Hanson, Solving Least Squares Problems (1974), 23.4.
     """
-    left, values, right = np.linalg.svd(M)
+    left, values, right, _ = dgesdd(M)
     most = max(float(np.abs(z).max()), float(np.abs(w).max()) / max(float(values[0]), 1e-300))
     felt = values * most > rounding
-    rows, wanted = right[felt], right[felt] @ z - (w @ left[:, felt]) / values[felt]
-    result = wanted @ rows
-    if result.min() >= 0 or felt.all():
-        return np.asarray(result)
-    with_norm = np.vstack([rows, _LEAST_NORM * np.eye(z.size)])
-    pulled = scipy.optimize.nnls(with_norm, np.append(wanted, 0 * z))[0] > 0
-    raised = np.zeros(z.size)
-    raised[pulled] = np.linalg.lstsq(rows[:, pulled], wanted)[0]
-    is_met = np.linalg.norm(rows @ raised - wanted) <= ROUNDING * np.linalg.norm(wanted)
-    return np.maximum(raised, 0.0) if is_met else np.asarray(result)
+    count = int(np.count_nonzero(felt))  # the largest are the first
+    well = count == 0 or bool(values[count - 1] > _WELL * values[0])
+    result = z + right[:count].T @ ((w @ -left[:, :count]) / values[:count])
+    idle = right[count:]
+    if not len(idle):
+        return result, well
+    result = result - idle.T @ (idle @ result)
+    if result.min() >= 0:
+        return result, well
+    size = float(np.abs(result).max())
+    E = np.vstack([idle, -result / size])
+    f = np.eye(len(E))[-1]
+    r = E @ scipy.optimize.nnls(E, f)[0] - f
+    if np.linalg.norm(r) <= _APART:
+        return result, well
+    raised = result + idle.T @ (r[:-1] / (r @ r) * size)  # the last of r is -r.r, but for rounding
+    return np.where(np.abs(raised) <= _TINY * size, 0.0, raised), well
 
 
 # Combinations of tensions that change lengths by less than this share of what others do.

@@ -36,7 +36,7 @@ from planner.solve.task import SearchResult, Task, Trial, agreed
 from planner.targets.base import Target
 
 # Guesses that have to agree; one more where as many lead nowhere, or all miss the targets, and
-# where more than a point is to be met, which arms meet in ways that are far apart.
+# where a point or more is to be met, which arms meet in several ways.
 AGREED = 2
 # Of guesses that come by effort, so many that lead to dearer optima are enough, too; and so many
 # from which the targets are not met before slacks tell how near they can be had.
@@ -95,7 +95,7 @@ class Search:
         self.task = task
         self._now = _Reading("exact", iter(()))
         self._last: Candidate | None = None
-        self._by_effort = conditions(task.arm, task.targets) > POINT
+        self._count = conditions(task.arm, task.targets)
         self._source = initial_guesses(*self._asked, is_loaded(task.scene))
 
     @property
@@ -270,12 +270,12 @@ class Search:
         """
         if self.task.starts is not None:
             return False
-        trials, mode = self.trials, self._now.mode
+        trials, mode, by_effort = self.trials, self._now.mode, self._count > POINT
         efforts = [trial.objective for trial in trials if trial.met]
         missed = mode == "nearest" or (mode == "closest" and min(efforts, default=np.inf) > _MET)
-        astray = not self._by_effort and len(trials) >= 2 * len(efforts)
-        hard = missed or astray or (self._by_effort and mode == "exact")
-        since = len(efforts) - 1 - int(np.argmin(efforts)) if efforts and self._by_effort else 0
+        astray = not by_effort and len(trials) >= 2 * len(efforts)
+        hard = missed or astray or (self._count >= POINT and mode == "exact")
+        since = len(efforts) - 1 - int(np.argmin(efforts)) if efforts and by_effort else 0
         return agreed(trials) >= AGREED + hard or (mode == "exact" and since >= _ENOUGH)
 
     def _best(self, limit: float = np.inf) -> SearchResult | None:
