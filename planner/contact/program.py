@@ -215,9 +215,12 @@ class TensionProgram:
 
         Linearised at tangential forces, or the best ones where others touch, or none are given.
         """
-        point, by_tensions = self._beside(tensions, near)
-        system, allowed = point.system, self.task.allowed
+        allowed = self.task.allowed
         low, high = np.array(allowed.lower) / self.unit, np.array(allowed.upper) / self.unit
+        # Steps are within limits to the rounding of the conic program.
+        tensions = np.clip(tensions, low, high)
+        point, by_tensions = self._beside(tensions, near)
+        system = point.system
         places = system.of.nodes[[system.mesh.node(s) for s in self._stations], :POSE]
         by_poses = block_diag(1.0, self.unit * by_tensions[places.ravel()])
         terms = self._terms(point.states[places].T, self._numbers)

@@ -31,7 +31,7 @@ def test_derivatives_of_targets_grip_and_stability_are_those_of_settled_shapes(
 ) -> None:
     tip = tuple(settle(ARM, T, SCENE).tip.tolist())
     targets = (TipPosition(tip), Hold(ROD, (0.01, 0.0, -0.05, 0.0, 1e-4, 0.0), 0.5))
-    limits = Limits((0.0,) * 4, (5.0,) * 4, 9.0)
+    limits = Limits((5.0,) * 4, (-1.0,) * 4, 9.0)
     task = Task(ARM, targets, SCENE, limits, Statement(limited=True), 1e-6)
     equilibria = Equilibria(task, FINE)
     begin = equilibria.settled(T)
@@ -54,3 +54,14 @@ def test_derivatives_of_targets_grip_and_stability_are_those_of_settled_shapes(
     expected = np.array(differences).T
     assert start.by_tensions[:, columns] == pytest.approx(expected, rel=1e-3, abs=2e-5)
     assert np.abs(start.by_tensions).max(axis=1).max() > 1e-3
+
+
+def test_shapes_are_settled_within_the_limits_to_the_last_digit() -> None:
+    """Load paths had tensions of -1e-14 N, which the plan's own shape refused."""
+    tip = tuple(settle(ARM, T, SCENE).tip.tolist())
+    limits = Limits((5.0,) * 4, (0.0,) * 4)
+    task = Task(ARM, (TipPosition(tip),), SCENE, limits, Statement(limited=True), 1e-6)
+    equilibria = Equilibria(task, FINE)
+    begin = equilibria.settled(T)
+    program = TensionProgram(equilibria, begin)
+    assert program.at(T / program.unit - 1e-13, begin).point.tensions.min() == 0.0
