@@ -158,28 +158,30 @@ class GivenLengths:
     machine_code: bool = False
     near: Array | None = None
 
-    def on(
-        self, forward: ForwardMap, near: Equilibrium | None, rounding: float = _NEARLY
-    ) -> Equilibrium:
+    def on(self, forward: ForwardMap, near: Equilibrium | None) -> Equilibrium:
         """Return the equilibrium on the mesh of a forward map, near that of another if given.
 
-        Lengths are met to `rounding` over the arm's. Raises InputError where no shape has them.
+        Raises InputError where no shape has the lengths.
         """
         if not (is_loaded(self.scene) and isinstance(forward, Collocation)):
             return equilibrium_on(forward, self._unloaded)
-        beside = forward.beside if isinstance(forward, TouchingMap) else equilibrium_beside
-        result = self._led(self._begins(forward, near), beside, rounding)
+        result = self._led(self._begins(forward, near), _beside(forward), _NEARLY)
         if result is None:
             raise unknown_least(self.arm, self.winches)
         return result
+
+    def finished(self, forward: ForwardMap, end: Equilibrium) -> Equilibrium:
+        """Return an accepted equilibrium with tensions to rounding, itself where none are found."""
+        if not (is_loaded(self.scene) and isinstance(forward, Collocation)):
+            return end
+        assert isinstance(end, Linearised)
+        return tightened(end, self.winches, _beside(forward), self.arm) or end
 
     def _begins(
         self, forward: Collocation, near: Equilibrium | None
     ) -> Iterator[Linearised | None]:
         """Yield equilibria to begin with: one near that of another mesh, then from rest."""
-        if isinstance(near, Linearised) and near.system is forward.system:
-            yield near
-        elif isinstance(near, Linearised):
+        if isinstance(near, Linearised):
             T = np.where(self.winches.held, near.tensions, self.winches.tensions)
             if isinstance(forward, TouchingMap):
                 yield forward.solve(T, near)
@@ -253,3 +255,8 @@ class GivenLengths:
                 left = winches.lacks(program.lengths(minimum), minimum.tensions)
                 tensions = slackened(minimum.tensions, left, winches, arm)
                 yield program.system, tensions, program.strains(minimum)
+
+
+def _beside(forward: Collocation) -> Callable[[Linearised, Array], Linearised | None]:
+    """Return what leads from an equilibrium to that under tensions near its own."""
+    return forward.beside if isinstance(forward, TouchingMap) else equilibrium_beside

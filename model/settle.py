@@ -40,7 +40,7 @@ from model.shape import Shape, sharp
 from model.shortest import UnknownLeastError, too_short
 from model.time_limit import PATIENCE, before_long, check_time, limited
 from model.units import TENDONS, called_by_a_script, warn, warn_unusual
-from model.winches import ROUNDING, Winches
+from model.winches import Winches
 
 LOG = logging.getLogger(__name__)
 ACCURACY = 1e-6
@@ -262,7 +262,7 @@ def _settled(
             if error <= accuracy:
                 winches = None
                 if isinstance(value, GivenLengths):
-                    point, winches = value.on(forward, point, ROUNDING), value.winches
+                    point, winches = value.finished(forward, point), value.winches
                 check_stretch(point)
                 return Shape(maps.arm, maps.scene, error, point, refinement, winches, snaps)
         finer = fine if refinement < fine else 0

@@ -134,8 +134,8 @@ def switch_effects(
         raise InputError("repeats", repeats, "a whole number from 1")
     settle(arm, tensions, scene, accuracy)
     others = [(_without(scene, effect), effect) for effect in scene.effects]
-    lacking = {} if scene.has(PrintedStatics) else _KNOWN
-    for effect in lacking.values():
+    addable = {} if scene.has(PrintedStatics) else _KNOWN
+    for effect in addable.values():
         if not scene.has(type(effect)):
             added = [effect, *(_KNOWN[name] for name in _needs(effect))]
             missing = [each for each in added if not scene.has(type(each))]

@@ -89,7 +89,9 @@ def _size(plan: Any, value: float, unit: str = "L") -> str:
 def _held(plan: Any) -> str:
     """Return what keeps a plan from its targets and what may be done: the first reason there is."""
     least, holders = plan.certificate.stability_margin, ", ".join(plan.holding()[:3])
-    lacking = f"less stable than the margin of {least:g}" if least else "unstable under the loads"
+    how_unstable = (
+        f"less stable than the margin of {least:g}" if least else "unstable under the loads"
+    )
     reasons = (
         (plan.stopped, "the search was not at its end, a longer time limit may bring it nearer"),
         (
@@ -99,7 +101,7 @@ def _held(plan: Any) -> str:
         ),
         (
             plan.unstable,
-            f"what meets it is {lacking}; stiffen the arm, lower the loads or move the target",
+            f"what meets it is {how_unstable}; stiffen the arm, lower the loads or move the target",
         ),
         (holders, f"held by {holders}; raise these limits or move the target"),
         (not _is_nearest(plan), "no limit is active, more starts may find a nearer one"),

@@ -17,8 +17,8 @@ from planner.program.limits import natural_tensions
 
 # Steps, and those that fail, at most; the first trust region, in tensions that bend by 1 rad.
 _STEPS, _FAILURES, _RADIUS = 60, 12, 0.25
-# Penalties of violations, one after the other; violations and steps that are none, and
-# what is rounding of violations.
+# Penalties of violations, one after the other; violations and steps that count as 0, and the
+# rounding of violations.
 _PENALTIES, _NONE, _ROUNDING = (1e1, 1e3, 1e5), 1e-7, 1e-10
 # Merits are compared with the largest of so many; steps that bring so much of the decrease of their
 # model may become longer.
