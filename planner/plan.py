@@ -323,13 +323,13 @@ def _planned(task: Task, around: Surroundings, near: Plan | None) -> Plan:
     load_path = None if begin is None else (*(held.load_path if held else ()), begin)
     if load_path is None and rubs(task.scene):
         load_path = from_rest(task.arm, np.array(task.allowed.lower), task.scene)
-    return HeldPlan.of(task, ContactSearch(task, load_path).run(None))
+    return HeldPlan.of(task, ContactSearch(task, load_path).run())
 
 
 def searched(task: Task, around: Surroundings, near: Answer | None) -> SearchResult:
     """Return what a plan that is near leads to, or the best from all starts."""
     if near is None:
-        return Around(task, around).run(None) if around else Search(task).run()
+        return Around(task, around).run() if around else Search(task).run()
     if near.avoidance is not None and near.surroundings == around:
         # Among the same obstacles: by the inequalities of its program, if that keeps clear.
         kept = warm_start(near, replace(task, targets=near.avoidance.beside(task.targets)))
@@ -341,7 +341,7 @@ def searched(task: Task, around: Surroundings, near: Answer | None) -> SearchRes
     left = result is None
     if around and not (result and result.stopped):
         led = Around(task, around)
-        result = led.run(None, result)
+        result = led.run(result)
         left = led.searched
     elif result is None:
         result = Search(task).run()

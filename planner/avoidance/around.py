@@ -23,7 +23,7 @@ from model.clearance.lines import Lines
 from model.errors import OctoplanError
 from model.paths import Array
 from model.progress import tell
-from model.time_limit import OutOfTime, time_limit
+from model.time_limit import OutOfTime
 from planner.avoidance.places import EXCHANGED, avoiding
 from planner.avoidance.rows import Avoidance, grid
 from planner.avoidance.surroundings import Surroundings
@@ -57,27 +57,26 @@ class Around:
         refinement, at = task.coarse("exact").refinement, tuple(grid(task.arm)[1:].tolist())
         self._lines = Lines(task.arm, task.scene, refinement, at, task.machine_code)
 
-    def run(self, seconds: float | None, near: SearchResult | None = None) -> SearchResult:
-        """Return the best that keeps clear, or the best so far after so long.
+    def run(self, near: SearchResult | None = None) -> SearchResult:
+        """Return the best that keeps clear, or the best so far out of time.
 
         Where a plan that is near is given, it is led around, and only if it cannot be is searched.
         """
         result = near
         try:
-            with time_limit(seconds):
-                if near is not None:
-                    if self._in_the_way(near) is None:
-                        return near
-                    led = self._led(np.ravel(near.tensions), "exact")
-                    if led is not None:
-                        return led[1]
-                search, self.searched = Search(self.task), True
-                result = search.run()
-                in_the_way = None if result.stopped else self._in_the_way(result)
-                if in_the_way is None:
-                    return result
-                self.task = search.task
-                best = self._around(search, result)
+            if near is not None:
+                if self._in_the_way(near) is None:
+                    return near
+                led = self._led(np.ravel(near.tensions), "exact")
+                if led is not None:
+                    return led[1]
+            search, self.searched = Search(self.task), True
+            result = search.run()
+            in_the_way = None if result.stopped else self._in_the_way(result)
+            if in_the_way is None:
+                return result
+            self.task = search.task
+            best = self._around(search, result)
         except OutOfTime:
             if result is None:
                 raise

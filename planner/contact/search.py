@@ -18,7 +18,7 @@ from model.paths import Array
 from model.progress import tell
 from model.scene import Scene
 from model.shape import Shape
-from model.time_limit import OutOfTime, check_time, time_limit
+from model.time_limit import OutOfTime, check_time
 from planner.contact.equilibria import COARSE, FINE, Equilibria
 from planner.contact.guesses import guesses
 from planner.contact.load_path import ON_THE_PATH, LoadPath, rubs, settled_along
@@ -84,15 +84,14 @@ class ContactSearch:
         self.optima = list[ContactOptimum]()
         self.best: ContactOptimum | None = None
 
-    def run(self, seconds: float | None) -> SearchResult:
-        """Return the best optimum from the guesses, or the best so far after so long."""
+    def run(self) -> SearchResult:
+        """Return the best optimum from the guesses, or the best so far out of time."""
         stopped = False
-        with time_limit(seconds):
-            try:
-                self._slide() if rubs(self.task.scene) else self._search()
-                check_time()
-            except OutOfTime:
-                stopped = True
+        try:
+            self._slide() if rubs(self.task.scene) else self._search()
+            check_time()
+        except OutOfTime:
+            stopped = True
         return self._result(self.best or min(self.optima, key=_cost, default=None), stopped)
 
     def _slide(self) -> None:
@@ -105,7 +104,7 @@ class ContactSearch:
         smooth = replace(self.task, scene=without_friction(self.task.scene), starts=1)
         T = free = np.array(self.begin[-1])
         for begin in (self.begin, None):
-            plan = ContactSearch(smooth, begin).run(None)
+            plan = ContactSearch(smooth, begin).run()
             free = np.ravel(plan.tensions)
             if plan.statement.mode == "exact" or plan.stopped:
                 break

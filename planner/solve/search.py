@@ -23,7 +23,7 @@ from model.loads import is_loaded
 from model.paths import Array
 from model.progress import tell
 from model.scene import Scene
-from model.time_limit import OutOfTime, check_time, time_limit
+from model.time_limit import OutOfTime, check_time
 from planner.initial_guess.guesses import POINT, conditions, drawn_arms, initial_guesses
 from planner.program.limits import Limits
 from planner.program.problem import SEARCHED
@@ -108,11 +108,10 @@ class Search:
         """Optima that are as stable as they have to be, of the same, by their objectives."""
         return sorted(self._now.met, key=_objective)
 
-    def run(self, seconds: float | None = None) -> SearchResult:
-        """Return the best optimum from the guesses it takes, or the best so far after so long."""
+    def run(self) -> SearchResult:
+        """Return the best optimum from the guesses it takes, or the best so far out of time."""
         try:
-            with time_limit(seconds):
-                return self._run()
+            return self._run()
         except OutOfTime:
             return self._so_far()
 
