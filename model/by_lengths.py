@@ -32,7 +32,7 @@ from model.equilibrium.newton import (
     step_sizes,
 )
 from model.errors import CollapsedError, UnsettledSectionError
-from model.forward import ForwardMap, equilibrium_on
+from model.forward import ForwardMap
 from model.least_energy import ROUNDS, LeastEnergy
 from model.loads import is_loaded
 from model.paths import Array
@@ -164,7 +164,7 @@ class GivenLengths:
         Raises InputError where no shape has the lengths.
         """
         if not (is_loaded(self.scene) and isinstance(forward, Collocation)):
-            return equilibrium_on(forward, self._unloaded)
+            return forward.solve(self._unloaded)
         result = self._led(self._begins(forward, near), _beside(forward), _NEARLY)
         if result is None:
             raise unknown_least(self.arm, self.winches)

@@ -61,7 +61,7 @@ def sensitivities(shape: Shape, at: float, refinement: int) -> Response:
     arm, scene, T = shape.arm, shape.scene, shape.tensions
     if not is_loaded(scene):
         arguments = arm, scene, _SCHEME, refinement, (at,), shape.machine_code
-        point = Marched.under(explicit_map(*arguments), T)
+        point = explicit_map(*arguments).solve(T)
         return MarchDerivative(point, point.mesh.node(at))
     forward = by_collocation(arm, scene, STAGES, refinement, (at,), True, shape.machine_code)
     return Sensitivities(forward.solve(T, shape.known), forward.mesh.node(at))

@@ -12,16 +12,14 @@ import numpy as np
 from model.arm import Arm
 from model.contact.forward import TouchingMap
 from model.effects import Current, Friction, PrintedStatics
-from model.equilibrium.linearised import Equilibrium
 from model.equilibrium.newton import Collocation, collocation_order
 from model.errors import InputError
 from model.integrators import MAGNUS2, MAGNUS4, MAGNUS6, RK4, RK6, RK8
 from model.loads import contacts, is_loaded
 from model.mesh import IMPLICIT, ROUNDING, estimate
-from model.paths import Array
 from model.scene import Scene
 from model.unloaded.closed_form import ClosedForm
-from model.unloaded.marched import March, Marched
+from model.unloaded.marched import March
 from model.unloaded.printed import PrintedMap
 
 # By name: closed forms, stages of collocation, and integrators of the equations as printed. Of each
@@ -100,7 +98,6 @@ def by_collocation(
     return Collocation(arm, scene, stages, refinement, at, loaded, machine_code)
 
 
-@lru_cache(maxsize=64)
 def explicit_map(
     arm: Arm,
     scene: Scene,
@@ -108,7 +105,7 @@ def explicit_map(
     refinement: int,
     at: tuple[float, ...] = (),
     machine_code: bool = False,
-) -> March:
+) -> ClosedForm | PrintedMap:
     """Return the forward map of a scene in closed form or as printed; see forward_map.
 
     CasADi cannot differentiate its `function` where its kernels are compiled.
@@ -118,10 +115,14 @@ def explicit_map(
     return ClosedForm(arm, scene, CLOSED_FORMS[scheme], refinement, at, machine_code)
 
 
+def _on_mesh(arm: Arm, scene: Scene, scheme: str, refinement: int, machine_code: bool) -> Any:
+    return maps_of(arm, scene, scheme, machine_code).on(refinement)
+
+
 def _reduced(march: March) -> tuple[Any, ...]:
     """Return how a march is built again from numbers, as a pickle has it."""
-    of = march.arm, march.scene, march.name, march.refinement
-    return explicit_map, (*of, (), march.machine_code)
+    of = march.arm, march.scene, march.name, march.refinement, march.machine_code
+    return _on_mesh, of
 
 
 copyreg.pickle(ClosedForm, _reduced)
@@ -174,17 +175,3 @@ class Maps:
 def maps_of(arm: Arm, scene: Scene, scheme: str | None, machine_code: bool) -> Maps:
     """Return the forward maps by a scheme, the scene's first for None."""
     return Maps(arm, scene, check_scheme(scene, scheme), machine_code)
-
-
-def equilibrium_on(
-    forward: ForwardMap, tensions: Array, near: Equilibrium | None = None, looser: float = 1.0
-) -> Equilibrium:
-    """Return the equilibrium under tensions (n_tendons,) on the mesh of a forward map.
-
-    `near` is one that another mesh has; only where sections are coupled it is begun with, and the
-    last steps may be so many times `looser` (see model.equilibrium.newton). Raises
-    SnapError, UnsettledContactError and UnsettledSectionError.
-    """
-    if isinstance(forward, Collocation):
-        return forward.solve(tensions, near, looser)
-    return Marched.under(forward, tensions)

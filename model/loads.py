@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,23 +35,21 @@ _STEEPEST = 1e80
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
-@lru_cache(maxsize=256)
 def is_loaded(scene: Scene) -> bool:
     """Return whether a scene has effects that couple cross-sections, or twist them.
 
     In all other scenes each cross-section settles by itself.
     """
-    return any(scene.has(kind) for kind in _LOADS)
+    return scene.has(*_LOADS)
 
 
 def is_conservative(scene: Scene) -> bool:
     """Return whether all loads of a scene have a potential."""
     tip = scene.find(TipLoad)
     turns = tip is not None and (tip.follower or any(tip.moment))
-    return not (turns or scene.has(Current) or scene.has(Friction))
+    return not (turns or scene.has(Current, Friction))
 
 
-@lru_cache(maxsize=256)
 def check_loads(arm: Arm, scene: Scene, contact: bool = False) -> None:
     """Raise InputError for loads that this arm cannot have, and an arm that has to have some.
 
@@ -114,7 +111,6 @@ def levers(scene: Scene) -> tuple[Array, Array]:
     return np.array([load.s for load in parts]), np.array(rows).reshape(-1, 6)
 
 
-@lru_cache(maxsize=256)
 def contacts(scene: Scene) -> tuple[Contact, ...]:
     """Return the scene's contacts."""
     return tuple(effect for effect in scene.effects if isinstance(effect, Contact))

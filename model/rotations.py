@@ -126,15 +126,6 @@ def _series(x: ca.SX, order: int) -> ca.SX:
     return total
 
 
-def from_matrix(frame: Array) -> Array:
-    """Return the unit quaternion (4,) of a rotation matrix (3, 3)."""
-    R, trace = frame, np.trace(frame)
-    axis = np.array([[R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]])
-    K = np.block([[trace * np.eye(1), axis], [axis.T, R + R.T - trace * np.eye(3)]])
-    q = np.linalg.eigh(K)[1][:, -1]
-    return np.asarray(q * (1.0 if q[0] >= 0 else -1.0))
-
-
 def cross(a: Array, b: Array) -> Array:
     """Return the cross products (..., 3) of vectors (..., 3), several times sooner than NumPy's."""
     (x, y, z), (u, v, w) = ((part[..., 0], part[..., 1], part[..., 2]) for part in (a, b))
@@ -154,6 +145,13 @@ def _squares() -> Array:
 
 
 _SQUARES = _squares()
+
+
+def from_matrix(frame: Array) -> Array:
+    """Return the unit quaternion (4,) of a rotation matrix (3, 3)."""
+    K = (_SQUARES @ frame.ravel()).reshape(4, 4)  # q K q is the trace of both matrices' product
+    q = np.linalg.eigh(K + K.T)[1][:, -1]
+    return np.asarray(q * (1.0 if q[0] >= 0 else -1.0))
 
 
 def matrices(q: Array) -> Array:

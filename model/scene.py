@@ -76,11 +76,14 @@ class Scene(Shown):
 
     def find(self, kind: type[E]) -> E | None:
         """Return the scene's effect of a kind, or None if it is not enabled."""
-        return next((effect for effect in self.effects if isinstance(effect, kind)), None)
+        for effect in self.effects:
+            if isinstance(effect, kind):
+                return effect
+        return None
 
-    def has(self, kind: type[Effect]) -> bool:
-        """Return whether an effect of a kind is enabled."""
-        return self.find(kind) is not None
+    def has(self, *kinds: type[Effect]) -> bool:
+        """Return whether an effect of one of these kinds is enabled."""
+        return any(isinstance(effect, kinds) for effect in self.effects)
 
 
 def _place(effect: Effect) -> tuple[str, tuple[Any, ...]]:

@@ -29,7 +29,7 @@ from model.errors import (
     UnsettledContactError,
     UnsettledSectionError,
 )
-from model.forward import Maps, equilibrium_on, maps_of
+from model.forward import Maps, maps_of
 from model.loads import check_loads, contacts, is_loaded, without_friction
 from model.machine.compiled import Compile, checked_compile
 from model.mesh import checked_accuracy, first_pair, next_refinement
@@ -235,7 +235,7 @@ def _settled(
                 if isinstance(value, GivenLengths):
                     point = value.on(forward, near)
                 else:
-                    point = equilibrium_on(forward, value, near, 1.0 if coarse else rough)
+                    point = forward.solve(value, near, 1.0 if coarse else rough)
             if math.isnan(point.poses[-1, 4]):
                 check_stretch(point)
         except (SnapError, UnsettledContactError, UnsettledSectionError) as problem:

@@ -70,15 +70,10 @@ def unless(ended: Callable[[], bool]) -> Iterator[None]:
         _ended.reset(token)
 
 
-def is_out_of_time() -> bool:
-    """Return whether the time limit is reached, or what goes on is to end."""
-    end, ended = _end.get(), _ended.get()
-    return (end < math.inf and time.monotonic() > end) or (ended is not None and ended())
-
-
 def check_time() -> None:
     """Raise OutOfTime once the time limit is reached, or what goes on is to end."""
-    if is_out_of_time():
+    end, ended = _end.get(), _ended.get()
+    if (end < math.inf and time.monotonic() > end) or (ended is not None and ended()):
         raise OutOfTime
 
 

@@ -150,7 +150,7 @@ def arm_compliance(arm: Arm) -> float:
     The straight arm's own compliance: integrals of y2/EJ + 1/EA.
     """
     at, weights, place, tendon = _along_tendons(arm)
-    y, (EA, EJ, _) = at.y[np.array(arm.offset_of)[tendon], place], at.body[:, place]
+    y, (EA, EJ) = at.y[np.array(arm.offset_of)[tendon], place], at.area[:, place] * arm.material.E
     return float(weights @ (y**2 / EJ + 1 / EA))
 
 

@@ -19,6 +19,7 @@ from model.stations import (
     Counts,
     Stations,
     crossing,
+    resists,
     stations,
     tendon_path_rates,
     tendon_paths,
@@ -30,7 +31,8 @@ _STEPS, _SETTLED = 20, 1e-8
 
 def body_numbers(arm: Arm, scene: Scene, at: Stations, rates: bool = False) -> Array:
     """Return what laws take of the body (n, N), or its derivatives along s; see CrossSection."""
-    body, rest = (at.body_rate, at.rest_rate) if rates else (at.body, at.rest)
+    area, rest = (at.area_rate, at.rest_rate) if rates else (at.area, at.rest)
+    body = resists(arm.material, area)
     shear = scene.find(Shear)
     GA = body[0] * (shear.k_s * arm.material.G / arm.material.E if shear else 0.0)
     return np.vstack([body, GA, rest])

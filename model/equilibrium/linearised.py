@@ -278,8 +278,8 @@ def check_stretch(at: Equilibrium) -> None:
     Raises UnsettledSectionError, and CollapsedError.
     """
     worst = int(at.stretch.argmin())  # the first that is no number, if any is
-    s, stretch = float(at.stretch_at[worst]), float(at.stretch[worst])
+    stretch = float(at.stretch[worst])
     if math.isnan(stretch):
-        raise UnsettledSectionError(s)
+        raise UnsettledSectionError(float(at.stretch_at[worst]))
     if not stretch > LEAST_STRETCH:
-        raise CollapsedError(s, stretch)
+        raise CollapsedError(float(at.stretch_at[worst]), stretch)

@@ -9,12 +9,14 @@ takes the strains.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from model.anchorage import Anchorage, RestCurvature
 from model.arm import Arm
 from model.cross_section import cross_section_of
 from model.cross_section.law import reported, size
@@ -23,11 +25,12 @@ from model.integrators import Magnus
 from model.machine.buffered import Buffered, mapped
 from model.machine.columns import Columns
 from model.machine.compiled import built, kernel
-from model.mesh import graded, roughly
-from model.paths import Array
+from model.mesh import Mesh, graded, roughly
+from model.paths import Array, Path
 from model.rotations import compose
 from model.scene import Scene
-from model.stations import base_pose
+from model.stations import Stations, base_pose, stations
+from model.unloaded.marched import March
 from model.unloaded.sections import StrainsByTensions
 from model.unloaded.statics import ClosedStatics, closed_statics
 
@@ -108,7 +111,34 @@ def _called(statics: ClosedStatics, scheme: Magnus, steps: int, *others: int | b
     return Buffered(march.expand() if few else march)
 
 
-class ClosedForm:
+@dataclass(frozen=True)
+class _Geometry:
+    """All of an arm but its material: arms that are alike in it share what `_placed` returns."""
+
+    length: float
+    radius: Path
+    sections: tuple[Anchorage, ...]
+    rest_curvature: RestCurvature | None
+    arm: Arm = field(compare=False)
+
+
+@lru_cache(maxsize=64)
+def _placed(
+    of: _Geometry, statics: ClosedStatics, m: int, refinement: int, at: tuple[float, ...]
+) -> tuple[Mesh, Stations, Array]:
+    """Return a mesh, its stations and the maps from tensions to pull there.
+
+    The stations are m nodes a step, then both ends of each segment.
+    """
+    arm = of.arm
+    # Arms of about the same taper have meshes of as many steps.
+    mesh = graded(arm, refinement, at, taper=roughly(arm.radius), weights=_GRADED)
+    (s, _, active), (ends, at_ends) = mesh.points(m), mesh.segment_ends()
+    places = stations(arm, np.append(s, ends), np.append(active, at_ends))
+    return mesh, places, statics.pulls(arm, places)
+
+
+class ClosedForm(March):
     """The forward map of an unloaded scene on a mesh of a refinement, with arc lengths as nodes.
 
     Attributes
@@ -132,14 +162,13 @@ class ClosedForm:
     ) -> None:
         self.arm, self.scene, self.scheme, self.name = arm, scene, scheme, scheme.name
         self.refinement, self.machine_code = refinement, machine_code
-        # Arms of about the same taper have meshes of as many steps.
-        self.mesh = graded(arm, refinement, at, taper=roughly(arm.radius), weights=_GRADED)
-        s, _, active = self.mesh.points(len(scheme.nodes))
-        ends, at_ends = self.mesh.segment_ends()
-        self._inner, self._active = s.size, np.concatenate([active, at_ends])
-        self.stretch_at, self._statics = np.concatenate([s, ends]), closed_statics(scene, arm)
-        self.law, on = self._statics.law, (self.stretch_at, self._active, machine_code)
-        self.strains = StrainsByTensions(arm, self._statics, *on)
+        self._statics = statics = closed_statics(scene, arm)
+        alike = _Geometry(arm.length, arm.radius, arm.sections, arm.rest_curvature, arm)
+        m = len(scheme.nodes)
+        self.mesh, self._at, maps = _placed(alike, statics, m, refinement, at)
+        self._inner, self.stretch_at, self.law = m * self.mesh.steps, self._at.s, statics.law
+        data = statics.data(arm.material, self._at)
+        self.strains = StrainsByTensions(statics, maps, data, machine_code)
         self._base, self._h = base_pose(arm), np.diff(self.mesh.s)
         self._march = built(_called, *self._structure(self._statics.is_explicit))
 
@@ -152,7 +181,7 @@ class ClosedForm:
     def sections(self) -> Sections:
         """The cross-sections at the nodes of the steps, which wrenches may twist."""
         law, inner = cross_section_of(self.scene, self.arm.is_curved), slice(self._inner)
-        where = self.stretch_at[inner], self._active[inner]
+        where = self._at.s[inner], self._at.active[inner]
         return Sections(self.arm, self.scene, law, *where, self.machine_code)
 
     @property
@@ -167,22 +196,17 @@ class ClosedForm:
         return ca.Function("closed_form", [T], [ca.densify(poses), ca.densify(1 + along)])
 
     def run(self, tensions: Array) -> tuple[Array, Array, Array]:
-        """See March.run: poses (S + 1, 7), 1 + q (K,) and strains of the law."""
+        """See March.run: strains are those of the law."""
         poses, v = self._march(self._base, *self.strains.known(tensions), self._h)
         return poses, self._stretch(v), v
 
-    def bend(self, strains: Array) -> float:
+    def bend(self, strains: Array, stretch: Array) -> float:
         """See March.bend: of curvature per unit deformed length."""
-        bend = np.hypot(strains[:, 0], strains[:, 1]) * self._radius
+        area, J = self._at.area
+        bend = 2 * np.sqrt(J / area) * np.hypot(strains[:, 0], strains[:, 1])
         if not self._statics.is_explicit:  # whose curvatures are per reference length
-            bend /= self._stretch(strains)
+            bend /= stretch
         return float(bend.max())
-
-    @cached_property
-    def _radius(self) -> Array:
-        """The radius (K,) that E J and E A are of [m]."""
-        EA, EJ = self.strains.data[:, :2].T
-        return np.asarray(2 * np.sqrt(EJ / EA))
 
     def many(self, tensions: Array, nodes: Sequence[int]) -> tuple[Array, Array]:
         """See March.many: so many arms at a time that their numbers stay at hand."""
@@ -223,9 +247,9 @@ class ClosedForm:
         step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.steps - 1)
         of, active, left = (self.arm, self._statics), self.mesh.active[step], self.mesh.s[step]
         inside = nodes_of(self.scheme, left, s), np.repeat(active, len(self.scheme.nodes))
-        known = StrainsByTensions(*of, *inside).known(tensions)
+        known = StrainsByTensions.at(*of, *inside).known(tensions)
         across = mapped(built(_step, self._statics, self.scheme, self._statics.is_explicit))
         pose, _ = across(poses[step], *(each.reshape(s.size, -1) for each in known), s - left)
-        there = reported(self.law, StrainsByTensions(*of, s, active)(tensions))
+        there = reported(self.law, StrainsByTensions.at(*of, s, active)(tensions))
         at_node = (s == self.mesh.s[step + 1])[:, None]
         return np.where(at_node, poses[step + 1], pose), there

@@ -6,7 +6,8 @@ derivatives are by the implicit function theorem on the balance of each cross-se
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 
@@ -22,8 +23,6 @@ from model.mesh import Mesh, graded
 from model.paths import Array
 from model.scene import Scene
 from model.transcription.kernels import Places
-from model.unloaded.closed_form import ClosedForm
-from model.unloaded.printed import PrintedMap
 from model.unloaded.sections import UnloadedSections, unloaded
 
 # Strains are analytic between nodes: so many Gauss points on the coarsest mesh leave rounding only,
@@ -90,7 +89,44 @@ def tendon_lengths(
     )
 
 
-March = ClosedForm | PrintedMap
+class March(ABC):
+    """A forward map of an arm on a mesh, where each cross-section is in equilibrium by itself.
+
+    Attributes
+    ----------
+    name : str
+        Of its scheme.
+    stretch_at : (K,)
+        Arc lengths where the stretch is looked at [m].
+    """
+
+    arm: Arm
+    scene: Scene
+    name: str
+    refinement: int
+    machine_code: bool
+    mesh: Mesh
+    stretch_at: Array
+
+    @abstractmethod
+    def run(self, tensions: Array) -> tuple[Array, Array, Array]:
+        """Return poses (S + 1, 7) at the nodes, 1 + q (K,) at `stretch_at`, and strains."""
+
+    @abstractmethod
+    def bend(self, strains: Array, stretch: Array) -> float:
+        """Return curvature times the body's radius, at most."""
+
+    @abstractmethod
+    def many(self, tensions: Array, nodes: Sequence[int]) -> tuple[Array, Array]:
+        """Return poses (M, nodes, 7) at some nodes under tensions (M, n_tendons), least 1 + q."""
+
+    @abstractmethod
+    def dense(self, tensions: Array, poses: Array, strains: Array, s: Array) -> tuple[Array, Array]:
+        """Return poses (N, 7) and strains (N, 4) at arc lengths s (N,), by what `run` returned."""
+
+    def solve(self, tensions: Array, near: object = None, looser: float = 1.0) -> Marched:
+        """Return the equilibrium under tensions (n_tendons,), which nothing is begun with."""
+        return Marched(self, tensions, *self.run(tensions))
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,11 +152,6 @@ class Marched:
     stretch: Array
     strains: Array
 
-    @classmethod
-    def under(cls, march: March, tensions: Array) -> Marched:
-        """Return the equilibrium under tensions (n_tendons,)."""
-        return cls(march, tensions, *march.run(tensions))
-
     @property
     def mesh(self) -> Mesh:
         """See Linearised."""
@@ -139,7 +170,7 @@ class Marched:
     @property
     def bend(self) -> float:
         """See Linearised."""
-        return self.march.bend(self.strains)
+        return self.march.bend(self.strains, self.stretch)
 
     @property
     def machine_code(self) -> bool:

@@ -31,9 +31,11 @@ from model.stations import (
     Stations,
     base_pose,
     crossing,
+    resists,
     stations,
-    tendon_paths,
+    tendon_offsets,
 )
+from model.unloaded.marched import March
 
 _N = 10
 M = TypeVar("M", ca.MX, ca.DM)
@@ -99,25 +101,22 @@ def _across(extension: bool, scheme: RungeKutta) -> ca.Function:
 
 def _resultant_maps(arm: Arm, at: Stations) -> Array:
     """Return the maps (N, 12, n_tendons) from tensions to the resultants and their derivatives."""
-    place, tendon = np.nonzero(crossing(arm, at))
-    n, b, n_rate, b_rate = tendon_paths(arm, at, place, tendon)
-    rates = 0.0, n_rate, b_rate, 2 * n * n_rate, n_rate * b + n * b_rate, 2 * b * b_rate
-    maps = np.zeros((at.s.size, 12, arm.n_tendons))
-    for i, share in enumerate((*resultants(n, b), *rates)):
-        maps[place, i, tendon] = share
-    return maps
+    (n, b), (n_rate, b_rate), _ = tendon_offsets(arm, at)
+    rates = 0 * n, n_rate, b_rate, 2 * n * n_rate, n_rate * b + n * b_rate, 2 * b * b_rate
+    return np.stack([crossing(arm, at), *resultants(n, b)[1:], *rates], axis=1)
 
 
 def section_numbers(arm: Arm, s: Array, active: Counts, T: M) -> M:
     """Return the numbers (18, N) of cross-sections: sums, body, each with its rate behind it."""
     at = stations(arm, s, active)
     maps = _resultant_maps(arm, at).reshape(-1, arm.n_tendons)
+    body = ca.DM(np.vstack([resists(arm.material, each) for each in (at.area, at.area_rate)]))
     sums: M = ca.reshape(ca.sparsify(ca.DM(maps)) @ T, 12, s.size)
-    return ca.vertcat(sums, ca.DM(np.vstack([at.body, at.body_rate])))
+    return ca.vertcat(sums, body)
 
 
-class PrintedMap:
-    """The forward map of a scene as printed, on one mesh; see ForwardMap and ExplicitMap.
+class PrintedMap(March):
+    """The forward map of a scene as printed, on one mesh.
 
     Attributes
     ----------
@@ -158,11 +157,11 @@ class PrintedMap:
         return section_numbers(self.arm, s, np.repeat(active, samples.size), T)
 
     def run(self, tensions: Array) -> tuple[Array, Array, Array]:
-        """See March.run: poses (S + 1, 7), 1 + q (K,), and tau, xi, k (S + 1, 3) at the nodes."""
+        """See March.run: strains are tau, xi, k (S + 1, 3) at the nodes."""
         poses, along, strains = (np.array(each).T for each in self.function(tensions))
         return poses, along.ravel(), strains
 
-    def bend(self, strains: Array) -> float:
+    def bend(self, strains: Array, stretch: Array) -> float:
         """See March.bend: tau, xi, k at the nodes."""
         radius = self.arm.radius.evaluate(self.mesh.s, self.arm.length)[0]
         return float((radius * np.hypot(strains[:, 1], strains[:, 2])).max())

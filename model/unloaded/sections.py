@@ -46,22 +46,27 @@ def _kernels(statics: ClosedStatics, machine_code: bool) -> list[Mapped]:
 
 
 class StrainsByTensions:
-    """The strains of K cross-sections at s (K,), in the law of their statics, by tensions.
+    """The strains of K cross-sections, in the law of their statics, by tensions.
 
     Attributes
     ----------
     maps, data
-        Maps (K, n_pull, n_tendons) from tensions to pull, of the tendons of `active` (K,)
-        anchorages, and data (K, n_data); see the statics.
+        Maps (K, n_pull, n_tendons) from tensions to pull, and data (K, n_data); see the statics.
     """
 
     def __init__(
-        self, arm: Arm, statics: ClosedStatics, s: Array, active: Counts, machine_code: bool = False
+        self, statics: ClosedStatics, maps: Array, data: Array, machine_code: bool = False
     ) -> None:
+        self.statics, self.maps, self.data = statics, maps, data
+        self._flat, self._machine_code = maps.reshape(-1, maps.shape[2]), machine_code
+
+    @classmethod
+    def at(
+        cls, arm: Arm, statics: ClosedStatics, s: Array, active: Counts, machine_code: bool = False
+    ) -> StrainsByTensions:
+        """Return those of the cross-sections at s (K,), of the tendons of `active` anchorages."""
         at = stations(arm, s, active)
-        self.statics, self.maps = statics, statics.pulls(arm, at)
-        self.data = np.ascontiguousarray(statics.data(at).T)
-        self._flat, self._machine_code = self.maps.reshape(-1, arm.n_tendons), machine_code
+        return cls(statics, statics.pulls(arm, at), statics.data(arm.material, at), machine_code)
 
     def __call__(self, tensions: Array) -> Array:
         """Return the strains (K, n) under tensions (n_tendons,); NaN where none balance."""
@@ -133,7 +138,7 @@ class UnloadedSections(Sections):
     ) -> None:
         super().__init__(arm, scene, law, s, active, machine_code)
         self._exact, statics = scene.has(ExactTendons), closed_statics(unloaded(scene), arm)
-        self._settled = StrainsByTensions(arm, statics, s, active, machine_code)
+        self._settled = StrainsByTensions.at(arm, statics, s, active, machine_code)
 
     def strains(self, tensions: Array) -> Array:
         """Return the strains (N, n) under tensions (n_tendons,); raises UnsettledSectionError."""

@@ -12,6 +12,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
+from model.anchorage import Material
 from model.arm import Arm
 from model.cross_section import cross_section_of
 from model.cross_section.energy import EnergySection, RubberSection
@@ -20,7 +21,7 @@ from model.cross_section.paper import PaperSection, resultants
 from model.paths import Array
 from model.rotations import norm
 from model.scene import Scene
-from model.stations import Stations, crossing, sides, tendon_paths
+from model.stations import Stations, crossing, resists, sides, tendon_offsets
 
 # Where the strains are to be an expression of the tensions, so many steps are written out: enough
 # for ordinary ones. Numbers take as many as they need; see model.unloaded.sections.
@@ -84,9 +85,10 @@ class EnergyStatics:
         """Return maps (N, n_pull, n_tendons) from tensions to pull: 1 for a tendon that crosses."""
         return np.asarray(crossing(arm, at)[:, :, None] * np.eye(arm.n_tendons))
 
-    def data(self, at: Stations) -> Array:
-        """Return data (n_data, N)."""
-        return np.vstack([at.body, at.rest, at.y, at.y_rate])
+    def data(self, material: Material, at: Stations) -> Array:
+        """Return data (N, n_data)."""
+        parts = resists(material, at.area), at.rest, at.y, at.y_rate
+        return np.ascontiguousarray(np.vstack(parts).T)
 
     def offset(self, j: int, data: ca.SX) -> ca.SX:
         """Return the offset of tendon j and its derivative (2,)."""
@@ -236,16 +238,12 @@ class PaperStatics:
 
     def pulls(self, arm: Arm, at: Stations) -> Array:
         """See EnergyStatics.pulls."""
-        place, tendon = np.nonzero(crossing(arm, at))
-        maps = np.zeros((at.s.size, self.n_pull, arm.n_tendons))
-        n, b = tendon_paths(arm, at, place, tendon)[:2]
-        for i, share in enumerate(resultants(n, b)):
-            maps[place, i, tendon] = share
-        return maps
+        n, b = tendon_offsets(arm, at)[0]
+        return np.stack([crossing(arm, at), *resultants(n, b)[1:]], axis=1)
 
-    def data(self, at: Stations) -> Array:
+    def data(self, material: Material, at: Stations) -> Array:
         """See EnergyStatics.data."""
-        return np.vstack([at.body, at.rest])
+        return np.ascontiguousarray(np.vstack([resists(material, at.area), at.rest]).T)
 
     def wrench(self, v: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
         """See EnergyStatics.wrench."""

@@ -140,7 +140,7 @@ def _tables(
         "BASE": base_pose(arm),
         "LENGTHS": np.diff(mesh.s),
         "BASIS": polynomials.basis(s).T,
-        "BODY": statics.data(stations(arm, s, active)).T,
+        "BODY": statics.data(arm.material, stations(arm, s, active)),
         "END_BASIS": polynomials.basis(ends).T,
-        "END_BODY": statics.data(stations(arm, ends, at_ends)).T,
+        "END_BODY": statics.data(arm.material, stations(arm, ends, at_ends)),
     }

@@ -10,7 +10,7 @@ import logging
 import signal
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
@@ -22,7 +22,7 @@ import numpy as np
 from model.machine.buffered import Buffered
 from model.paths import Array
 from model.progress import logged
-from model.time_limit import is_out_of_time
+from model.time_limit import OutOfTime, check_time
 from planner.program.problem import Bounds, Problem
 from planner.program.program import Program
 from planner.program.statement import Solver, Statement
@@ -57,8 +57,11 @@ class Watch(ca.Callback):
 
     def eval_buffer(self, arg: Any, res: Any) -> int:
         """Say whether to stop."""
-        interrupted = self.interrupted and _is_main()
-        np.frombuffer(res[0])[0] = float(interrupted or is_out_of_time())
+        stops = True
+        with suppress(OutOfTime):
+            check_time()
+            stops = self.interrupted and _is_main()
+        np.frombuffer(res[0])[0] = float(stops)
         return 0
 
     @contextmanager

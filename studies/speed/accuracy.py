@@ -33,7 +33,7 @@ from matplotlib.figure import Figure
 
 from model import Arm, OctoplanError, Scene, settle, tip_jacobian
 from model.effects import Buoyancy, ExactTendons, Extension, Weight
-from model.forward import CLOSED_FORMS, SCHEMES, equilibrium_on, forward_map, schemes_of
+from model.forward import CLOSED_FORMS, SCHEMES, forward_map, schemes_of
 from model.loads import is_loaded
 from model.mesh import REFINEMENTS
 from model.paths import Array
@@ -154,7 +154,7 @@ def settling(scene: Scene, size: Size, rng: np.random.Generator) -> list[Curve]:
             measured(
                 name,
                 "own",
-                (lambda i, of=each: equilibrium_on(of, T[i]).poses[-1, 4:] for each in maps),
+                (lambda i, of=each: of.solve(T[i]).poses[-1, 4:] for each in maps),
                 off,
                 size,
             )
