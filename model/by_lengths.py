@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
 from typing import Protocol, TypeVar
@@ -31,13 +31,13 @@ from model.equilibrium.newton import (
     newton,
     step_sizes,
 )
-from model.errors import CollapsedError, UnsettledSectionError
+from model.errors import CollapsedError, SnapError, UnsettledSectionError
 from model.forward import ForwardMap
 from model.least_energy import ROUNDS, LeastEnergy
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
-from model.shortest import refuse, unknown_least
+from model.shortest import SHORT, refuse, unknown_least
 from model.time_limit import check_time
 from model.transcription.system import System, system
 from model.unloaded.marched import Lengths, tendon_lengths
@@ -48,11 +48,11 @@ _STAGES = 2
 # Newton steps; that one is the last which changes tensions by no more than this share, or which
 # will leave no more than this share of rounding, as its error goes by the square.
 _STEPS, _LAST, _SQUARE = 30, 1e-5, 0.1
-# What is left of taut tendons after a step, over rounding, where others keep them from it.
-_APART = 10.0
 # What is left of tendons that are slack, and what taut ones may be off, over the arm's length; on
 # meshes that are not the last one all.
 _NEARLY = 1e-9
+# The least step towards the lengths, as a share of the whole way.
+_LEAST_STEP = 1 / 64
 # How often a step is halved that leads to no equilibrium.
 _HALVINGS = 6
 
@@ -94,42 +94,28 @@ def tightened(
     """Return the equilibrium whose taut tendons are as long as winches leave them, to `rounding`.
 
     Over the arm's length; combinations of tensions that lengths feel by less are the least. None
-    where it takes too many steps. A tendon that has slackened is tight again only where
-    nothing is left of it, but for what others lack so far; one that keeps taut ones from their
-    lengths is not.
+    where it takes too many steps.
     """
-    held, rounding = winches.held, rounding * arm.length
-    close, last = max(_NEARLY * arm.length, _APART * rounding), 0.0
-    nearly = np.full(at.tensions.size, _NEARLY * arm.length)
+    held, rounding, last = winches.held, rounding * arm.length, 0.0
+    nearly = _NEARLY * arm.length
     for _ in range(_STEPS):
         check_time()
         now, left = at.tensions, winches.lacks(at.lengths, at.tensions)
-        taut = now > 0
-        level = 2 * np.abs(left[held & taut]).max(initial=0.0)
-        limit = np.where(nearly > 0, np.maximum(nearly, level), -rounding)
-        tight = np.flatnonzero(held & (taut | (left <= limit)))
+        level = max(nearly, 2 * float(np.abs(left[held & (now > 0)]).max(initial=0.0)))
+        tight = np.flatnonzero(held & ((now > 0) | (left <= level)))
         M = np.diag(winches.stretch[tight]) - at.length_tension[np.ix_(tight, tight)]
         T = now.copy()
         T[tight], well = least(M, left[tight], now[tight], rounding)
-        beyond = left[tight] + M @ (T - now)[tight]
-        slack = (T[tight] == 0) & (beyond > rounding)
-        apart = np.abs(beyond[T[tight] > 0]).max(initial=0.0) > _APART * rounding
         change, off = float(np.abs(T - now).max()), float(np.abs(left[tight]).max(initial=0.0))
         ratio = change / last if last else np.inf
         small = (well and change <= _LAST * T.max()) or off * ratio * ratio <= _SQUARE * rounding
         after = _stepped(at, T, beside) if np.isfinite(T).all() else None
         if after is None:
             return None
-        if small and not (apart and slack.any()):
-            lacks = winches.lacks(after.lengths, T)
-            missed = held & (lacks <= nearly)
-            missed[tight] = np.abs(lacks[tight]) > np.where(T[tight] > 0, close, np.inf)
-            if not missed.any():
-                return after
-        nearly[taut & (T == 0)], last = rounding, change
-        if apart:
-            nearly[tight[slack]] = -rounding
-        at = after
+        lacks = winches.lacks(after.lengths, T)
+        if small and not (held & (np.where(T > 0, np.abs(lacks), -lacks) > nearly)).any():
+            return after
+        at, last = after, change
     return None
 
 
@@ -140,6 +126,31 @@ def _stepped(at: _At, tensions: Array, beside: Callable[[_At, Array], _At | None
         if result is not None:
             return result
     return None
+
+
+def taken_in(
+    at: _At,
+    winches: Winches,
+    beside: Callable[[_At, Array], _At | None],
+    arm: Arm,
+    rounding: float = ROUNDING,
+) -> _At | None:
+    """Return the equilibrium at lengths that are taken in from those of another, step by step.
+
+    Where steps become short there is none on its branch: None.
+    """
+    spare, reached, step = np.maximum(at.lengths - winches.lengths, 0.0), 0.0, 1.0
+    while reached < 1:
+        share = min(reached + step, 1.0)
+        held = replace(winches, lengths=winches.lengths + (1 - share) * spare)
+        after = tightened(at, held, beside, arm, rounding if share == 1 else _NEARLY)
+        if after is not None:
+            at, reached, step = after, share, 2 * step
+        elif step > _LEAST_STEP:
+            step /= 2
+        else:
+            return None
+    return at
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +176,12 @@ class GivenLengths:
         """
         if not (is_loaded(self.scene) and isinstance(forward, Collocation)):
             return forward.solve(self._unloaded)
-        result = self._led(self._begins(forward, near), _beside(forward), _NEARLY)
+        beside = _beside(forward)
+        result = self._led(self._begins(forward, near), beside, _NEARLY)
+        if result is None and not isinstance(forward, TouchingMap):
+            with suppress(SnapError, UnsettledSectionError):
+                at_rest = forward.from_rest(self.winches.tensions)
+                result = taken_in(at_rest, self.winches, beside, self.arm, _NEARLY)
         if result is None:
             raise unknown_least(self.arm, self.winches)
         return result
@@ -219,6 +235,8 @@ class GivenLengths:
         near = [] if self.near is None else [np.where(winches.held, self.near, winches.tensions)]
         begins = map(lengths, chain(near, (tensions for _, tensions, _ in self._least())))
         result = self._led(begins, beside, ROUNDING)
+        if result is None and slack is not None:
+            result = taken_in(slack, winches, beside, self.arm, ROUNDING)
         if result is None:
             raise crushed[-1] if crushed else unknown_least(self.arm, winches)
         return result.tensions
@@ -249,10 +267,13 @@ class GivenLengths:
         program = LeastEnergy(system(arm, scene, _STAGES, *mesh))
         for rounds in (1,) if program.conservative else (1, ROUNDS):
             minimum = program.least(program.at_rest(), winches.tensions, 1.0, winches, rounds)
-            if minimum is None and program.conservative:
-                refuse(LeastEnergy(system(arm, scene, STAGES, *mesh)), winches)
+            left, lacks = np.zeros(arm.n_tendons), minimum is None
             if minimum is not None:
                 left = winches.lacks(program.lengths(minimum), minimum.tensions)
+                lacks = left[winches.held].min(initial=0.0) < -SHORT * arm.length
+            if lacks and program.conservative:
+                refuse(LeastEnergy(system(arm, scene, STAGES, *mesh)), winches)
+            if minimum is not None:
                 tensions = slackened(minimum.tensions, left, winches, arm)
                 yield program.system, tensions, program.strains(minimum)
 

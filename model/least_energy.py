@@ -45,7 +45,7 @@ from model.transcription.energy import held_rows, potential_energy
 from model.transcription.equations import Sum
 from model.transcription.layout import POSE, Layout, layout
 from model.transcription.system import System
-from model.winches import Winches
+from model.winches import Winches, least_compliance
 
 LOG = logging.getLogger(__name__)
 
@@ -220,15 +220,16 @@ class LeastEnergy:
         of, F, L, K = self.of, self.force_unit, self.system.arm.length, len(self._bodies)
         n, nT, poses, inf = of.n_states, of.n_tendons, POSE * of.elements, np.inf
         held = np.zeros(nT, dtype=bool) if winches is None else winches.held
-        stretch = np.zeros(nT) if winches is None else winches.stretch * F / L
-        stretches = stretch > 0
+        # Antagonists that lengths do not determine would pull each other without bound.
+        given = np.zeros(nT) if winches is None else winches.stretch
+        stretch = np.where(held, given + least_compliance(self.system.arm), 0.0) * F / L
         forces = (near.nonconservative * self._unit[of.stages]).T / F
         energy = [
             np.vstack([self._weights, self._body, forces]),
             np.vstack([self._paths, self._weights[self._stage] * tensions[self._tendon] / F]),
             np.vstack([self._h, load * self._dead]),
             self._levers * np.repeat([1.0, load], 3)[:, None],
-            np.divide(1.0, stretch, out=np.zeros(nT), where=stretches),
+            np.divide(1.0, stretch, out=np.zeros(nT), where=held),
         ]
         rows = [self._h, np.vstack([self._paths, self._weights[self._stage]])]
         if K:
@@ -237,7 +238,7 @@ class LeastEnergy:
             rows.append(np.vstack([bodies, radii, np.full(radii.size, L)]))
         low, high = np.full(n + nT, -inf), np.full(n + nT, inf)
         low[:POSE] = high[:POSE] = base_pose(self.system.arm) / self._unit[:POSE]
-        low[n:], high[n:] = 0.0, np.where(stretches, inf, 0.0)
+        low[n:], high[n:] = 0.0, np.where(held, inf, 0.0)
         lengths = np.full(nT, inf) if winches is None else np.where(held, winches.lengths / L, inf)
         gaps, solver = np.zeros(of.elements * K), _solver(of, K)
         g_low = np.concatenate([np.zeros(poses), np.full(nT, -inf), gaps])

@@ -176,6 +176,9 @@ ROUNDING = 3e-14
 _WELL = 1e-8
 # A residual as small says that inequalities exclude each other.
 _APART = 1e-9
+# What is left that no tensions change, over rounding and as a share of all that is left, where one
+# of the tendons has to slacken.
+_KEPT, _MOSTLY = 10.0, 0.1
 
 
 def least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
@@ -207,6 +210,9 @@ def least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
 def _least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
     """Return z of least norm after the step; below 0 where no such z avoids it; see least.
 
+    Also where w is left that no step changes: then z goes on until one of them, which w > 0 lets
+    slacken, is below 0.
+
     Least distance programming: Lawson and Hanson, Solving Least Squares Problems (1974), 23.4.
     """
     left, values, right, _ = dgesdd(M)
@@ -218,6 +224,12 @@ def _least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
     idle = right[count:]
     if not len(idle):
         return result, well
+    apart = idle.T @ (idle @ w)
+    if np.abs(apart).max() > max(_KEPT * rounding, _MOSTLY * float(np.abs(w).max())):
+        falls = apart > 0
+        until = np.maximum(z[falls], _TINY * most) / apart[falls]
+        if until.size:
+            return z - 2 * float(until.min()) * apart, well
     result = result - idle.T @ (idle @ result)
     if result.min() >= 0:
         return result, well

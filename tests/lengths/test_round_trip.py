@@ -22,6 +22,27 @@ def test_lengths_of_a_shape_give_it_back(scene: Scene) -> None:
     check_trips(scene, 1, 1 if is_loaded(scene) else 3, 1)
 
 
+# Where the coarse mesh left a billionth of a slack tendon's spare length, it was pulled with those
+# against it, as far as lengths do not feel it, and kept them from their lengths for good.
+def test_a_tendon_that_is_slack_by_little_keeps_no_other_from_its_length() -> None:
+    arm = Arm.from_paper("table-2")
+    T = np.array([0.23, 0.02, 0.07, 0.48, 0.51, 0.94, 0.13, 0.3, 1.61, 1.11, 1.47, 0.0])
+    given = settle(arm, T, EXACT, 1e-9)
+    back = settle(arm, scene=EXACT, accuracy=1e-9, lengths=given.tendon_lengths + 1.6e-6 * (T == 0))
+    check_complementary(back)
+    assert np.linalg.norm(back.tip - given.tip) < 1e-8 * arm.length
+    assert np.array_equal(np.ravel(back.slack), T == 0)
+
+
+# It used to be refused as too short, and told as crushed by lengths that do not crush it.
+def test_lengths_are_met_where_the_least_energy_is_no_guess() -> None:
+    arm, scene = Arm.from_paper("table-4"), PAPER["paper in water"]
+    lengths = rest_lengths(arm) * np.append(0.69, np.ones(11))
+    shape = settle(arm, scene=scene, accuracy=1e-4, lengths=lengths)
+    check_complementary(shape)
+    assert shape.strain(shape.s)[:, 3].min() > -0.9
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
 def test_lengths_of_many_shapes_give_them_back(scene: Scene) -> None:
@@ -81,12 +102,15 @@ def test_undetermined_tensions_are_the_least_and_meet_the_lengths(seed: int) -> 
 
 
 def check_least(given: Shape, back: Shape) -> None:
-    """Assert that another shape has the same lengths to rounding, by lesser tensions."""
+    """Assert that another shape has the same lengths, by lesser tensions.
+
+    To a thousandth of what it is accurate to: the two may be on different meshes.
+    """
     T, arm = np.ravel(given.tensions), given.arm
     assert np.linalg.norm(back.tensions) <= 1.001 * np.linalg.norm(T)
     same, again = (settle(arm, pulls, given.scene, 1e-9) for pulls in (T, back.tensions))
     off = np.abs(again.tendon_lengths - same.tendon_lengths)[T > 0]
-    assert off.max() <= 1e-13 * arm.length
+    assert off.max() <= 1e-12 * arm.length
 
 
 # A tendon as long as its winch leaves it but for a billionth kept the one against it from its own
