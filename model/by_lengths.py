@@ -93,11 +93,12 @@ def tightened(
 ) -> _At | None:
     """Return the equilibrium whose taut tendons are as long as winches leave them, to `rounding`.
 
-    Over the arm's length; combinations of tensions that lengths feel by less are the least. None
-    where it takes too many steps.
+    Over the arm's length; combinations of tensions that lengths feel by less are the least. Where
+    steps of such combinations do not end, for rounding, the one that misses lengths least; None
+    where lengths are not met in so many.
     """
     held, rounding, last = winches.held, rounding * arm.length, 0.0
-    nearly = _NEARLY * arm.length
+    nearly, best, least_missed = _NEARLY * arm.length, None, np.inf
     for _ in range(_STEPS):
         check_time()
         now, left = at.tensions, winches.lacks(at.lengths, at.tensions)
@@ -111,12 +112,17 @@ def tightened(
         small = (well and change <= _LAST * T.max()) or off * ratio * ratio <= _SQUARE * rounding
         after = _stepped(at, T, beside) if np.isfinite(T).all() else None
         if after is None:
-            return None
+            return best
         lacks = winches.lacks(after.lengths, T)
-        if small and not (held & (np.where(T > 0, np.abs(lacks), -lacks) > nearly)).any():
-            return after
+        missed = np.where(T > 0, np.abs(lacks), -lacks)[held].max(initial=0.0)
+        if missed <= nearly:
+            if small:
+                return after
+            # The first step goes to combinations that are hardly felt, from what is met already.
+            if last and missed < least_missed:
+                best, least_missed = after, missed
         at, last = after, change
-    return None
+    return best
 
 
 def _stepped(at: _At, tensions: Array, beside: Callable[[_At, Array], _At | None]) -> _At | None:

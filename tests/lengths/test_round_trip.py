@@ -141,16 +141,21 @@ def test_a_tendon_slackens_by_tensions_that_no_length_feels() -> None:
 
 
 # Damping hid a combination of tensions that lengths hardly feel from those that are left alone: it
-# drifted, and a settle of 50 ms took two minutes of load steps.
-def test_weakly_felt_tensions_do_not_drift_under_loads(monkeypatch: pytest.MonkeyPatch) -> None:
+# drifted, and a settle of 50 ms took two minutes of load steps. Where rounding kept steps from
+# ending it was 3e-4 L off.
+@pytest.mark.parametrize("more", [0.0, 1e-6])
+def test_weakly_felt_tensions_do_not_drift_under_loads(
+    more: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     arm, scene = Arm.from_paper("table-4"), PAPER["paper in water"]
     T = [6.1e-4, 0.0586, 0.0837, 0.0736, 0.553, 0.0148, 0.109, 0.107, 1.69, 0, 0.541, 0.947]
-    given = settle(arm, T, scene)
+    given = settle(arm, (1 + more) * np.array(T), scene)
     steps: list[Any] = []
     monkeypatch.setattr("model.equilibrium.newton.tell", lambda *said: steps.append(said))
     back = settle(arm, scene=scene, lengths=given.tendon_lengths + 1e-3 * (np.array(T) == 0))
     assert len(steps) <= 4
-    assert np.linalg.norm(back.tip - given.tip) <= 1e-6 * arm.length
+    # Lengths to rounding tell these tensions to some 1e-3 N, which moves the tip by 3e-6 L.
+    assert np.linalg.norm(back.tip - given.tip) <= 5e-6 * arm.length
     check_complementary(back)
 
 
