@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import field
 from functools import cached_property
 from itertools import accumulate, pairwise
@@ -166,14 +167,14 @@ class Arm(Shown):
         """Arc lengths of the anchorages, from the tip to the base [m]."""
         return tuple(section.at for section in self.sections)
 
-    @cached_property
+    @property
     def offset_paths(self) -> tuple[tuple[int, Path], ...]:
         """(section index from 0, offset) of each section, or of each tendon where these differ."""
         offsets = [section.offset for section in self.sections]
         rows = [each if isinstance(each, tuple) else (each,) for each in offsets]
         return tuple((i, path) for i, row in enumerate(rows) for path in row)
 
-    @cached_property
+    @property
     def offset_of(self) -> tuple[int, ...]:
         """Which of `offset_paths` each tendon has."""
         steps = [
@@ -183,7 +184,7 @@ class Arm(Shown):
         ]
         return tuple(number - 1 for number in accumulate(steps))
 
-    @cached_property
+    @property
     def turns(self) -> tuple[Path | None, ...]:
         """By what the angle of each tendon turns along the arm, None where it does not."""
         return tuple(path for section in self.sections for path in section.turns)
@@ -229,29 +230,28 @@ class Arm(Shown):
     def tendon_name(self, index: int) -> str:
         """Return the paper's name of a tendon, T_ij: section i and place j in it, both from 1."""
         section = self.tendons[index][0]
-        place = index - self._first[section] + 1
+        place = index - self.tendons_of(section + 1)[0] + 1
         return f"T_{section + 1}{place}" if place <= 9 else f"T_{section + 1},{place}"
 
     def tendons_of(self, section: int) -> tuple[int, ...]:
         """Return the indices of the tendons of a section, numbered from 1 at the tip."""
         if section not in range(1, len(self.sections) + 1):
             raise InputError("section", section, f"a whole number from 1 to {len(self.sections)}")
-        return tuple(range(*self._first[section - 1 : section + 1]))
-
-    @cached_property
-    def _first(self) -> tuple[int, ...]:
-        """The index of each section's first tendon, and how many there are in all."""
-        return (0, *accumulate(len(section.angles) for section in self.sections))
+        return tuple(j for j, (i, _) in enumerate(self.tendons) if i == section - 1)
 
     def flat(self, values: Any, name: str = "tensions") -> Array:
         """Return one number per tendon in tendon order, from a flat vector or a row per section.
 
         Raises InputError for a wrong shape and for NaN, infinite or negative numbers.
         """
-        fits = isinstance(values, np.ndarray) and values.shape in self.shapes
-        if fits and values.dtype.kind in "iuf" and 0 <= values.min() <= values.max() <= LARGEST:
-            return np.array(values, dtype=float).ravel()
-        counts = np.diff(self._first).tolist()
+        array = values
+        if not isinstance(values, np.ndarray):
+            with suppress(TypeError, ValueError):  # of rows that are not as long as each other
+                array = np.asarray(values)
+        fits = isinstance(array, np.ndarray) and array.shape in self.shapes
+        if fits and array.dtype.kind in "iuf" and 0 <= array.min() <= array.max() <= LARGEST:
+            return np.array(array, dtype=float).ravel()
+        counts = [len(section.angles) for section in self.sections]
         allowed = f"{self.n_tendons} numbers, flat or a row per section, tip first "
         allowed += f"({'+'.join(map(str, counts))})"
         if not hasattr(values, "__iter__") or isinstance(values, str | bytes):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, Protocol
 
 import casadi as ca
@@ -20,6 +20,7 @@ from model.cross_section.law import CrossSection, kinematics
 from model.effects import NeoHookean
 from model.equilibrium.newton import STAGES
 from model.machine.buffered import Mapped
+from model.machine.compiled import built
 from model.paths import SAME, Array
 from model.rotations import half_turn, multiply, unit_matrix
 from model.scene import Scene
@@ -164,7 +165,7 @@ class Centreline:
             return np.zeros((0, 3)), np.zeros(0), np.zeros(0)
         h = np.diff(self.s)[element]
         arguments = (self.poses[element], self.kappa[element], self.nu[element], h, start, end)
-        position, length, turn = _part(self.machine_code)(*arguments)
+        position, length, turn = built(_part, self.machine_code)(*arguments)
         return position, length[:, 0], turn[:, 0]
 
     def radius(self, element: Counts, share: Array) -> Array:
@@ -180,7 +181,6 @@ class Centreline:
         return np.asarray(outer / np.sqrt(np.maximum(stretch, 1e-3)))
 
 
-@lru_cache(maxsize=2)
 def _part(machine_code: bool) -> Mapped:
     """Return pose, kappa, nu by stage, h, shares a, b -> position at b; length, turn from a."""
     g, h = ca.SX.sym("g", 7), ca.SX.sym("h")

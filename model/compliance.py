@@ -14,13 +14,11 @@ from model.cross_section.sections import Sections
 from model.equilibrium.linearised import Index
 from model.equilibrium.newton import STAGES
 from model.equilibrium.sensitivities import Sensitivities
-from model.errors import ConvergenceError
 from model.forward import by_collocation, explicit_map
 from model.loads import is_loaded
-from model.mesh import FINEST, REFINEMENTS, estimate, next_refinement
+from model.mesh import FINEST, REFINEMENTS, refined
 from model.paths import Array
 from model.shape import Shape
-from model.time_limit import check_time
 from model.unloaded.march_derivative import MarchDerivative
 from model.unloaded.marched import Marched
 from model.winches import least_compliance, pulls
@@ -39,21 +37,13 @@ def compliance_of(shape: Shape, at: float, accuracy: float) -> tuple[Response, i
     ConvergenceError.
     """
     size = np.repeat([shape.arm.length, 1.0], 3)
-    scale = np.outer(size, size)
-    coarse, fine = _first_pair(shape, accuracy)
-    before = sensitivities(shape, at, coarse).pose_wrench / scale
-    refinement, error = fine, np.inf
-    while refinement:
-        check_time()
-        result = sensitivities(shape, at, refinement)
-        scaled = result.pose_wrench / scale
-        gap = np.abs(scaled - before).max() / np.abs(scaled).max()
-        error = estimate(gap, coarse, refinement, _ORDER)
-        if error <= accuracy:
-            return result, refinement, error
-        before, coarse = scaled, refinement
-        refinement = next_refinement(refinement, error, accuracy, _ORDER)
-    raise ConvergenceError(accuracy, error, "ask for less accuracy or a smoother arm")
+
+    def gap(now: Response, before: Response) -> float:
+        scaled = [point.pose_wrench / np.outer(size, size) for point in (now, before)]
+        return float(np.abs(scaled[0] - scaled[1]).max() / np.abs(scaled[0]).max())
+
+    pair = _first_pair(shape, accuracy)
+    return refined(pair, accuracy, _ORDER, lambda mesh: sensitivities(shape, at, mesh), gap)
 
 
 def sensitivities(shape: Shape, at: float, refinement: int) -> Response:

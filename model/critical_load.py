@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from model.arm import Arm
 from model.checks import positive
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import STAGES, Followed, follow_on
-from model.errors import ConvergenceError, InputError
+from model.errors import InputError
 from model.forward import by_collocation
 from model.loads import check_loads, is_loaded
-from model.mesh import estimate, first_pair, next_refinement
+from model.mesh import first_pair, refined
 from model.paths import Array
 from model.scene import Scene
 
@@ -57,16 +55,14 @@ def critical_load_factor(
         raise InputError("scene", [type(e).__name__ for e in scene.effects], "a scene with loads")
     T, most = arm.flat(tensions), positive("most", most)
     order = 2 * STAGES
-    coarse, refinement = first_pair(accuracy, order)
-    before, error = _end(arm, scene, T, coarse, most, accuracy).load, np.inf
-    while refinement:
-        end = _end(arm, scene, T, refinement, most, accuracy)
-        error = estimate(abs(end.load - before) / end.load, coarse, refinement, order)
-        if error <= accuracy:
-            return Critical(end.load, end.why if end.load < most else "")
-        before, coarse = end.load, refinement
-        refinement = next_refinement(refinement, error, accuracy, order)
-    raise ConvergenceError(accuracy, error, "ask for less accuracy or a smoother arm")
+    end, _, _ = refined(
+        first_pair(accuracy, order),
+        accuracy,
+        order,
+        lambda mesh: _end(arm, scene, T, mesh, most, accuracy),
+        lambda now, before: abs(now.load - before.load) / now.load,
+    )
+    return Critical(end.load, end.why if end.load < most else "")
 
 
 def _end(

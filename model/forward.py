@@ -15,8 +15,8 @@ from model.effects import Current, Friction, PrintedStatics
 from model.equilibrium.newton import Collocation, collocation_order
 from model.errors import InputError
 from model.integrators import MAGNUS2, MAGNUS4, MAGNUS6, RK4, RK6, RK8
-from model.loads import contacts, is_loaded
-from model.mesh import IMPLICIT, ROUNDING, estimate
+from model.loads import check_loads, contacts, is_loaded
+from model.mesh import IMPLICIT, ROUNDING
 from model.scene import Scene
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.marched import March
@@ -132,6 +132,8 @@ copyreg.pickle(PrintedMap, _reduced)
 class Maps:
     """The forward maps of an arm in a scene by a scheme, mesh by mesh.
 
+    Raises InputError for loads that the arm cannot have.
+
     Attributes
     ----------
     order : int
@@ -149,6 +151,7 @@ class Maps:
     """
 
     def __init__(self, arm: Arm, scene: Scene, scheme: str, machine_code: bool) -> None:
+        check_loads(arm, scene, contact=True)
         self.arm, self.scene, self.scheme, self.machine_code = arm, scene, scheme, machine_code
         self.order, self.contacts = order_of(scheme, scene), contacts(scene)
         rubbing = any(contact.friction for contact in self.contacts)
@@ -158,10 +161,6 @@ class Maps:
         base = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0])
         self.lever, self.by_sections = base * is_loaded(scene), not scene.has(PrintedStatics)
         self._kept: dict[int, ForwardMap] = {}
-
-    def error(self, gap: Any, coarse: Any, fine: int) -> Any:
-        """Return the tip error over L of the finer of two meshes whose tips are a gap [m] apart."""
-        return estimate(gap / self.arm.length, coarse, fine, self.least_order, self.rounding)
 
     def on(self, refinement: int) -> ForwardMap:
         """Return the forward map on the mesh of a refinement."""

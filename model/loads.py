@@ -68,7 +68,7 @@ def check_loads(arm: Arm, scene: Scene, contact: bool = False) -> None:
     if scene.has(PrintedStatics) and arm.is_curved:
         message = "an arm that is straight at rest: eqs. (10) and (11) are written for that"
         raise InputError("Arm.rest_curvature", arm.rest_curvature, message)
-    if not is_loaded(scene) and any(arm.turns):
+    if any(arm.turns) and not is_loaded(scene):
         allowed = f"none in a scene without loads, or one of {', '.join(sorted(_NAMES))} in it"
         raise InputError("Anchorage.turn", "tendons that turn", allowed)
     for load in acting(scene):

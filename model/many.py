@@ -16,7 +16,7 @@ from model.errors import CollapsedError, InputError, OctoplanError, UnsettledSec
 from model.forward import Maps, maps_of
 from model.loads import is_loaded
 from model.machine.compiled import Compile, checked_compile
-from model.mesh import checked_accuracy, first_pair, next_refinement
+from model.mesh import checked_accuracy, estimate, first_pair, next_refinement
 from model.paths import Array
 from model.rotations import matrices
 from model.scene import Scene
@@ -100,7 +100,8 @@ def _marched(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
         wanted[now] = fine
         if refinement != coarse:
             gap = np.linalg.norm(poses[now, 4:] - before[:, 4:], axis=1)
-            errors[now] = maps.error(gap, last[now], refinement)
+            gap, of = gap / maps.arm.length, (maps.least_order, maps.rounding)
+            errors[now] = estimate(gap, last[now], refinement, *of)
             wanted[now] = [
                 0 if error <= accuracy else next_refinement(refinement, error, accuracy, maps.order)
                 for error in errors[now].tolist()

@@ -6,18 +6,18 @@ import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from model.arm import Arm
 from model.checks import within
-from model.errors import InputError
+from model.errors import ConvergenceError, InputError
 from model.loads import places
 from model.paths import SAME, Array, Linear, Path
 from model.scene import Scene
 from model.stations import Counts
+from model.time_limit import check_time
 from model.transcription.collocation import gauss
 
 _FINE = 64
@@ -40,7 +40,7 @@ class Mesh:
     s: Array
     active: Counts
 
-    @cached_property
+    @property
     def steps(self) -> int:
         """The number of steps S."""
         return self.active.size
@@ -173,6 +173,9 @@ LOOSEST, FINEST_ACCURACY = 0.1, 1e-12
 REFINEMENTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 FINEST = REFINEMENTS[-1]
 CAUTION = 4.0
+# What to do where the finest mesh is not accurate enough.
+COARSE = "ask for less accuracy or a smoother arm"
+T = TypeVar("T")
 # What rounding leaves, over L: of explicit maps, and of equilibria found by Newton's method.
 ROUNDING, IMPLICIT = 1e-14, 5e-13
 
@@ -196,6 +199,31 @@ def first_pair(accuracy: float, order: int) -> tuple[int, int]:
 def estimate(gap: Any, coarse: Any, fine: int, order: int, rounding: float = ROUNDING) -> Any:
     """Return the tip error over L of the finer of two meshes whose tips are a gap apart, over L."""
     return CAUTION * gap / ((fine / coarse) ** order - 1) + rounding
+
+
+def refined(
+    pair: tuple[int, int],
+    accuracy: float,
+    order: int,
+    on: Callable[[int], T],
+    gap: Callable[[T, T], float],
+) -> tuple[T, int, float]:
+    """Return what `on` has by refinement, on the first mesh accurate enough.
+
+    And its refinement, and the estimated error, by its relative `gap` from that on the mesh before.
+    `pair` are the first two refinements. Raises ConvergenceError.
+    """
+    (coarse, refinement), error = pair, np.inf
+    before = on(coarse)
+    while refinement:
+        check_time()
+        result = on(refinement)
+        error = estimate(gap(result, before), coarse, refinement, order)
+        if error <= accuracy:
+            return result, refinement, error
+        before, coarse = result, refinement
+        refinement = next_refinement(refinement, error, accuracy, order)
+    raise ConvergenceError(accuracy, error, COARSE)
 
 
 def next_refinement(refinement: int, error: float, accuracy: float, order: int) -> int:

@@ -15,10 +15,11 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from contextvars import ContextVar
+from contextvars import ContextVar, Token
+from dataclasses import dataclass, field
 from functools import wraps
 from shutil import get_terminal_size
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TextIO, TypeVar
 
 from model.errors import InputError
 
@@ -52,22 +53,10 @@ def with_progress(function: Callable[P, T]) -> Callable[P, T]:
 
 def progress_line(progress: Any = None) -> AbstractContextManager[None]:
     """Show how far things are inside a `with` block; see with_progress. Raises InputError."""
-    if progress is None or progress is True:
-        return _Line(always=bool(progress))
-    if progress is False:
-        return listening(None)
-    allowed = "None (after 2 s, on terminals and in notebooks), True or False"
-    raise InputError("progress", progress, allowed)
-
-
-@contextmanager
-def listening(listener: Listener | None) -> Iterator[None]:
-    """Let a listener hear what is told inside the block; None: nobody does."""
-    token = _listener.set(listener or _nobody)
-    try:
-        yield
-    finally:
-        _listener.reset(token)
+    if not (progress is None or isinstance(progress, bool)):
+        allowed = "None (after 2 s, on terminals and in notebooks), True or False"
+        raise InputError("progress", progress, allowed)
+    return _Line(always=progress is True, silent=progress is False)
 
 
 def tell(what: str, done: float = 0, of: float = 0) -> None:
@@ -81,7 +70,7 @@ def tell(what: str, done: float = 0, of: float = 0) -> None:
 def reported(what: str, items: Sequence[T]) -> Iterator[T]:
     """Yield items and tell how many are done; what is told for the sake of one is not heard."""
     listener = _listener.get()
-    with listening(None):
+    with progress_line(False):
         for i, item in enumerate(items):
             _log.info("%s: %d of %d", what, i, len(items))
             if listener is not None:
@@ -89,71 +78,64 @@ def reported(what: str, items: Sequence[T]) -> Iterator[T]:
             yield item
 
 
-def _nobody(what: str, done: float, of: float) -> None:
-    """Hear nothing."""
-
-
+@dataclass(eq=False)
 class _Line:
     """A line of tqdm's on stderr, in notebooks on stdout: the phase and the time that has passed.
 
     A thread, which the first report starts, writes it, also while a phase reports nothing more.
-    Calls of a fraction of a millisecond report nothing, and pay a microsecond.
     """
 
-    __slots__ = ("_always", "_begin", "_clock", "_closed", "_text", "_token")
-    _clock: threading.Thread | None
-    _closed: threading.Event
-    _text: str
-
-    def __init__(self, always: bool = False) -> None:
-        self._always, self._clock = always, None
+    always: bool = False
+    silent: bool = False
+    begin: float = field(default_factory=time.monotonic)
+    text: str = ""
+    clock: threading.Thread | None = None
+    closed: threading.Event = field(init=False)
+    token: Token[Listener | None] = field(init=False)
 
     def __enter__(self) -> None:
-        self._begin = time.monotonic()
-        self._token = _listener.set(self)
+        self.token = _listener.set(self)
 
     def __exit__(self, *_: object) -> None:
-        """Take the line away."""
-        _listener.reset(self._token)
-        if self._clock is not None:
-            self._closed.set()
-            self._clock.join()
+        _listener.reset(self.token)
+        if self.clock is not None:
+            self.closed.set()
+            self.clock.join()
 
     def __call__(self, what: str, done: float, of: float) -> None:
-        self._text = f"{what}: {done:g} of {of:g}" if of else what
-        if self._clock is None and (self._always or _is_watched()):
-            self._closed = threading.Event()
-            self._clock = threading.Thread(target=self._write, daemon=True)
-            self._clock.start()
+        self.text = f"{what}: {done:g} of {of:g}" if of else what
+        if self.clock is None and not self.silent and (self.always or _watched()):
+            self.closed = threading.Event()
+            self.clock = threading.Thread(target=self._write, daemon=True)
+            self.clock.start()
 
     def _write(self) -> None:
-        delay = 0.0 if self._always else self._begin + DELAY - time.monotonic()
-        if self._closed.wait(max(delay, 0.0)):
+        delay = 0.0 if self.always else self.begin + DELAY - time.monotonic()
+        if self.closed.wait(max(delay, 0.0)):
             return
         from tqdm import tqdm  # type: ignore[import-untyped]
 
         # Of a terminal that does not tell its size tqdm would write nothing.
         size = get_terminal_size()
         room = {"ncols": size.columns - 1, "nrows": size.lines}
-        # In a notebook stderr would leave a red bar where the line was.
-        file = sys.stdout if _is_notebook() else sys.stderr
-        with tqdm(file=file, leave=False, bar_format="{desc}", **room) as line:
+        with tqdm(file=_watched() or sys.stderr, leave=False, bar_format="{desc}", **room) as line:
             while True:
-                minutes, seconds = divmod(int(time.monotonic() - self._begin), 60)
-                line.set_description_str(f"{self._text} [{minutes:02d}:{seconds:02d}]")
-                if self._closed.wait(_EVERY):
+                minutes, seconds = divmod(int(time.monotonic() - self.begin), 60)
+                line.set_description_str(f"{self.text} [{minutes:02d}:{seconds:02d}]")
+                if self.closed.wait(_EVERY):
                     return
 
 
-def _is_watched() -> bool:
-    """Return whether someone may look: on a terminal, or in a notebook."""
-    return (sys.stderr is not None and sys.stderr.isatty()) or _is_notebook()
+def _watched() -> TextIO | None:
+    """Return where someone may look: a terminal's stderr, or in a notebook stdout; None: nowhere.
 
-
-def _is_notebook() -> bool:
+    In a notebook stderr would leave a red bar where the line was.
+    """
     notebook: Any = sys.modules.get("IPython")
     shell: Any = notebook.get_ipython() if hasattr(notebook, "get_ipython") else None
-    return shell is not None and "IPKernelApp" in shell.config
+    if shell is not None and "IPKernelApp" in shell.config:
+        return sys.stdout
+    return sys.stderr if sys.stderr is not None and sys.stderr.isatty() else None
 
 
 _CHANGING = threading.Lock()

@@ -12,7 +12,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.by_lengths import GivenLengths
-from model.checks import kind, positive
+from model.checks import kind
 from model.contact.gaps import THROUGH
 from model.contact.path import Touching
 from model.contact.self_contact import pressed_on_itself
@@ -32,7 +32,7 @@ from model.errors import (
 from model.forward import Maps, maps_of
 from model.loads import check_loads, contacts, is_loaded, without_friction
 from model.machine.compiled import Compile, checked_compile
-from model.mesh import checked_accuracy, first_pair, next_refinement
+from model.mesh import COARSE, checked_accuracy, estimate, first_pair, next_refinement
 from model.paths import Array
 from model.progress import with_progress
 from model.scene import Scene
@@ -126,26 +126,25 @@ def settle(
     ShapeWarning
         Where the arm bends sharper than its own radius; see Shape.remarks.
     """
-    limit = None if time_limit is None else positive("time_limit", time_limit)
-    with nullcontext() if limit is None else limited(limit):
+    with nullcontext() if time_limit is None else limited(time_limit):
         accuracy = checked_accuracy(accuracy)
-        if isinstance(scene, Scene) and scene.has(SelfContact):
+        machine_code = checked_compile(compile)
+        if isinstance(scene, Scene) and scene.find(SelfContact):
             for name, value in (("lengths", lengths), ("near", near), ("scheme", scheme)):
                 if value is not None:
                     allowed = "none in a scene with SelfContact"
                     raise InputError(name, "given with SelfContact", allowed)
-            shape = _on_itself(arm, tensions, scene, accuracy, checked_compile(compile))
+            shape = _on_itself(arm, tensions, scene, accuracy, machine_code)
         else:
-            scene = checked_scene(arm, scene, contact=True)
-            begin = None if near is None else _near(near, arm, scene)
-            machine_code = checked_compile(compile)
-            given = _given(arm, scene, tensions, lengths, tendon_EA, tendon_outside)
+            scene = scene_of(arm, scene)
             maps = maps_of(arm, scene, scheme, machine_code)
+            begin = None if near is None else _near(near, arm, scene)
+            given = _given(arm, scene, tensions, lengths, tendon_EA, tendon_outside)
             if isinstance(given, Winches):
                 shape = _by_lengths(maps, given, accuracy, begin)
             else:
                 shape = _settled(maps, given, accuracy, begin)
-    if called_by_a_script() and (bent := sharp(shape)):
+    if (bent := sharp(shape)) and called_by_a_script():
         warn(bent, ShapeWarning)
     return shape
 
@@ -257,7 +256,8 @@ def _settled(
             gap = math.dist(tip[4:], before[4:])
             if maps.lever:
                 gap = max(gap, 2 * maps.lever * math.dist(tip[:4], before[:4]))
-            error = maps.error(gap, coarse, refinement)
+            gap /= maps.arm.length
+            error = estimate(gap, coarse, refinement, maps.least_order, maps.rounding)
             LOG.debug("%s, mesh %d: estimated tip error %.1e of L", maps.scheme, refinement, error)
             if error <= accuracy:
                 winches = None
@@ -269,13 +269,19 @@ def _settled(
         before, coarse = tip, refinement
         refinement = finer or next_refinement(coarse, error, accuracy, maps.least_order)
     check_stretch(point)
-    raise ConvergenceError(accuracy, error, "ask for less accuracy or a smoother arm")
+    raise ConvergenceError(accuracy, error, COARSE)
 
 
-def checked_scene(arm: Arm, scene: Scene | None, contact: bool = False) -> Scene:
+def scene_of(arm: Arm, scene: Scene | None) -> Scene:
     """Return the scene, the bare one for None; refuse what is not an arm or a scene."""
     kind("arm", arm, Arm, "an Arm, such as Arm.from_paper(...)")
     scene = Scene() if scene is None else scene
     kind("scene", scene, Scene, "a Scene, such as Scene()")
+    return scene
+
+
+def checked_scene(arm: Arm, scene: Scene | None, contact: bool = False) -> Scene:
+    """Return the scene, as scene_of; refuse loads that the arm cannot have, see check_loads."""
+    scene = scene_of(arm, scene)
     check_loads(arm, scene, contact)
     return scene

@@ -128,7 +128,7 @@ class Shape(Shown):
             self.arm.tendon_name(int(j)) for j in taut[np.abs(idle).max(axis=0, initial=0) > _PART]
         )
 
-    @cached_property
+    @property
     def folded(self) -> float | None:
         """Where from the base a tendon has no length left [m], None where all have some.
 
@@ -151,10 +151,10 @@ class Shape(Shown):
         That the arm passes through itself, bends sharper than its own radius, or that a tendon has
         no length left: the equations know no body. `settle` warns of sharp bends too.
         """
-        messages = [sharp(self), crosses(self)]
-        if self.folded is not None:
+        messages, folded_at = [sharp(self), crosses(self)], self.folded
+        if folded_at is not None:
             messages.append(
-                f"no arm bends so far: at s = {self.folded:.6g} m a tendon has no length left; "
+                f"no arm bends so far: at s = {folded_at:.6g} m a tendon has no length left; "
                 "lower the tensions that cross it"
             )
         return tuple(sentence for sentence in messages if sentence)

@@ -26,6 +26,8 @@ class Stations:
     active : (N,)
         How many anchorage sections' tendons cross each, counted from the tip: an anchorage is a
         place with two sides, and this number says which is meant.
+    radius : (N,)
+        Of the body [m].
     area, area_rate : (2, N)
         A [m2] and J [m4] of eq. (7), and their derivatives along s.
     y, y_rate, y_curve : (n_offsets, N)
@@ -37,6 +39,7 @@ class Stations:
 
     s: Array
     active: Counts
+    radius: Array
     area: Array
     area_rate: Array
     y: Array
@@ -59,7 +62,7 @@ def stations(arm: Arm, s: Array, active: Counts) -> Stations:
     curved = [path.evaluate(s, arm.length)[:2] for path in (rest.n, rest.b)] if rest else []
     bends = np.array(curved).reshape(len(curved), 2, s.size)
     parts = (y[0], y[1], y[2], bends[:, 0], bends[:, 1])
-    return Stations(s, active, area, area_rate, *parts)
+    return Stations(s, active, R, area, area_rate, *parts)
 
 
 def resists(material: Material, area: Array) -> Array:

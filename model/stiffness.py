@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.checks import finite_array, positive, within
+from model.checks import finite_array, within
 from model.compliance import (
     Response,
     by_lengths,
@@ -212,8 +212,7 @@ def stiffness(
     CollapsedError, ConvergenceError, SnapError, CompilerError
         As settle does.
     """
-    limit = None if time_limit is None else positive("time_limit", time_limit)
-    with limited(limit):
+    with limited(time_limit):
         hold = hold or ("tension" if lengths is None else "length")
         scene, place = _checked(arm, scene, hold, at, tendon_EA)
         held = {

@@ -7,7 +7,9 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from typing import Any
 
+from model.checks import positive
 from model.errors import TimeLimitError, UnsettledContactError
 
 # How long what leads to no progress may take, in processor time [s].
@@ -28,15 +30,19 @@ def time_limit(seconds: float | None) -> Iterator[None]:
 
 
 @contextmanager
-def limited(seconds: float | None) -> Iterator[None]:
-    """As time_limit, for what has nothing to show before its end: raises TimeLimitError."""
-    with time_limit(seconds):
+def limited(seconds: Any) -> Iterator[None]:
+    """As time_limit, for what has nothing to show before its end: raises TimeLimitError.
+
+    And InputError for what is no time.
+    """
+    limit = None if seconds is None else positive("time_limit", seconds)
+    with time_limit(limit):
         try:
             yield
         except OutOfTime:
-            if seconds is None:
+            if limit is None:
                 raise
-            raise TimeLimitError(seconds) from None
+            raise TimeLimitError(limit) from None
 
 
 def shorten(seconds: float) -> None:

@@ -30,7 +30,7 @@ class Buffered:
         for each, value in zip(held, inputs, strict=True):
             each[:] = value
         run()
-        return [result.copy() for result in results]
+        return list(map(np.ndarray.copy, results))
 
     def stats(self) -> dict[str, Any]:
         """Return what the function tells of the last call of this thread."""

@@ -202,8 +202,7 @@ class ClosedForm(March):
 
     def bend(self, strains: Array, stretch: Array) -> float:
         """See March.bend: of curvature per unit deformed length."""
-        area, J = self._at.area
-        bend = 2 * np.sqrt(J / area) * np.hypot(strains[:, 0], strains[:, 1])
+        bend = self._at.radius * np.hypot(strains[:, 0], strains[:, 1])
         if not self._statics.is_explicit:  # whose curvatures are per reference length
             bend /= stretch
         return float(bend.max())
