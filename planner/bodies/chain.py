@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
+from scipy.spatial.transform import Rotation
 
-from model.arm import Arm
 from model.checks import within
 from model.paths import Array
 from model.scene import Scene
@@ -66,16 +65,16 @@ def chain_of(shape: Shape, links: int) -> Chain:
     at_rest = settle(arm, np.zeros(arm.n_tendons), Scene(), _ACCURACY)
     rest, chords = _relative(at_rest, s)
     now, lengths = _relative(shape, s)
-    turned = np.swapaxes(rest, 1, 2) @ now
-    return Chain(
-        s,
-        chords,
-        rest,
-        scipy.spatial.transform.Rotation.from_matrix(turned).as_euler("XYZ"),
-        lengths - chords,
-        *_links(arm, s),
-        *_stiffness(arm, s),
-    )
+    turned = Rotation.from_matrix(np.swapaxes(rest, 1, 2) @ now).as_euler("XYZ")
+    h, radius = np.diff(s), arm.radius.evaluate(s, arm.length)[0]
+    middle = arm.radius.evaluate((s[:-1] + s[1:]) / 2, arm.length)[0]
+    masses = arm.material.density * np.pi * middle**2 * h
+    # A hinge stands for half a link on either side.
+    spans = (np.append(0.0, h) + np.append(h, 0.0)) / 2
+    EJ, GJ = (k * np.pi * radius**4 / 4 for k in (arm.material.E, 2 * arm.material.G))
+    hinges = np.stack([GJ, EJ, EJ], axis=1) / spans[:, None]
+    slides = arm.material.E * np.pi * middle**2 / h
+    return Chain(s, chords, rest, turned, lengths - chords, middle, masses, hinges, slides)
 
 
 def _relative(shape: Shape, s: Array) -> tuple[Array, Array]:
@@ -94,20 +93,4 @@ def _along(frame: Array, chord: Array) -> Array:
     axis, cos = np.cross(frame[:, 0], wanted), float(frame[:, 0] @ wanted)
     sin = float(np.linalg.norm(axis))
     vector = axis / sin * np.arctan2(sin, cos) if sin > 0 else axis
-    return np.asarray(scipy.spatial.transform.Rotation.from_rotvec(vector).as_matrix() @ frame)
-
-
-def _links(arm: Arm, s: Array) -> tuple[Array, Array]:
-    radii = arm.radius.evaluate((s[:-1] + s[1:]) / 2, arm.length)[0]
-    return radii, arm.material.density * np.pi * radii**2 * np.diff(s)
-
-
-def _stiffness(arm: Arm, s: Array) -> tuple[Array, Array]:
-    """Return stiffnesses of hinges and slides; a hinge stands for half a link on either side."""
-    radius = arm.radius.evaluate(s, arm.length)[0]
-    h = np.diff(s)
-    spans = (np.append(0.0, h) + np.append(h, 0.0)) / 2
-    EJ, GJ = (k * np.pi * radius**4 / 4 for k in (arm.material.E, 2 * arm.material.G))
-    middle = arm.radius.evaluate((s[:-1] + s[1:]) / 2, arm.length)[0]
-    hinges = np.stack([GJ, EJ, EJ], axis=1) / spans[:, None]
-    return hinges, arm.material.E * np.pi * middle**2 / h
+    return np.asarray(Rotation.from_rotvec(vector).as_matrix() @ frame)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -14,7 +13,7 @@ from model.shape import Shape
 from planner.bodies.mjcf import mjcf
 from planner.bodies.surface import surface
 from planner.bodies.urdf import ros_messages, urdf
-from planner.io.files import to_json, write_named, write_together
+from planner.io.files import placed, to_json, write_together
 
 MESHES = (".stl", ".glb", ".ply", ".obj")
 What = Literal["mesh", "mjcf", "urdf"]
@@ -38,12 +37,12 @@ def save_mesh(shape: Shape, path: str | Path, along: int = 200, around: int = 32
     MissingExtraError
         Where trimesh is not installed; it comes with the extra `mesh`.
     """
-    suffix = Path(path).suffix.lower()
-    if suffix not in MESHES:
-        raise InputError("path", str(path), f"a file name that ends in {', '.join(MESHES)}")
     within("along", along, 2, 10_000)
     within("around", around, 3, 1000)
-    return write_named(path, suffix, _mesh(shape, suffix, along, around))
+    path = Path(path)
+    with placed(path, *MESHES) as part:
+        part.write_bytes(_mesh(shape, path.suffix.lower(), along, around))
+    return path
 
 
 def export_shape(
@@ -66,25 +65,19 @@ def export_shape(
     MissingExtraError
         For a mesh where trimesh is not installed.
     """
-    if what not in _CONTENTS:
-        raise InputError("what", what, ", ".join(_CONTENTS))
-    contents = _CONTENTS[what](shape, name, links)
+    if what == "mesh":
+        kinds = ".stl", ".glb"
+        contents = {f"{name}{suffix}": _mesh(shape, suffix, 200, 32) for suffix in kinds}
+    elif what == "mjcf":
+        contents = {f"{name}.xml": mjcf(shape, links, name).encode()}
+    elif what == "urdf":
+        contents = {f"{name}.urdf": urdf(shape, links, name).encode()}
+        contents[f"{name}.ros.json"] = to_json(ros_messages(shape, links))
+    else:
+        raise InputError("what", what, ", ".join(KINDS))
     folder = Path(to)
     write_together(folder, contents)
     return tuple(folder / file for file in contents)
-
-
-def _meshes(shape: Shape, name: str, _: int) -> dict[str, bytes]:
-    return {f"{name}{suffix}": _mesh(shape, suffix, 200, 32) for suffix in (".stl", ".glb")}
-
-
-def _mjcf(shape: Shape, name: str, links: int) -> dict[str, bytes]:
-    return {f"{name}.xml": mjcf(shape, links, name).encode()}
-
-
-def _urdf(shape: Shape, name: str, links: int) -> dict[str, bytes]:
-    ros = to_json(ros_messages(shape, links))
-    return {f"{name}.urdf": urdf(shape, links, name).encode(), f"{name}.ros.json": ros}
 
 
 def _mesh(shape: Shape, suffix: str, along: int, around: int) -> bytes:
@@ -94,10 +87,3 @@ def _mesh(shape: Shape, suffix: str, along: int, around: int) -> bytes:
     mesh: Any = trimesh.Trimesh(vertices, faces, process=False)
     content = mesh.export(file_type=suffix[1:])
     return content.encode() if isinstance(content, str) else bytes(content)
-
-
-_CONTENTS: dict[str, Callable[[Shape, str, int], dict[str, bytes]]] = {
-    "mesh": _meshes,
-    "mjcf": _mjcf,
-    "urdf": _urdf,
-}

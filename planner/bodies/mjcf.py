@@ -5,7 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 
 import numpy as np
-import scipy
+from scipy.spatial.transform import Rotation
 
 from model.effects import Weight
 from model.paths import Array
@@ -48,7 +48,10 @@ def mjcf(shape: Shape, links: int = 30, name: str = "arm") -> str:
     place = {"pos": arm.base_position, "quat": _quaternion(frame)}
     _bodies(inside(world, "body", name="base", **place), chain, shape)
     _tendons(root, chain, shape)
-    settled = {"qpos": _joints(chain), "ctrl": _controls(chain, shape)}
+    driven = [j for j in range(arm.n_tendons) if _count(chain, shape, j) > 1]
+    # Positions of all joints in the model's order.
+    joints = [*chain.angles[0], *np.column_stack([chain.slides, chain.angles[1:]]).ravel()]
+    settled = {"qpos": joints, "ctrl": shape.tensions[driven]}
     inside(inside(root, "keyframe"), "key", name="settled", **settled)
     return written(root)
 
@@ -74,21 +77,16 @@ def _bodies(base: ET.Element, chain: Chain, shape: Shape) -> None:
             look = {"rgba": "0.85 0.55 0.45 1", "contype": "0", "conaffinity": "0"}
             solid = {"type": "cylinder", "fromto": ends, "size": chain.radii[i]}
             inside(body, "geom", mass=chain.masses[i], **solid, **look)
-        _sites(body, chain, shape, i)
+        # Sites where tendons pass the node, across the midline at rest.
+        for j in (j for j in range(shape.arm.n_tendons) if i < _count(chain, shape, j)):
+            n, b = tendon_offset(shape.arm, j, chain.s[i : i + 1])[0]
+            site = f"{shape.arm.tendon_name(j)}_{i}"
+            inside(body, "site", name=site, pos=(0.0, n, b), size=5e-4)
 
 
 def _joint(body: ET.Element, name: str, kind: str, axis: Array, stiffness: float) -> None:
     spring = {"stiffness": stiffness, "damping": _DAMPING * stiffness}
     inside(body, "joint", name=name, type=kind, axis=axis, **spring)
-
-
-def _sites(body: ET.Element, chain: Chain, shape: Shape, i: int) -> None:
-    """Put sites where tendons pass a node, across the midline at rest."""
-    for j in range(shape.arm.n_tendons):
-        if i < _count(chain, shape, j):
-            n, b = tendon_offset(shape.arm, j, chain.s[i : i + 1])[0]
-            name = f"{shape.arm.tendon_name(j)}_{i}"
-            inside(body, "site", name=name, pos=(0.0, n, b), size=5e-4)
 
 
 def _tendons(root: ET.Element, chain: Chain, shape: Shape) -> None:
@@ -108,19 +106,5 @@ def _count(chain: Chain, shape: Shape, j: int) -> int:
     return int(np.sum(chain.s <= at * (1 + 1e-12)))
 
 
-def _controls(chain: Chain, shape: Shape) -> list[float]:
-    """Return the tensions of the tendons that there are actuators of [N]."""
-    names = range(shape.arm.n_tendons)
-    return [float(shape.tensions[j]) for j in names if _count(chain, shape, j) > 1]
-
-
-def _joints(chain: Chain) -> list[float]:
-    """Return the positions of all joints in the model's order."""
-    results = list(chain.angles[0])
-    for slide, angles in zip(chain.slides, chain.angles[1:], strict=True):
-        results += [slide, *angles]
-    return [float(q) for q in results]
-
-
 def _quaternion(frame: Array) -> Array:
-    return np.roll(scipy.spatial.transform.Rotation.from_matrix(frame).as_quat(), 1)
+    return np.asarray(Rotation.from_matrix(frame).as_quat(scalar_first=True))

@@ -6,16 +6,15 @@ import xml.etree.ElementTree as ET
 from typing import Any
 
 import numpy as np
-import scipy
+from scipy.spatial.transform import Rotation
 
 from model.shape import Shape
 from planner.bodies.chain import Chain, chain_of
 from planner.bodies.markup import inside, written
+from planner.io.records import POINTS
 from planner.measure import strokes
 
 BASE = "base_link"
-# Of the path along the midline.
-_POINTS = 101
 _NOT = (0.0, 0.0, 0.0)
 
 
@@ -30,16 +29,16 @@ def urdf(shape: Shape, links: int = 30, name: str = "arm") -> str:
     Raises InputError for a number of links that is not 1 to 1000.
     """
     chain = chain_of(shape, links)
-    root, parent, last = ET.Element("robot", name=name), BASE, links
+    root, parent = ET.Element("robot", name=name), BASE
     inside(root, "link", name=BASE)
     for i in range(links + 1):
         if i:
             place, along = (chain.chords[i - 1], 0, 0), (1, 0, 0)
             parent = _jointed(root, parent, f"slide_{i}", "prismatic", along, xyz=place)
-        turned = scipy.spatial.transform.Rotation.from_matrix(chain.rest[i]).as_euler("xyz")
+        turned = Rotation.from_matrix(chain.rest[i]).as_euler("xyz")
         for letter, axis, rpy in zip("xyz", np.eye(3), [turned, _NOT, _NOT], strict=True):
             parent = _jointed(root, parent, f"{letter}_{i}", "revolute", axis, rpy=rpy)
-        if i < last:
+        if i < links:
             _solid(root, parent, chain, i)
     return written(root)
 
@@ -99,12 +98,21 @@ def ros_messages(shape: Shape, links: int = 30) -> dict[str, Any]:
         angles = zip("xyz", chain.angles[i], strict=True)
         joints |= {f"{letter}_{i}": float(angle) for letter, angle in angles}
     header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": BASE}
-    stamped = [{"header": header, "pose": pose} for pose in _poses(shape)]
-    names = arm.tendon_names
+    # The frames along the midline, as the base sees them.
+    base, s = np.array(arm.base_frame), np.linspace(0.0, arm.length, POINTS)
+    places = (shape.position(s) - np.array(arm.base_position)) @ base
+    turned = Rotation.from_matrix(base.T @ shape.frame(s)).as_quat()
+    poses = [
+        {
+            "position": dict(zip("xyz", place, strict=True)),
+            "orientation": dict(zip("xyzw", quaternion, strict=True)),
+        }
+        for place, quaternion in zip(places.tolist(), turned.tolist(), strict=True)
+    ]
     return {
         "tendons": {
             "header": header,
-            "name": names,
+            "name": arm.tendon_names,
             "position": strokes(shape).tolist(),
             "velocity": [],
             "effort": shape.tensions.tolist(),
@@ -116,20 +124,8 @@ def ros_messages(shape: Shape, links: int = 30) -> dict[str, Any]:
             "velocity": [],
             "effort": [],
         },
-        "path": {"header": header, "poses": stamped},
+        "path": {
+            "header": header,
+            "poses": [{"header": header, "pose": pose} for pose in poses],
+        },
     }
-
-
-def _poses(shape: Shape) -> list[dict[str, Any]]:
-    """Return poses along the midline, as the base sees them."""
-    base, origin = np.array(shape.arm.base_frame), np.array(shape.arm.base_position)
-    s = np.linspace(0.0, shape.arm.length, _POINTS)
-    places = (shape.position(s) - origin) @ base
-    turned = scipy.spatial.transform.Rotation.from_matrix(base.T @ shape.frame(s)).as_quat()
-    return [
-        {
-            "position": dict(zip("xyz", place, strict=True)),
-            "orientation": dict(zip("xyzw", quaternion, strict=True)),
-        }
-        for place, quaternion in zip(places.tolist(), turned.tolist(), strict=True)
-    ]

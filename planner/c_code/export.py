@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -20,7 +21,8 @@ from model.shape import Shape
 from planner.c_code.inverse import check_inverse, inverse_values
 from planner.c_code.source import PRECISIONS, CSource, Precision
 from planner.c_code.steps import steps_source
-from planner.c_code.values import BYTES, c_source, c_values
+from planner.c_code.values import BYTES, c_values
+from planner.c_code.whole import whole_source
 from planner.io.files import write_together
 from planner.plan import Plan
 
@@ -97,7 +99,7 @@ def export(
     """
     scene = _checked(arm, scene, precision, name, accuracy)
     shape = settle(arm, tensions, scene, accuracy)
-    source = c_source(shape, precision)
+    source = steps_source(shape, precision) or whole_source(shape, precision)
     values = c_values(shape, source, precision, name)
     return _written(to, shape, source, values, precision)
 
@@ -139,8 +141,8 @@ def export_plan(
         allowed = "one whose tendons run straight along the straight arm, not as printed"
         raise InputError("scene", scene, f"{allowed}: others' second derivatives are not exported")
     values = c_values(shape, source, precision, name) | inverse_values(p, shape, precision)
-    values["HESSIAN"] = _filled(_template("hessian.c"), values)
-    values["HESSIAN_DECLARED"] = _filled(_template("hessian.h"), values)
+    values["HESSIAN"] = _template("hessian.c", values)
+    values["HESSIAN_DECLARED"] = _template("hessian.h", values)
     return _written(to, shape, source, values, precision, _PLAN_TEMPLATES)
 
 
@@ -154,7 +156,7 @@ def _written(
 ) -> Exported:
     """Write the files of a map, and `more` of them, into a folder."""
     texts = {
-        _filled(file, values): _filled(_template(template), values)
+        _filled(file, values): _template(template, values)
         for file, template in {**_TEMPLATES, "@NAME@.c": source.template, **more}.items()
     }
     folder = Path(to)
@@ -165,19 +167,19 @@ def _written(
     return Exported(written, shape, BYTES[precision] * used)
 
 
-def _template(name: str) -> str:
-    return files("planner.c_code").joinpath("files", name).read_text("utf-8")
+def _template(name: str, values: dict[str, str]) -> str:
+    text = files("planner.c_code").joinpath("files", name).read_text("utf-8")
+    return _filled(text, values)
 
 
 def _check_free(folder: Path, name: str) -> None:
     """Refuse a folder with another export, whose main.c and Makefile would be lost."""
     parts = [file for file in _TEMPLATES if not file.startswith("@")]
-    try:
-        shared = [file for file in parts if (folder / file).exists()]
-        again = (folder / f"{name}.h").exists()
-    except (OSError, ValueError):  # a folder that cannot be: writing says why
-        return
-    if shared and not again:
+    shared: list[str] = []
+    with suppress(OSError):  # a folder that cannot be: writing says why
+        if not (folder / f"{name}.h").exists():
+            shared = [file for file in parts if (folder / file).exists()]
+    if shared:
         message = (
             f"another export is there ({', '.join(shared)} would be overwritten); "
             f"name another folder, such as {folder / name}"

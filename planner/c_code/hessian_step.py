@@ -12,8 +12,6 @@ of them at places along the arm, which then add up from the tip to each step.
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import casadi as ca
 
 from model.cross_section.law import size
@@ -25,7 +23,6 @@ from planner.c_code.pulls import TERMS
 from planner.c_code.tip_jacobian import strain_function, strain_jacobian, twist
 
 
-@lru_cache(maxsize=64)
 def own_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     """Return (pose, pull, data, h, basis, wrench) -> what a step has of the Hessian by itself.
 
@@ -44,16 +41,15 @@ def own_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     strain = strain_function(statics)
     strains = [strain(pull[:, i], data[:, i])[1:] for i in nodes]
     arguments = [(strains[i], pull[:, i], data[:, i]) for i in nodes]
-    jacobian = [strain_jacobian(statics)(*of) for of in arguments]
+    strain_by, strain_by_twice = strain_jacobian(statics), _strain_hessian(statics)
+    jacobian = [strain_by(*of) for of in arguments]
     parts = [slice(3 * i, 3 * i + 3) for i in nodes]
     blocks = [[ca.SX()] * m for _ in nodes]
     for i in nodes:
         for j in range(i + 1):
             blocks[i][j] = jacobian[i].T @ bent[parts[i], parts[j]] @ jacobian[j]
             blocks[j][i] = blocks[i][j].T
-        blocks[i][i] = blocks[i][i] + _strain_hessian(statics)(
-            *arguments[i], by_strains[parts[i]].T
-        )
+        blocks[i][i] = blocks[i][i] + strain_by_twice(*arguments[i], by_strains[parts[i]].T)
     at_nodes = [along[:, part] @ slope for part, slope in zip(parts, jacobian, strict=True)]
     turned = ca.horzcat(*(sum((basis[t, i] * at_nodes[i] for i in nodes), 0) for t in range(TERMS)))
     results = [ca.densify(value) for value in (moved, turned, ca.blockcat(blocks))]
@@ -61,7 +57,6 @@ def own_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     return ca.Function("own_step", [g, pull, data, h, basis, wrench], results, {"cse": True})
 
 
-@lru_cache(maxsize=1)
 def _move() -> ca.Function:
     """Return Omega (6,), wrench -> Hessian and gradient of the work on how exp(Omega) moves.
 
@@ -78,7 +73,6 @@ def _move() -> ca.Function:
     return ca.Function("move", [omega, wrench], results, {"cse": True})
 
 
-@lru_cache(maxsize=64)
 def _strain_hessian(statics: ClosedStatics) -> ca.Function:
     """Return (xi, k, q; pull, data, weights (3,)) -> weighted second derivatives (n_pull, n_pull).
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,6 @@ from planner.c_code.source import Precision, numbers
 from planner.plan import Plan, plan
 from planner.program.problem import units
 from planner.targets import TipPosition
-from planner.targets.base import Target
 
 # What counts as a target that is met (over the length), as effort that is least (its slope over the
 # largest tension), how soft the target is held within a step, and how much is lost in rounding.
@@ -35,8 +33,9 @@ _NO_LIMIT = 1e9
 def check_inverse(p: Plan) -> None:
     """Raise InputError for a plan whose inverse is not exported."""
     exported = "exported is a plan of one TipPosition, of least squares of the tensions"
+    is_tip = len(p.targets) == 1 and isinstance(p.targets[0], TipPosition)
     checks: list[tuple[bool, str, object, str]] = [
-        (not _is_tip(p.targets), "target", p.targets, "one TipPosition"),
+        (not is_tip, "target", p.targets, "one TipPosition"),
         (p.limits.total is not None, "total_pull", p.limits.total, "no limit of all tensions"),
         (p.statement.norm != "2", "norm", p.statement.norm, "2"),
         (bool(p.surroundings), "obstacles", p.surroundings, "nothing to keep clear of"),
@@ -48,24 +47,12 @@ def check_inverse(p: Plan) -> None:
         raise InputError("target", p.targets[0], f"a target within reach; {p.outcome}")
 
 
-def _is_tip(targets: tuple[Target, ...]) -> bool:
-    return len(targets) == 1 and isinstance(targets[0], TipPosition)
-
-
-@dataclass(frozen=True, eq=False)
-class _Followed:
-    """Targets (K, 3) [m] and the tensions (K, n_tendons) [N] that Python follows them with."""
-
-    targets: Array
-    tensions: Array
-
-
 def inverse_values(p: Plan, shape: Shape, precision: Precision) -> dict[str, str]:
     """Return what fills the places in the files of the inverse."""
     arm, n, unit = p.arm, p.arm.n_tendons, units(p.arm, p.limits)
     upper = np.minimum(p.limits.upper, _NO_LIMIT * unit)
     met, level, soft, rounding = _SETTINGS[precision]
-    followed, fine = _followed(p), max(shape.error, p.accuracy)
+    targets, tensions = _followed(p)
     off, apart = _ROUNDED[precision]
     values = {
         "SCALE": unit.max(),
@@ -79,23 +66,26 @@ def inverse_values(p: Plan, shape: Shape, precision: Precision) -> dict[str, str
         "FIRST_TARGET": p.targets[0].parameters(arm),
         "FIRST_TENSION": p.tensions,
         "UNIT": unit,
-        "TEST_TARGET": followed.targets,
-        "TEST_FOUND": followed.tensions,
+        "TEST_TARGET": targets,
+        "TEST_FOUND": tensions,
         "TEST_MET": off,
-        "TEST_ALIKE": apart + _LEVER * fine,
+        "TEST_ALIKE": apart + _LEVER * max(shape.error, p.accuracy),
     }
     static = 14 + 11 * n + 2 * n * n + 4 * n
     return {
         **{place: numbers(value, precision) for place, value in values.items()},
-        "TEST_TARGETS": str(len(followed.targets)),
+        "TEST_TARGETS": str(len(targets)),
         "PLAN_NUMBERS": str(static),
         "SQRT": "sqrt" if precision == "double" else "sqrtf",
     }
 
 
-def _followed(p: Plan) -> _Followed:
-    """Return the plan for targets about that of a plan, each near the one before."""
-    start, results, targets = p.targets[0].parameters(p.arm), [], []
+def _followed(p: Plan) -> tuple[Array, Array]:
+    """Return targets (K, 3) [m] about that of a plan, and their tensions (K, n_tendons) [N].
+
+    Each is planned near the one before.
+    """
+    start, results, targets = p.targets[0].parameters(p.arm), list[Array](), list[Array]()
     options: dict[str, Any] = {"tension_min": p.limits.lower, "accuracy": p.accuracy}
     upper, near = p.limits.upper, p
     for move in _MOVES:
@@ -107,4 +97,4 @@ def _followed(p: Plan) -> _Followed:
         near = moved
         targets.append(place)
         results.append(np.ravel(moved.tensions))
-    return _Followed(np.array(targets).reshape(-1, 3), np.array(results))
+    return np.array(targets).reshape(-1, 3), np.array(results)

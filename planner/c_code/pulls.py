@@ -14,7 +14,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.paths import Array, Linear
-from model.stations import Counts, stations
+from model.stations import stations
 from model.unloaded.statics import ClosedStatics
 
 TERMS = 3
@@ -66,14 +66,6 @@ class PullPolynomials:
             results.append(results[-1] + ca.reshape(added, -1, TERMS))
             start += each.shape[1]
         return results
-
-    def pull(self, T: ca.MX, s: Array, active: Counts) -> ca.MX:
-        """Return pull (n_pull, N) at arc lengths s (N,), from the base to the tip."""
-        carried, columns = self.carried(T), []
-        for count in sorted({*active.tolist()}, reverse=True):
-            columns.append(carried[count] @ ca.DM(self.basis(s[active == count])))
-        pull: ca.MX = ca.horzcat(*columns)
-        return pull
 
 
 def _coefficients(values: Array, share: float) -> Array:

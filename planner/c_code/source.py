@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, Literal
 
 import casadi as ca
@@ -67,23 +66,14 @@ def c_code(functions: Sequence[ca.Function], name: str, precision: Precision) ->
     A function f takes (arg, res, iw, w, 0); see work_of. In single precision no double appears,
     which small machines compute in software or twice as slowly.
     """
-    options = {
-        "casadi_real": precision,
-        "casadi_int": "int",
-        "with_export": False,
-        "with_mem": False,
-    }
-    generator = ca.CodeGenerator(name, options)
+    number, without = {"casadi_real": precision, "casadi_int": "int"}, ("with_export", "with_mem")
+    generator = ca.CodeGenerator(name, number | dict.fromkeys(without, False))
     for function in functions:
         generator.add(function)
     # Inline functions may stay unused without a warning, and are not compiled then.
     code = _GLOBAL.sub(r"static inline \1", generator.dump())
-    return single(code) if precision == "float" else code
-
-
-def single(code: str) -> str:
-    """Return C code with its numbers, and its calls of the math library, in single precision."""
-    return _MATH.sub(r"\1f(", _LITERAL.sub(r"\1f", code))
+    # Numbers and calls of the math library in single precision.
+    return _MATH.sub(r"\1f(", _LITERAL.sub(r"\1f", code)) if precision == "float" else code
 
 
 def numbers(values: Any, precision: Precision) -> str:
@@ -100,7 +90,6 @@ def whole_numbers(values: Any) -> str:
     return ", ".join(map(str, np.ravel(values).tolist()))
 
 
-@lru_cache(maxsize=1)
 def frame_function() -> ca.Function:
     """Return q -> its rotation matrix (9,), row by row."""
     q = ca.SX.sym("q", 4)

@@ -8,7 +8,6 @@ the work grows with the number of tendons.
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import TypeVar
 
 import casadi as ca
@@ -36,7 +35,6 @@ def twist(strain: ca.SX) -> ca.SX:
     return ca.vertcat(stretch * strain[:3], stretch, 0, 0)
 
 
-@lru_cache(maxsize=64)
 def strain_jacobian(statics: ClosedStatics) -> ca.Function:
     """Return (xi, k, q; pull, data) -> derivatives (3, n_pull) of these strains against pull.
 
@@ -53,7 +51,6 @@ def strain_jacobian(statics: ClosedStatics) -> ca.Function:
     return ca.Function("jacobian", [e, pull, data], result, {"cse": True})
 
 
-@lru_cache(maxsize=64)
 def twist_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     """Return (x, pull, data, h, basis (TERMS, m)) -> x across a step.
 
@@ -68,10 +65,10 @@ def twist_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     strains = [strain(pull[:, i], data[:, i])[1:] for i in range(m)]
     pose, local = step_jacobian(scheme, [twist(ca.vertcat(0, v)) for v in ca.vertsplit(e, 3)], h, e)
     seen = adjoint_function()(x[:7]) @ local
-    parts = []
-    for i in range(m):
-        jacobian = strain_jacobian(statics)(strains[i], pull[:, i], data[:, i])
-        parts.append(seen[:, 3 * i : 3 * i + 3] @ jacobian)
+    changes = strain_jacobian(statics)
+    parts = [
+        seen[:, 3 * i : 3 * i + 3] @ changes(strains[i], pull[:, i], data[:, i]) for i in range(m)
+    ]
     grown = [sum((basis[t, i] * parts[i] for i in range(m)), ca.SX(6, n)) for t in range(TERMS)]
     after = ca.vertcat(compose(x[:7], pose), x[7:] + ca.vec(ca.horzcat(*grown)))
     after = ca.substitute([after], [e], [ca.vertcat(*strains)])[0]

@@ -8,8 +8,6 @@ from model.rotations import matrices
 from model.shape import Shape
 from model.stiffness import tip_jacobian_function
 from planner.c_code.source import CSource, Precision, numbers
-from planner.c_code.steps import steps_source
-from planner.c_code.whole import whole_source
 from planner.io.files import versions
 
 # How well C agrees with Python: positions over the length, frames, derivatives over the largest.
@@ -17,14 +15,20 @@ TOLERANCE: dict[Precision, float] = {"double": 1e-12, "float": 1e-5}
 BYTES: dict[Precision, int] = {"double": 8, "float": 4}
 
 
-def c_source(shape: Shape, precision: Precision) -> CSource:
-    """Return what becomes NAME.c: a loop over steps where there is one."""
-    return steps_source(shape, precision) or whole_source(shape, precision)
-
-
 def c_values(shape: Shape, source: CSource, precision: Precision, name: str) -> dict[str, str]:
     """Return what fills the places that are marked in the files, by the places' names."""
     written_by = versions()
+    mesh = shape.arm, shape.scene, shape.scheme, shape.refinement
+    jacobian = np.array(tip_jacobian_function(*mesh)(shape.tensions))
+    test_vector = {
+        "TEST_TENSION": shape.tensions,
+        "TEST_POSITION": shape.states[:, 4:7],
+        "TEST_FRAME": matrices(shape.states[:, :4]),
+        "TEST_SHIFT": jacobian[:3],
+        "TEST_TURN": jacobian[3:],
+        "TEST_TOLERANCE": TOLERANCE[precision],
+        "TEST_LENGTH": shape.arm.length,
+    }
     return {
         "OCTOPLAN": written_by["octoplan"],
         "CASADI": written_by["casadi"],
@@ -42,24 +46,5 @@ def c_values(shape: Shape, source: CSource, precision: Precision, name: str) -> 
         "HESSIAN": "",
         "HESSIAN_DECLARED": "",
         **source.code(f"{name}.c", precision),
-        **_test_vector(shape, precision),
+        **{place: numbers(value, precision) for place, value in test_vector.items()},
     }
-
-
-def _test_vector(shape: Shape, precision: Precision) -> dict[str, str]:
-    """Return what Python finds at the shape's tensions."""
-    jacobian = np.array(
-        tip_jacobian_function(shape.arm, shape.scene, shape.scheme, shape.refinement)(
-            shape.tensions
-        )
-    )
-    values = {
-        "TEST_TENSION": shape.tensions,
-        "TEST_POSITION": shape.states[:, 4:7],
-        "TEST_FRAME": matrices(shape.states[:, :4]),
-        "TEST_SHIFT": jacobian[:3],
-        "TEST_TURN": jacobian[3:],
-        "TEST_TOLERANCE": TOLERANCE[precision],
-        "TEST_LENGTH": shape.arm.length,
-    }
-    return {place: numbers(value, precision) for place, value in values.items()}

@@ -26,7 +26,7 @@ from planner.fit.experiment import Experiment
 from planner.fit.fitted import Start, parameters_of
 from planner.fit.least_squares import Fit, Loss, fit
 from planner.fit.measured import Measured, check_scale
-from planner.fit.residuals import Evaluation, UnsettledShapeError, from_rest
+from planner.fit.residuals import LOOSER, Evaluation, UnsettledShapeError, from_rest
 from planner.fit.unknowns import Parameters, Unknown
 
 ACCURACY = 1e-5
@@ -34,9 +34,6 @@ ACCURACY = 1e-5
 _ASTRAY = 1e-3
 # How near to optima fits come, by the logarithm of the likelihood: on the coarse mesh, and last.
 _COARSE_FIT, _FINE_FIT = 1e-1, 1e-5
-# How many times larger than elsewhere the last steps of Newton's method are where shapes as they
-# are reached from rest are compared with those of a fit.
-_LOOSER = 1e6
 # How often a fit begins again from shapes as they are reached from rest.
 _ROUNDS = 3
 _JUMPS = "it jumps to another shape near the values of the optimum"
@@ -109,7 +106,11 @@ def calibrate(
         raise InputError("starts", starts, "a whole number from 1 to 1000")
     shapes = _checked(arm, measured)
     parameters = parameters_of(arm, scene, unknowns, shapes)
-    _check_enough(shapes, parameters)
+    data = sum(shape.size for shape in shapes)
+    free = sum(unknown.prior is None for unknown in parameters.unknowns)
+    if data < free:
+        allowed = f"at most as many unknowns without priors as numbers measured, {data}"
+        raise InputError("unknowns", free, allowed)
     counted, machine_code = (loss, bool(absolute_std)), checked_compile(compile)
     search = _Search(parameters, shapes, *counted, checked_accuracy(accuracy), machine_code)
     stopped = False
@@ -166,14 +167,6 @@ def _checked(arm: Arm, measured: Iterable[Measured]) -> tuple[Measured, ...]:
     return tuple(shape.checked(arm, name) for shape, name in zip(shapes, names, strict=True))
 
 
-def _check_enough(shapes: Sequence[Measured], parameters: Parameters) -> None:
-    data = sum(shape.size for shape in shapes)
-    free = sum(unknown.prior is None for unknown in parameters.unknowns)
-    if data < free:
-        allowed = f"at most as many unknowns without priors as numbers measured, {data}"
-        raise InputError("unknowns", free, allowed)
-
-
 @dataclass
 class _Search:
     """Fits from several starts on a coarse mesh, the best one followed on finer ones.
@@ -212,7 +205,7 @@ class _Search:
             tell("fits", i, len(spread))
             start = Start(tuple(values.tolist()), None, float("inf"))
             try:
-                optimum = self._fit(from_rest(self._on(*_COARSE), values, _LOOSER), _COARSE_FIT)
+                optimum = self._fit(from_rest(self._on(*_COARSE), values, LOOSER), _COARSE_FIT)
             except (UnsettledShapeError, InputError) as reason:
                 problems.append(reason)
                 self.starts.append(start._replace(why=str(reason)))
@@ -261,10 +254,10 @@ class _Search:
         for _ in range(_ROUNDS):
             self.best = best = self._fit(start, _FINE_FIT)
             followed = best.evaluation
-            start = from_rest(self._on(*_COARSE), followed.values, _LOOSER)
+            start = from_rest(self._on(*_COARSE), followed.values, LOOSER)
             if apart := _apart(followed, start):
                 # It may be the coarse mesh that has them elsewhere.
-                start = from_rest(followed.experiment, followed.values, _LOOSER)
+                start = from_rest(followed.experiment, followed.values, LOOSER)
                 apart = _apart(followed, start)
             if not apart:
                 return best

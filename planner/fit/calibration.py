@@ -25,7 +25,7 @@ from model.progress import reported
 from model.text import Shown
 from planner.fit.fitted import Fitted
 from planner.fit.least_squares import fit
-from planner.fit.measured import Measured, Point
+from planner.fit.measured import MIDLINE, Measured, Point
 from planner.fit.residuals import (
     Evaluation,
     Residual,
@@ -38,9 +38,6 @@ from planner.io.records import record
 from planner.io.saved_records import CalibrationRecord
 from planner.plan import Plan, plan
 
-_ORIGIN = (0.0, 0.0, 0.0)
-# The variance of a uniform distribution from 0 to 1, inverted.
-_UNIFORM = 12.0
 # Singular values of what a shape leaves to others, below which it alone tells an unknown.
 _ALONE = 1e-3
 
@@ -167,9 +164,9 @@ class Calibration(Fitted, Shown):
         """
         flat = tuple(self.given_arm.flat(tensions).tolist())
         # Behind the markers, whose unknowns are not those of points that are said here.
-        none = [Point(0.0, _ORIGIN, None)] * len(self.parameters.given.points)
-        places = [*none, *(Point(s, offset, _ORIGIN) for s, offset in points)]
-        shape = Measured(flat, tuple(places), tip=_ORIGIN, session=session, name="the prediction")
+        none = [Point(0.0, MIDLINE, None)] * len(self.parameters.given.points)
+        places = [*none, *(Point(s, offset, MIDLINE) for s, offset in points)]
+        shape = Measured(flat, tuple(places), tip=MIDLINE, session=session, name="the prediction")
         there = from_rest(self.experiment([shape]), self.array)
         for reason in there.lost.values():
             raise UnsettledShapeError(shape.name, reason)
@@ -205,7 +202,8 @@ class Calibration(Fitted, Shown):
             shapes.append(replace(like, tensions=flat, session=session, name=name))
         there = from_rest(self.experiment(shapes), self.array)
         J = np.vstack(list(self.jacobians.values()))
-        M = J.T @ J + _UNIFORM * np.eye(J.shape[1])
+        # The variance of a uniform distribution from bound to bound is 1 / 12.
+        M = J.T @ J + 12 * np.eye(J.shape[1])
         before, rows = np.diag(np.linalg.inv(M)), list[Candidate]()
         told_by = there.scaled(self.noise)
         for i, shape in enumerate(shapes):
@@ -260,7 +258,7 @@ class Calibration(Fitted, Shown):
         n = len(shape.places)
         J = (there.jacobians[i][: 3 * n] * self.parameters.range).reshape(n, 3, -1)
         places = miss[: 3 * n].reshape(n, 3) + shape.places
-        covariance = self.information.covariance
+        covariance = self.information[0]
         sure = J @ np.where(np.isfinite(covariance), covariance, 0.0) @ J.transpose(0, 2, 1)
         error = self._model_error(shape.arc_lengths(self.arm))[:count]
         band = sure[:count] + error[:, None, None] ** 2 * np.eye(3)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,18 +20,12 @@ from model.time_limit import time_limit as within
 from planner.fit.calibrate import supported_scene
 from planner.fit.design_program import DesignOptimum, DesignProgram, Targets
 from planner.fit.making import Making, Objective, Reach, checked_objective
-from planner.fit.unknowns import Parameters, Unknown
+from planner.fit.unknowns import AT_BOUND, WORSE, Parameters, Unknown
 from planner.plan import Plan, plan
 from planner.program.limits import Limits
 from planner.program.terms import terms_of
 from planner.question import check_targets
 from planner.targets import Softest, Stiffest
-
-LOG = logging.getLogger(__name__)
-# How near a limit a tension is at it, over the limit.
-_AT_LIMIT = 1e-6
-# By what share of what is least another optimum is a worse one.
-_OTHER = 1e-3
 
 
 @with_progress
@@ -112,15 +105,20 @@ def design(
     if isinstance(objective, Reach):
         at_first = program.solve(parameters.start, _tensions(before), fixed=True)
         reaches = tuple(at_first.tensions[-1].tolist()), tuple(best.tensions[-1].tolist())
-    designed = parameters.built(best.values)[0]
+    designed, scene = parameters.built(best.values)
+    plans = search.plans(designed, scene)
+    worth = zip((arm, designed), (before, plans), reaches or (None, None), strict=True)
+    value_before, value = (_value(objective, scene, *each) for each in worth)
     return Design(
         arm,
-        parameters.scene,
+        scene,
         parameters.unknowns,
         tuple(best.values.tolist()),
         designed,
-        search.plans(designed, parameters.scene),
+        plans,
         before,
+        value,
+        value_before,
         making,
         objective,
         reaches,
@@ -190,14 +188,12 @@ class _Search:
 
     def _begin(self, values: Array) -> None:
         """Add the optimum that values lead to; none from an arm that cannot be."""
-        optimum = None
-        try:
+        self._tried[values.tobytes()] = None
+        with suppress(OctoplanError):
             arm, scene = self.program.parameters.built(values)
             if self.program.making.room(arm).min() >= 0:
                 optimum = self.program.solve(values, _tensions(self.plans(arm, scene)))
-        except OctoplanError as reason:
-            LOG.debug("no optimum: %s", reason)
-        self._tried[values.tobytes()] = optimum
+                self._tried[values.tobytes()] = optimum
 
     def _other_ends(self) -> list[Array]:
         """Return the best values with each unknown that is at a bound at the other one."""
@@ -229,6 +225,9 @@ class Design(Shown):
         The designed arm.
     plans, before : tuple of Plan
         Of each task for the designed arm, and for the given one.
+    value, value_before : float
+        What was made best: effort [N], mean stiffness of the tip [N/m], or reach [m]; the same of
+        the given arm.
     making : Making
         What can be made.
     objective : "effort", Stiffest, Softest or Reach
@@ -247,13 +246,15 @@ class Design(Shown):
     arm: Arm
     plans: tuple[Plan, ...] = field(compare=False)
     before: tuple[Plan, ...] = field(compare=False)
+    value: float
+    value_before: float
     making: Making = field(default_factory=Making)
     objective: Objective = "effort"
     reaches: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     optima: tuple[float, ...] = ()
     stopped: bool = False
 
-    @cached_property
+    @property
     def parameters(self) -> Parameters:
         """The unknowns with what they are numbers of."""
         return Parameters.of(self.given_arm, self.scene, self.unknowns)
@@ -273,27 +274,6 @@ class Design(Shown):
         """Root of the sum of the squared efforts of all tasks [N]."""
         return _total(self.plans)
 
-    @cached_property
-    def value(self) -> float:
-        """What was made best: effort [N], mean stiffness of the tip [N/m], or reach [m]."""
-        return self._value(self.arm, self.plans, self.reaches and self.reaches[1])
-
-    @cached_property
-    def value_before(self) -> float:
-        """The same of the given arm."""
-        return self._value(self.given_arm, self.before, self.reaches and self.reaches[0])
-
-    def _value(self, arm: Arm, plans: tuple[Plan, ...], T: tuple[float, ...] | None) -> float:
-        if self.objective == "effort":
-            return _total(plans)
-        along = np.array(self.objective.direction)
-        if T is not None:
-            return float(settle(arm, T, self.scene).tip @ along)
-        compliances = [
-            stiffness(arm, plan.tensions, self.scene).compliance[:3, :3] for plan in plans
-        ]
-        return float(np.exp(-np.mean([np.log(along @ C @ along) for C in compliances])))
-
     @property
     def gain(self) -> float:
         """The share of the given arm's effort that is saved, or by which stiffness or reach grow.
@@ -305,7 +285,7 @@ class Design(Shown):
         grown = self.value / self.value_before - 1
         return -grown if self.objective == "effort" else grown
 
-    @cached_property
+    @property
     def sensitivity(self) -> Array:
         """How the effort changes with the unknowns (K,) [N per unit], tensions chosen anew.
 
@@ -327,13 +307,17 @@ class Design(Shown):
         lines = [self._told()]
         for i, each in enumerate(self.plans):
             if not each.certificate.passed:
-                lines.append(f"Task {i} is not met: {each.outcome}{self._held(each)}")
+                T, upper = np.ravel(each.tensions), np.array(each.limits.upper)
+                at = np.flatnonzero(upper * (1 - AT_BOUND) <= T)
+                names = ", ".join(each.arm.tendon_name(int(j)) for j in at)
+                held = f" At the tension limit: {names}." if names else ""
+                lines.append(f"Task {i} is not met: {each.outcome}{held}")
         limits = self.making.binding(self.arm)
         if limits:
             lines.append(f"At a limit of what can be made: {', '.join(limits)}.")
         if ends := self.parameters.names_at_bounds(self.array):
             lines.append(f"At a bound: {', '.join(ends)}.")
-        others = [x for x in self.optima if x > min(self.optima) + _OTHER * abs(min(self.optima))]
+        others = [x for x in self.optima if x > min(self.optima) + WORSE * abs(min(self.optima))]
         if others:
             count = f"{len(others)} of {counted(len(self.optima), 'arm')} begun with"
             lines.append(
@@ -342,13 +326,6 @@ class Design(Shown):
         if self.stopped:
             lines.append("Stopped at the time limit: not all arms were begun with.")
         return " ".join(lines)
-
-    def _held(self, plan: Plan) -> str:
-        """Return which tension limits a plan is at."""
-        T, upper = np.ravel(plan.tensions), np.array(plan.limits.upper)
-        at = np.flatnonzero(upper * (1 - _AT_LIMIT) <= T)
-        names = ", ".join(plan.arm.tendon_name(int(j)) for j in at)
-        return f" At the tension limit: {names}." if names else ""
 
     def _told(self) -> str:
         tasks = f"{counted(len(self.plans), 'task')}, {counted(len(self.unknowns), 'unknown')}"
@@ -359,11 +336,8 @@ class Design(Shown):
         if not np.isfinite(self.gain):
             return f"{tasks}: {now}; the given arm does not meet all of them."
         before = f"the given arm's {self.value_before:.4g} {unit}"
-        return f"{tasks}: {now}, {100 * abs(self.gain):.3g} % {self._compared} than {before}."
-
-    @property
-    def _compared(self) -> str:
-        return "less" if (self.gain > 0) == (self.objective == "effort") else "more"
+        compared = "less" if self.value < self.value_before else "more"
+        return f"{tasks}: {now}, {100 * abs(self.gain):.3g} % {compared} than {before}."
 
 
 _WORDS: dict[type, tuple[str, str]] = {
@@ -372,6 +346,19 @@ _WORDS: dict[type, tuple[str, str]] = {
     Softest: ("stiffness of the tip", "N/m"),
     Reach: ("reach", "m"),
 }
+
+
+def _value(
+    objective: Objective, scene: Scene, arm: Arm, plans: Sequence[Plan], T: Sequence[float] | None
+) -> float:
+    """Return what a design makes best, of an arm with its plans, or tensions T that reach far."""
+    if objective == "effort":
+        return _total(plans)
+    along = np.array(objective.direction)
+    if T is not None:
+        return float(settle(arm, T, scene).tip @ along)
+    compliances = [stiffness(arm, plan.tensions, scene).compliance[:3, :3] for plan in plans]
+    return float(np.exp(-np.mean([np.log(along @ C @ along) for C in compliances])))
 
 
 def _met(plans: Sequence[Plan]) -> bool:

@@ -28,7 +28,7 @@ from model.paths import Array
 from model.transcription.layout import POSE
 from model.transcription.system import System, neighbour, system
 from model.winches import Winches, rest_lengths
-from planner.fit.measured import FRAME, TIP, Measured
+from planner.fit.measured import Measured
 from planner.fit.unknowns import Parameters
 from planner.io.varied import Setting
 
@@ -90,8 +90,10 @@ class Experiment:
         self._s = np.array([sensor.s for sensor in sensors])
         self._offsets = np.array([sensor.offset for sensor in sensors]).reshape(-1, 3)
         self.seen = np.zeros((len(sensors), 4))
-        for row in np.flatnonzero(self._point == FRAME):
-            self.seen[row] = np.roll(Rotation.from_matrix(sensors[row].value).as_quat(), 1)
+        for row, sensor in enumerate(sensors):
+            if np.ndim(sensor.value) == 2:
+                turned = Rotation.from_matrix(sensor.value)
+                self.seen[row] = turned.as_quat(scalar_first=True)
         self._strokes = any(shape.strokes is not None for shape in shapes)
         self._first = dict[str, tuple[System, tuple[float, ...]]]()
 
@@ -121,7 +123,9 @@ class Experiment:
         if stated is None:
             stated = system(arm, setting.scene, stages, refinement, at, True, machine_code)
             self._first[name] = stated, at
-        return SessionEquations(self, name, values, setting, stated, self.numbers(setting, stated))
+        numbers = self.numbers(setting, stated)
+        nodes = np.abs(stated.mesh.s - numbers.s[:, None]).argmin(axis=1)
+        return SessionEquations(self, name, values, setting, stated, numbers, nodes)
 
     def numbers(self, setting: Setting, stated: System) -> SessionNumbers:
         """Return the numbers of equations, and of all sensors as a session's table places them."""
@@ -137,7 +141,7 @@ class Experiment:
         )
 
     def _looked_at(self, setting: Setting) -> Array:
-        s = np.where(self._point == TIP, setting.arm.length, self._s)
+        s = np.where(np.isinf(self._s), setting.arm.length, self._s)
         return np.asarray(s + self._shift(setting, "s"))
 
     def _shift(self, setting: Setting, name: str, size: tuple[int, ...] = ()) -> Array:
@@ -153,7 +157,10 @@ class Experiment:
 
 @dataclass(frozen=True, eq=False)
 class SessionEquations:
-    """The equations of a session's shapes at values (K,) of the unknowns, and their numbers."""
+    """The equations of a session's shapes at values (K,) of the unknowns, and their numbers.
+
+    `nodes` (M,) are those that sensors look at.
+    """
 
     experiment: Experiment
     name: str
@@ -161,6 +168,7 @@ class SessionEquations:
     setting: Setting
     system: System
     numbers: SessionNumbers
+    nodes: Index
 
     @cached_property
     def derivatives(self) -> SessionNumbers:
@@ -176,11 +184,6 @@ class SessionEquations:
         return SessionNumbers(
             *parameters.derivatives(numbers, self.numbers, self.values, self.name)
         )
-
-    @cached_property
-    def nodes(self) -> Index:
-        """The nodes that sensors look at (M,)."""
-        return np.asarray(np.abs(self.system.mesh.s - self.numbers.s[:, None]).argmin(axis=1))
 
     @property
     def places(self) -> Index:

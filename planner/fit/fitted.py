@@ -15,21 +15,17 @@ from model.equilibrium.newton import STAGES
 from model.paths import Array
 from model.text import counted
 from planner.fit.experiment import Experiment
-from planner.fit.identifiability import Direction, Information, direction, information
+from planner.fit.identifiability import Direction, direction, information
 from planner.fit.least_squares import Loss, counted_by
 from planner.fit.measured import Measured
 from planner.fit.residuals import Evaluation, Residual, from_rest, mean_distance
-from planner.fit.unknowns import Parameters, Unknown
+from planner.fit.unknowns import WORSE, Parameters, Unknown
 
 # Standard error over that of the prior above which the data say nothing; residuals of a shape over
 # those of the median shape above which it is unlike the others.
 _UNMOVED, _UNLIKE = 0.9, 3.0
 # Markers that are off by such a share of the arm's length in the mean are not explained at all.
 _UNREACHED = 0.1
-# How near misfits are of starts that came to one optimum.
-_SAME = 1e-3
-# Tensions over the arm's E A that crush it: they are likely in another unit.
-_CRUSHING = 10.0
 
 
 class Start(NamedTuple):
@@ -103,12 +99,12 @@ class Fitted:
         state = {item.name: getattr(self, item.name) for item in fields(self)}
         return state | {"known": None}
 
-    @cached_property
+    @property
     def arm(self) -> Arm:
         """The calibrated arm; see `setting` for what belongs to a session."""
         return self.setting()[0]
 
-    @cached_property
+    @property
     def scene(self) -> Scene:
         """The calibrated scene."""
         return self.setting()[1]
@@ -125,12 +121,12 @@ class Fitted:
     @property
     def std(self) -> Array:
         """Standard errors of the values (K,), in their units; inf where nothing tells."""
-        return np.sqrt(np.diag(self.information.covariance)) * self.parameters.range
+        return np.sqrt(np.diag(self.information[0])) * self.parameters.range
 
     @property
     def covariance(self) -> Array:
         """Of the values (K, K), in the units of their keys."""
-        return np.asarray(self.information.covariance * np.outer(*[self.parameters.range] * 2))
+        return np.asarray(self.information[0] * np.outer(*[self.parameters.range] * 2))
 
     def interval(self, level: float = 0.95) -> Array:
         """Return the values' confidence intervals (K, 2)."""
@@ -161,8 +157,7 @@ class Fitted:
         names = [unknown.name for unknown in self.unknowns]
         units = [self.parameters.unit(unknown) for unknown in self.unknowns]
         return tuple(
-            direction(v, std, names, self.parameters.range, units)
-            for v, std in self.information.directions
+            direction(v, std, names, self.parameters.range, units) for v, std in self.information[1]
         )
 
     @property
@@ -255,7 +250,7 @@ class Fitted:
             most = max((max(shape.tensions or (0.0,)) for shape in self.measured), default=0.0)
             radius = self.given_arm.radius.evaluate(np.zeros(1), self.given_arm.length)[0][0]
             stiff = self.given_arm.material.E * np.pi * radius**2
-            if most > _CRUSHING * stiff:
+            if most > stiff:
                 lines.append(
                     f"Tensions of up to {most:g} N are {most / stiff:.3g} times the arm's E A at "
                     f"its base, {stiff:.3g} N: are they in mN?"
@@ -285,7 +280,7 @@ class Fitted:
         if len(self.starts) == 1:
             return []
         best = min(start.misfit for start in self.starts)
-        there = [start for start in self.starts if start.misfit <= best + _SAME * abs(best) + _SAME]
+        there = [start for start in self.starts if start.misfit <= best + WORSE * abs(best) + WORSE]
         lost = sum(start.found is None for start in self.starts)
         others = len(self.starts) - len(there) - lost
         line = f"{len(there)} of {len(self.starts)} starts came to this optimum"
@@ -317,8 +312,8 @@ class Fitted:
         return Experiment(self.parameters, shapes, *mesh)
 
     @cached_property
-    def information(self) -> Information:
-        """What data and priors say of the unknowns, from bound to bound."""
+    def information(self) -> tuple[Array, list[tuple[Array, float]]]:
+        """What data and priors say of the unknowns, from bound to bound; see identifiability."""
         prior = self.parameters.priors(self.array)[1]
         return information(np.vstack([*self.jacobians.values(), prior]))
 

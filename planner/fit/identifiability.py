@@ -57,24 +57,12 @@ class Direction:
         return f"a change of {first} trades with {', '.join(others)}: together {difference}"
 
 
-@dataclass(frozen=True, eq=False)
-class Information:
-    """What data and priors say of K unknowns.
+def information(J: Array) -> tuple[Array, list[tuple[Array, float]]]:
+    """Return what residuals over noise with derivatives J (n, K), priors included, say.
 
-    Attributes
-    ----------
-    covariance : (K, K)
-        In units of the bounds' ranges; inf on the diagonal where nothing tells.
-    directions : list of (vector (K,), standard deviation)
-        Those that are not identifiable, or badly so; counted like the covariance.
+    The covariance (K, K) in units of the bounds' ranges, inf on the diagonal where nothing tells;
+    and directions (K,) that are not identifiable, or badly so, each with its standard deviation.
     """
-
-    covariance: Array
-    directions: list[tuple[Array, float]]
-
-
-def information(J: Array) -> Information:
-    """Return what residuals over noise with derivatives J (n, K), priors included, say."""
     K = J.shape[1]
     size = np.linalg.norm(J, axis=0)
     blind = size <= _ZERO * max(float(size.max()), 1e-300)
@@ -93,7 +81,7 @@ def information(J: Array) -> Information:
         if variance > _WIDE**2
     ]
     covariance[np.diag_indices(K)] += np.where(involved.any(axis=0), np.inf, 0.0)
-    return Information(covariance, directions)
+    return covariance, directions
 
 
 def _sparse(vectors: Array) -> Array:

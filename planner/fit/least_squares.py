@@ -41,7 +41,7 @@ _EXPECTED = {
     "linear": 1.0,
     "cauchy": 1 - float(np.sqrt(np.pi * np.e / 2) * scipy.special.erfc(np.sqrt(0.5))),
 }
-_MEDIAN = 1.4826
+_MEDIAN = 1 / float(scipy.special.ndtri(0.75))
 # The least noise, over the standard deviations given; how often shapes are settled at most, and the
 # last step, over the unknowns from 0 to 1.
 _LEAST_NOISE, _MOST, _STEP = 1e-9, 100, 1e-7

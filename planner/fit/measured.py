@@ -19,9 +19,7 @@ from model.winches import rest_lengths
 # Markers farther from the base than this, in arm lengths and offsets, cannot be on the arm; of an
 # arm that moves markers are not all this near to the base.
 _FAR, _TINY = 1.5, 1 / 300
-# In place of a point's number.
-TIP, FRAME = -1, -2
-_MIDLINE = (0.0, 0.0, 0.0)
+MIDLINE = (0.0, 0.0, 0.0)
 
 
 class Point(NamedTuple):
@@ -42,15 +40,15 @@ class MeasuredFrame(NamedTuple):
 class Sensor(NamedTuple):
     """What is looked at on the arm.
 
-    Its name; the number of the point, TIP or FRAME; arc length [m], inf of the tip; offset in the
-    local frame [m]; and what was measured there: a place (3,) [m], or a frame (3, 3).
+    Its name; arc length [m], inf of the tip; what was measured there, a place (3,) [m] or a frame
+    (3, 3); offset in the local frame [m]; and the number of the point, -1 of what is none.
     """
 
     what: str
-    point: int
     s: float
-    offset: Vector
     value: Any
+    offset: Vector = MIDLINE
+    point: int = -1
 
 
 SUCH[Point] = "(s, (o_t, o_n, o_b), (x, y, z)), all in m"
@@ -122,23 +120,20 @@ class Measured:
         return self.tensions is None
 
     @property
-    def sensors(self) -> list[Sensor]:
-        """What is looked at: the points that were seen, the tip, frames."""
+    def markers(self) -> list[Sensor]:
+        """What is looked at whose place is measured: the points that were seen, and the tip."""
         points = [
-            Sensor(f"points[{i}]", i, point.s, point.offset, point.place)
+            Sensor(f"points[{i}]", point.s, point.place, point.offset, i)
             for i, point in enumerate(self.points)
             if point.place is not None
         ]
-        tip = [] if self.tip is None else [Sensor("tip", TIP, np.inf, _MIDLINE, self.tip)]
-        frames = [
-            Sensor(f"frames[{i}]", FRAME, s, _MIDLINE, R) for i, (s, R) in enumerate(self.frames)
-        ]
-        return [*points, *tip, *frames]
+        return points if self.tip is None else [*points, Sensor("tip", np.inf, self.tip)]
 
     @property
-    def markers(self) -> list[Sensor]:
-        """Those of them whose place is measured."""
-        return [sensor for sensor in self.sensors if sensor.point != FRAME]
+    def sensors(self) -> list[Sensor]:
+        """All that is looked at: markers, then frames."""
+        frames = [Sensor(f"frames[{i}]", *each) for i, each in enumerate(self.frames)]
+        return [*self.markers, *frames]
 
     @property
     def places(self) -> Array:
@@ -190,7 +185,13 @@ class Measured:
             if getattr(self, what) is not None:
                 _check_runs(arm, f"{name}: {what}", getattr(self, what))
         if self.strokes is not None:
-            _check_strokes(arm, f"{name}: strokes", np.array(self.strokes))
+            # No more of a tendon is taken in than there is of it.
+            rest = rest_lengths(arm)
+            most = int(np.argmax(np.array(self.strokes) - rest))
+            if self.strokes[most] > rest[most]:
+                allowed = f"less than the tendon's length at rest, {rest[most]:.3g} m; is it in mm?"
+                where = f"{name}: strokes, {arm.tendon_name(most)}"
+                raise InputError(where, self.strokes[most], allowed)
         return replace(self, tensions=flat, name=name)
 
 
@@ -216,15 +217,6 @@ def _check_runs(arm: Arm, where: str, lengths: Sequence[float]) -> None:
     if abs(lengths[most]) > 3 * arm.length:
         allowed = f"lengths of tendons in m{_in_mm(abs(lengths[most]) / arm.length)}"
         raise InputError(f"{where}, {arm.tendon_name(most)}", lengths[most], allowed)
-
-
-def _check_strokes(arm: Arm, where: str, strokes: Array) -> None:
-    """Refuse what takes in more of a tendon than there is of it."""
-    rest = rest_lengths(arm)
-    most = int(np.argmax(strokes - rest))
-    if strokes[most] > rest[most]:
-        allowed = f"less than the tendon's length at rest, {rest[most]:.3g} m; is it in mm?"
-        raise InputError(f"{where}, {arm.tendon_name(most)}", float(strokes[most]), allowed)
 
 
 def check_scale(arm: Arm, shapes: Sequence[Measured]) -> None:

@@ -28,7 +28,7 @@ from planner.fit.experiment import Experiment, Reached, SessionEquations, tensio
 # How often the way to other values is halved for shapes that one step does not lead to.
 _HALVINGS = 2
 # How many times larger than elsewhere the last steps of Newton's method are.
-_LOOSER = 1e3
+LOOSER = 1e3
 
 
 class UnsettledShapeError(OctoplanError):
@@ -173,7 +173,7 @@ class Evaluation:
                 states = Collocation.on(to.system).carried(T, before)
             elif np.abs(states - before.states)[of.nodes[:, :4]].max() < CLOSE:
                 near = before
-            end = newton(to.system, T, 1.0, states, near=near, looser=_LOOSER)
+            end = newton(to.system, T, 1.0, states, near=near, looser=LOOSER)
             reached[i] = to.held(shape, end or OctoplanError("it jumps"))
         return Evaluation.of(experiment, values, at, reached)
 
@@ -190,7 +190,7 @@ class Evaluation:
             for i, here in self.equilibria.items()
         }
 
-    @cached_property
+    @property
     def residuals(self) -> dict[int, Array]:
         """Predictions less measurements (size,), [m] and [rad], of each shape by number."""
         result = dict[int, Array]()

@@ -17,6 +17,8 @@ from planner.io.varied import Setting
 
 # Steps of difference quotients, over the bounds' range; how near a bound an unknown is at it.
 _STEP, AT_BOUND = 2e-8, 1e-6
+# By what share of the least cost another optimum is a worse one.
+WORSE = 1e-3
 
 
 def _each_once(name: str, keys: str | tuple[str, ...]) -> str | tuple[str, ...]:

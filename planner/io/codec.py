@@ -104,7 +104,6 @@ def sentence(kind: Any) -> str:
 ENDS = {"": "", **{suffix(unit): unit for unit in UNITS}}
 
 
-@cache
 def attributes_told(kind: Any) -> dict[str, str]:
     """Return what the docstring of a class says of each of its attributes."""
     result: dict[str, str] = {}
@@ -225,12 +224,11 @@ def _chosen(kinds: tuple[Any, ...], value: Any, unit: str | None) -> Any:
 
     In SI units paths are no lists.
     """
-    if Path in kinds and isinstance(value, list | tuple):
+    is_list, others = isinstance(value, list | tuple), [k for k in kinds if k is not type(None)]
+    if Path in kinds and is_list:
         several = unit is None or any(not isinstance(item, float | int) for item in value)
         return next((item for item in kinds if several and item is not Path), Path)
-    is_list = isinstance(value, list | tuple)
-    fitting = [item for item in kinds if item is not type(None) and _is_list(item) == is_list]
-    return next(iter(fitting), next(item for item in kinds if item is not type(None)))
+    return next((item for item in others if _is_list(item) == is_list), others[0])
 
 
 def _is_list(kind: Any) -> bool:

@@ -113,7 +113,7 @@ def motion_csv(motion: Any) -> bytes:
 
 def _read(path: Path, wanted: str) -> Iterator[tuple[str, list[str]]]:
     """Yield where a line is, and its cells, of all lines that hold something; FileError."""
-    text = bytes_of(path, lambda: f"{wanted} is wanted").decode("utf-8-sig", errors="replace")
+    text = bytes_of(path, f"{wanted} is wanted").decode("utf-8-sig", errors="replace")
     for number, row in enumerate(csv.reader(text.splitlines()), 1):
         if any(row) or number == 1:
             yield f"line {number}", [cell.strip() for cell in row]

@@ -12,10 +12,9 @@ import os
 import platform
 import re
 import shutil
-import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,10 +25,9 @@ import numpy as np
 
 from model.errors import FileError, InputError, as_given, shortened
 
-# Folders in which files are staged, beside where they go, are named after machine and process:
-# what a killed process leaves there is known by that, and after a day by its age.
+# Folders in which files are staged, beside where they go, are named after machine and process: by
+# that it is known what a killed process has left there.
 _MARK = ".octoplan.part"
-_DAY = 86400.0
 # Those of this process, and whether what they are in was made for them.
 _staging: dict[Path, bool] = {}
 # What this process has written last, and that in words, for whoever ends it.
@@ -45,18 +43,19 @@ def staged(folder: Path, make: bool = False) -> Iterator[Path]:
     is_made = make and not folder.exists()
     if make:
         folder.mkdir(parents=True, exist_ok=True)
-    _remove_orphans(folder)
-    prefix = f"{_MARK}.{_machine()}.{os.getpid()}."
-    here = Path()
-    try:
-        with TemporaryDirectory(prefix=prefix, dir=folder, ignore_cleanup_errors=True) as name:
-            here = Path(name)
-            _staging[here] = is_made
-            yield here
-    finally:
-        _staging.pop(here, None)
+    machine = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
+    for other in folder.glob(f"{_MARK}.{machine}.*"):
+        if _is_orphan(other):
+            shutil.rmtree(other, ignore_errors=True)
+    prefix = f"{_MARK}.{machine}.{os.getpid()}."
+    with ExitStack() as stack:
         if is_made:
-            _remove_empty(folder)
+            stack.callback(_remove_empty, folder)
+        temporary = TemporaryDirectory(prefix=prefix, dir=folder, ignore_cleanup_errors=True)
+        here = Path(stack.enter_context(temporary))
+        _staging[here] = is_made
+        stack.callback(_staging.pop, here)
+        yield here
 
 
 def _remove_empty(folder: Path) -> None:
@@ -64,14 +63,38 @@ def _remove_empty(folder: Path) -> None:
         folder.rmdir()
 
 
+def _is_orphan(folder: Path) -> bool:
+    """Return whether the process of this machine that staged in a folder is there no more."""
+    process = folder.name.removeprefix(_MARK).split(".")[2]
+    if process == str(os.getpid()):
+        return folder not in _staging
+    if os.name != "posix" or not process.isdigit():
+        return False
+    try:
+        os.kill(int(process), 0)
+    except (OSError, OverflowError) as reason:
+        return not isinstance(reason, PermissionError)
+    return False
+
+
 @contextmanager
-def placed(path: Path) -> Iterator[Path]:
-    """Yield a path to write a file to, which is moved to `path` once it is there whole."""
-    with staged(path.parent) as folder:
-        part = folder / f"part{path.suffix}"
-        yield part
-        part.replace(path)
-        keep(path, f"{path} is written")
+def placed(path: Path, *suffixes: str) -> Iterator[Path]:
+    """Yield a path to write a file to, which is moved to `path` once it is there whole.
+
+    Raises InputError for a name that ends otherwise, and where it cannot be written.
+    """
+    if path.suffix.lower() not in suffixes:
+        raise InputError("path", str(path), f"a file name that ends in {' or '.join(suffixes)}")
+    try:
+        with staged(path.parent) as folder:
+            part = folder / f"part{path.suffix}"
+            yield part
+            part.replace(path)
+            keep(path, f"{path} is written")
+    except (OSError, ValueError) as reason:
+        if isinstance(reason, InputError):
+            raise
+        raise InputError("path", str(path), f"a file that can be written: {why(reason)}") from None
 
 
 def keep(path: Path, text: str) -> None:
@@ -87,33 +110,6 @@ def end() -> str:
         if is_made:
             _remove_empty(here.parent)
     return "; ".join(text for path, text in _kept if path.exists()) or "nothing was written"
-
-
-def _remove_orphans(folder: Path) -> None:
-    """Remove what processes that were killed have staged in a folder."""
-    for other in folder.glob(f"{_MARK}.*"):
-        machine, _, process = other.name.removeprefix(f"{_MARK}.").partition(".")
-        with suppress(OSError):
-            old = time.time() - other.stat().st_mtime > _DAY
-            if old or (machine == _machine() and _is_over(other, process.partition(".")[0])):
-                shutil.rmtree(other, ignore_errors=True)
-
-
-def _is_over(folder: Path, process: str) -> bool:
-    """Return whether a process of this machine that staged in a folder is there no more."""
-    if process == str(os.getpid()):
-        return folder not in _staging
-    if os.name != "posix" or not process.isdigit():
-        return False
-    try:
-        os.kill(int(process), 0)
-    except (OSError, OverflowError) as reason:
-        return not isinstance(reason, PermissionError)
-    return False
-
-
-def _machine() -> str:
-    return hashlib.sha256(platform.node().encode()).hexdigest()[:8]
 
 
 def write_together(folder: Path, contents: dict[str, bytes]) -> None:
@@ -142,20 +138,14 @@ def write_named(path: str | Path, suffix: str, content: bytes) -> Path:
     Raises InputError for another suffix, and where it cannot be written.
     """
     path = Path(path)
-    if path.suffix.lower() != suffix:
-        raise InputError("path", str(path), f"a file name that ends in {suffix}")
-    try:
-        with placed(path) as part:
-            part.write_bytes(content)
-    except (OSError, ValueError) as reason:
-        raise InputError("path", str(path), f"a file that can be written: {why(reason)}") from None
+    with placed(path, suffix) as part:
+        part.write_bytes(content)
     return path
 
 
 def why(reason: OSError | ValueError) -> str:
     """Return why a file cannot be read or written, in the system's words."""
-    text = reason.strerror if isinstance(reason, OSError) else None
-    return (text or str(reason)).lower()
+    return (getattr(reason, "strerror", None) or str(reason)).lower()
 
 
 def to_json(values: Any) -> bytes:
@@ -192,22 +182,22 @@ _REMEDIES = (
 )
 
 
-def bytes_of(path: Path, wanted: Callable[[], str]) -> bytes:
+def bytes_of(path: Path, wanted: str = "") -> bytes:
     """Return what a file holds; FileError, with what is wanted, where it cannot be read.
 
-    A pipe is none: it might never end.
+    A scene file unless said. A pipe is no file: it might never end.
     """
     try:
         if path.exists() and not path.is_file() and not path.is_dir():
             raise OSError(errno.EINVAL, "this is no ordinary file")
         return path.read_bytes()
     except (OSError, ValueError) as reason:  # ValueError for names that no file can have
-        raise FileError(str(path), "", f"{why(reason)}; {wanted()}") from None
+        raise FileError(str(path), "", f"{why(reason)}; {wanted or _instead(path)}") from None
 
 
 def read_toml(path: Path) -> tuple[dict[str, Any], str]:
     """Return what a TOML file holds, and its text; FileError."""
-    text = bytes_of(path, lambda: _instead(path))
+    text = bytes_of(path)
     if path.suffix.lower() != ".toml":
         wanted = "no scene file: those are TOML, with names that end in .toml"
         raise FileError(str(path), "", wanted)
@@ -249,7 +239,7 @@ def read_json(path: Path, what: str, version: int) -> dict[str, Any]:
     """
     name, wanted = str(path), f"octoplan {what} {version}"
     try:
-        table = msgspec.json.decode(bytes_of(path, lambda: f"a {what} that was saved is wanted"))
+        table = msgspec.json.decode(bytes_of(path, f"a {what} that was saved is wanted"))
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as reason:
         raise FileError(name, "", f"this is not valid JSON: {reason}") from None
     if not isinstance(table, dict):

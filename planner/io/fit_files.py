@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,7 +18,7 @@ from planner.io.csv_files import MarkerColumns, load_shapes
 from planner.io.files import read_toml
 from planner.io.mistakes import checked, located, made
 from planner.io.object_tables import ObjectiveTable, TargetTable
-from planner.io.scene_file import scene_beside, written_question
+from planner.io.scene_file import Question, scene_beside, written_question
 from planner.io.scene_tables import SceneKey
 from planner.io.tables import Accuracy, table
 
@@ -68,9 +67,7 @@ def load_asked(path: str | Path) -> dict[str, Any]:
     """
     path = Path(path)
     name = str(path)
-    file = checked(read_toml(path)[0], CalibrationFile, name, "unknowns", "calibrate")
-    with scene_beside(file.scene, path) as (scene, scene_name, _):
-        question = written_question(scene, scene_name)
+    file, question, unknowns = _read(path, CalibrationFile, "unknowns", "calibrate")
     names = [point.name for point in file.points]
     if len(set(names)) < len(names):
         raise FileError(name, "points", f"got {', '.join(names)}; allowed is each name once")
@@ -81,23 +78,19 @@ def load_asked(path: str | Path) -> dict[str, Any]:
         "arm": question.arm,
         "scene": question.scene,
         "measured": load_shapes(path.parent / file.measured, question.arm, file.points, **stds),
-        "unknowns": _unknowns(file.unknowns, name),
+        "unknowns": unknowns,
         **{key: getattr(file, key) for key in ("loss", "absolute_std", "starts", "accuracy")},
     }
 
 
 def run_design(path: str | Path) -> Design:
     """Return the design that a file asks for; FileError with the file and the key."""
-    path = Path(path)
     name = str(path)
-    file = checked(read_toml(path)[0], DesignFile, name, "tasks", "design")
-    with scene_beside(file.scene, path) as (scene, scene_name, _):
-        question = written_question(scene, scene_name)
+    file, question, unknowns = _read(Path(path), DesignFile, "tasks", "design")
     if question.options.get("tension_min") or question.options.get("total_pull"):
         text = "got tension_min or total_pull, allowed is tension_max alone in a design"
         raise FileError(name, "limits", text)
-    unknowns, most = _unknowns(file.unknowns, name), question.options.get("tension_max", math.inf)
-
+    most = question.options.get("tension_max", math.inf)
     with located(name, ""):
         objective: Objective = "effort" if file.objective is None else value_of(file.objective)
         tasks, making = [value_of(item) for item in file.tasks], value_of(file.making)
@@ -105,5 +98,11 @@ def run_design(path: str | Path) -> Design:
         return design(*arguments, making=making, objective=objective)
 
 
-def _unknowns(tables: Sequence[Any], name: str) -> tuple[Unknown, ...]:
-    return tuple(made(name, f"unknowns[{i}]", value_of, each) for i, each in enumerate(tables))
+def _read(path: Path, kind: Any, needed: str, command: str) -> tuple[Any, Question, list[Unknown]]:
+    """Return what a file holds as a table of a kind, and its scene and unknowns."""
+    name = str(path)
+    file = checked(read_toml(path)[0], kind, name, needed, command)
+    with scene_beside(file.scene, path) as (scene, scene_name, _):
+        question = written_question(scene, scene_name)
+    tables = enumerate(file.unknowns)
+    return file, question, [made(name, f"unknowns[{i}]", value_of, each) for i, each in tables]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
@@ -52,7 +51,6 @@ _ROUNDED = 2e-3
 VECTOR: Any = type_in_file(Vector)
 
 
-@lru_cache(maxsize=64)
 def frame(tangent: Numbers, normal: Numbers) -> Frame:
     """Return the frame (3, 3), columns t, n and t x n, row by row.
 
@@ -368,10 +366,6 @@ def _stiffness(direction: Numbers | None, matrix: Any) -> Any:
     return matrix if direction is None else direction
 
 
-def _stiffness_keys(each: Any) -> dict[str, Any]:
-    return {"matrix" if np.ndim(each) == 2 else "direction": np.array(each).tolist()}
-
-
 _MATRIX = "symmetric and positive definite, in place of a direction"
 _AGAINST: dict[str, tuple[Any, Any]] = {
     "direction": keyed(VECTOR | None, "in the base frame", None),
@@ -384,14 +378,22 @@ _WRENCH: dict[str, Any] = {
 }
 
 
-def _wrench_keys(each: Numbers) -> dict[str, Any]:
-    return {"force": list(each[:3])} | ({"moment": list(each[3:])} if each[3:] else {})
-
-
 _TARGET_FORMS: dict[Any, dict[str, Any]] = {
     TipPose: {"frame": frame_form("t wanted at the tip", "n wanted at the tip, across t")},
-    MinimumStiffness: {"direction": Form(_AGAINST, _stiffness, _stiffness_keys)},
-    Hold: {"wrench": Form(_WRENCH, lambda force, moment: (*force, *(moment or ())), _wrench_keys)},
+    MinimumStiffness: {
+        "direction": Form(
+            _AGAINST,
+            _stiffness,
+            lambda each: {"matrix" if np.ndim(each) == 2 else "direction": np.array(each).tolist()},
+        )
+    },
+    Hold: {
+        "wrench": Form(
+            _WRENCH,
+            lambda force, moment: (*force, *(moment or ())),
+            lambda each: {"force": list(each[:3]), "moment": list(each[3:]) or None},
+        )
+    },
 }
 _TABLES = {
     kind: table(kind, tag=tag_of(kind), **_TARGET_FORMS.get(kind, {}))

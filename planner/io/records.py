@@ -6,6 +6,7 @@ for the unit at its end, or `about` says what function of the result it is.
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import msgspec
@@ -96,13 +97,11 @@ def of_shape(plan: Any) -> dict[str, Any]:
     """Return what depends on a plan's shape: None where the tensions do not settle."""
     keys = ("tip_m", "tip_frame", "slack", "lengths_m", "strokes_m", "tip_error_per_length")
     result: dict[str, Any] = dict.fromkeys(keys)
-    try:
+    with suppress(OctoplanError, OutOfTime):
         shape = plan.shape
         result |= {"tip_m": shape.tip, "tip_frame": shape.tip_frame, "slack": shape.slack}
         result["tip_error_per_length"] = length_error(shape)
         result |= {"lengths_m": plan.lengths, "strokes_m": plan.strokes}
-    except (OctoplanError, OutOfTime):
-        pass
     return result
 
 

@@ -48,14 +48,16 @@ UnknownKind: Any = exact(Unknown, placed=True)
 class QuestionRecord(msgspec.Struct, kw_only=True):
     """What was asked; arm, scene and targets are tables with a kind and its fields."""
 
-    arm: ArmKind
-    scene: SceneKind
-    targets: list[TargetKind]
-    limits: LimitsKind
+    arm: Annotated[ArmKind, about(of=lambda plan: plain(plan.arm))]
+    scene: Annotated[SceneKind, about(of=lambda plan: plain(plan.scene))]
+    targets: Annotated[list[TargetKind], about(of=lambda plan: plain(plan.targets))]
+    limits: Annotated[LimitsKind, about(of=lambda plan: plain(plan.limits))]
     accuracy: float
-    obstacles: list[ObstacleKind] = []
-    clearance: float = 0.0
-    self_clearance: bool = False
+    obstacles: Annotated[
+        list[ObstacleKind], about(of=lambda plan: plain(plan.surroundings.obstacles))
+    ] = []
+    clearance: Annotated[float, about(of=attrgetter("surroundings.clearance"))] = 0.0
+    self_clearance: Annotated[bool, about(of=attrgetter("surroundings.of_itself"))] = False
 
 
 AnswerRecord: Any = exact(SearchResult, placed=True)
@@ -88,16 +90,6 @@ CertificateRecord: Any = msgspec.defstruct(
 )
 
 
-def _question(plan: Any) -> QuestionRecord:
-    around = plan.surroundings
-    return QuestionRecord(
-        **attributes_of(plan, ("arm", "scene", "targets", "limits", "accuracy")),
-        obstacles=plain(around.obstacles),
-        clearance=around.clearance,
-        self_clearance=around.of_itself,
-    )
-
-
 def _answer(plan: Any) -> dict[str, Any]:
     result = attributes_of(plan, arguments(SearchResult))
     return result | {"tensions": plain(np.ravel(plan.tensions))}
@@ -125,7 +117,7 @@ class PlanRecord(Record, kw_only=True):
     certificate: Annotated[
         CertificateRecord, about(of=lambda plan: record(CertificateRecord, plan.certificate))
     ]
-    question: Annotated[QuestionRecord, about(of=_question)]
+    question: Annotated[QuestionRecord, about(of=lambda plan: record(QuestionRecord, plan))]
     answer: Annotated[AnswerRecord, about(of=_answer)]
 
 
@@ -210,17 +202,12 @@ class CalibrationRecord(Record, kw_only=True):
     fit: Annotated[FitRecord, about(of=lambda fit: attributes_of(fit, _FIT))]
 
 
-class DesignedRecord(msgspec.Struct, kw_only=True):
+class DesignedRecord(msgspec.Struct):
     """An unknown's value, in the unit of its key."""
 
     name: str
     value: float
     before: float
-
-
-def _designed(design: Any) -> list[DesignedRecord]:
-    rows = zip(design.unknowns, design.values, design.parameters.start.tolist(), strict=True)
-    return [DesignedRecord(name=item.name, value=x, before=old) for item, x, old in rows]
 
 
 class DesignRecord(Record, kw_only=True):
@@ -242,7 +229,15 @@ class DesignRecord(Record, kw_only=True):
     gain: Annotated[
         float | None, about("share of effort saved, or by which stiffness or reach grow")
     ]
-    values: Annotated[list[DesignedRecord], about(of=_designed)]
+    values: Annotated[
+        list[DesignedRecord],
+        about(
+            of=lambda d: [
+                DesignedRecord(item.name, x, old)
+                for item, x, old in zip(d.unknowns, d.values, d.parameters.start, strict=True)
+            ]
+        ),
+    ]
     scene: Annotated[dict[str, Any], _SCENE, about(of=_scene_of)]
     plans: Annotated[
         list[PlanRecord], about(of=lambda design: list(map(plan_record, design.plans)))

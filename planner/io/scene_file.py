@@ -127,7 +127,8 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
 
     arm = build("arm", arm_of, table.arm)
     scene = build("effects", partial(_scene, arm), table.effects)
-    winches = build(_winches_key(table), partial(_winches, arm), table)
+    by = "lengths_mm" if table.strokes_mm is None else "strokes_mm"
+    winches = build(by, partial(_winches, arm), table)
     if table.tensions is not None and not winches:
         build("tensions", arm.flat, table.tensions)
     targets, ways = (
@@ -137,7 +138,7 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
     if targets:
         build("targets", partial(check_targets, arm), targets)
     options = _but_none(arguments_of(table, OptionsTable)) | winches
-    obstacles = list(each("obstacles", partial(_obstacle, Path(name).parent)))
+    obstacles = list(each("obstacles", lambda item: value_of(inlined(item, Path(name).parent))))
     clear = options["clearance"], options["self_clearance"]
     where, moves = "obstacles" if obstacles else "clearance_mm", bool(ways)
     build(where, lambda of: surroundings(arm, targets + ways, of, *clear, moves), obstacles)
@@ -167,15 +168,6 @@ def _target(arm: Arm, table: Any) -> Target:
     target: Target = value_of(table)
     target.check(arm)
     return target
-
-
-def _obstacle(folder: Path, table: Any) -> Any:
-    """Return the obstacle of a table; its file is looked for from a folder."""
-    return value_of(inlined(table, folder))
-
-
-def _winches_key(table: SceneTable) -> str:
-    return "lengths_mm" if table.strokes_mm is None else "strokes_mm"
 
 
 @contextmanager

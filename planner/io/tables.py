@@ -56,20 +56,6 @@ Number = float | Literal["inf", "-inf", "nan"]
 TABLES: dict[Any, Any] = {}
 
 
-@cache
-def samples(unit: str) -> type[Table]:
-    """Return the table of a function of arc length by samples, whose values have a unit."""
-    about = ("arc lengths from the base", "mm"), ("the values there", unit)
-    fields = [
-        (key, Annotated[list[float], quantity(*item, min_length=4)])
-        for key, item in zip(sample_keys(unit), about, strict=True)
-    ]
-    name = {"mm": "Length", "deg": "Angle", "1/m": "Curvature"}[unit]
-    doc = "A function of arc length by samples; a cubic spline passes through them."
-    made: type[Table] = struct(f"{name}Samples", fields, doc)
-    return made
-
-
 def struct(
     name: str,
     fields: list[Any],
@@ -82,6 +68,21 @@ def struct(
     config = {"kw_only": True, "frozen": True, **config}
     space = {"__doc__": doc}
     return msgspec.defstruct(name, fields, bases=(base,), namespace=space, tag=tag, **config)
+
+
+def _samples(name: str, unit: str) -> Any:
+    """Return the table of a function of arc length by samples, whose values have a unit."""
+    about = ("arc lengths from the base", "mm"), ("the values there", unit)
+    fields = [
+        (key, Annotated[list[float], quantity(*item, min_length=4)])
+        for key, item in zip(sample_keys(unit), about, strict=True)
+    ]
+    doc = "A function of arc length by samples; a cubic spline passes through them."
+    return struct(f"{name}Samples", fields, doc)
+
+
+_NAMES = {"mm": "Length", "deg": "Angle", "1/m": "Curvature"}
+SAMPLES: dict[str, Any] = {unit: _samples(name, unit) for unit, name in _NAMES.items()}
 
 
 def table(
@@ -148,7 +149,9 @@ def type_in_file(hint: Any, unit: str | None = "") -> Any:
         inner, *more = inside
         unit = unit if unit is None else unit_of_type(hint) or unit
         held = type_in_file(inner, unit)
-        bounds = {key: item for meta in more for key, item in _bounds(meta, unit)}
+        pairs = [(key, getattr(meta, key, None)) for meta in more for key in (*_BOUNDS, *_LENGTHS)]
+        bounds = {key: item for key, item in pairs if item is not None}
+        bounds |= {key: number_in(bounds[key], unit or "") for key in _BOUNDS if key in bounds}
         size = bounds.get("max_length", 0)
         if size and bounds.get("min_length") == size:
             return tuple[(get_args(held)[0],) * size]  # type: ignore[misc]
@@ -158,10 +161,11 @@ def type_in_file(hint: Any, unit: str | None = "") -> Any:
     if hint == Array:
         return list[type_in_file(float, unit)]  # type: ignore[misc]
     if unit is not None and hint is Path:
-        return list[float] | samples(unit)
+        return list[float] | SAMPLES[unit]
     if unit is not None and is_union(hint) and Path in inside and type(None) not in inside:
         # Of all tendons of a section, or a list with one for each.
-        return list[float | list[float] | samples(unit)] | samples(unit)  # type: ignore[misc]
+        of: Any = SAMPLES[unit]
+        return list[float | list[float] | of] | of
     if is_union(hint):
         return choice(type_in_file(item, unit) for item in inside)
     if origin is tuple and inside[-1] is Ellipsis:
@@ -178,14 +182,6 @@ def type_in_file(hint: Any, unit: str | None = "") -> Any:
     if hint in (float, int, bool, str, type(None)) or origin is Literal or unit is None:
         return hint
     raise TypeError(f"{hint} is nothing that files hold")
-
-
-def _bounds(meta: Any, unit: str | None) -> Iterator[tuple[str, Any]]:
-    """Yield the bounds of an annotation, those of numbers in a unit."""
-    for key in (*_BOUNDS, *_LENGTHS):
-        item = getattr(meta, key, None)
-        if item is not None:
-            yield key, number_in(item, unit or "") if key in _BOUNDS else item
 
 
 # The exact form

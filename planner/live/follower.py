@@ -34,24 +34,22 @@ from model.time_limit import limited
 from planner.live.goal import Goal
 from planner.program.limits import Limits, natural_tensions
 
-# What is drawn is as accurate as a pixel or so; nearer than that the arm is there.
-ACCURACY, THERE = 1e-3, 1e-3
+# What is drawn is as accurate as a pixel or so, over the arm's length: nearer than that the arm is
+# there. So much counts also the tension that bends the arm by 1 rad, beside what is missed.
+ACCURACY = 1e-3
 # How many times larger than elsewhere the last steps of Newton's method may be, on this mesh.
 _LOOSER, _COARSE = 1e4, 1
-# The farthest that a step goes, over the arm's length or in rad, and by each tendon alone [rad];
-# how often it is tried.
-_FAR, _REACH, _TRIALS = 0.15, 1.0, 6
+# The farthest that a step goes, over the arm's length or in rad; how often it is tried.
+_FAR, _TRIALS = 0.15, 6
 # What does not settle in that time [s] is no step nearby.
 _LONG = 1.0
-# How much the tension that bends the arm by 1 rad counts beside an arm length that is missed.
-_EFFORT = 1e-3
 # The least stability that is stepped to, and how firmly it is held beside an arm length missed.
 MARGIN, _FIRM = 0.1, 10.0
 # A step that brings less than this share of what is missed and of effort, squared, is the last.
 _STILL = 3e-3
 # Within this of the goal, over the arm's length, effort may fall while the goal is missed by more:
 # the next step makes up for that.
-_BAND = 0.8 * THERE
+_BAND = 0.8 * ACCURACY
 
 
 class _Rows(NamedTuple):
@@ -64,13 +62,6 @@ class _Rows(NamedTuple):
     by_tensions: Array
     missed: Array
     gaps: Array
-
-
-class _Stability(NamedTuple):
-    """The stability of a shape, and its derivatives by tensions (n_tendons,) [1/N]."""
-
-    value: float
-    slope: Array
 
 
 class Follower:
@@ -106,8 +97,10 @@ class Follower:
         self._natural = natural_tensions(arm)
         self._unit = float(self._natural.mean())
         self._bodies = Bodies(around[0]) if around[0] else None
-        self._machine_code, self._reach, self.brink = machine_code, _REACH, False
-        self._unheld = _Stability(np.inf, np.zeros(arm.n_tendons))
+        # What each tendon alone bends the arm by in a step is up to `_reach`, 1 rad at most.
+        self._machine_code, self._reach, self.brink = machine_code, 1.0, False
+        # The stability, and its derivatives by tensions (n_tendons,) [1/N]; unless it is held.
+        self._unheld = np.inf, np.zeros(arm.n_tendons)
         start = self._low if tensions is None else np.clip(tensions, self._low, self._high)
         self.begin(settle(arm, start, scene, ACCURACY, compile=machine_code))
 
@@ -138,23 +131,23 @@ class Follower:
         T, rows = self.shape.tensions, self._rows(goal)
         for _ in range(_TRIALS):
             wanted = np.clip(T + self._change(rows), self._low, self._high)
-            worth = self._merit(rows.missed, rows.gaps, T, self._stability.value)
+            worth = self._merit(rows.missed, rows.gaps, T, self._stability[0])
             if self._promised(rows, wanted - T) > (1 - _STILL) * worth:
-                if self._reach == _REACH:
+                if self._reach == 1.0:
                     break
-                self._reach = _REACH  # little is promised of a small region
+                self._reach = 1.0  # little is promised of a small region
                 continue
             result = self._settled(wanted)
             if result is not None:
                 stability = _stability(result) if self.brink else self._unheld
                 missed, gaps = goal.residual(result), self._clear(result)[0]
-                merit = self._merit(missed, gaps, wanted, stability.value)
+                merit = self._merit(missed, gaps, wanted, stability[0])
                 if merit < worth:
                     self.shape, self._stability = result, stability
-                    self._reach = min(2 * self._reach, _REACH)
+                    self._reach = min(2 * self._reach, 1.0)
                     return merit < (1 - _STILL) * worth
             self._reach, self.brink = self._reach / 4, _under_loads(self.shape) is not None
-        self._reach = _REACH
+        self._reach = 1.0
         return False
 
     def _rows(self, goal: Goal) -> _Rows:
@@ -174,7 +167,7 @@ class Follower:
         A part of the way if the goal is far. Once a step was refused stability is held to its
         margin where it would fall below.
         """
-        T, effort = self.shape.tensions, _EFFORT / self._unit
+        T, effort = self.shape.tensions, ACCURACY / self._unit
         part = min(1.0, _FAR / max(float(np.linalg.norm(rows.missed)), 1e-12))
         matrix = np.vstack([rows.by_tensions, effort * np.eye(T.size)])
         right = np.concatenate([part * rows.missed, rows.gaps, -effort * T])
@@ -226,7 +219,7 @@ class Follower:
     def _merit(self, missed: Array, gaps: Array, tensions: Array, stability: float) -> float:
         """Return what is missed beyond what counts as there, and the effort, squared."""
         missing = np.sqrt(missed @ missed + np.sum(np.maximum(gaps, 0.0) ** 2))
-        effort = _EFFORT * tensions / self._unit
+        effort = ACCURACY * tensions / self._unit
         weak = _FIRM * max(MARGIN - stability, 0.0) if self.brink else 0.0
         return float(weak**2 + max(missing - _BAND, 0.0) ** 2 + effort @ effort)
 
@@ -251,11 +244,11 @@ def _under_loads(shape: Shape) -> Linearised | None:
     return None if contacts(shape.scene) or not is_loaded(shape.scene) else shape.known
 
 
-def _stability(shape: Shape) -> _Stability:
-    """Return how stable a shape under loads is; 0 where it is about to buckle."""
+def _stability(shape: Shape) -> tuple[float, Array]:
+    """Return how stable a shape under loads is, 0 where it is about to buckle, and derivatives."""
     point = _under_loads(shape)
     assert point is not None
     try:
-        return _Stability(*stability_slope(point))
+        return stability_slope(point)
     except SingularError:
-        return _Stability(0.0, np.zeros(shape.tensions.size))
+        return 0.0, np.zeros(shape.tensions.size)

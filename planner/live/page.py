@@ -59,7 +59,15 @@ class Page:
         self._server.on_client_connect(lambda _: self._seen.set())
         self._server.gui.set_panel_label("octoplan")
         set_camera(self._server, session.arm)
-        self._control = self._add_handle()
+        self._control = self._server.scene.add_transform_controls(
+            "/target",
+            scale=0.25 * session.arm.length,
+            disable_rotations=not session.handle.turns,
+            depth_test=False,
+            wxyz=session.handle.start[:4],
+            position=session.handle.start[4:],
+        )
+        self._control.on_update(lambda _: self.move())
         self._add_panel()
         self._show_colours(False)
         self._worker = threading.Thread(target=self._work, daemon=True)
@@ -86,19 +94,6 @@ class Page:
         self._worker.join()
         with redirect_stdout(io.StringIO()):
             self._server.stop()
-
-    def _add_handle(self) -> Any:
-        handle = self.session.handle
-        control = self._server.scene.add_transform_controls(
-            "/target",
-            scale=0.25 * self.session.arm.length,
-            disable_rotations=not handle.turns,
-            depth_test=False,
-            wxyz=handle.start[:4],
-            position=handle.start[4:],
-        )
-        control.on_update(lambda _: self.move())
-        return control
 
     def _add_panel(self) -> None:
         """Add what is said, the numbers, the tensions, and what is switched."""
@@ -154,12 +149,12 @@ class Page:
         self._server.gui.add_checkbox(label, initial_value=True).on_update(switched)
 
     def _show_colours(self, dark: bool) -> None:
-        colours = DARK if dark else LIGHT
+        style = DARK if dark else LIGHT
         self._server.gui.configure_theme(
             dark_mode=dark, show_logo=False, show_share_button=False, brand_color=(31, 111, 180)
         )
-        self._backdrop.content = backdrop(colours)
-        draw_surroundings(self._server, self.session.arm, colours)
+        self._backdrop.content = backdrop(style)
+        draw_surroundings(self._server, self.session.arm, style)
 
     def _save(self, client: Any) -> None:
         """Send the plan, where there is one of the arm as it is shown."""
@@ -185,10 +180,10 @@ class Page:
                         self._rest()
             except OutOfTime:
                 LOG.debug("cut short")
-            except OctoplanError as reason:
+            except Exception as reason:  # what goes wrong once does not end the page
+                if not isinstance(reason, OctoplanError):
+                    LOG.exception("the arm was not brought nearer, or not planned")
                 self._said.content = words.refused(reason)
-            except Exception:  # what goes wrong once does not end the page
-                LOG.exception("the arm was not brought nearer, or not planned")
 
     def _follow(self) -> bool:
         """Bring the arm nearer to the target, and draw it; return whether more would do more."""

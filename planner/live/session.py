@@ -16,7 +16,7 @@ from model.scene import Scene
 from model.shape import Shape
 from model.stiffness import stiffness
 from model.time_limit import check_time
-from planner.live.follower import THERE, Follower
+from planner.live.follower import ACCURACY, Follower
 from planner.live.goal import Goal, goal_of
 from planner.live.handles import Handle
 from planner.measure import strokes
@@ -88,7 +88,7 @@ class Session:
     @property
     def is_there(self) -> bool:
         """Whether the arm is at the target, as far as a picture shows."""
-        return self.missed <= THERE * self.arm.length
+        return self.missed <= ACCURACY * self.arm.length
 
     @property
     def is_held(self) -> bool:

@@ -191,21 +191,17 @@ def _tendons(shape: Shape, ax: Any, lines: list[Array]) -> None:
         tight = Line3DCollection(
             [MM * line for line, on in zip(lines, pulled, strict=True) if on],
             cmap=PULL,
-            norm=_shared_norm(ax, shape.tensions),
+            norm=pull_norm(shape.tensions),
             lw=2.0,
             zorder=5,
         )
         tight.set_array(shape.tensions[pulled])
         ax.add_collection3d(tight)
-
-
-def _shared_norm(ax: Any, tensions: Array) -> Normalize:
-    """Return one scale of colours for tensions [N] and for all that the axes show already."""
-    drawn = [collection for collection in ax.collections if collection.get_cmap().name == PULL.name]
-    shared = Normalize(0.0, max([pull_norm(tensions).vmax, *(each.norm.vmax for each in drawn)]))
-    for each in drawn:
-        each.set_norm(shared)
-    return shared
+        # One scale of colours for all that the axes show.
+        drawn = [each for each in ax.collections if each.get_cmap().name == PULL.name]
+        shared = Normalize(0.0, max(each.norm.vmax for each in drawn))
+        for each in drawn:
+            each.set_norm(shared)
 
 
 def fit(ax: Any, points: Array, fresh: bool) -> None:

@@ -34,8 +34,7 @@ _WRITERS = {".gif": "pillow", ".mp4": "ffmpeg"}
 _MOST = 1000
 # Places of the tip's path.
 _SHOWN = 50
-# Tendons that pull less than this share of the most are left out; a colour a section, a style each.
-_PULLS = 1e-3
+# Of tendons that pull: a colour a section, a style each.
 _STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 
 
@@ -47,6 +46,10 @@ class _Step:
     number: int
     targets: tuple[Any, ...]
     obstacles: tuple[Obstacle, ...]
+
+    def draw(self, ax: Any) -> Array:
+        """Draw the frame; return points (N, 3) [m] that show it."""
+        return draw_arm(self.shape, ax, self.targets, self.obstacles)
 
 
 def plot_trajectory(motion: Any) -> Figure:
@@ -66,17 +69,11 @@ def plot_trajectory(motion: Any) -> Figure:
     over = figure.add_axes((0.60, 0.14, 0.37, 0.74))
     most = float(motion.flat.max())
     upper = np.array(question.limits.upper)
-    for j in np.flatnonzero(motion.flat.max(axis=0) > _PULLS * most):
+    for j in np.flatnonzero(pulling(motion.flat.max(axis=0))):
         section = last.arm.tendons[j][0]
         style = _STYLES[(j - last.arm.tendons_of(section + 1)[0]) % len(_STYLES)]
-        name = last.arm.tendon_name(int(j))
-        entries: dict[str, Any] = {
-            "color": f"C{section % 10}",
-            "ls": style,
-            "lw": 1.4,
-            "label": name,
-        }
-        over.plot(motion.times, motion.flat[:, j], **entries)
+        name, colour = last.arm.tendon_name(int(j)), f"C{section % 10}"
+        over.plot(motion.times, motion.flat[:, j], color=colour, ls=style, lw=1.4, label=name)
     for level in np.unique(upper[upper <= 3 * most]):
         over.axhline(level, color=INK, lw=0.8, ls="--")
     labelled(over, "time [s]", "tension [N]")
@@ -109,9 +106,14 @@ def plot_motion(
     OctoplanError
         Where the arm does not settle on the way, as settle does.
     """
-    arm, scene = _checked(plans)
+    if not plans:
+        raise InputError("plans", (), "at least one Plan")
+    first = plans[0].shape
+    for i, other in enumerate(plan.shape for plan in plans):
+        if (other.arm, other.scene) != (first.arm, first.scene):
+            raise InputError(f"plans[{i}]", "another arm or scene", "one arm and scene for all")
     within("fps", fps, 0.1, 120.0)
-    steps = _steps(arm, scene, plans, int(within("frames", frames, 1, 10_000)))
+    steps = _steps(first.arm, first.scene, plans, int(within("frames", frames, 1, 10_000)))
     titles = [f"plan {step.number} of {len(plans)}" * (len(plans) > 1) for step in steps]
     return _animation(steps, titles, ax, fps)
 
@@ -151,7 +153,7 @@ def _animation(steps: list[_Step], titles: list[str], ax: Any, fps: float) -> Fu
     s = np.linspace(0.0, arm.length, 60)
     seen = [step.shape.position(s) for step in steps]
     last = {step.number: step for step in steps}.values()  # where each plan is there
-    sights = [np.vstack([_drawn(step, ax), seen[0]]) for step in last]
+    sights = [np.vstack([step.draw(ax), seen[0]]) for step in last]
     points = np.vstack([*seen, *sights])
     width = 1.5 * float(arm.radius.evaluate(s[:1], arm.length)[0][0])
     box = np.vstack([points, points - width, points + width])
@@ -160,7 +162,7 @@ def _animation(steps: list[_Step], titles: list[str], ax: Any, fps: float) -> Fu
     def draw(index: int) -> list[Any]:
         step = steps[index]
         ax.clear()
-        _drawn(step, ax)
+        step.draw(ax)
         fit(ax, box, True)
         fill(ax, *view)
         if pulling(step.shape.tensions).any():
@@ -179,7 +181,7 @@ def save_motion(motion: FuncAnimation, path: str | Path, dpi: float = 0.8 * DPI)
     """
     path = Path(path)
     writer = writer_of(path)
-    with placed(path) as part:
+    with placed(path, *_WRITERS) as part:
         motion.save(str(part), writer, dpi=dpi)
     return path
 
@@ -196,16 +198,6 @@ def writer_of(path: Path) -> str:
     return writer
 
 
-def _checked(plans: Sequence[Plan]) -> tuple[Arm, Scene]:
-    if not plans:
-        raise InputError("plans", (), "at least one Plan")
-    first = plans[0].shape
-    for i, other in enumerate(plan.shape for plan in plans):
-        if (other.arm, other.scene) != (first.arm, first.scene):
-            raise InputError(f"plans[{i}]", "another arm or scene", "one arm and scene for all")
-    return first.arm, first.scene
-
-
 def _steps(arm: Arm, scene: Scene, plans: Sequence[Plan], frames: int) -> list[_Step]:
     """Return the frames: rest, then `frames` to each plan, slow where one ends."""
     pulls: list[Array] = [np.zeros(arm.n_tendons), *(plan.shape.tensions for plan in plans)]
@@ -217,8 +209,3 @@ def _steps(arm: Arm, scene: Scene, plans: Sequence[Plan], frames: int) -> list[_
             shape = settle(arm, start + share * (end - start), scene, _SEEN)
             results.append(_Step(shape, i + 1, *things[i]))
     return results
-
-
-def _drawn(step: _Step, ax: Any) -> Array:
-    """Draw a frame; return points (N, 3) [m] that show it."""
-    return draw_arm(step.shape, ax, step.targets, step.obstacles)

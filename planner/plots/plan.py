@@ -15,7 +15,6 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from model.arm import Arm
-from model.errors import InputError
 from model.paths import Array
 from model.shape import Shape
 from planner.io.files import placed
@@ -76,11 +75,7 @@ def draw_plan(plan: Plan, ax: Any) -> Array:
 def save(figure: Figure, path: str | Path) -> Path:
     """Write a figure as .png or .pdf; the file appears whole or not at all."""
     path = Path(path)
-    if path.suffix.lower() not in (".png", ".pdf"):
-        raise InputError("path", str(path), "a file name that ends in .png or .pdf")
-    if not path.parent.is_dir():
-        raise InputError("path", str(path), "a file in a folder that exists")
-    with placed(path) as part:
+    with placed(path, ".png", ".pdf") as part:
         part.write_bytes(drawn(figure, path.suffix[1:].lower()))
     return path
 

@@ -21,7 +21,6 @@ from planner.plots.style import INK, MM, SIZE, axes_of, labelled
 _SHAPES = 12
 _SKIN, _LINE = "#b3123f", "#7a0c2b"
 _MATTERS, _IDLE, _COST = "#b3123f", "#9aa0a6", "#1f6fb4"
-_FLOOR = 1e-12
 
 
 def plot_calibration(result: Any, ax: Axes | None = None) -> Figure | Axes:
@@ -162,9 +161,11 @@ def plot_effects(switches: tuple[Switch, ...], accuracy: float) -> Figure:
     )
     for row, switch in zip(rows, switches, strict=True):
         colour = _MATTERS if switch.matters else _IDLE
-        change = max(switch.tip_change, _FLOOR)
-        _dot(left, change, row, colour, switch.enabled)
-        _dot(right, switch.time_factor, row, _COST, switch.enabled)
+        # On a logarithmic scale a change of nothing has its place at the left.
+        values = (left, max(switch.tip_change, 1e-12), colour), (right, switch.time_factor, _COST)
+        for ax, x, shade in values:
+            face = shade if switch.enabled else "white"
+            ax.plot([x], [row], "o", color=shade, markerfacecolor=face, markersize=6)
     for face, label in ((INK, "in the scene"), ("white", "switched on")):
         left.plot([], [], "o", color=INK, markerfacecolor=face, markersize=5, label=label)
     left.legend(loc="lower left", fontsize=SIZE - 2, frameon=False)
@@ -173,8 +174,3 @@ def plot_effects(switches: tuple[Switch, ...], accuracy: float) -> Figure:
         ax.set_xscale("log")
         labelled(ax, label, grid=True)
     return figure
-
-
-def _dot(ax: Axes, x: float, y: float, colour: str, filled: bool) -> None:
-    face = colour if filled else "white"
-    ax.plot([x], [y], "o", color=colour, markerfacecolor=face, markersize=6)

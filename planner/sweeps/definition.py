@@ -94,7 +94,7 @@ class Sweep:
         """How many points there are."""
         return math.prod(self.dims.values())
 
-    @cached_property
+    @property
     def chunk(self) -> int:
         """How many neighbouring points make a chunk; the last one may have fewer."""
         others = _PLANS if self.job.compute == "plan" else _POINTS
@@ -250,7 +250,13 @@ def sweep_of(
         raise InputError("axes", axes, text)
     entries: dict[str, Any] = {
         "compute": compute or ("settle" if target is None else "plan"),
-        "axes": [_axis_table(key, values) for key, values in axes.items()],
+        "axes": [
+            {
+                "key": key,
+                **(written(item) if isinstance(item, Mapping) else {"values": written(item)}),
+            }
+            for key, item in axes.items()
+        ],
         "seed": seed,
     }
     entries |= {} if draws is None else {"draws": draws}
@@ -264,8 +270,3 @@ def sweep_of(
     parts: dict[str, Any] = {"scene": scene or Scene(), "targets": several if again.targets else ()}
     original = replace(again, arm=arm, options=options, **parts)
     return replace(sweep, job=replace(sweep.job, objects=(original, again)))
-
-
-def _axis_table(key: str, values: Any) -> dict[str, Any]:
-    grid = written(values)
-    return {"key": key, **grid} if isinstance(values, Mapping) else {"key": key, "values": grid}

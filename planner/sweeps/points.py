@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, is_dataclass
 from typing import Any, Literal
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from model import InputError, OctoplanError, settle_many
 from model.progress import progress_line
 from model.scene import Scene
-from model.time_limit import OutOfTime, check_time, limited
+from model.time_limit import check_time, limited
 from planner.io.calls import planned, settled, stiff
 from planner.io.codec import arguments
 from planner.io.key_paths import changed
@@ -192,9 +192,7 @@ def _row(job: Job, point: Point) -> Rows:
         if question.arm.n_tendons != len(job.tendons):
             allowed = f"{len(job.tendons)}, as the scene's own arm has"
             raise InputError("number of tendons", question.arm.n_tendons, allowed)
-        values = _COMPUTE[job.compute](question)
-    except OutOfTime:
-        raise
+        values = _values(job.compute, question)
     except Exception as reason:
         kind = "" if isinstance(reason, OctoplanError) else f"{type(reason).__name__}: "
         values["outcome"] = f"Failed: {kind}{reason}"
@@ -206,42 +204,37 @@ def _row(job: Job, point: Point) -> Rows:
     return row
 
 
-def _settle(question: Question) -> dict[str, Any]:
-    return _shape(settled(question)) | {"settled": True, "outcome": SETTLED}
-
-
-def _plan(question: Question) -> dict[str, Any]:
-    result = planned(question)
-    values: dict[str, Any] = {"effort": result.effort, "reached": result.reached}
-    # Where the tensions do not settle, the certificate says so and the outcome tells it.
-    with suppress(OctoplanError):
-        values |= _shape(result.shape)
-    return values | {"tensions": np.ravel(result.tensions), "outcome": result.outcome}
-
-
-def _stiffness(question: Question) -> dict[str, Any]:
-    with limited(question.time_limit):
-        result = stiff(question)
-        results = {"stable": result.stable, "compliance": result.compliance}
-    return _shape(result.shape) | results | {"settled": True, "outcome": SETTLED}
-
-
-def _shape(shape: Any) -> dict[str, Any]:
-    return {name: getattr(shape, name) for name in ("tip", "tip_frame", "tensions", "error")}
-
-
-_COMPUTE: dict[Compute, Callable[[Question], dict[str, Any]]] = {
-    "settle": _settle,
-    "plan": _plan,
-    "stiffness": _stiffness,
-}
+def _values(compute: Compute, question: Question) -> dict[str, Any]:
+    """Return what is computed of a question, by the names of the variables."""
+    names = ("tip", "tip_frame", "tensions", "error")
+    if compute == "plan":
+        p = planned(question)
+        values: dict[str, Any] = {"effort": p.effort, "reached": p.reached}
+        # Where the tensions do not settle, the certificate says so and the outcome tells it.
+        with suppress(OctoplanError):
+            values |= {name: getattr(p.shape, name) for name in names}
+        return values | {"tensions": np.ravel(p.tensions), "outcome": p.outcome}
+    values = {"settled": True, "outcome": SETTLED}
+    if compute == "settle":
+        shape = settled(question)
+    else:
+        with limited(question.time_limit):
+            k = stiff(question)
+            values |= {"stable": k.stable, "compliance": k.compliance}
+        shape = k.shape
+    return values | {name: getattr(shape, name) for name in names}
 
 
 def _together(job: Job, points: Sequence[Point]) -> Rows:
     """Return what is computed at sets of tensions of one arm, which are settled at once."""
     question = job.question()
-    T = np.repeat(question.arm.flat(question.tensions)[None], len(points), axis=0)
-    T[:, [_column(question, key) for key in job.keys]] = points
+    flat, read = question.arm.flat(question.tensions), question.arm.flat
+    # Which tendon has its tension at each key path: the one whose tension is the largest there.
+    marked = (
+        changed({"tensions": question.tensions}, [key], [flat.max() + 1.0]) for key in job.keys
+    )
+    T = np.repeat(flat[None], len(points), axis=0)
+    T[:, [int(np.argmax(read(each["tensions"]))) for each in marked]] = points
     arguments = (question.arm, T, question.scene, question.accuracy)
     many = settle_many(*arguments, compile=question.options["compile"], errors="nan")
     failed = {i: _row(job, points[i]) for i, text in enumerate(many.problems) if text}
@@ -254,11 +247,3 @@ def _together(job: Job, points: Sequence[Point]) -> Rows:
         for name, values in row.items():
             rows[name][i] = values[0]
     return rows
-
-
-def _column(question: Question, key: str) -> int:
-    """Return which tendon, in tendon order, has its tension at a key path."""
-    tensions = question.tensions
-    zeros = [[0.0] * len(row) if isinstance(row, list) else 0.0 for row in tensions]
-    marked = changed({"tensions": zeros}, [key], [1.0])["tensions"]
-    return int(np.argmax(question.arm.flat(marked)))

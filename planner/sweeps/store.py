@@ -12,7 +12,7 @@ import os
 import re
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -240,13 +240,10 @@ def opened(path: Path) -> Any:
 
 def attributes_in(path: Path) -> dict[str, Any]:
     """Return the attributes of the Dataset at a path; none where there is none."""
-    if not path.exists():
-        return {}
-    try:
-        with opened(path) as data:
+    if path.exists():
+        with suppress(OSError, ValueError, KeyError), opened(path) as data:
             return dict(data.attrs)
-    except (OSError, ValueError, KeyError):
-        return {}
+    return {}
 
 
 def _summary(sweep: Sweep, kept: ChunkFiles) -> tuple[dict[str, Any], int]:

@@ -10,7 +10,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from itertools import islice
 from multiprocessing import resource_tracker
 from pathlib import Path
@@ -107,18 +107,13 @@ def _undisturbed() -> Iterator[None]:
     """
     own = os.environ.get("PYTHONWARNINGS", "")
     quiet = patch.dict(os.environ, PYTHONWARNINGS=f"{own},{_TIDIED}".removeprefix(","))
-    if not hasattr(signal, "pthread_sigmask"):
-        with quiet:
-            yield
-        return
-    # Which would let signals through once it has begun.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        with quiet:
-            yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    with quiet, ExitStack() as stack:
+        if hasattr(signal, "pthread_sigmask"):
+            # Which would let signals through once it has begun.
+            resource_tracker.ensure_running()
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            stack.callback(signal.pthread_sigmask, signal.SIG_SETMASK, before)
+        yield
 
 
 def _one(
