@@ -231,7 +231,8 @@ def _part(
     n); the chain rule takes them to (x, z).
     """
     of, p, K = problem.program, problem.parameters(), by_z.size2()
-    whole, scale = ca.DM(of.scale_at(p)), ca.DM(p[of.parts.row_scale])
+    whole = ca.Function("scale", [of.p], [of.scale])(p)
+    scale = ca.DM(p[of.parts.row_scale])
     arguments, m, equations = [of.x, of.p], of.outer.numel(), of.equations.in_numbers()
     first = [of.f, of.gradient, of.outer, of.outer_jacobian]
     f, gradient, outer, outer_J = ca.Function("outer", arguments, first)(x, ca.DM(p))

@@ -2,51 +2,361 @@
 
 Behind the tensions, and what the objective adds to them, a program has the load factor, which is 1,
 then blocks: the states of the arm, and one for each further capability. A block has as many
-equations as unknowns, so that these follow from the tensions.
+equations as unknowns, so that these follow from the tensions. It is a structure without numbers:
+
+    size, is_linear           how many unknowns it has, and as many equations; whether these are
+                              linear in them
+    terms(place, start, row)  the terms of its equations, the first of which is at `row`; its
+                              unknowns begin at `start`, those of the layout are at `place` (n_x,)
+    numbers(at, along)        the numbers (n_c, N) of each term for the equations of an arm, by the
+                              directions `along` (3, k) of all responses
+    scales(at)                what one unit of each unknown, and of each equation, is worth (size,)
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
-from typing import Protocol
+from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
+from model.arm import Arm
+from model.cross_section.law import CrossSection, size
+from model.equilibrium.linearised import Linearised
+from model.equilibrium.stability import least_modes, rest_stiffness
+from model.machine.compiled import built
 from model.paths import Array
+from model.transcription.collocation import gauss
+from model.transcription.element import run
 from model.transcription.equations import Term
-from model.transcription.kernels import Kernel, Places
+from model.transcription.kernels import Kernel, Places, mode, tangent
+from model.transcription.layout import POSE, Layout
 from model.transcription.system import System
+from model.winches import least_compliance
+from planner.targets.base import ComplianceRequest
 
 
-class Block(Protocol):
-    """A block of unknowns and equations, as a structure without numbers."""
+@dataclass(frozen=True)
+class Stations:
+    """Where on a mesh targets look at an arm: a structure, without numbers.
+
+    Attributes
+    ----------
+    nodes : tuple of int
+        Nodes of the poses that targets see.
+    slim : tuple of (int, int)
+        The element in each segment with tendons at one of whose ends, 0 or 1, the body is slimmest
+        and 1 + q least; none without extension.
+    """
+
+    nodes: tuple[int, ...]
+    slim: tuple[tuple[int, int], ...]
+
+    @classmethod
+    def of(cls, at: System, places: tuple[float, ...]) -> Stations:
+        """Return the stations at arc lengths [m]."""
+        mesh, slim = at.mesh, []
+        radius = at.arm.radius.evaluate(mesh.s, at.arm.length)[0]
+        for count in np.unique(mesh.active[mesh.active > 0]):
+            inside = np.flatnonzero(mesh.active == count)
+            ends = np.stack([radius[inside], radius[inside + 1]])
+            end, k = np.unravel_index(int(np.argmin(ends)), ends.shape)
+            slim.append((int(inside[k]), int(end)))
+        extends = at.of.form.law.extension
+        return cls(tuple(mesh.node(s) for s in places), tuple(slim) if extends else ())
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """The states of an arm, with the equations of equilibrium.
+
+    They are those of model.transcription.layout: poses, moments and forces at the nodes, strains at
+    the stages of each element, and what friction adds; the tensions change at the anchorages.
+
+    Attributes
+    ----------
+    of : Layout
+    stations : Stations
+    """
+
+    of: Layout
+    stations: Stations
+
+    is_linear = False
 
     @property
     def size(self) -> int:
-        """How many unknowns it has, and as many equations."""
-
-    @property
-    def is_linear(self) -> bool:
-        """Whether its equations are linear in its own unknowns."""
+        """See planner.program.blocks."""
+        return self.of.n_states
 
     def terms(self, place: Places, start: int, row: int) -> list[Term]:
-        """Return the terms of its equations, the first of which is at `row`.
-
-        Its unknowns begin at `start`; `place` (n_x,) are those of the layout's in the program.
-        """
+        """See planner.program.blocks."""
+        terms = self.of.equations.terms
+        return [Term(term.kernel, place[term.unknowns], row + term.rows) for term in terms]
 
     def numbers(self, at: System, along: Array) -> list[Array]:
-        """Return the numbers of its terms, (n_c, N) of each, for the equations of an arm.
-
-        `along` (3, k) are the directions of all responses.
-        """
+        """See planner.program.blocks."""
+        return numbers_of_terms(at)
 
     def scales(self, at: System) -> tuple[Array, Array]:
-        """Return what one unit of each unknown, and of each equation, is worth (size,)."""
+        """See planner.program.blocks."""
+        of, L = at.of, at.arm.length
+        R = at.arm.radius.evaluate(np.concatenate([at.mesh.s, at.s]), L)[0]
+        EA = at.arm.material.E * np.pi * R**2
+        EJ = EA * R**2 / 4
+        nodes = at.mesh.s.size
+        state, row = np.ones(of.n_states), np.ones(of.n_states)
+        at_nodes = [np.ones((nodes, 4)), np.full((nodes, 3), L)]
+        for part in range(of.form.wrench // 3):
+            at_nodes.append(np.repeat(EJ[:nodes, None] / L ** (1 + part), 3, axis=1))
+        at_nodes.append(np.ones((nodes, of.turned.shape[1])))
+        state[of.nodes] = row[of.nodes] = np.hstack(at_nodes)
+        curved = np.arange(of.form.strains) < 2 + of.form.law.torsion
+        state[of.stages] = np.where(curved, 1 / L, 1.0)
+        row[of.stages] = np.where(curved, EJ[nodes:, None] / L, EA[nodes:, None])
+        if of.form.friction:
+            state[of.rates], row[of.rates] = state[of.stages] / L, row[of.stages] / L
+        return state, row
+
+    def poses(self, states: ca.MX) -> ca.MX:
+        """Return the poses (7, K) at the stations, of states in SI."""
+        places = self.of.nodes[list(self.stations.nodes), :POSE]
+        return ca.reshape(states[places.ravel().tolist()], POSE, len(places))
+
+    def stretches(self, states: ca.MX) -> ca.MX:
+        """Return 1 + q where it is least in each segment, by the polynomials through the stages."""
+        law, m, stretches = self.of.form.law, self.of.form.stages, [ca.MX(0, 1)]
+        for element, end in self.stations.slim:
+            places = self.of.stages[element * m : (element + 1) * m, 2 + law.torsion]
+            weights = ca.DM(gauss(m).at(float(end)))
+            stretches.append(ca.dot(weights, states[places.tolist()]) + 1 - law.along_at_rest)
+        return ca.vertcat(*stretches)
 
 
-@lru_cache(maxsize=1)
-def scaled() -> Kernel:
+def numbers_of_terms(at: System) -> list[Array]:
+    """Return the numbers (n_c, N) of each term of the equations of equilibrium."""
+    equations = at.of.equations
+    terms = zip(equations.terms, equations.slices, strict=True)
+    return [at.p[numbers].reshape(term.count, -1).T for term, numbers in terms]
+
+
+@dataclass(frozen=True, eq=False)
+class Responses:
+    """The responses of the tip to small forces along the directions of a target, for stiffness.
+
+    A response is the change Y of all unknowns of the equations of equilibrium by a small force,
+    which are differentiated along Y, and tendons that are held by their tensions or their lengths
+    meanwhile. Its equations have exact derivatives as all others, and with them the compliance has,
+    as what the tip is displaced by along the force.
+
+    Attributes
+    ----------
+    states : States
+    request : ComplianceRequest
+    first : int
+        Where its directions are among those of all targets.
+    """
+
+    states: States
+    request: ComplianceRequest
+    first: int
+
+    is_linear = True
+
+    @property
+    def size(self) -> int:
+        """See planner.program.blocks."""
+        return self.request.width * self.states.of.n_x
+
+    @property
+    def directions(self) -> range:
+        """Which of the directions of all targets are its own."""
+        return range(self.first, self.first + self.request.width)
+
+    def terms(self, place: Places, start: int, row: int) -> list[Term]:
+        """See planner.program.blocks."""
+        terms = list[Term]()
+        for k in range(self.request.width):
+            shift = k * self.states.of.n_x
+            terms += self._response(place, start + shift, row + shift)
+        return terms
+
+    def _response(self, place: Places, start: int, row: int) -> list[Term]:
+        """Return the terms of one response: of equilibrium, of the tensions, of the load factor."""
+        of, terms = self.states.of, list[Term]()
+        for term in of.equations.terms:
+            unknowns = np.vstack([place[term.unknowns], start + term.unknowns])
+            terms.append(Term(tangent(term.kernel), unknowns, row + term.rows))
+        n, row = of.n_tendons, row + of.n_states
+        tensions, rows = start + np.arange(n)[None, :], row + np.arange(n)[None, :]
+        terms.append(Term(built(_scaled), np.array([[start + n]]), np.array([[row + n]])))
+        if self.request.hold == "length":
+            (lengths,) = of.lengths.terms
+            own = start + lengths.unknowns, start + lengths.rows
+            unknowns = np.vstack([place[lengths.unknowns], *own])
+            terms.append(Term(built(_locked, of.form.law), unknowns, row + lengths.rows))
+        return [*terms, Term(built(_scaled), tensions, rows)]
+
+    def numbers(self, at: System, along: Array) -> list[Array]:
+        """See planner.program.blocks."""
+        columns, of, of_terms = list[Array](), self.states.of, numbers_of_terms(at)
+        for k in self.directions:
+            for term, numbers in zip(of.equations.terms, of_terms, strict=True):
+                change = np.zeros_like(numbers)
+                if term.kernel.name == "element":
+                    change[1:4] = unit_force(at.arm) * along[:, k, None]
+                columns.append(np.vstack([numbers, change]))
+            columns.append(np.ones((1, 1)))
+            kept = 1.0
+            if self.request.hold == "length":
+                lengths, EA = at.length_numbers.reshape(-1, 5).T, self.request.tendon_EA
+                stretch = np.full((1, lengths.shape[1]), 0.0 if EA is None else 1 / EA)
+                columns.append(np.vstack([lengths, stretch]))
+                kept = -least_compliance(at.arm)
+            columns.append(np.full((1, of.n_tendons), kept))
+        return columns
+
+    def scales(self, at: System) -> tuple[Array, Array]:
+        """See planner.program.blocks."""
+        state, row = self.states.scales(at)
+        force, n, width = unit_force(at.arm), self.states.of.n_tendons, self.request.width
+        length = at.arm.length if self.request.hold == "length" else force
+        unknowns = np.concatenate([np.full(n + 1, force), state])
+        rows = np.concatenate([row, np.full(n, length), [1.0]])
+        return np.tile(unknowns, width), np.tile(rows, width)
+
+    def displaced(self, unknowns: ca.MX) -> ca.MX:
+        """Return the displacements (3, width) of the tip, of its unknowns in SI."""
+        by_force = ca.reshape(unknowns, self.states.of.n_x, self.request.width)
+        return by_force[(self.states.of.first + self.states.of.nodes[-1, 4:POSE]).tolist(), :]
+
+
+def unit_force(arm: Arm) -> float:
+    """Return the small force of the responses [N]: it bends the straight arm by about 1 rad."""
+    R = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0])
+    return float(arm.material.E * np.pi * R**4 / 4 / arm.length**2)
+
+
+def _locked(law: CrossSection) -> Kernel:
+    """Return the kernel of a locked tendon: how its path lengthens, less how its tension does.
+
+    Strains, their changes, change of its tension; its path and a weight, 1 / E A of the tendon.
+    """
+    kernel = built(run, law)
+    change, pull = ca.SX.sym("change", size(law)), ca.SX.sym("pull")
+    compliance = ca.SX.sym("compliance")
+    grows = ca.jtimes(kernel.r, kernel.y, change) - kernel.r * pull * compliance
+    y = ca.vertcat(kernel.y, change, pull)
+    return Kernel("locked", y, ca.vertcat(kernel.c, compliance), grows)
+
+
+@dataclass(frozen=True, eq=False)
+class LeastMode:
+    """The least stable mode, and its eigenvalue last, for a margin of stability.
+
+    It is a change y of the states with J y = lambda B y, J the Jacobian of the equations against
+    the states and B the stiffness of the body at rest, at the stages; lambda is the eigenvalue of
+    the scaled Hessian of the energy (model.equilibrium.stability). Its equations are those of
+    equilibrium differentiated along y, less lambda B y, and the size of y: stability with a margin
+    is a bound on an unknown.
+    """
+
+    states: States
+
+    is_linear = False
+
+    @property
+    def size(self) -> int:
+        """See planner.program.blocks."""
+        return self.states.of.n_states + 1
+
+    def terms(self, place: Places, start: int, row: int) -> list[Term]:
+        """See planner.program.blocks."""
+        of, terms = self.states.of, list[Term]()
+        for term in of.equations.terms:
+            is_state = term.unknowns >= of.first
+            if not np.all(is_state == is_state[:, :1]):
+                raise AssertionError("tensions and states in one row of a term")
+            rows = tuple(np.flatnonzero(is_state[:, 0]).tolist())
+            change = start + term.unknowns[list(rows)] - of.first
+            unknowns = np.vstack([place[term.unknowns], change])
+            terms.append(Term(mode(term.kernel, rows), unknowns, row + term.rows))
+        stages, last = np.ravel(of.stages), of.n_states
+        unknowns = np.stack([np.full(stages.size, start + last), start + stages])
+        terms.append(Term(built(_inertia), unknowns, row + stages[None, :]))
+        one = np.full((1, stages.size), row + last)
+        return [*terms, Term(built(_square), start + stages[None, :], one)]
+
+    def numbers(self, at: System, along: Array) -> list[Array]:
+        """See planner.program.blocks."""
+        weights, stiff = self._weights(at), rest_stiffness(at)[1]
+        share = np.full(weights.size, 1 / weights.size)
+        return [*numbers_of_terms(at), -stiff[None, :], np.stack([weights, share])]
+
+    def scales(self, at: System) -> tuple[Array, Array]:
+        """See planner.program.blocks."""
+        state, row = self.states.scales(at)
+        return np.append(state, 1.0), np.append(row, 1.0)
+
+    def at(self, equilibrium: Linearised) -> Array:
+        """Return its unknowns (size,) in an equilibrium, of the size that its equations ask for."""
+        values, y = least_modes(equilibrium, 1)
+        strains = y[np.ravel(self.states.of.stages), 0]
+        return np.append(y[:, 0] / np.sqrt(self._weights(equilibrium.system) @ strains**2), values)
+
+    def _weights(self, at: System) -> Array:
+        """Return what the squares of the strains weigh in the size of the mode."""
+        strain = self.states.scales(at)[0][np.ravel(self.states.of.stages)]
+        return np.asarray(rest_stiffness(at)[0] / at.arm.length / strain**2)
+
+
+def _inertia() -> Kernel:
+    """Return the kernel of an eigenvalue times a stiffness and a strain."""
+    y, stiff = ca.SX.sym("y", 2), ca.SX.sym("stiff")
+    return Kernel("inertia", y, stiff, stiff * y[0] * y[1])
+
+
+def _square() -> Kernel:
+    """Return the kernel of a part of a mode's size, less the size that it is scaled to."""
+    y, c = ca.SX.sym("y"), ca.SX.sym("c", 2)
+    return Kernel("size", y, c, c[0] * y**2 - c[1])
+
+
+@dataclass(frozen=True, eq=False)
+class TendonLengths:
+    """The lengths of the tendons, counted in the arm's, for limits of strokes and their rates."""
+
+    of: Layout
+
+    is_linear = True
+
+    @property
+    def size(self) -> int:
+        """See planner.program.blocks."""
+        return self.of.n_tendons
+
+    def terms(self, place: Places, start: int, row: int) -> list[Term]:
+        """See planner.program.blocks."""
+        (runs,) = self.of.lengths.terms
+        each = np.arange(self.size)[None, :]
+        path = Term(runs.kernel, place[runs.unknowns], row + runs.rows)
+        return [path, Term(built(_scaled), start + each, row + each)]
+
+    def numbers(self, at: System, along: Array) -> list[Array]:
+        """See planner.program.blocks."""
+        return [at.length_numbers.reshape(-1, 5).T, np.full((1, self.size), -1.0)]
+
+    def scales(self, at: System) -> tuple[Array, Array]:
+        """See planner.program.blocks."""
+        length = np.full(self.size, at.arm.length)
+        return length, length
+
+
+# The blocks a program may have.
+Block = States | Responses | LeastMode | TendonLengths
+
+
+def _scaled() -> Kernel:
     """Return the kernel of a number times an unknown."""
     x, c = ca.SX.sym("x"), ca.SX.sym("c")
     return Kernel("scaled", x, c, c * x)

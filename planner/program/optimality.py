@@ -11,8 +11,6 @@ of the latter those of the equations are mu of the Lagrangian.
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 from scipy.optimize import lsq_linear
 
@@ -42,10 +40,10 @@ class Point:
         self._evaluated = problem.program.evaluate(x, p)
         self._inner = self._evaluated.jacobian[self._m :].tocsc()
         self._factors = factorised(self._inner[:, self._n + 1 :])
+        self._reduced = self._without_states()
 
-    @cached_property
-    def _reduced(self) -> Array:
-        """Derivatives by a, along the equilibrium, of the objective and of each constraint."""
+    def _without_states(self) -> Array:
+        """Return the derivatives by a, along the equilibrium, of objective and constraints."""
         n, rows = self._n, self._evaluated.jacobian[: self._m].toarray()
         rows = np.vstack([self._evaluated.gradient, rows])
         mu = self._factors.solve(np.ascontiguousarray(-rows[:, n + 1 :].T), "T")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -16,11 +16,10 @@ from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
 from model.winches import rest_lengths
+from planner.program.blocks import Stations, unit_force
 from planner.program.limits import Limits, natural_tensions
 from planner.program.program import STABILITY, STROKES, Program, factorised, program
-from planner.program.responses import unit_force
 from planner.program.statement import Statement
-from planner.program.states import Stations
 from planner.program.terms import (
     Same,
     compliance_requests,
@@ -63,6 +62,10 @@ class Problem:
     rows, n_free, n_outer
         What the rows of the constraints are, in order; how many unknowns come before the states,
         and how many constraints before the equations of equilibrium.
+    directions : (3, k)
+        Of the responses.
+    bounds : tuple of arrays
+        Lower and upper bounds of unknowns, then of constraints, not to be written to.
     """
 
     def __init__(
@@ -83,6 +86,15 @@ class Problem:
         question = (arm, scene, structure, Same(targets), stated, machine_code)
         self.program, self.forward, self.scale, self.row_scale = of, *_ = _built(*question)
         self.rows, self.n_free, self.n_outer = of.rows, of.n_free, of.outer.numel()
+        numbers = target_numbers(arm, targets)
+        each = of.terms.directions.call([numbers[of.parts.targets]])
+        self.directions = np.hstack([np.zeros((3, 0)), *(np.array(D) for D in each)])
+        weights = np.array([self.unit.max(), limits.total or 0.0, REGULARISATION])
+        equations = of.numbers(self.forward.system, self.directions)
+        values = numbers, weights, self.unit, [unit_force(arm)], equations
+        defect = np.zeros(sum(of.measured))
+        self._p = np.concatenate([*values, self.scale, self.row_scale, defect])
+        self.bounds = self._bounds()
 
     def but(
         self, statement: Statement | None = None, targets: tuple[Target, ...] | None = None
@@ -97,25 +109,14 @@ class Problem:
 
         And for a defect of the mesh, none by default; see planner.solve.refine.
         """
-        values = [self.unit.max(), self.limits.total or 0.0, weight]
-        numbers = self.program.numbers(self.forward.system, self.directions)
-        error = np.zeros(sum(self.program.measured)) if defect is None else defect
-        behind = [[unit_force(self.arm)], numbers, self.scale, self.row_scale, error]
-        return np.concatenate([self._numbers, values, self.unit, *behind])
+        p = self._p.copy()
+        p[self.program.parts.weights.stop - 1] = weight
+        if defect is not None:
+            p[self.program.parts.defect] = defect
+        return p
 
-    @cached_property
-    def _numbers(self) -> Array:
-        """The numbers of the targets."""
-        return target_numbers(self.arm, self.targets)
-
-    @cached_property
-    def _p(self) -> Array:
-        """The parameters of a mesh without a defect."""
-        return self.parameters()
-
-    @cached_property
-    def bounds(self) -> Bounds:
-        """Lower and upper bounds of unknowns and constraints, not to be written to."""
+    def _bounds(self) -> Bounds:
+        """Return lower and upper bounds of unknowns and constraints."""
         unit, limits = self.unit, self.limits
         lower, upper = np.array(limits.lower), np.array(limits.upper)
         upper = np.where(_does_nothing(self.arm, upper), lower, upper)
@@ -188,48 +189,29 @@ class Problem:
             p[self.program.parts.numbers] = numbers
         program, x = self.program, np.zeros(self.program.size)
         x[: self.n_free], x[self.n_free] = a, 1.0
-        x[program.place_of(program.states)] = states / self.scale[: states.size]
-        linear = program.places_of_linear
+        x[program.places[program.states]] = states / self.scale[: states.size]
+        linear = program.linear
         if linear.size:
             point, rows = program.evaluate(x, p), self.n_outer + linear - self.n_free - 1
             own = point.jacobian.tocsr()[rows].tocsc()[:, linear]
             x[linear] = -factorised(own).solve(point.g[rows])
         for mode in program.modes:
-            at = program.place_of(mode)
-            x[at] = (
-                mode.at(self.linearised(x))
-                / self.scale[at.start - self.n_free - 1 : at.stop - self.n_free - 1]
-            )
+            at, begin = program.places[mode], self.n_free + 1
+            x[at] = mode.at(self.linearised(x)) / self.scale[at.start - begin : at.stop - begin]
         if program.n_slack:
-            slack = np.maximum(-self.constraints(x, p)[program.slack_rows], 0.0)
+            slack = np.maximum(-program.evaluate(x, p).g[program.slack_rows], 0.0)
             x[self.n_free - program.n_slack : self.n_free] += slack
         return x
 
     def linearised(self, x: Array) -> Linearised:
         """Return the equations at the tensions and states in unknowns x."""
-        system, at = self.forward.system, self.program.place_of(self.program.states)
+        system, at = self.forward.system, self.program.places[self.program.states]
         states = x[at] * self.scale[: at.stop - at.start]
         return Linearised(system, system.x(self.tensions(x), 1.0, states))
-
-    @cached_property
-    def directions(self) -> Array:
-        """The directions (3, k) of the responses."""
-        numbers = self._numbers[self.program.parts.targets]
-        each = self.program.terms.directions.call([numbers])
-        return np.hstack([np.zeros((3, 0)), *(np.array(D) for D in each)])
 
     def measured(self, x: Array) -> Array:
         """Return what is measured on the mesh at unknowns x, see Program.measured."""
         return self.program.measure(x, self._p)
-
-    @cached_property
-    def measured_scale(self) -> Array:
-        """What is worth as much as the arm's length, or 1 rad, of all that is measured."""
-        poses, stretches, compliances, *rest = self.program.measured
-        L, force = self.arm.length, unit_force(self.arm)
-        pose = [1.0] * 4 + [L] * 3
-        of_poses = np.tile(pose, poses // len(pose)), np.ones(stretches)
-        return np.concatenate([*of_poses, np.full(compliances, L / force), np.ones(sum(rest))])
 
     @property
     def slim_at(self) -> Array:
@@ -237,10 +219,6 @@ class Problem:
         slim = np.array(self.program.states.stations.slim, dtype=int).reshape(-1, 2)
         inside = self.arm.length * _INSIDE * (1 - 2 * slim[:, 1])
         return np.asarray(self.forward.mesh.s[slim.sum(axis=1)] + inside)
-
-    def constraints(self, x: Array, p: Array) -> Array:
-        """Return the constraints at unknowns x."""
-        return self.program.evaluate(x, p).g
 
     def stands(self, x: Array, margin: float = 0.0) -> bool:
         """Return whether the stability of the equilibrium in unknowns x is above a margin.

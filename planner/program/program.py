@@ -1,24 +1,34 @@
 """The nonlinear program of a structure, in scaled unknowns; numbers are its parameters.
 
-    minimise    the objective                 see planner.program.objective
-    subject to  its rows                      lower <= tensions <= upper
-                the equations of equilibrium, of the arm and of its responses
+    minimise    what the mode says            subject to  lower <= tensions <= upper
+                                                          inequalities >= 0, total pull <= limit
+                                                          1 + q >= least stretch
+                                                          the equations of all blocks
 
 The unknowns are the tensions, what the norm and the inequalities add, the load factor, which is 1,
 then those of each block, see planner.program.blocks: which there are is decided by scene, targets
 and limits.
+
+Targets have equalities and soft residuals, which are to be 0 as well as the limits allow. The modes
+are three readings of them, tried in this order:
+
+    exact      equalities = 0 and soft residuals = 0; effort is made least
+    closest    equalities = 0; soft residuals, and slacks of inequalities of low priority, are made
+               least, with a regularisation weight on effort
+    nearest    equalities, soft residuals and slacks of all inequalities are made least, those of
+               high priority first
 """
 
 from __future__ import annotations
 
 from collections.abc import Hashable
-from functools import cached_property, lru_cache
+from dataclasses import dataclass
+from functools import lru_cache
 from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import SuperLU, splu
 
@@ -28,19 +38,16 @@ from model.machine.buffered import Buffered
 from model.paths import Array
 from model.stations import base_pose
 from model.transcription.equations import Equations
-from model.transcription.kernels import Places
 from model.transcription.layout import POSE, Layout
 from model.transcription.system import System
 from planner.avoidance.rows import avoidance_of
-from planner.program.blocks import Block
-from planner.program.least_mode import LeastMode
-from planner.program.lengths import TendonLengths
-from planner.program.objective import Rows, Seen, soft_rows, stated
-from planner.program.responses import Responses
-from planner.program.statement import Statement
-from planner.program.states import States, Stations
+from planner.program.blocks import Block, LeastMode, Responses, States, Stations, TendonLengths
+from planner.program.statement import Mode, Statement
 from planner.program.terms import (
+    HIGH_PRIORITY,
+    LOW_PRIORITY,
     Same,
+    TargetTerms,
     compliance_requests,
     stations_of,
     structure_of,
@@ -48,8 +55,18 @@ from planner.program.terms import (
 )
 from planner.targets.base import Target
 
-Index = NDArray[np.int32]
-STABILITY, STROKES = "stability", "strokes"
+STABILITY, STROKES, STRETCH = "stability", "strokes", "stretch"
+LEAST_STRETCH = 1e-3
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The rows of one kind of constraint."""
+
+    name: str
+    size: int
+    lower: float = 0.0
+    upper: float = np.inf
 
 
 class Parts(NamedTuple):
@@ -110,6 +127,13 @@ def factorised(matrix: csc_array) -> SuperLU:
         raise SingularError("equilibrium is singular in its states: the arm buckles") from reason
 
 
+def soft_rows(terms: TargetTerms, mode: Mode) -> list[int]:
+    """Return which inequalities have a slack: none, those of low priority, or all."""
+    kept = {"exact": (), "closest": (LOW_PRIORITY,), "nearest": (LOW_PRIORITY, HIGH_PRIORITY)}[mode]
+    weights = np.array(terms.inequality_weights()).ravel()
+    return [row for row, weight in enumerate(weights) if weight in kept]
+
+
 class Program:
     """The program of a structure with the states as unknowns: multiple shooting, all in one.
 
@@ -124,16 +148,23 @@ class Program:
         How many equations of the blocks there are; they come last.
     rows, outer_rows : tuple of Rows
         What the rows of the constraints are, in order; and those besides equations.
+    slack_rows : list of int
+        The rows of the inequalities with a slack.
     states, responses, modes, lengths
-        The blocks.
+        The blocks; `places` are the slices of their unknowns, `linear` the places of the unknowns
+        of those whose equations are linear in them.
     terms : TargetTerms
         Of all targets but those that keep the arm clear.
     measured : tuple of int
         How many numbers are measured: of poses, least stretches, compliances, eigenvalues, lengths.
-    x, p, f, outer : casadi.MX
-        Unknowns, parameters, objective, constraints besides the equations.
+    x, p, f, outer, g : casadi.MX
+        Unknowns, parameters, objective, constraints besides the equations, and all of them.
     sigma, outer_lam, lam : casadi.MX
         Weights of the objective, of the constraints besides equations, and of all.
+    gradient, outer_jacobian, jacobian, outer_hessian, hessian : casadi.MX
+        Of f, outer, g, and of the objective and constraints by their weights.
+    scale : casadi.MX
+        What one unit of each unknown is worth.
     """
 
     def __init__(
@@ -144,45 +175,56 @@ class Program:
         of: Layout,
         stations: Stations,
     ) -> None:
-        n, self.states, stretches = of.n_tendons, States(of, stations), len(stations.slim)
         avoidance = avoidance_of(targets)
+        # Without what keeps the arm clear, whose gaps see all stations.
         own = tuple(target for target in targets if target is not avoidance)
         self.terms = terms_of(arm, own)
-        self._soft = soft_rows(self.terms, statement.mode)
-        self.n_slack = len(self._soft)
-        self.n_free = n + (statement.norm == "inf") + self.n_slack
-        self.responses, directions = list[Responses](), 0
-        for request in compliance_requests(targets):
-            self.responses.append(Responses(self.states, request, directions))
-            directions += request.width
-        self.modes = [LeastMode(self.states)] * statement.modes
-        self.lengths = [TendonLengths(of)] * statement.wound
-        self._blocks: list[Block] = [self.states, *self.responses, *self.modes, *self.lengths]
-        ends = np.cumsum([self.n_free + 1, *(block.size for block in self._blocks)]).tolist()
-        self._places = [slice(a, b) for a, b in pairwise(ends)]
-        self.size, self.n_equations = ends[-1], ends[-1] - ends[0]
-        before = np.concatenate([np.arange(n), self.n_free + np.arange(1 + of.n_states)])
-        terms = [
-            term
-            for block, at in zip(self._blocks, self._places, strict=True)
-            for term in block.terms(before, at.start, at.start - ends[0])
-        ]
-        self.equations = Equations(self.size, self.n_equations, terms, of.form.machine_code)
-        modes, wound = len(self.modes), n * len(self.lengths)
-        _, numbers, compliances = map(self.terms.function.numel_in, range(3))
-        self.measured = (POSE * len(stations.nodes), stretches, compliances, modes, wound)
+        self._number(targets, statement, of, stations)
         # CasADi cannot differentiate compiled kernels.
         gaps = avoidance.gaps(arm, stations_of(arm, targets), False) if avoidance else None
+        _, numbers, compliances = map(self.terms.function.numel_in, range(3))
+        modes, wound = len(self.modes), of.n_tendons * len(self.lengths)
+        poses, stretches = POSE * len(stations.nodes), len(stations.slim)
+        self.measured = poses, stretches, compliances, modes, wound
         sizes = (1, self.equations.n_p, self.n_equations, self.n_equations, sum(self.measured))
-        self.parts = Parts.of((numbers, gaps.n_p if gaps else 0, 3, n, *sizes))
+        self.parts = Parts.of((numbers, gaps.n_p if gaps else 0, 3, of.n_tendons, *sizes))
         self.x, self.p = ca.MX.sym("x", self.size), ca.MX.sym("p", self.parts.size)
-        self.sigma = ca.MX.sym("sigma")
+        unit = self.p[self.parts.unit], ca.MX.ones(self.n_free - of.n_tendons + 1)
+        self.scale = ca.vertcat(*unit, self.p[self.parts.scale])
         self.f, self.outer, rows = self._stated(arm, targets, own, statement, gaps)
-        limits = Rows(STABILITY, modes), Rows(STROKES, wound, -np.inf)
-        self.outer_rows = (*rows, *limits)
+        self.slack_rows = [rows[0].size + row for row in self._soft]
+        self.outer_rows = (*rows, Rows(STABILITY, modes), Rows(STROKES, wound, -np.inf))
         self.rows = (*self.outer_rows, Rows("equilibrium", self.n_equations, 0.0, 0.0))
-        self.outer_lam = ca.MX.sym("lam", self.outer.numel())
-        self.lam = ca.MX.sym("lam", self.outer_lam.numel() + self.n_equations)
+        self._differentiate()
+
+    def _number(
+        self, targets: tuple[Target, ...], statement: Statement, of: Layout, stations: Stations
+    ) -> None:
+        """Number the unknowns, block by block, and state the equations of the blocks."""
+        self._soft = soft_rows(self.terms, statement.mode)
+        self.n_slack = len(self._soft)
+        self.n_free = of.n_tendons + (statement.norm == "inf") + self.n_slack
+        self.states, requests = States(of, stations), compliance_requests(targets)
+        firsts = accumulate((request.width for request in requests), initial=0)
+        pairs = zip(requests, firsts, strict=False)
+        self.responses = [Responses(self.states, request, first) for request, first in pairs]
+        self.modes = [LeastMode(self.states)] * statement.modes
+        self.lengths = [TendonLengths(of)] * statement.wound
+        blocks: list[Block] = [self.states, *self.responses, *self.modes, *self.lengths]
+        first = self.n_free + 1
+        ends = list(accumulate((block.size for block in blocks), initial=first))
+        slices = [slice(a, b) for a, b in pairwise(ends)]
+        self.places = dict(zip(blocks, slices, strict=True))
+        linear = [np.r_[at] for block, at in self.places.items() if block.is_linear]
+        self.linear = np.concatenate([np.zeros(0, np.int64), *linear])
+        self.size, self.n_equations = ends[-1], ends[-1] - first
+        before = np.r_[: of.n_tendons, first - 1 : first + of.n_states]
+        terms = [
+            term
+            for block, at in self.places.items()
+            for term in block.terms(before, at.start, at.start - first)
+        ]
+        self.equations = Equations(self.size, self.n_equations, terms, of.form.machine_code)
 
     def _stated(
         self,
@@ -192,147 +234,101 @@ class Program:
         statement: Statement,
         gaps: Equations | None,
     ) -> tuple[ca.MX, ca.MX, tuple[Rows, ...]]:
-        """Return the objective, the constraints besides the equations, and the targets' rows.
-
-        `own` are the targets without what keeps the arm clear, whose `gaps` see all stations.
-        """
-        n, x, p, parts = self.states.of.n_tendons, self.x, self.p, self.parts
-        measured = self._measured + p[parts.defect]
+        """Return the objective, the constraints besides the equations, and the targets' rows."""
+        x, p, parts, terms, mode = self.x, self.p, self.parts, self.terms, statement.mode
+        measured, none = self._what_is_measured(), ca.MX(0, 1)
+        self._measure = Buffered(ca.Function("measured", [x, p], [ca.densify(measured)]))
         ends = np.cumsum([0, *self.measured]).tolist()
-        poses, stretches, compliances, eigenvalues, lengths = ca.vertsplit(measured, ends)
-        places, clear = stations_of(arm, targets), ca.MX(0, 1)
-        if gaps is not None:
-            whole = ca.vertcat(ca.DM(base_pose(arm)), poses)
-            clear = gaps.value.function(whole, p[parts.gaps]) / arm.length
-        poses = ca.reshape(poses, POSE, -1)[:, [places.index(s) for s in stations_of(arm, own)]]
-        tensions, peak, slacks = ca.vertsplit(
-            x[: self.n_free], [0, n, self.n_free - self.n_slack, self.n_free]
+        poses, stretches, compliances, *limited = ca.vertsplit(measured + p[parts.defect], ends)
+        whole = ca.vertcat(ca.DM(base_pose(arm)), poses)
+        clear = gaps.value.function(whole, p[parts.gaps]) / arm.length if gaps else none
+        places = stations_of(arm, targets)
+        seen = ca.reshape(poses, POSE, -1)[:, [places.index(s) for s in stations_of(arm, own)]]
+        met, missed, inequality, least = terms.function(seen, p[parts.targets], compliances)
+        for row, place in terms.shares(own):
+            inequality[row] = 1 - compliances[place]
+        cuts = [0, parts.unit.stop - parts.unit.start, self.n_free - self.n_slack, self.n_free]
+        tensions, peak, slacks = ca.vertsplit(x[: self.n_free], cuts)
+        soft, weights = self._soft, terms.inequality_weights()
+        inequality += ca.DM.eye(inequality.numel())[:, soft] @ slacks
+        if mode == "nearest":
+            slacks = ca.vertcat(terms.equality_weights() * met, weights[soft] * slacks)
+        reference, total, weight = ca.vertsplit(p[parts.weights])
+        pull = tensions * p[parts.unit] / reference
+        effort = {"2": ca.sumsqr(pull) / 2, "1": ca.sum1(pull), "inf": peak}[statement.norm]
+        aim = ca.sum1(least) + weight * effort if least.numel() else effort
+        missing = ca.sumsqr(ca.vertcat(missed, slacks)) / 2 + weight * aim
+        constraints: dict[str, ca.MX] = {
+            "equality": {"exact": ca.vertcat(met, missed), "closest": met, "nearest": none}[mode],
+            "inequality": inequality,
+            "clear": clear,
+            STRETCH: stretches,
+            "total pull": total / reference - ca.sum1(pull) if statement.limited else none,
+            "peak": peak - pull if peak.numel() else none,
+        }
+        bounds = {"equality": (0.0, 0.0), STRETCH: (LEAST_STRETCH, np.inf)}
+        rows = tuple(
+            Rows(name, g.numel(), *bounds.get(name, ())) for name, g in constraints.items()
         )
-        reference, total, trace = ca.vertsplit(p[parts.weights])
-        pulled = tensions * p[parts.unit], peak, slacks
-        weights = p[parts.targets], reference, total, trace
-        seen = Seen(*pulled, *weights, poses, stretches, compliances, clear)
-        f, outer, rows = stated(statement, own, self.terms, seen)
-        return f, ca.vertcat(outer, eigenvalues, lengths), rows
+        outer = ca.vertcat(*constraints.values(), *limited)
+        return aim if mode == "exact" else missing, outer, rows
 
-    def place_of(self, block: Block) -> slice:
-        """Return the places of a block's unknowns."""
-        return self._places[self._blocks.index(block)]
+    def _what_is_measured(self) -> ca.MX:
+        """Return what is measured, one below the other: see `measured`."""
+        values = {block: self.x[at] * self.scale[at] for block, at in self.places.items()}
+        directions = self.terms.directions.call([self.p[self.parts.targets]])
+        states = values[self.states]
+        measured = [ca.vec(self.states.poses(states)), self.states.stretches(states)]
+        for responses, D in zip(self.responses, directions, strict=True):
+            displaced = responses.displaced(values[responses])
+            measured.append(ca.vec(D.T @ displaced / self.p[self.parts.force]))
+        measured += [self.x[self.places[mode]][-1] for mode in self.modes]
+        return ca.vertcat(*measured, *(self.x[self.places[lengths]] for lengths in self.lengths))
 
-    @property
-    def slack_rows(self) -> list[int]:
-        """The rows of the inequalities with a slack."""
-        return [self.rows[0].size + row for row in self._soft]
-
-    @property
-    def places_of_linear(self) -> Places:
-        """The places of the unknowns of blocks whose equations are linear in them."""
-        pairs = zip(self._blocks, self._places, strict=True)
-        linear = [np.arange(at.start, at.stop) for block, at in pairs if block.is_linear]
-        return np.concatenate([np.zeros(0, np.int64), *linear])
+    def _differentiate(self) -> None:
+        """Put the constraints together, and the derivatives: the blocks' come from kernels."""
+        x, p, m = self.x, self.p, self.outer.numel()
+        scale, row_scale, numbers = self.scale, p[self.parts.row_scale], p[self.parts.numbers]
+        self.sigma, self.outer_lam = ca.MX.sym("sigma"), ca.MX.sym("lam", m)
+        self.lam = ca.MX.sym("lam", m + self.n_equations)
+        self.gradient = ca.densify(ca.gradient(self.f, x))
+        self.outer_jacobian = ca.jacobian(self.outer, x)
+        weighted = self.sigma * self.f + ca.dot(self.outer_lam, self.outer)
+        self.outer_hessian = ca.hessian(weighted, x)[0]
+        balance = self.equations.value.function(x * scale, numbers)
+        self.g = ca.vertcat(self.outer, balance / row_scale)
+        of, places = self.equations.jacobian, self.equations.jacobian.places
+        row, column = places.row(), places.get_col()
+        J = ca.MX(places, of.function(x * scale, numbers) * scale[column] / row_scale[row])
+        self.jacobian = ca.vertcat(self.outer_jacobian, J)
+        of, places = self.equations.hessian, self.equations.hessian.places
+        row, column = places.row(), places.get_col()
+        nonzeros = of.function(x * scale, numbers, self.lam[m:] / row_scale)
+        arguments = [x, p, self.sigma]
+        outer = ca.Function("outer", [*arguments, self.outer_lam], [self.outer_hessian])
+        H = ca.MX(places, nonzeros * scale[column] * scale[row])
+        self.hessian = outer(*arguments, self.lam[:m]) + H
+        values = [self.f, self.gradient, self.g, self.jacobian.nz[:]]
+        dense = [ca.densify(value) for value in values]
+        self._function = Buffered(ca.Function("program", [x, p], dense))
+        J_at = self.jacobian.sparsity()
+        self._nonzeros = np.array(J_at.row(), np.int32), np.array(J_at.colind(), np.int32)
 
     def numbers(self, at: System, along: Array) -> Array:
         """Return the numbers of the equations of an arm, by the directions (3, k) of responses."""
-        each = (number for block in self._blocks for number in block.numbers(at, along))
+        each = (number for block in self.places for number in block.numbers(at, along))
         return np.concatenate([np.ravel(number, "F") for number in each])
 
     def scales(self, at: System) -> tuple[Array, Array]:
         """Return what one unit of each unknown of the blocks, and each equation, is worth."""
-        unknowns, rows = zip(*(block.scales(at) for block in self._blocks), strict=True)
+        unknowns, rows = zip(*(block.scales(at) for block in self.places), strict=True)
         return np.concatenate(unknowns), np.concatenate(rows)
-
-    @cached_property
-    def _measured(self) -> ca.MX:
-        """What is measured, one below the other: see `measured`."""
-        directions = self.terms.directions.call([self.p[self.parts.targets]])
-        states = self._in_SI(self.states)
-        measured = [ca.vec(self.states.poses(states)), self.states.stretches(states)]
-        for responses, D in zip(self.responses, directions, strict=True):
-            displaced = responses.displaced(self._in_SI(responses))
-            measured.append(ca.vec(D.T @ displaced / self.p[self.parts.force]))
-        measured += [self.x[self.place_of(mode)][-1] for mode in self.modes]
-        return ca.vertcat(*measured, *(self.x[self.place_of(lengths)] for lengths in self.lengths))
-
-    def _in_SI(self, block: Block) -> ca.MX:
-        """Return the unknowns of a block in SI."""
-        return self.x[self.place_of(block)] * self.scale[self.place_of(block)]
-
-    @cached_property
-    def gradient(self) -> ca.MX:
-        """The gradient of f."""
-        return ca.densify(ca.gradient(self.f, self.x))
-
-    @cached_property
-    def outer_jacobian(self) -> ca.MX:
-        """The Jacobian of the constraints besides equilibrium."""
-        return ca.jacobian(self.outer, self.x)
-
-    @cached_property
-    def outer_hessian(self) -> ca.MX:
-        """The Hessian of sigma f + outer_lam . outer."""
-        weighted = self.sigma * self.f + ca.dot(self.outer_lam, self.outer)
-        return ca.hessian(weighted, self.x)[0]
-
-    @cached_property
-    def g(self) -> ca.MX:
-        """All constraints; the equations of equilibrium come last."""
-        balance = self.equations.value.function(self.x * self.scale, self.p[self.parts.numbers])
-        return ca.vertcat(self.outer, balance / self.p[self.parts.row_scale])
-
-    @cached_property
-    def jacobian(self) -> ca.MX:
-        """The Jacobian of g."""
-        of, places = self.equations.jacobian, self.equations.jacobian.places
-        scale, row_scale = self.scale, self.p[self.parts.row_scale]
-        nonzeros = of.function(self.x * scale, self.p[self.parts.numbers])
-        row, column = places.row(), places.get_col()
-        J = ca.MX(places, nonzeros * scale[column] / row_scale[row])
-        return ca.vertcat(self.outer_jacobian, J)
-
-    @cached_property
-    def hessian(self) -> ca.MX:
-        """The Hessian of sigma f + lam . g."""
-        of, places = self.equations.hessian, self.equations.hessian.places
-        scale, row_scale = self.scale, self.p[self.parts.row_scale]
-        m = self.outer.numel()
-        nonzeros = of.function(self.x * scale, self.p[self.parts.numbers], self.lam[m:] / row_scale)
-        row, column = places.row(), places.get_col()
-        arguments = [self.x, self.p, self.sigma]
-        outer = ca.Function("outer", [*arguments, self.outer_lam], [self.outer_hessian])
-        H = outer(*arguments, self.lam[:m])
-        return H + ca.MX(places, nonzeros * scale[column] * scale[row])
-
-    @property
-    def scale(self) -> ca.MX:
-        """What one unit of each unknown is worth."""
-        unit, scale = self.p[self.parts.unit], self.p[self.parts.scale]
-        return ca.vertcat(unit, ca.MX.ones(self.n_free - unit.numel() + 1), scale)
-
-    def scale_at(self, p: Array) -> Array:
-        """Return what one unit of each unknown is worth (size,)."""
-        unit, scale = p[self.parts.unit], p[self.parts.scale]
-        return np.concatenate([unit, np.ones(self.n_free - unit.size + 1), scale])
-
-    @cached_property
-    def _function(self) -> tuple[Buffered, tuple[Index, Index]]:
-        """x, p -> f, its gradient, g, nonzeros of its Jacobian; and where these are."""
-        values = [self.f, self.gradient, self.g, self.jacobian.nz[:]]
-        dense = [ca.densify(J) for J in values]
-        J = self.jacobian.sparsity()
-        places = np.array(J.row(), np.int32), np.array(J.colind(), np.int32)
-        return Buffered(ca.Function("program", [self.x, self.p], dense)), places
 
     def evaluate(self, x: Array, p: Array) -> Evaluated:
         """Return objective and constraints at unknowns x, with derivatives."""
-        function, places = self._function
-        f, gradient, g, nonzeros = (value.ravel() for value in function(x, p))
-        J = csc_array((nonzeros, *places), shape=(g.size, x.size))
+        f, gradient, g, nonzeros = (value.ravel() for value in self._function(x, p))
+        J = csc_array((nonzeros, *self._nonzeros), shape=(g.size, x.size))
         return Evaluated(float(f[0]), gradient, g, J)
-
-    @cached_property
-    def _measure(self) -> Buffered:
-        """x, p -> what is measured."""
-        return Buffered(ca.Function("measured", [self.x, self.p], [ca.densify(self._measured)]))
 
     def measure(self, x: Array, p: Array) -> Array:
         """Return what is measured on the mesh at unknowns x, see `measured`."""

@@ -55,7 +55,7 @@ class Statement:
     norm : "2", "1" or "inf"
         What effort is.
     mode : "exact", "closest" or "nearest"
-        How the targets are read, see planner.program.objective.
+        How the targets are read, see planner.program.program.
     limited : bool
         Whether the total pull has a limit.
     refinement : int

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -70,6 +70,10 @@ class TargetTerms:
         target. Compliances are those of the requests, one below the other, each column by column.
     directions : casadi.Function
         Target numbers -> the directions (3, width) of each request.
+    dense : Buffered
+        `function` of numbers, with its zeros.
+    count : int
+        How many equalities and soft residuals there are.
     requests : tuple of ComplianceRequest
     names : tuple of list of str
         The name of each component of the terms, for each of KINDS.
@@ -93,7 +97,10 @@ class TargetTerms:
             )
             for kind in KINDS
         ]
-        self.function = ca.Function("terms", [poses, ca.vertcat(*numbers), flat], stacks)
+        arguments = [poses, ca.vertcat(*numbers), flat]
+        self.function = ca.Function("terms", arguments, stacks)
+        dense = [ca.densify(stack) for stack in stacks]
+        self.dense = Buffered(ca.Function("terms", arguments, dense))
         triples = zip(targets, numbers, requests, strict=True)
         directions = [target.directions(p) for target, p, request in triples if request]
         self.directions = ca.Function("directions", [ca.vertcat(*numbers)], directions)
@@ -106,19 +113,8 @@ class TargetTerms:
             ]
             for kind in KINDS
         )
+        self.count = len(self.names[0]) + len(self.names[1])
         self.units = {name: unit for term in self._terms for name, unit in term.units.items()}
-
-    @property
-    def count(self) -> int:
-        """How many equalities and soft residuals there are."""
-        return len(self.names[0]) + len(self.names[1])
-
-    @cached_property
-    def dense(self) -> Buffered:
-        """`function` of numbers, with its zeros."""
-        arguments = self.function.mx_in()
-        values = [ca.densify(value) for value in self.function.call(arguments)]
-        return Buffered(ca.Function("terms", arguments, values))
 
     def equality_weights(self) -> ca.DM:
         """Return the factor of each equality where not all can be had."""

@@ -31,6 +31,7 @@ from model.shape import Shape
 from model.time_limit import check_time
 from planner.certificate import KKT_TOLERANCE
 from planner.measure import compliances_along
+from planner.program.blocks import unit_force
 from planner.program.optimality import Point
 from planner.program.problem import Bounds, Problem
 from planner.solve.ipopt import MAGNIFIED, Candidate, Purpose, solve
@@ -213,7 +214,11 @@ def _stretched(problem: Problem, x: Array, crushed: CollapsedError) -> Array:
 
 def _defect_size(problem: Problem, defect: Array) -> float:
     """Return the largest part of a defect, lengths over the arm's, angles in rad."""
-    return float(np.abs(defect / problem.measured_scale).max(initial=0.0))
+    poses, stretches, compliances, *rest = problem.program.measured
+    L, pose = problem.arm.length, np.repeat([1.0, problem.arm.length], [4, 3])
+    of_poses = np.tile(pose, poses // pose.size), np.ones(stretches)
+    worth = [*of_poses, np.full(compliances, L / unit_force(problem.arm)), np.ones(sum(rest))]
+    return float(np.abs(defect / np.concatenate(worth)).max(initial=0.0))
 
 
 def settled(

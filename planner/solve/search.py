@@ -27,6 +27,7 @@ from model.time_limit import OutOfTime, check_time
 from planner.initial_guess.guesses import POINT, conditions, drawn_arms, initial_guesses
 from planner.program.limits import Limits
 from planner.program.problem import SEARCHED
+from planner.program.program import soft_rows
 from planner.program.statement import Mode, Statement
 from planner.program.terms import terms_of
 from planner.solve.fatrop import solve as by_stages
@@ -143,11 +144,11 @@ class Search:
         return replace(self._so_far(stopped=False), unstable=unstable)
 
     def _readings(self) -> Iterator[Mode]:
-        """Yield how the targets are to be read, see planner.program.objective."""
+        """Yield how the targets are to be read, see planner.program.program."""
         if self.task.can_be_exact:
             yield "exact"
         terms = terms_of(self.task.arm, self.task.targets)
-        if terms.names[1] or self.task.problem(self.task.coarse("closest")).program.n_slack:
+        if terms.names[1] or soft_rows(terms, "closest"):
             yield "closest"
         yield "nearest"
 

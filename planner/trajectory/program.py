@@ -109,7 +109,7 @@ def _limited(
     if not np.isfinite(rates.pace):
         return (tuple(j.tolist()),) * len(programs), start, rate
     lengths = question.lines().lengths(question.start)
-    wound = [np.r_[j, of.place_of(of.lengths[0])] for of in programs]
+    wound = [np.r_[j, of.places[of.lengths[0]]] for of in programs]
     rate = np.append(rate, np.full(lengths.size, rates.pace / L))
     return tuple(tuple(at.tolist()) for at in wound), np.append(start, lengths / L), rate
 

@@ -21,8 +21,8 @@ from model.loads import is_loaded
 from model.paths import Array
 from model.progress import reported, tell
 from planner.plan import Plan
-from planner.program.objective import STRETCH
 from planner.program.problem import Problem
+from planner.program.program import STRETCH
 from planner.program.statement import Statement
 from planner.program.terms import pulling_tendons
 from planner.solve.ipopt import Candidate, solve
@@ -151,6 +151,6 @@ class Waypoints:
 
 def _violation(stop: Stop, x: Array) -> float:
     """Return by how much rows besides equilibrium violate their bounds at most."""
-    rows = stop.problem.constraints(x, stop.p)[: stop.problem.n_outer]
+    rows = stop.problem.program.evaluate(x, stop.p).g[: stop.problem.n_outer]
     low, high = (bounds[: rows.size] for bounds in stop.bounds[2:])
     return float(np.maximum(low - rows, rows - high).max(initial=0.0))
