@@ -157,7 +157,7 @@ def _solved(
     """Return what random starts of a plan's problem lead to, on the mesh of the search."""
     limits = result.limits
     search = Search(Task(ARM, result.targets, scene, limits, statement, result.accuracy))
-    coarse = search.task.coarse(result.mode)
+    coarse = search.task.problem(search.task.coarse(result.mode))
     scale = np.minimum(np.repeat([0.6, 5.0, 15.0], 4), limits.upper)
     tried = (
         search.solve(coarse, rng.uniform() * rng.uniform(size=12) * scale) for _ in range(count)

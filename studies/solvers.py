@@ -41,7 +41,7 @@ Solver = Callable[[Search, Array, Array], Array | None]
 
 def by_shooting(search: Search, tip: Array, guess: Array) -> Array | None:
     """Return the tensions that the planner's program leads to."""
-    candidate = search.solve(search.task.coarse("exact"), guess)
+    candidate = search.solve(search.task.problem(search.task.coarse("exact")), guess)
     return candidate.tensions if candidate.met else None
 
 

@@ -106,8 +106,7 @@ class Around:
     def _clear_arms(self) -> list[Array]:
         """Return tensions of drawn arms that touch nothing, the nearest to the targets first."""
         task = self.task
-        question = task.arm, task.simple.scene, task.targets, task.allowed, task.machine_code
-        drawn = ((T, self._lines(T)) for T in islice(drawn_arms(*question), _LOOKED_AT))
+        drawn = ((T, self._lines(T)) for T in islice(drawn_arms(task), _LOOKED_AT))
         lines = ((T, line) for T, line in drawn if line is not None)
         clear = (T for T, line in lines if avoiding(line, self.surroundings, None)[1] >= 0)
         return list(islice(clear, _MOST))

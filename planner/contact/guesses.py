@@ -8,12 +8,11 @@ from contextlib import suppress
 import numpy as np
 
 from model.errors import OctoplanError
-from model.loads import is_loaded
 from model.paths import Array
 from model.time_limit import check_time
 from planner.contact.equilibria import Equilibria
 from planner.initial_guess.guesses import initial_guesses
-from planner.initial_guess.many_arms import bend_coordinates, many_places
+from planner.initial_guess.many_arms import BendCoordinates, many_places
 from planner.program.limits import natural_tensions
 from planner.solve.task import Task
 from planner.targets.hold import Hold
@@ -33,8 +32,7 @@ def guesses(task: Task, equilibria: Equilibria) -> Iterator[Array]:
         yield _pressed(equilibria, [np.clip(c * towards, *limits) for c in _HARDER])
         yield from _reaching(task, hold)
     if not holds:
-        question = task.arm, task.simple.scene, task.targets, task.allowed, task.machine_code
-        yield from initial_guesses(*question, is_loaded(task.simple.scene))
+        yield from initial_guesses(task)
 
 
 def _towards(task: Task, point: Array) -> Array:
@@ -65,9 +63,9 @@ def _reaching(task: Task, hold: Hold) -> list[Array]:
     """
     arm, body = task.arm, hold.obstacle
     tendons = frozenset(j for j in range(arm.n_tendons) if task.allowed.upper[j] > 0)
-    bends = bend_coordinates(arm, tendons, task.allowed)
+    bends = BendCoordinates(arm, tendons, task.allowed)
     tensions = bends.tensions(bends.draw(_DRAWN))
-    points, radius = many_places(arm, task.simple.scene, tensions, task.machine_code)
+    points, radius = many_places(arm, task.bare, tensions, task.machine_code)
     gap = body.distance(points.reshape(-1, 3)).reshape(points.shape[:2]) - radius
     gap[np.isnan(gap)] = np.inf
     deepest = gap.argmin(axis=1)

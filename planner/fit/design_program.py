@@ -156,7 +156,7 @@ class DesignProgram:
         each = [problem.bounds for problem in self.problems]
         bounds = joined(each, ends, (np.zeros(room), np.full(room, np.inf)))
         solution = self.stated.solve(TOGETHER, x, np.zeros(0), bounds)
-        if solution.finite:
+        if solution.is_finite:
             known = solution.lam_x, solution.lam_g
             solution = self.stated.solve(WARM, solution.x, np.zeros(0), bounds, known)
         return x, bounds, solution

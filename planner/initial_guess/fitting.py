@@ -13,15 +13,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from model.arm import Arm
 from model.effects import Extension
 from model.paths import Array
-from model.scene import Scene
 from model.time_limit import check_time
-from planner.initial_guess.many_arms import bend_coordinates, residuals
-from planner.program.limits import Limits
+from planner.initial_guess.many_arms import BendCoordinates, residuals
 from planner.program.terms import pulling_tendons
-from planner.targets.base import Target
+from planner.solve.task import Task
 
 # How many are drawn, and fitted; what is nearer is met but for the errors of the mesh.
 _DRAWN, _FITTED, _MET = 4000, 60, 3e-3
@@ -33,23 +30,21 @@ _STEPS, _DIFFERENCE = 10, 1e-4
 _ROUNDING = 1e-12
 
 
-def fitted(
-    arm: Arm, scene: Scene, targets: tuple[Target, ...], limits: Limits, machine_code: bool
-) -> Array:
+def fitted(task: Task) -> Array:
     """Return tensions (m, n_tendons) fitted to targets: the cheapest that meet them first.
 
     Then those that come nearest. Those that hardly differ from one before are left out. Where
     sections shorten, how hard all tendons of a section pull is fitted beside its bends.
     """
-    bends = bend_coordinates(arm, pulling_tendons(arm, targets), limits)
+    bends = BendCoordinates(task.arm, pulling_tendons(task.arm, task.targets), task.allowed)
 
     def gaps(points: Array) -> Array:
-        return residuals(arm, scene, targets, bends.tensions(points), machine_code)
+        return residuals(task, bends.tensions(points))
 
     drawn = bends.draw(_DRAWN)
     nearest = np.argsort(np.linalg.norm(gaps(drawn), axis=1), kind="stable")[:_FITTED]
     points = drawn[nearest]
-    if scene.has(Extension):
+    if task.scene.has(Extension):
         points = np.hstack([points, np.zeros((len(points), len(bends.sections)))])
     points, residual = least_squares(gaps, points)
     T, met = bends.tensions(points), residual < _MET

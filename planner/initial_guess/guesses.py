@@ -11,12 +11,11 @@ import numpy as np
 
 from model.arm import Arm
 from model.paths import Array
-from model.scene import Scene
 from planner.initial_guess.fitting import fitted
-from planner.initial_guess.many_arms import bend_coordinates, residuals
-from planner.program.limits import Limits
+from planner.initial_guess.many_arms import BendCoordinates, residuals
 from planner.program.problem import units
 from planner.program.terms import pulling_tendons, terms_of
+from planner.solve.task import Task
 from planner.targets.base import Target
 
 # Arms that are drawn, what a unit of tension counts beside how near they are, and by what part of
@@ -32,51 +31,39 @@ POINT = 3
 _INSIDE = 0.005
 
 
-def initial_guesses(
-    arm: Arm,
-    scene: Scene,
-    targets: tuple[Target, ...],
-    limits: Limits,
-    machine_code: bool,
-    loaded: bool = False,
-) -> Iterator[Array]:
+def initial_guesses(task: Task, loaded: bool = False) -> Iterator[Array]:
     """Yield tensions (n_tendons,) [N] within limits: fitted ones, drawn ones, the straight arm's.
 
     Fitted ones come by effort. Drawn ones are looked at on the coarsest mesh, in a scene without
     loads, and come by how near they are to what the targets want; those that hardly differ from one
     before are left out. Of an arm that is `loaded` some come again with more pull.
     """
-    unit = units(arm, limits)
-    low, high = np.array(limits.lower), np.array(limits.upper)
-    straight = np.clip(_INSIDE * unit, low, high)
-    count = conditions(arm, targets)
+    limits, count = task.allowed, conditions(task.arm, task.targets)
+    straight = np.clip(_INSIDE * units(task.arm, limits), limits.lower, limits.upper)
     if count > POINT:
-        yield from fitted(arm, scene, targets, limits, machine_code)
+        yield from fitted(task)
     # A bend in a plane is met by arms that wind round once more, too, and more cheaply by those
     # next to the straight one.
     first = -1 if count < POINT else _FIRST
     if first < 0:
         yield straight
-    drawn = drawn_arms(arm, scene, targets, limits, machine_code)
-    for k, T in enumerate(drawn):
+    for k, T in enumerate(drawn_arms(task)):
         yield T
         if k == first:
             yield straight
         if k >= _FIRST and loaded:
-            yield np.clip(_STRONGER * T, low, high)
+            yield np.clip(_STRONGER * T, limits.lower, limits.upper)
 
 
-def drawn_arms(
-    arm: Arm, scene: Scene, targets: tuple[Target, ...], limits: Limits, machine_code: bool
-) -> Iterator[Array]:
+def drawn_arms(task: Task) -> Iterator[Array]:
     """Yield drawn tensions that differ: by nearness and effort, and by nearness alone, in turn.
 
     Without a look at the time, of which they take little.
     """
-    unit = units(arm, limits)
-    bends = bend_coordinates(arm, pulling_tendons(arm, targets), limits)
+    unit = units(task.arm, task.allowed)
+    bends = BendCoordinates(task.arm, pulling_tendons(task.arm, task.targets), task.allowed)
     drawn = bends.tensions(bends.draw(_DRAWN))
-    distance = np.linalg.norm(residuals(arm, scene, targets, drawn, machine_code), axis=1)
+    distance = np.linalg.norm(residuals(task, drawn), axis=1)
     cheap = distance + _CHEAP * np.linalg.norm(drawn / unit, axis=1)
     orders = (np.argsort(cheap, kind="stable"), np.argsort(distance, kind="stable"))
     taken = np.zeros((0, unit.size))

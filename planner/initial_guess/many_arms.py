@@ -5,8 +5,7 @@ A section has two bends and a squeeze. Without loads; also where the arms are be
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -19,23 +18,22 @@ from model.rotations import matrices
 from model.scene import Scene
 from planner.program.limits import Limits, natural_tensions
 from planner.program.terms import TargetTerms, stations_of, target_numbers, terms_of
-from planner.targets.base import Target
+from planner.solve.task import Task
 
 _FEASIBLE = 0.05
 # No shape is farther off; what is no number is.
 _FAR = 1e3
 
 
-def residuals(
-    arm: Arm, scene: Scene, targets: tuple[Target, ...], tensions: Array, machine_code: bool
-) -> Array:
-    """Return the residuals of tensions (m, n_tendons) [N] in a scene without loads (m, k).
+def residuals(task: Task, tensions: Array) -> Array:
+    """Return the residuals of tensions (m, n_tendons) [N] in the scene without its loads (m, k).
 
     Those of the targets, violations of inequalities, and last by how much the arm is crushed.
     Stiffness is left out: compliances are taken to be those that are wanted.
     """
+    arm, scene, targets = task.arm, task.bare, task.targets
     scheme, at = "magnus4" if "magnus4" in schemes_of(scene) else "rk4", stations_of(arm, targets)
-    forward = explicit_map(arm, scene, scheme, 1, at, machine_code)
+    forward = explicit_map(arm, scene, scheme, 1, at, task.machine_code)
     numbers = target_numbers(arm, targets)
     poses, least = forward.many(tensions, [forward.mesh.node(s) for s in at])
     seen = poses.reshape(len(tensions), -1)
@@ -93,43 +91,33 @@ def many_places(arm: Arm, scene: Scene, tensions: Array, machine_code: bool) -> 
 _LEAST, _MOST = (0.5, 0.2), (60.0, 4.0)
 
 
-@dataclass(frozen=True, eq=False)
 class BendCoordinates:
-    """The pulls of the sections as a function of their bends, and of how hard they are squeezed."""
+    """The pulls of the sections as a function of their bends, and of how hard they are squeezed.
 
-    arm: Arm
-    tendons: frozenset[int]
-    limits: Limits
+    Attributes
+    ----------
+    sections : list of int
+        The sections with tendons that may pull, tip first.
+    width : int
+        How many bends there are, 2 n.
+    """
 
-    @cached_property
-    def sections(self) -> list[int]:
-        """The sections with tendons that may pull, tip first."""
-        return sorted({self.arm.tendons[j][0] for j in self.tendons})
-
-    @property
-    def width(self) -> int:
-        """How many bends there are, 2 n."""
-        return 2 * len(self.sections)
-
-    @cached_property
-    def sides(self) -> Array:
-        """Tensions (2 n, 2, n_tendons) that bend each section along an axis, there and back."""
-        angles = [(0.0, np.pi), (np.pi / 2, -np.pi / 2)]
-        return np.array(
-            [
-                [section_tensions(self.arm, i, angle, self.tendons) for angle in axis]
-                for i in self.sections
-                for axis in angles
-            ]
-        )
-
-    @cached_property
-    def squeezes(self) -> Array:
-        """Tensions (n, n_tendons) by which all tendons of a section pull."""
-        unit = natural_tensions(self.arm)
-        of_section = [[i == k for i, _ in self.arm.tendons] for k in self.sections]
-        pulls = [j in self.tendons for j in range(self.arm.n_tendons)]
-        return np.asarray(np.array(of_section) * np.array(pulls) * unit)
+    def __init__(self, arm: Arm, tendons: frozenset[int], limits: Limits) -> None:
+        self._limits = limits
+        self.sections = sorted({arm.tendons[j][0] for j in tendons})
+        self.width = 2 * len(self.sections)
+        # Tensions (2 n, 2, n_tendons) that bend each section along an axis, there and back.
+        axes = [(0.0, np.pi), (np.pi / 2, -np.pi / 2)]
+        sides = [
+            [section_tensions(arm, i, angle, tendons) for angle in axis]
+            for i in self.sections
+            for axis in axes
+        ]
+        self._sides = np.array(sides)
+        # Tensions (n, n_tendons) by which all tendons of a section pull.
+        of_section = [[i == k for i, _ in arm.tendons] for k in self.sections]
+        pulls = [j in tendons for j in range(arm.n_tendons)]
+        self._squeezes = np.array(of_section) * np.array(pulls) * natural_tensions(arm)
 
     def tensions(self, bends: Array) -> Array:
         """Return tensions (m, n_tendons) of bends (m, 2 n), within the limits.
@@ -137,35 +125,23 @@ class BendCoordinates:
         Of bends and squeezes if they are (m, 3 n).
         """
         bends, squeezes = bends[:, : self.width], bends[:, self.width :]
-        T = np.maximum(bends, 0) @ self.sides[:, 0] + np.maximum(-bends, 0) @ self.sides[:, 1]
+        T = np.maximum(bends, 0) @ self._sides[:, 0] + np.maximum(-bends, 0) @ self._sides[:, 1]
         if squeezes.size:
-            T += np.maximum(squeezes, 0) @ self.squeezes
-        T, low = np.clip(T, self.limits.lower, self.limits.upper), np.array(self.limits.lower)
-        if self.limits.total is not None:
-            most = max(self.limits.total - float(low.sum()), 0.0)
+            T += np.maximum(squeezes, 0) @ self._squeezes
+        T, low = np.clip(T, self._limits.lower, self._limits.upper), np.array(self._limits.lower)
+        if self._limits.total is not None:
+            most = max(self._limits.total - float(low.sum()), 0.0)
             T = low + (T - low) * (most / (T - low).sum(axis=1).clip(max(most, 1e-300)))[:, None]
         return np.asarray(T)
 
     def draw(self, count: int) -> Array:
         """Return bends (count, 2 n) in all directions, as many small as large; always the same."""
-        return _drawn(count, len(self.sections))
-
-
-@lru_cache(maxsize=8)
-def bend_coordinates(arm: Arm, tendons: frozenset[int], limits: Limits) -> BendCoordinates:
-    """Return the bends of an arm whose `tendons` may pull, kept for the next target."""
-    return BendCoordinates(arm, tendons, limits)
-
-
-@lru_cache(maxsize=8)
-def _drawn(count: int, n: int) -> Array:
-    rng = np.random.default_rng(0)
-    low, high = (np.geomspace(*ends, n) for ends in (_LEAST, _MOST))
-    size = low * (high / low) ** rng.uniform(size=(count, n))
-    angle = rng.uniform(0, 2 * np.pi, size=(count, n))
-    drawn = np.stack([size * np.cos(angle), size * np.sin(angle)], axis=2).reshape(count, -1)
-    drawn.setflags(write=False)
-    return drawn
+        rng, n = np.random.default_rng(0), len(self.sections)
+        low, high = (np.geomspace(*ends, n) for ends in (_LEAST, _MOST))
+        size = low * (high / low) ** rng.uniform(size=(count, n))
+        angle = rng.uniform(0, 2 * np.pi, size=(count, n))
+        bends = np.stack([size * np.cos(angle), size * np.sin(angle)], axis=2)
+        return np.asarray(bends.reshape(count, -1))
 
 
 def section_tensions(arm: Arm, section: int, angle: float, tendons: frozenset[int]) -> Array:

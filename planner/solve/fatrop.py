@@ -11,7 +11,7 @@ solver for robot trajectory optimization and control", IROS 2023.
 
 from __future__ import annotations
 
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -38,8 +38,8 @@ class Stages:
 
     Attributes
     ----------
-    possible : bool
-        Whether every row besides equilibrium is of one stage.
+    solver : Buffered or None
+        Fatrop; None unless every row besides equilibrium is of one stage.
     unknown : (n_z,)
         The unknown of the program that each one is.
     origin : (size,)
@@ -50,7 +50,7 @@ class Stages:
 
     def __init__(self, program: Program) -> None:
         of = program.states.of
-        self.program, self.count = program, of.elements
+        self.count = of.elements
         self.same, self.node, self.step = program.n_free + 1, of.node_size, of.stride
         self.width = self.same + self.step + self.node - POSE
         k, part = np.divmod(np.arange(self.count * self.width + self.same + self.node), self.width)
@@ -76,9 +76,8 @@ class Stages:
         self.order, self._ties = np.lexsort([place, stage]), ties
         near = self.stage[column] - self._of_row[row]
         fits = np.where(row < m, near == 0, near <= 1) | (self.stage[column] < 0)
-        self.possible = (
-            program.n_equations == of.n_states and not of.form.friction and bool(fits.all())
-        )
+        simple = program.n_equations == of.n_states and not of.form.friction
+        self.solver = self._solver(program) if simple and fits.all() else None
 
     def _seen(self, unknowns: Places, stage: Places) -> Places:
         """Return where stages see unknowns of the program, their own or those of the next node."""
@@ -86,9 +85,8 @@ class Stages:
         beyond = np.where(place < self.same + POSE, self.width, self.step - POSE)
         return stage * self.width + place + np.where(self.stage[unknowns] > stage, beyond, 0)
 
-    @cached_property
-    def tied(self) -> ca.DM:
-        """The matrix of the rows that tie copies, and the load factor last."""
+    def _tied(self) -> ca.DM:
+        """Return the matrix of the rows that tie copies, and the load factor last."""
         j, k = (index.ravel() for index in np.meshgrid(self._ties, np.arange(self.count)))
         copy = np.where(j < self.same, j, j + self.step - POSE) + k * self.width
         places = np.concatenate([(k + 1) * self.width + j, copy, [self.same - 1]])
@@ -97,10 +95,9 @@ class Stages:
         size = k.size + 1, self.unknown.size
         return ca.DM.triplet(rows.tolist(), places.tolist(), values, *size)
 
-    @cached_property
-    def solver(self) -> Buffered:
-        """Fatrop, of z, parameters and bounds; multipliers to begin with are of no use to it."""
-        of, n, rows = self.program, self.unknown.size, self.order.tolist()
+    def _solver(self, of: Program) -> Buffered:
+        """Return fatrop, of z, parameters and bounds; multipliers to begin with are of no use."""
+        n, rows, tied = self.unknown.size, self.order.tolist(), self._tied()
         z, p, sigma, lam = ca.MX.sym("z", n), of.p, of.sigma, ca.MX.sym("lam", len(rows))
         program = ca.Function(
             "program", [of.x, p, sigma, of.lam], [of.f, of.gradient, of.g, of.jacobian, of.hessian]
@@ -116,13 +113,13 @@ class Stages:
         H = _placed(H, self._seen(row, first), self._seen(column, first), (n, n))
         at = self.origin.tolist()
         chosen = ca.DM(ca.Sparsity.triplet(len(at), n, list(range(len(at))), at), 1.0)
-        equal = [r.lower == r.upper for r in self.program.rows for _ in range(r.size)]
+        equal = [r.lower == r.upper for r in of.rows for _ in range(r.size)]
         equal += [True] * (len(rows) - len(equal))
         return _fatrop(
-            {"x": z, "p": p, "f": MAGNIFIED * f, "g": ca.vertcat(g, self.tied @ z)[rows]},
+            {"x": z, "p": p, "f": MAGNIFIED * f, "g": ca.vertcat(g, tied @ z)[rows]},
             (sigma, lam),
             # What is handed over by its nonzeros has to be dense.
-            (ca.densify(MAGNIFIED * (chosen.T @ gradient)), ca.vertcat(J, self.tied)[rows, :]),
+            (ca.densify(MAGNIFIED * (chosen.T @ gradient)), ca.vertcat(J, tied)[rows, :]),
             H,
             [equal[row] for row in rows],
         )
@@ -189,7 +186,7 @@ def solve(problem: Problem, x: Array, p: Array) -> Candidate | None:
     Also where a tension has no room to change.
     """
     (lbx, ubx, lbg, ubg), of, n = problem.bounds, stages(problem.program), problem.n_free
-    if not of.possible or np.any(lbx[:n] == ubx[:n]):
+    if of.solver is None or np.any(lbx[:n] == ubx[:n]):
         return None
     low, high = (np.full(of.unknown.size, side * np.inf) for side in (-1, 1))
     low[:n], high[:n] = lbx[:n], ubx[:n]
@@ -199,7 +196,8 @@ def solve(problem: Problem, x: Array, p: Array) -> Candidate | None:
     result = of.solver(x[of.unknown], p, low, high, *rows, *none)
     z, f, g, lam_x, lam_g, _ = (value.ravel() for value in result)
     stats, back = of.solver.stats(), np.argsort(of.order)[: lbg.size]
-    met, why = bool(stats["success"]), "the iteration limit was reached"
+    met = bool(stats["success"]) and bool(np.isfinite(z).all())
+    why = "the iteration limit was reached"
     lam_x = np.concatenate([lam_x[:n], np.zeros(x.size - n)]) / MAGNIFIED
     values = z[of.origin], lam_x, lam_g[back] / MAGNIFIED, float(f[0]) / MAGNIFIED, g[back]
     count, reason = int(stats["iter_count"]), "" if met else why

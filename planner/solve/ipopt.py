@@ -11,8 +11,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 from weakref import WeakKeyDictionary
 
@@ -168,7 +167,8 @@ STOPPED = {
 class Solution:
     """A point that the solver stopped at: numbers, and why it stopped.
 
-    `met` says that the solver believes in the point; that is a hint, never a verdict.
+    `met` says that the solver believes in the point, all numbers of which are finite; that is a
+    hint, never a verdict.
     """
 
     x: Array
@@ -181,11 +181,10 @@ class Solution:
     iterations: int
     solver: Solver = "ipopt"
 
-    @cached_property
-    def finite(self) -> bool:
+    @property
+    def is_finite(self) -> bool:
         """Whether every number is finite."""
-        numbers = (self.x, self.g, self.lam_x, self.lam_g)
-        return all(bool(np.all(np.isfinite(values))) for values in numbers)
+        return bool(np.isfinite(np.hstack([self.x, self.g, self.lam_x, self.lam_g])).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,4 +336,5 @@ def solved(
     met, count = status in ("Solve_Succeeded", "Solved_To_Acceptable_Level"), stats["iter_count"]
     reason = STOPPED.get(status, status.replace("_", " ").lower())
     LOG.debug("%s after %d iterations", "met" if met else f"not met: {reason}", count)
-    return Solution(x, lam_x, lam_g, float(f[0]), g, met, reason, int(count))
+    end = Solution(x, lam_x, lam_g, float(f[0]), g, met, reason, int(count))
+    return end if end.is_finite else replace(end, met=False)

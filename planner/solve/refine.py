@@ -13,6 +13,7 @@ Source: Stetter, "The defect correction principle and discretization methods", N
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 
@@ -53,21 +54,17 @@ def refine(
     """Return the optimum whose settled shape is what its program measures, to the last digits.
 
     To a part of the accuracy. None where the optimum is lost on the way, and where the arm comes to
-    another shape from rest. A candidate that is polished already comes with the defect that its
-    program was `corrected` for.
+    another shape from rest, or buckles. A candidate that is polished already comes with the defect
+    that its program was `corrected` for. The first shape, of which only the defect is read, is
+    settled near the candidate's; all others are settled from rest.
     """
-    try:
+    with suppress(OctoplanError, np.linalg.LinAlgError):
         return _refined(candidate, accuracy, corrected)
-    except (OctoplanError, np.linalg.LinAlgError):
-        return None
+    return None
 
 
 def _refined(candidate: Candidate, accuracy: float, corrected: Array | None) -> Candidate | None:
-    """Return what refine does; raises where the arm does not settle, and where it buckles.
-
-    The first shape, of which only the defect is read, is settled near the candidate's; all others
-    are settled from rest.
-    """
+    """Return what refine does; raises where the arm does not settle, and where it buckles."""
     last = None
     enough = max(min(accuracy, KKT_TOLERANCE) / PART, FINEST_ACCURACY)
     for correction in range(CORRECTIONS):
@@ -85,22 +82,23 @@ def _refined(candidate: Candidate, accuracy: float, corrected: Array | None) -> 
                 if near is not None:
                     continue
                 last = candidate
-                if problem.statement.mode == "exact" or _is_optimal(candidate, error):
+                if problem.statement.mode == "exact":
+                    return last
+                # The defect enters the gradient of least squares.
+                point = Point(problem, candidate.x, problem.parameters(defect=error))
+                if point.residual(*candidate.multipliers) <= KKT_TOLERANCE / PART:
                     return last
             rough = _defect_size(problem, error)
             if not rough <= _ELSEWHERE:
                 return None
             corrected = error
             if rough > _ROUGH:
-                order = collocation_order(STAGES, problem.scene.has(Friction))
-                finer = next_refinement(problem.statement.refinement, rough, _ROUGH, order)
-                if not finer:
+                finer = _on_finer_mesh(candidate, rough)
+                if finer is None:
                     return None
-                statement = problem.statement.but(refinement=finer)
-                candidate = settled_on(problem.but(statement), candidate)
-                corrected = defect(candidate.problem, candidate.x, shape)
+                candidate, corrected = finer, defect(finer.problem, finer.x, shape)
         candidate = polish(candidate, candidate.problem.parameters(defect=corrected))
-        if not (candidate.met and candidate.finite):
+        if not candidate.met:
             return last
     return last
 
@@ -114,19 +112,19 @@ def _as_shape(candidate: Candidate) -> Shape | None:
     return Shape(problem.arm, problem.scene, np.inf, of, problem.statement.refinement)
 
 
-def _is_optimal(candidate: Candidate, error: Array) -> bool:
-    """Return whether least squares are optimal with a defect, which enters their gradient."""
-    p = candidate.problem.parameters(defect=error)
-    point = Point(candidate.problem, candidate.x, p)
-    return point.residual(*candidate.multipliers) <= KKT_TOLERANCE / PART
+def _on_finer_mesh(candidate: Candidate, rough: float) -> Candidate | None:
+    """Return a candidate on a mesh whose defect is small, in equilibrium there.
 
-
-def settled_on(problem: Problem, candidate: Candidate) -> Candidate:
-    """Return a candidate on another mesh, in equilibrium there, with its multipliers.
-
-    Strains that are interpolated alone are in none, and the defect would be theirs.
+    Strains that are interpolated alone are in none, and the defect would be theirs. None where the
+    mesh would be finer than any.
     """
-    x = problem.settled(candidate.tensions, candidate.problem.linearised(candidate.x))
+    before = candidate.problem
+    order = collocation_order(STAGES, before.scene.has(Friction))
+    finer = next_refinement(before.statement.refinement, rough, _ROUGH, order)
+    if not finer:
+        return None
+    problem = before.but(before.statement.but(refinement=finer))
+    x = problem.settled(candidate.tensions, before.linearised(candidate.x))
     point = Point(problem, x, problem.parameters())
     lam_x, lam_g = point.extended(*candidate.multipliers)
     return replace(candidate, problem=problem, x=x, lam_x=lam_x, lam_g=lam_g)
@@ -156,7 +154,7 @@ def polish(
         guess = np.clip(candidate.x, low, high)
         lam = candidate.lam_x, candidate.lam_g
         trial = solve(problem, guess, p, (low, high, lbg, ubg), lam, purpose)
-        if not (trial.met and trial.finite):
+        if not trial.met:
             if not (at_low | at_high).any():
                 last = trial if warm else solve(problem, candidate.x, p, (lbx, ubx, lbg, ubg))
                 return last if last.met or candidate is begun else candidate

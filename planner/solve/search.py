@@ -14,27 +14,24 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from heapq import heapify, heappop, heappush
 from itertools import chain, count, islice, tee
+from operator import attrgetter
 
 import numpy as np
 
-from model.arm import Arm
 from model.errors import OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
 from model.progress import tell
-from model.scene import Scene
 from model.time_limit import OutOfTime, check_time
 from planner.initial_guess.guesses import POINT, conditions, drawn_arms, initial_guesses
-from planner.program.limits import Limits
-from planner.program.problem import SEARCHED
+from planner.program.problem import SEARCHED, Problem
 from planner.program.program import soft_rows
-from planner.program.statement import Mode, Statement
+from planner.program.statement import Mode
 from planner.program.terms import terms_of
 from planner.solve.fatrop import solve as by_stages
 from planner.solve.ipopt import Candidate, solve
 from planner.solve.refine import refine
 from planner.solve.task import SearchResult, Task, Trial, agreed
-from planner.targets.base import Target
 
 # Guesses that have to agree; one more where as many lead nowhere, or all miss the targets, and
 # where a point or more is to be met, which arms meet in several ways.
@@ -77,7 +74,7 @@ class _Reading:
     """
 
     mode: Mode
-    guesses: Iterator[Array]
+    guesses: Iterator[Array] = field(default_factory=lambda: iter(()))
     trials: list[Trial] = field(default_factory=list)
     met: list[Candidate] = field(default_factory=list)
     unstable: list[Candidate] = field(default_factory=list)
@@ -94,10 +91,10 @@ class Search:
 
     def __init__(self, task: Task) -> None:
         self.task = task
-        self._now = _Reading("exact", iter(()))
+        self._now = _Reading("exact")
         self._last: Candidate | None = None
         self._count = conditions(task.arm, task.targets)
-        self._source = initial_guesses(*self._asked, is_loaded(task.scene))
+        self._source = initial_guesses(task, is_loaded(task.scene))
 
     @property
     def trials(self) -> list[Trial]:
@@ -107,7 +104,7 @@ class Search:
     @property
     def met(self) -> list[Candidate]:
         """Optima that are as stable as they have to be, of the same, by their objectives."""
-        return sorted(self._now.met, key=_objective)
+        return sorted(self._now.met, key=attrgetter("f"))
 
     def run(self) -> SearchResult:
         """Return the best optimum from the guesses it takes, or the best so far out of time."""
@@ -132,7 +129,7 @@ class Search:
                 continue
             readings = [near]
             if missed is not None and near.least <= _MET:
-                nearest = min([*near.met, *near.unstable], key=_objective)
+                nearest = min([*near.met, *near.unstable], key=attrgetter("f"))
                 missed.guesses = chain([nearest.tensions], missed.guesses)
                 readings, missed = [missed, near], None
             for self._now in readings:
@@ -194,27 +191,21 @@ class Search:
         tried = max(tried, 1)
         return chain(islice(first, 1), islice(new, tried, None), islice(before, 1, tried))
 
-    @property
-    def _asked(self) -> tuple[Arm, Scene, tuple[Target, ...], Limits, bool]:
-        """What initial guesses are for: in a scene without loads."""
-        task, scene = self.task, self.task.simple.scene
-        return task.arm, scene, task.targets, task.allowed, task.machine_code
-
     def _try(self, most: int | None = None, until_met: bool = False) -> None:
         """Solve from guesses until enough of them agree, or from so many.
 
         Or until one all but meets the targets.
         """
-        reading, statement = self._now, self.task.coarse(self._now.mode)
+        reading, problem = self._now, self.task.problem(self.task.coarse(self._now.mode))
         for T in islice(reading.guesses, most):
             if self._enough() or (until_met and reading.least <= _MET):
                 return
             tell(_PHASES[reading.mode], len(reading.trials), self.task.most)
-            self._keep(self.solve(statement, T))
+            self._keep(self.solve(problem, T))
 
-    def solve(self, statement: Statement, T: Array) -> Candidate:
-        """Return what tensions (n_tendons,) [N] lead to."""
-        problem, candidate = self.task.problem(statement), None
+    def solve(self, problem: Problem, T: Array) -> Candidate:
+        """Return what tensions (n_tendons,) [N] lead to in a program of the task's."""
+        candidate = None
         x, p = problem.guess(T), problem.parameters(SEARCHED)
         if self.task.statement.solver == "fatrop":
             candidate = by_stages(problem, x, p)
@@ -225,10 +216,10 @@ class Search:
 
     def _keep(self, candidate: Candidate) -> None:
         self._now.trials.append(Trial(candidate.f, candidate.met, candidate.iterations))
-        if candidate.finite:
+        if candidate.is_finite:
             self._last = candidate
-            if candidate.met:
-                self._sort(candidate)
+        if candidate.met:
+            self._sort(candidate)
 
     def _sort(self, optimum: Candidate) -> None:
         """Keep an optimum with those that are as stable as they have to be, or with the others."""
@@ -239,7 +230,7 @@ class Search:
 
     def from_tensions(self, mode: Mode, T: Array) -> Candidate | None:
         """Return the optimum that tensions lead to, as stable as it has to be."""
-        return self._from(mode, self.solve(self.task.coarse(mode), T))
+        return self._from(mode, self.solve(self.task.problem(self.task.coarse(mode)), T))
 
     def exchanged(self, optimum: Candidate) -> Candidate | None:
         """Return the optimum near one of the same targets, among other inequalities."""
@@ -257,7 +248,7 @@ class Search:
     def _from(self, mode: Mode, candidate: Candidate) -> Candidate | None:
         """Return a candidate if it is an optimum, held to its stability where need be."""
         check_time()
-        self._now = _Reading(mode, iter(()))
+        self._now = _Reading(mode)
         self._keep(candidate)
         held = (each for optimum in self._now.unstable for each in self._held(optimum))
         return next(chain(self._now.met, held), None)
@@ -304,35 +295,28 @@ class Search:
         return None
 
     def _held(self, optimum: Candidate) -> Iterator[Candidate]:
-        """Yield the optimum near an unstable one whose least mode is held to more and more."""
+        """Yield the optimum near an unstable one whose least mode is held to more and more.
+
+        Up to where there is none, or where another mode than the one held is less stable.
+        """
+        before = optimum.problem
         for floor in sorted({max(floor, self.task.statement.margin) for floor in _FLOORS}):
-            held = self._with_mode(optimum, floor)
-            if held is None:
+            problem = before.but(before.statement.but(modes=1, floor=floor))
+            try:
+                x = problem.carried(optimum.x, before)
+            except (OctoplanError, np.linalg.LinAlgError):
+                return
+            held = solve(problem, x, problem.parameters(SEARCHED))
+            check_time()
+            if not held.met or not problem.stands(held.x, floor - _COARSE * floor):
                 return
             yield held
 
-    def _with_mode(self, optimum: Candidate, floor: float) -> Candidate | None:
-        """Return the optimum with its least stable mode held to a floor, near one without it.
-
-        None where there is none, and where another mode than the one held is less stable.
-        """
-        before = optimum.problem
-        problem = before.but(before.statement.but(modes=1, floor=floor))
-        try:
-            x = problem.carried(optimum.x, before)
-        except (OctoplanError, np.linalg.LinAlgError):
-            return None
-        held = solve(problem, x, problem.parameters(SEARCHED))
-        check_time()
-        if not (held.met and held.finite):
-            return None
-        return held if problem.stands(held.x, floor - _COARSE * floor) else None
-
     def _so_far(self, stopped: bool = True) -> SearchResult:
         """Return the best that was seen: of optima that of least effort, else what came last."""
-        best = min([*self._now.met, *self._now.lost], key=_objective, default=self._last)
+        best = min([*self._now.met, *self._now.lost], key=attrgetter("f"), default=self._last)
         if best is None:
-            *_, T = islice(drawn_arms(*self._asked), 2)
+            *_, T = islice(drawn_arms(self.task), 2)
             statement = self.task.coarse("nearest")
             return SearchResult(statement, self.task.arm.by_section(T), (), (), (), stopped)
         return SearchResult.at(best, self.trials, stopped=stopped)
@@ -342,7 +326,3 @@ def _is_same(one: Candidate, other: Candidate) -> bool:
     """Return whether two candidates are one."""
     n = min(one.x.size, other.x.size)
     return bool(np.abs(one.x[:n] - other.x[:n]).max() <= _SAME)
-
-
-def _objective(optimum: Candidate) -> float:
-    return optimum.f

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -63,10 +63,9 @@ class Task:
         return MOST if self.starts is None else self.starts
 
     @property
-    def simple(self) -> Task:
-        """The same in the paper's balance and without loads, where strains are closed forms."""
-        effects = (effect for effect in self.scene.effects if isinstance(effect, Extension))
-        return replace(self, scene=Scene(*effects))
+    def bare(self) -> Scene:
+        """The scene in the paper's balance and without loads, where strains are closed forms."""
+        return Scene(*(effect for effect in self.scene.effects if isinstance(effect, Extension)))
 
     @cached_property
     def allowed(self) -> Limits:
@@ -75,15 +74,8 @@ class Task:
 
     def problem(self, statement: Statement) -> Problem:
         """Return the program by a statement."""
-        if statement not in self._problems:
-            question = (self.arm, self.scene, self.targets, self.allowed, statement)
-            self._problems[statement] = Problem(*question, self.machine_code)
-        return self._problems[statement]
-
-    @cached_property
-    def _problems(self) -> dict[Statement, Problem]:
-        """The programs by their statements."""
-        return {}
+        question = (self.arm, self.scene, self.targets, self.allowed, statement)
+        return Problem(*question, self.machine_code)
 
     def coarse(self, mode: Mode) -> Statement:
         """Return the statement on a mesh that costs little: good to 1e-3 of L or so.
@@ -92,7 +84,7 @@ class Task:
         """
         return self.statement.but(mode=mode, refinement=1 if self.scene.has(Extension) else 2)
 
-    @cached_property
+    @property
     def can_be_exact(self) -> bool:
         """Whether there are tendons enough to meet every equality and soft residual."""
         free = np.sum(np.array(self.allowed.upper) > self.allowed.lower)

@@ -76,7 +76,7 @@ class Waypoints:
         for k in range(CORRECTIONS):
             tell("program over the waypoints", k, CORRECTIONS)
             solution, unknowns = program.solve(stops, solution)
-            if not (solution.met and solution.finite):
+            if not solution.met:
                 return False
             pairs = list(zip(stops, unknowns, strict=True))
             if not k and not all(stop.problem.stands(x) for stop, x in pairs):
@@ -143,7 +143,7 @@ class Waypoints:
             else:
                 x, multipliers = optimum.x, (optimum.lam_x, optimum.lam_g)
             optimum = solve(stop.problem, x, stop.p, stop.bounds, multipliers, "follow")
-            if not (optimum.met and optimum.finite):
+            if not optimum.met:
                 return
             waypoint = replace(waypoint, targets=following, tensions=optimum.tensions)
             yield waypoint
