@@ -39,13 +39,6 @@ PAPER_ARMS: dict[str, tuple[float, tuple[float, float], list[Row]]] = {
 }
 
 
-def _sizes(values: Any, rows: Sequence[Array]) -> str:
-    """Return how many numbers were given, in words."""
-    if all(np.ndim(value) == 0 for value in values):
-        return f"{len(rows)} numbers"
-    return f"{len(rows)} rows of {', '.join(str(row.size) for row in rows[:4])} numbers"
-
-
 PAPER_FRAME = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
 
 
@@ -99,12 +92,8 @@ class Arm(Shown):
         warn_unusual("Arm.length", [self.length], LENGTH)
         if self.rest_curvature is not None:
             for axis in ("n", "b"):
-                path, ends = getattr(self.rest_curvature, axis), np.array([0.0, self.length])
-                _evaluated(f"Arm.rest_curvature.{axis}", path, ends, self.length)
-        self._check_order()
-        self._check_radii()
-
-    def _check_order(self) -> None:
+                path, span = getattr(self.rest_curvature, axis), np.array([0.0, self.length])
+                _evaluated(f"Arm.rest_curvature.{axis}", path, span, self.length)
         ends = [section.at for section in self.sections]
         if ends[0] > self.length * (1 + 1e-12):
             raise InputError(
@@ -115,6 +104,7 @@ class Arm(Shown):
                 raise InputError(
                     f"Arm.sections[{i + 1}].at", inner, f"below {length_text(outer)}, tip to base"
                 )
+        self._check_radii()
 
     def _check_radii(self) -> None:
         s = np.linspace(0.0, self.length, 401)
@@ -262,7 +252,9 @@ class Arm(Shown):
         flat = np.concatenate(rows) if rows else np.zeros(0)
         is_flat = all(np.ndim(v) == 0 for v in values) and flat.size == self.n_tendons
         if not (is_flat or [row.size for row in rows] == counts):
-            raise InputError(name, _sizes(values, rows), allowed)
+            sizes = f" rows of {', '.join(str(row.size) for row in rows[:4])}"
+            are_rows = any(np.ndim(value) for value in values)
+            raise InputError(name, f"{len(rows)}{sizes * are_rows} numbers", allowed)
         for j, tension in enumerate(flat):
             if not 0 <= tension <= LARGEST:
                 raise InputError(

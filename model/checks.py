@@ -119,8 +119,3 @@ def orthonormal(
         allowed = "a right-handed orthonormal frame" if right_handed else "an orthonormal frame"
         raise InputError(field, value, allowed)
     return tuple(map(tuple, frame.tolist()))
-
-
-def vector(field: str, value: Any) -> tuple[float, ...]:
-    """Return value as three finite floats."""
-    return tuple(finite_array(field, value, (3,)).tolist())

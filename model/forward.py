@@ -46,13 +46,6 @@ def schemes_of(scene: Scene) -> tuple[str, ...]:
     return tuple(name for pair in pairs for name in pair if name)
 
 
-def order_of(scheme: str, scene: Scene) -> int:
-    """Return the order of a scheme in a scene."""
-    if scheme in COLLOCATIONS:
-        return collocation_order(COLLOCATIONS[scheme], scene.has(Friction))
-    return PRINTED[scheme].order if scheme in PRINTED else CLOSED_FORMS[scheme].order
-
-
 def check_scheme(scene: Scene, scheme: str | None) -> str:
     """Return the scheme by name, the scene's first for None; InputError if it cannot carry it."""
     allowed = schemes_of(scene)
@@ -136,8 +129,8 @@ class Maps:
 
     Attributes
     ----------
-    order : int
-        Of the scheme here.
+    order, first_order : int
+        Of the scheme here, and what a first mesh is as good as.
     least_order : int
         That error estimates count on: friction of a part that lies on an obstacle acts at nodes,
         and where a current runs along the arm its load, |v_n| v_n, has a kink in its derivative.
@@ -153,7 +146,12 @@ class Maps:
     def __init__(self, arm: Arm, scene: Scene, scheme: str, machine_code: bool) -> None:
         check_loads(arm, scene, contact=True)
         self.arm, self.scene, self.scheme, self.machine_code = arm, scene, scheme, machine_code
-        self.order, self.contacts = order_of(scheme, scene), contacts(scene)
+        if scheme in COLLOCATIONS:
+            self.order = collocation_order(COLLOCATIONS[scheme], scene.has(Friction))
+        else:
+            self.order = (CLOSED_FORMS | PRINTED)[scheme].order
+        # With friction a first mesh is as good as without; what it gains by refinement is less.
+        self.first_order, self.contacts = self.order + scene.has(Friction), contacts(scene)
         rubbing = any(contact.friction for contact in self.contacts)
         kinked = [2] * rubbing + [3] * scene.has(Current)
         self.least_order = min([self.order, *kinked])

@@ -39,7 +39,13 @@ class Scene(Shown):
             twice = next(place[0] for place in places if places.count(place) > 1)
             allowed = "each effect once (loads and masses: once at a place; contacts: a body once)"
             raise InputError("Scene", twice, allowed)
-        _check_together(kinds)
+        for each in kinds:
+            for other, reason in NEEDS.get(each, ()):
+                if other not in kinds:
+                    raise InputError("Scene", each, f"{each} with {other}: {reason}")
+            for other, reason in _CONTRADICTS.get(each, ()):
+                if other in kinds:
+                    raise InputError("Scene", f"{each} and {other}", f"one of them: {reason}")
         object.__setattr__(self, "effects", tuple(sorted(effects, key=_place)))
 
     @classmethod
@@ -126,13 +132,3 @@ _CONTRADICTS = {
         *((load, "eqs. (10) and (11) are written without loads or shear") for load in _LOADS),
     ),
 }
-
-
-def _check_together(kinds: list[str]) -> None:
-    for effect in kinds:
-        for other, reason in NEEDS.get(effect, ()):
-            if other not in kinds:
-                raise InputError("Scene", effect, f"{effect} with {other}: {reason}")
-        for other, reason in _CONTRADICTS.get(effect, ()):
-            if other in kinds:
-                raise InputError("Scene", f"{effect} and {other}", f"one of them: {reason}")

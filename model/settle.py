@@ -16,9 +16,9 @@ from model.checks import kind
 from model.contact.gaps import THROUGH
 from model.contact.path import Touching
 from model.contact.self_contact import pressed_on_itself
-from model.effects import Friction, PrintedStatics, SelfContact
+from model.effects import PrintedStatics, SelfContact
 from model.equilibrium.linearised import Equilibrium, check_stretch
-from model.equilibrium.newton import ROUGHEST
+from model.equilibrium.newton import ROUGHEST, SETTLED
 from model.errors import (
     CollapsedError,
     ConvergenceError,
@@ -46,8 +46,6 @@ LOG = logging.getLogger(__name__)
 ACCURACY = 1e-6
 # A mesh up to this one may be too coarse to say that the arm snaps.
 _COARSE = 16
-# The accuracy for which the first mesh, which others begin with, is solved to rounding.
-_EXACT = 1e-11
 # How accurate shapes are that tell whether lengths are too short.
 _ROUGHLY = 1e-3
 
@@ -138,7 +136,12 @@ def settle(
         else:
             scene = scene_of(arm, scene)
             maps = maps_of(arm, scene, scheme, machine_code)
-            begin = None if near is None else _near(near, arm, scene)
+            begin: Equilibrium | None = None
+            if near is not None:
+                kind("near", near, Shape, "a Shape of the same arm and scene, or None")
+                if near.arm != arm or without_friction(near.scene) != without_friction(scene):
+                    raise InputError("near", "a shape of another arm or scene", "one of the same")
+                begin = near.equilibrium
             given = _given(arm, scene, tensions, lengths, tendon_EA, tendon_outside)
             if isinstance(given, Winches):
                 shape = _by_lengths(maps, given, accuracy, begin)
@@ -205,14 +208,6 @@ def _given(
     return arm.flat(tensions)
 
 
-def _near(near: Any, arm: Arm, scene: Scene) -> Equilibrium:
-    kind("near", near, Shape, "a Shape of the same arm and scene, or None")
-    if near.arm != arm or without_friction(near.scene) != without_friction(scene):
-        raise InputError("near", "a shape of another arm or scene", "one of the same")
-    equilibrium: Equilibrium = near.equilibrium
-    return equilibrium
-
-
 def _settled(
     maps: Maps,
     value: Array | GivenLengths,
@@ -220,10 +215,9 @@ def _settled(
     near: Equilibrium | None,
 ) -> Shape:
     """Return the shape on the first mesh that is accurate enough."""
-    # With friction a first mesh is as good as without; what it gains by refinement is less.
-    refinement, fine = first_pair(accuracy, maps.order + maps.scene.has(Friction))
+    refinement, fine = first_pair(accuracy, maps.first_order)
     coarse, before = 0, np.zeros(7)
-    rough = min(max(accuracy / _EXACT, 1.0), ROUGHEST)
+    rough = min(max(10 * accuracy / SETTLED, 1.0), ROUGHEST)
     snaps: tuple[float, ...] = ()
     begun = time.process_time() if maps.contacts else 0.0
     while refinement:

@@ -123,25 +123,21 @@ def _html(part: Part) -> str:
     return f"<table>{''.join(lines)}</table>"
 
 
-def in_notebook(value: Any) -> str:
-    """Return HTML: the figure of a value, where one can be drawn, its paragraphs and tables."""
-    plot, parts = _shown_as(value)
-    text = "".join(map(_html, parts(value)))
-    if plot is None:
-        return text
-    file = io.BytesIO()
-    plot(value).savefig(file, format="png", bbox_inches="tight")
-    png = base64.b64encode(file.getvalue()).decode()
-    return f'<img src="data:image/png;base64,{png}" style="max-width: 100%"/>{text}'
-
-
 class Shown:
     """What notebooks show by its figure and by what is told of it; see shown_by."""
 
     __slots__ = ()
 
     def _repr_html_(self) -> str:
-        return in_notebook(self)
+        """Return the figure, where one can be drawn, then paragraphs and tables."""
+        plot, parts = _shown_as(self)
+        text = "".join(map(_html, parts(self)))
+        if plot is None:
+            return text
+        file = io.BytesIO()
+        plot(self).savefig(file, format="png", bbox_inches="tight")
+        png = base64.b64encode(file.getvalue()).decode()
+        return f'<img src="data:image/png;base64,{png}" style="max-width: 100%"/>{text}'
 
 
 def _shown_as(value: Any) -> _Way:

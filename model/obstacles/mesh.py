@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta
 
-from model.checks import orthonormal, vector
+from model.checks import finite_array, orthonormal
 from model.errors import FileError, InputError, needed
 from model.obstacles.base import ALONG_BASE, ENDLESS, Obstacle, axes_with, rounded
 from model.obstacles.triangles import Triangles, check_closed, volume
@@ -82,7 +82,8 @@ class Mesh(Obstacle):
             raise FileError(str(path), "", "there are no triangles in it")
         faces = faces[:, ::-1] if volume(vertices, faces) < 0 else faces
         try:
-            return cls(UNITS[unit] * vertices @ axes.T + vector("position", position), faces)  # type: ignore[arg-type]
+            place = finite_array("position", position, (3,))
+            return cls(UNITS[unit] * vertices @ axes.T + place, faces)  # type: ignore[arg-type]
         except InputError as reason:
             raise FileError.of(reason, str(path), "") from None
 
