@@ -15,7 +15,7 @@ from model.equilibrium.linearised import Index
 from model.equilibrium.newton import STAGES
 from model.equilibrium.sensitivities import Sensitivities
 from model.forward import by_collocation, explicit_map
-from model.loads import is_loaded
+from model.loads import convergence_order, is_loaded
 from model.mesh import FINEST, REFINEMENTS, refined
 from model.paths import Array
 from model.shape import Shape
@@ -24,7 +24,6 @@ from model.unloaded.marched import Marched
 from model.winches import least_compliance, pulls
 
 Response = Sensitivities | MarchDerivative
-_ORDER, _SCHEME = 2 * STAGES, "magnus6"
 # The estimate for a compliance over that for the tip: 4 for table 2, 80 for table 4, whose tip is
 # slender. Too little costs a third mesh, too much a finer one.
 _HARDER = 80.0
@@ -43,14 +42,15 @@ def compliance_of(shape: Shape, at: float, accuracy: float) -> tuple[Response, i
         return float(np.abs(scaled[0] - scaled[1]).max() / np.abs(scaled[0]).max())
 
     pair = _first_pair(shape, accuracy)
-    return refined(pair, accuracy, _ORDER, lambda mesh: sensitivities(shape, at, mesh), gap)
+    order = convergence_order(shape.scene, 2 * STAGES, derivatives=True)
+    return refined(pair, accuracy, order, lambda mesh: sensitivities(shape, at, mesh), gap)
 
 
 def sensitivities(shape: Shape, at: float, refinement: int) -> Response:
     """Return the sensitivities of a shape at arc length `at` on the mesh of a refinement."""
     arm, scene, T = shape.arm, shape.scene, shape.tensions
     if not is_loaded(scene):
-        arguments = arm, scene, _SCHEME, refinement, (at,), shape.machine_code
+        arguments = arm, scene, "magnus6", refinement, (at,), shape.machine_code
         point = explicit_map(*arguments).solve(T)
         return MarchDerivative(point, point.mesh.node(at))
     forward = by_collocation(arm, scene, STAGES, refinement, (at,), True, shape.machine_code)
@@ -67,7 +67,7 @@ def at_nodes(shape: Shape, nodes: Sequence[int]) -> list[Response]:
 
 def _first_pair(shape: Shape, accuracy: float) -> tuple[int, int]:
     """Return the two refinements to begin with, by the error that settling was left with."""
-    harder = (_HARDER * shape.error / accuracy) ** (1 / _ORDER)
+    harder = (_HARDER * shape.error / accuracy) ** (1 / (2 * STAGES))
     wanted = min(max(shape.refinement * harder, 2), FINEST / 2)
     fine = next(r for r in REFINEMENTS if r >= wanted)
     return max(r for r in REFINEMENTS if r <= fine / 2), fine

@@ -11,7 +11,7 @@ from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import STAGES, Followed, follow_on
 from model.errors import InputError
 from model.forward import by_collocation
-from model.loads import check_loads, is_loaded
+from model.loads import check_loads, convergence_order, is_loaded
 from model.mesh import first_pair, refined
 from model.paths import Array
 from model.scene import Scene
@@ -54,11 +54,10 @@ def critical_load_factor(
     if not is_loaded(scene):
         raise InputError("scene", [type(e).__name__ for e in scene.effects], "a scene with loads")
     T, most = arm.flat(tensions), positive("most", most)
-    order = 2 * STAGES
     end, _, _ = refined(
-        first_pair(accuracy, order),
+        first_pair(accuracy, 2 * STAGES),
         accuracy,
-        order,
+        convergence_order(scene, 2 * STAGES),
         lambda mesh: _end(arm, scene, T, mesh, most, accuracy),
         lambda now, before: abs(now.load - before.load) / now.load,
     )

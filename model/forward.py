@@ -11,11 +11,11 @@ import numpy as np
 
 from model.arm import Arm
 from model.contact.forward import TouchingMap
-from model.effects import Current, Friction, PrintedStatics
-from model.equilibrium.newton import Collocation, collocation_order
+from model.effects import PrintedStatics
+from model.equilibrium.newton import Collocation
 from model.errors import InputError
 from model.integrators import MAGNUS2, MAGNUS4, MAGNUS6, RK4, RK6, RK8
-from model.loads import check_loads, contacts, is_loaded
+from model.loads import check_loads, contacts, convergence_order, is_loaded
 from model.mesh import IMPLICIT, ROUNDING
 from model.scene import Scene
 from model.unloaded.closed_form import ClosedForm
@@ -129,11 +129,8 @@ class Maps:
 
     Attributes
     ----------
-    order, first_order : int
-        Of the scheme here, and what a first mesh is as good as.
-    least_order : int
-        That error estimates count on: friction of a part that lies on an obstacle acts at nodes,
-        and where a current runs along the arm its load, |v_n| v_n, has a kink in its derivative.
+    order, least_order : int
+        Of the scheme where all is smooth, and that error estimates in this scene count on.
     rounding : float
         What it leaves of the tip's error over the arm's length.
     lever : float
@@ -147,14 +144,10 @@ class Maps:
         check_loads(arm, scene, contact=True)
         self.arm, self.scene, self.scheme, self.machine_code = arm, scene, scheme, machine_code
         if scheme in COLLOCATIONS:
-            self.order = collocation_order(COLLOCATIONS[scheme], scene.has(Friction))
+            self.order = 2 * COLLOCATIONS[scheme]
         else:
             self.order = (CLOSED_FORMS | PRINTED)[scheme].order
-        # With friction a first mesh is as good as without; what it gains by refinement is less.
-        self.first_order, self.contacts = self.order + scene.has(Friction), contacts(scene)
-        rubbing = any(contact.friction for contact in self.contacts)
-        kinked = [2] * rubbing + [3] * scene.has(Current)
-        self.least_order = min([self.order, *kinked])
+        self.contacts, self.least_order = contacts(scene), convergence_order(scene, self.order)
         self.rounding = IMPLICIT if scheme in COLLOCATIONS else ROUNDING
         base = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0])
         self.lever, self.by_sections = base * is_loaded(scene), not scene.has(PrintedStatics)

@@ -50,6 +50,21 @@ def is_conservative(scene: Scene) -> bool:
     return not (turns or scene.has(Current, Friction))
 
 
+def convergence_order(scene: Scene, order: int, derivatives: bool = False) -> int:
+    """Return the order at which errors in a scene fall; `order` is that where all is smooth.
+
+    Tendon friction leaves one less, where a fine mesh is needed to see it; friction of a part that
+    lies on an obstacle acts at nodes. Where a current runs along the arm its load |v_n| v_n has a
+    kink in its derivative, and the `derivatives` of the equilibrium have one themselves.
+    """
+    orders = [order - scene.has(Friction)]
+    if any(contact.friction for contact in contacts(scene)):
+        orders.append(2)
+    if scene.has(Current):
+        orders.append(2 if derivatives else 3)
+    return min(orders)
+
+
 def check_loads(arm: Arm, scene: Scene, contact: bool = False) -> None:
     """Raise InputError for loads that this arm cannot have, and an arm that has to have some.
 

@@ -215,7 +215,8 @@ def _settled(
     near: Equilibrium | None,
 ) -> Shape:
     """Return the shape on the first mesh that is accurate enough."""
-    refinement, fine = first_pair(accuracy, maps.first_order)
+    # A first mesh is as good in any scene; what it gains by refinement may be less.
+    refinement, fine = first_pair(accuracy, maps.order)
     coarse, before = 0, np.zeros(7)
     rough = min(max(10 * accuracy / SETTLED, 1.0), ROUGHEST)
     snaps: tuple[float, ...] = ()

@@ -173,14 +173,6 @@ def is_near(system: System, before: Array, after: Array) -> bool:
 _SOON_IF_CRUSHED = 30
 
 
-def collocation_order(stages: int, friction: bool) -> int:
-    """Return the order that error estimates count on.
-
-    One less with friction, where a fine mesh is needed to see it.
-    """
-    return 2 * stages - friction
-
-
 class Collocation:
     """The equations of an arm on a mesh, which settle tensions to equilibria.
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from model import Arm, InputError, Scene
 from model.checks import kind
-from model.effects import Friction, PrintedStatics
-from model.equilibrium.newton import STAGES, collocation_order
+from model.effects import PrintedStatics
+from model.equilibrium.newton import STAGES
 from model.errors import OctoplanError, SnapError, TimeLimitError
-from model.loads import contacts
+from model.loads import contacts, convergence_order
 from model.machine.compiled import Compile, checked_compile
 from model.mesh import checked_accuracy, estimate
 from model.paths import Array
@@ -230,14 +230,13 @@ class _Search:
 
     def _refined(self, coarse: Evaluation) -> Evaluation:
         """Return an evaluation on the first mesh that is as accurate as asked, or the finest."""
-        friction = self.parameters.scene.has(Friction)
         for i, mesh in enumerate(_FINER):
             tell("meshes", i, len(_FINER))
             fine = coarse.near(coarse.values, self._on(*mesh))
             gap = max((_gap(coarse, fine, i) for i in fine.equilibria), default=0.0)
             (before, m, _), (after, stages, _) = coarse.experiment.mesh, fine.experiment.mesh
             # With more stages it is the error of the coarser one: its own is less.
-            order = collocation_order(stages, friction)
+            order = convergence_order(self.parameters.scene, 2 * stages)
             self.error = gap if stages > m else float(estimate(gap, before, after, order))
             coarse = fine
             if self.error <= self.accuracy:

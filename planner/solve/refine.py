@@ -20,10 +20,9 @@ from functools import lru_cache
 import numpy as np
 
 from model.arm import Arm
-from model.effects import Friction
-from model.equilibrium.newton import STAGES, collocation_order
+from model.equilibrium.newton import STAGES
 from model.errors import CollapsedError, OctoplanError
-from model.loads import is_loaded
+from model.loads import convergence_order, is_loaded
 from model.mesh import FINEST_ACCURACY, next_refinement
 from model.paths import Array
 from model.scene import Scene
@@ -119,7 +118,7 @@ def _on_finer_mesh(candidate: Candidate, rough: float) -> Candidate | None:
     mesh would be finer than any.
     """
     before = candidate.problem
-    order = collocation_order(STAGES, before.scene.has(Friction))
+    order = convergence_order(before.scene, 2 * STAGES)
     finer = next_refinement(before.statement.refinement, rough, _ROUGH, order)
     if not finer:
         return None
