@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,19 +11,17 @@ from model.equilibrium.linearised import Linearised
 from model.errors import OctoplanError
 from model.paths import Array
 from model.time_limit import check_time
-from planner.contact.equilibria import Equilibria
 from planner.contact.load_path import LoadPath
 from planner.contact.program import Constraints, Step, TensionProgram
 from planner.program.limits import natural_tensions
 
-# Steps, and those that fail, at most; the first trust region, in tensions that bend by 1 rad.
-_STEPS, _FAILURES, _RADIUS = 60, 12, 0.25
+# Steps at most, also those that fail; the first trust region, in tensions that bend by 1 rad.
+_STEPS, _RADIUS = 60, 0.25
 # Penalties of violations, one after the other; violations and steps that count as 0, and the
 # rounding of violations.
 _PENALTIES, _NONE, _ROUNDING = (1e1, 1e3, 1e5), 1e-7, 1e-10
-# Merits are compared with the largest of so many; steps that bring so much of the decrease of their
-# model may become longer.
-_RECENT, _GOOD = 3, 0.5
+# Merits are compared with the largest of so many.
+_RECENT = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,25 +60,22 @@ class ContactOptimum:
 
 
 def optimum(
-    equilibria: Equilibria, begin: Linearised, start: Array | None = None, least: float = 0.0
+    program: TensionProgram, begin: Linearised, start: Array | None = None
 ) -> ContactOptimum:
     """Return the optimum that a program leads to from an equilibrium, or from other tensions.
 
-    With a stability of at least so much. Where the constraints cannot be met from there, where they
-    are violated least. Raises what settling the start does.
+    Where the constraints cannot be met from there, where they are violated least. Raises what
+    settling the start does.
     """
-    program = TensionProgram(equilibria, begin, least)
-    at = program.at((begin.tensions if start is None else start) / program.unit, begin)
-    path = [at]
+    path = [program.at((begin.tensions if start is None else start) / program.unit, begin)]
     for penalty in _PENALTIES:
         path += _descended(program, path[-1], penalty)
         if path[-1].violation < _NONE:
             break
-    at, steps = path[-1], (program.unit * each.tensions for each in path[1:-1])
+    at, step = path[-1], conditions(path[-1])
     violation = at.violation if at.violation > _NONE else 0.0
-    load_path = tuple(tuple(T.tolist()) for T in steps)
-    step = conditions(at)
-    yields = least > 0 and step.lam_stability < -_NONE
+    load_path = tuple(tuple(each.point.tensions.tolist()) for each in path[1:-1])
+    yields = program.least > 0 and step.lam_stability < -_NONE
     return ContactOptimum(at.point, violation, step, yields, load_path)
 
 
@@ -89,24 +85,21 @@ def _descended(program: TensionProgram, at: Constraints, penalty: float) -> list
     A step fails where no shape is settled or the merit is above the last ones: the next is shorter.
     """
     natural = natural_tensions(program.task.arm) / program.unit
-    hessian, radius, failures, path = np.eye(program.n), _RADIUS, 0, [at]
-    while len(path) < _STEPS and failures < _FAILURES:
+    hessian, radius, path = np.eye(program.n), _RADIUS, [at]
+    for _ in range(_STEPS):
         check_time()
         step = at.step(hessian, radius * natural, penalty)
         size = float(np.abs(step.change / natural).max())
         if size < _NONE:
             break
-        worst, rounding = max(each.merit(penalty) for each in path[-_RECENT:]), penalty * _ROUNDING
-        try:
+        most = max(each.merit(penalty) for each in path[-_RECENT:]) + penalty * _ROUNDING
+        there = None
+        with suppress(OctoplanError):
             there = program.at(at.tensions + step.change, at.point, step.tangential)
-            less = worst - there.merit(penalty) + rounding
-        except OctoplanError:
-            less = -1.0
-        if less < 0:
-            radius, failures = size / 4, failures + 1
+        if there is None or there.merit(penalty) > most:
+            radius = size / 4
             continue
-        if less > _GOOD * step.decrease:
-            radius = max(radius, 2 * size)
+        radius = max(radius, 2 * size)
         hessian, at = _updated(hessian, at, there, step), there
         path.append(at)
     return path[1:]

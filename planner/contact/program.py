@@ -15,25 +15,30 @@ forces are unknowns within their cones. Where constraints cannot be met violatio
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-import casadi as ca
 import clarabel
 import numpy as np
 from scipy.linalg import block_diag
 
-from model.contact.touches import Touches, resultants, second
-from model.equilibrium.linearised import Linearised
+from model.contact.forward import TouchingMap
+from model.contact.friction import path_sensitivities
+from model.contact.touches import Touches, forces, resultants, second
+from model.equilibrium.linearised import Linearised, check_stretch
+from model.equilibrium.newton import STAGES
 from model.equilibrium.stability import stability
-from model.errors import UnsettledContactError
+from model.errors import SnapError, UnsettledContactError
 from model.loads import contacts
 from model.paths import Array
+from model.time_limit import check_time
 from model.transcription.layout import POSE
-from planner.contact.equilibria import Equilibria
 from planner.contact.grasp import COST, Cone, Grasp, conic_program
+from planner.contact.load_path import LoadPath, rubs
 from planner.program.limits import natural_tensions
 from planner.program.terms import stations_of, target_numbers, terms_of
+from planner.solve.task import Task
 from planner.targets.hold import Hold
 
 # Steps of differences in scaled tensions: of states, and of shapes settled anew.
@@ -50,8 +55,6 @@ class Step:
         Of scaled tensions.
     tangential : (2 k,)
         Forces on objects after it, along the bases of their grasps.
-    decrease : float
-        How much less the merit is by its model.
     multipliers : (2 n + m,)
         Of bounds above and below, then of the constraints as their cones have them; 0 for the
         violation, whose multiplier is the penalty.
@@ -59,7 +62,6 @@ class Step:
 
     change: Array
     tangential: Array
-    decrease: float
     multipliers: Array
 
     @property
@@ -165,8 +167,7 @@ class Constraints:
             raise UnsettledContactError(1.0, "no step is found")
         x, lam = solution
         lam[2 * n + len(self.unequal)] = 0.0
-        decrease = penalty * self.violation - x @ (cost + H @ x / 2)
-        return Step(x[:n], x[n : n + k], float(decrease), lam)
+        return Step(x[:n], x[n : n + k], lam)
 
 
 def numbers_of(grasps: tuple[Grasp, ...]) -> tuple[Array, Array, Array]:
@@ -178,37 +179,51 @@ def numbers_of(grasps: tuple[Grasp, ...]) -> tuple[Array, Array, Array]:
 
 
 class TensionProgram:
-    """The program of a task in scaled tensions, near an equilibrium.
+    """The program of a task in scaled tensions, on a mesh of a refinement.
 
     Attributes
     ----------
+    map : TouchingMap
+        Tensions to equilibria.
     unit : float
         Of tensions [N].
     least : float
         The stability that shapes are held to; none with 0.
+    begin : Linearised or None
+        With friction the end of the load path, where the arm begins.
     """
 
-    def __init__(self, equilibria: Equilibria, begin: Linearised, least: float = 0.0) -> None:
-        self.task, self.least, task = equilibria.task, least, equilibria.task
-        self._equilibria, self._begin = equilibria, begin
-        self.unit, self.n = float(natural_tensions(task.arm).max()), task.arm.n_tendons
-        self._holds = [target for target in task.targets if isinstance(target, Hold)]
+    def __init__(
+        self, task: Task, refinement: int, least: float = 0.0, load_path: LoadPath = ()
+    ) -> None:
+        self.task, self.least = task, least
         self._stations = stations_of(task.arm, task.targets)
+        more = self._stations, task.machine_code
+        self.map = TouchingMap(task.arm, task.scene, STAGES, refinement, *more)
+        self.unit, self.n = float(natural_tensions(task.arm).max()), task.arm.n_tendons
+        self.holds = [target for target in task.targets if isinstance(target, Hold)]
+        self._terms = terms_of(task.arm, task.targets)
         self._numbers = target_numbers(task.arm, task.targets)
+        self._counts = self._terms.count, len(self._terms.names[2])
+        self.begin = self.along(load_path) if rubs(task.scene) else None
 
-    @cached_property
-    def _terms(self) -> ca.Function:
-        """Poses, numbers -> equalities and soft residuals, inequalities, their derivatives."""
-        terms = terms_of(self.task.arm, self.task.targets).function
-        poses = ca.MX.sym("poses", *terms.size_in(0))
-        numbers = ca.MX.sym("numbers", *terms.size_in(1))
-        equality, soft, inequality, _ = terms(poses, numbers, ca.MX(0, 1))
-        rows = [ca.vertcat(equality, soft), inequality]
-        return ca.Function(
-            "terms",
-            [poses, numbers],
-            [ca.densify(ca.horzcat(row, ca.jacobian(row, poses))) for row in rows],
-        )
+    def settled(self, tensions: Array, near: Linearised | None = None) -> Linearised:
+        """Return the equilibrium from rest, or next to another; raises what settling does."""
+        point = self.map.solve(tensions, near, jumps=False)
+        check_stretch(point)
+        return point
+
+    def along(self, load_path: LoadPath) -> Linearised:
+        """Return the equilibrium at the end of a load path; raises what settling does.
+
+        Friction acts beyond the first tensions.
+        """
+        first, *others = (np.array(T) for T in load_path)
+        point: Linearised = self.map.without_friction.solve(first)
+        for T in others:
+            check_time()
+            point = self.settled(T, point)
+        return point
 
     def at(self, tensions: Array, near: Linearised, tangential: Array | None = None) -> Constraints:
         """Return the constraints at scaled tensions, next to an equilibrium; raises as settling.
@@ -216,59 +231,77 @@ class TensionProgram:
         Linearised at tangential forces, or the best ones where others touch, or none are given.
         """
         allowed = self.task.allowed
-        low, high = np.array(allowed.lower) / self.unit, np.array(allowed.upper) / self.unit
+        limits = np.array(allowed.lower), np.array(allowed.upper)
         # Steps are within limits to the rounding of the conic program.
-        tensions = np.clip(tensions, low, high)
-        point, by_tensions = self._beside(tensions, near)
-        system = point.system
-        places = system.of.nodes[[system.mesh.node(s) for s in self._stations], :POSE]
-        by_poses = block_diag(1.0, self.unit * by_tensions[places.ravel()])
-        terms = self._terms(point.states[places].T, self._numbers)
-        equal, unequal = (np.array(each) @ by_poses for each in terms)
+        T = np.clip(self.unit * tensions, *limits)
+        tensions, low, high = (each / self.unit for each in (T, *limits))
+        point, by_tensions = self._beside(T, near)
+        measured = self._measured(point)
+        here, values = measured(0 * point.states)
+        if any(not grasp.normal.size for grasp in here):
+            raise UnsettledContactError(1.0, "none is found in which the arm touches what it holds")
+        steps = _STEP * self.unit * by_tensions.T
+        differences = [measured(step)[1] - measured(-step)[1] for step in steps]
+        rows = np.column_stack([values, np.array(differences).T / (2 * _STEP)])
+        equal, unequal, grasped = np.split(rows, np.cumsum(self._counts))
         if self.least:
             unequal = np.vstack([self._margin(point, tensions), unequal])
         if allowed.total is not None:
             left = allowed.total / self.unit - tensions.sum()
             unequal = np.vstack([unequal, np.append(left, np.full(self.n, -1.0))])
-        here, rates = self._grasps(point, self.unit * by_tensions)
-        if any(not grasp.normal.size for grasp in here):
-            raise UnsettledContactError(1.0, "none is found in which the arm touches what it holds")
         best = np.concatenate([np.zeros(0), *(grasp.best for grasp in here)])
         f = best if tangential is None or tangential.size != best.size else tangential
-        return Constraints(point, tensions, low, high, equal, unequal, here, rates, f)
+        return Constraints(point, tensions, low, high, equal, unequal, here, grasped[:, 1:].T, f)
 
     def _beside(self, tensions: Array, near: Linearised) -> tuple[Linearised, Array]:
-        return self._equilibria.beside(self.unit * tensions, near, self._begin)
+        """Return the equilibrium next to another, and its states' derivatives by the tensions.
 
-    def _grasps(self, point: Linearised, by_tensions: Array) -> tuple[tuple[Grasp, ...], Array]:
-        """Return the grasps of an equilibrium, and the derivatives of their numbers."""
+        These are (n_states, n_tendons). With friction it is come to in a straight line of tensions
+        from where the arm began, against which friction acts all along. Elsewhere points that do
+        not press count as free in them.
+        """
+        if self.begin is not None:
+            end = self.map.solve(tensions, self.begin, jumps=False)
+            return end, path_sensitivities(end.path)
+        point = self.settled(tensions, near)
+        if stability(point) < 0:
+            raise SnapError(1.0, "it is unstable next to another equilibrium")
+        touches, force = Touches.of(point.system), forces(point.system, point.states)
+        light = touches.points & (force <= _STEP * self.unit)
+        touches.flags[light] = 0
+        released = Linearised(touches.on(point.system), point.x) if light.any() else point
+        return point, released.by_tensions
+
+    def _measured(self, point: Linearised) -> Callable[[Array], tuple[tuple[Grasp, ...], Array]]:
+        """Return what is measured next to an equilibrium, as a function of changes of its states.
+
+        That is the grasps, and numbers: residuals, inequalities of the targets, those of grasps.
+        """
         system, arm = point.system, self.task.arm
+        nodes = system.of.nodes[[system.mesh.node(s) for s in self._stations], :POSE]
         touches, bodies = Touches.of(system), contacts(system.scene)
         which, step = np.nonzero(touches.touching), _STEP * arm.length
         s = system.mesh.s[which[0]]
         before, after = np.split(point.at(np.append(s - step, s))[0][:, 4:], 2)
         tangents = (after - before) / step * touches.moves[which][:, None]
 
-        def at(change: Array) -> tuple[Grasp, ...]:
+        def at(change: Array) -> tuple[tuple[Grasp, ...], Array]:
             states = point.states + change
+            terms = self._terms.dense(states[nodes].ravel(), self._numbers, np.zeros(0))
             moved = second(system, change)[which][:, None] * tangents
             places, forces = system.poses(states)[which[0], 4:] + moved, resultants(system, states)
             grasps = list[Grasp]()
-            for hold in self._holds:
+            for hold in self.holds:
                 on = np.array([bodies[j].obstacle == hold.obstacle for j in which[1]], dtype=bool)
                 normals, gaps = (
                     f(places[on]) for f in (hold.obstacle.gradient, hold.obstacle.distance)
                 )
                 points = places[on] - gaps[:, None] * normals
                 grasps.append(Grasp.at(arm, hold, points, normals, forces[which][on]))
-            return tuple(grasps)
+            numbers = [*terms[:3], *numbers_of(tuple(grasps))]
+            return tuple(grasps), np.concatenate([np.ravel(each) for each in numbers])
 
-        def flat(change: Array) -> Array:
-            return np.concatenate([each.ravel() for each in numbers_of(at(change))])
-
-        steps = _STEP * by_tensions.T
-        rates = [(flat(step) - flat(-step)) / (2 * _STEP) for step in steps]
-        return at(0 * point.states), np.array(rates)
+        return at
 
     def _margin(self, point: Linearised, tensions: Array) -> Array:
         """Return stability beyond what it is held to, and its derivatives by differences.
@@ -280,7 +313,7 @@ class TensionProgram:
             return np.append(beyond, np.zeros(self.n))
 
         def at(step: Array) -> float:
-            return stability(self._beside(tensions + step, point)[0])
+            return stability(self.settled(self.unit * (tensions + step), point))
 
         rates = [(at(step) - at(-step)) / (2 * _CHANGE) for step in _CHANGE * np.eye(self.n)]
         return np.append(beyond, rates)

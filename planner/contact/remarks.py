@@ -20,11 +20,11 @@ from planner.targets.base import Target
 from planner.targets.hold import LEVER, Hold
 from planner.targets.wrap import Wrap
 
-# Where a part is looked at, and the step of differences [m].
+# Where a part is looked at; the step of differences [m], and over the arm's length what is close.
 LOOKS, _STEP = 201, 1e-6
-# What is taken for no limit of tensions, in those that bend the arm by 1 rad.
-_STRONG = 20.0
-_CLOSE = 1e-6
+# What is taken for no limit of tensions, in those that bend the arm by 1 rad; directions towards
+# which tendons of one side pull.
+_STRONG, _SIDES = 20.0, 720
 
 
 def remarks(
@@ -56,7 +56,7 @@ def _curvatures(wrap: Wrap, shape: Shape, limits: Limits) -> str:
     gaps = wrap.obstacle.distance(shape.position(s)) - radius
     over = gaps - wrap.tolerance * radius
     k = int(np.argmax(over))
-    if over[k] <= _CLOSE * arm.length:
+    if over[k] <= _STEP * arm.length:
         return ""
     needed = curvature_along(wrap, shape, s)
     most, is_most = attainable_curvature(arm, shape.scene, limits, s)
@@ -78,7 +78,7 @@ def _curvatures(wrap: Wrap, shape: Shape, limits: Limits) -> str:
 def _part_along(wrap: Wrap, shape: Shape, s: Array, gaps: Array) -> str:
     """Return which part of the wrap lies along the obstacle in a shape: it can be had alone."""
     tolerance = wrap.tolerance * shape.arm.outer_radius(s)[0]
-    near = (gaps >= -_CLOSE * shape.arm.length) & (gaps <= tolerance)
+    near = (gaps >= -_STEP * shape.arm.length) & (gaps <= tolerance)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(int)))
     runs = edges.reshape(-1, 2) - [0, 1]
     if not runs.size or (longest := runs[np.argmax(np.diff(runs))])[0] == longest[1]:
@@ -125,16 +125,16 @@ def attainable_curvature(arm: Arm, scene: Scene, limits: Limits, s: Array) -> tu
     is looked at than 20 times what bends the arm by 1 rad, of those with a sum a part for each.
     """
     strong = _STRONG * natural_tensions(arm)
-    upper = np.minimum(np.array(limits.upper), strong)
+    lower, upper = np.array(limits.lower), np.minimum(np.array(limits.upper), strong)
     is_most = limits.total is None and bool((np.array(limits.upper) <= strong).all())
-    lower, phi = np.array(limits.lower), np.array([tendon_angle for _, tendon_angle in arm.tendons])
+    spare = np.inf if limits.total is None else max(limits.total - lower.sum(), 0.0)
     free = Scene(Extension()) if scene.has(Extension) else Scene()
     curvatures = [np.zeros(s.size)]
-    for pull in _sides(phi):
-        T = np.where(pull, upper, lower)
-        if limits.total is not None:
-            spare = max(limits.total - lower.sum(), 0.0)
-            T = lower + (T - lower) * min(1.0, spare / max((T - lower).sum(), 1e-300))
+    phi = np.array([tendon_angle for _, tendon_angle in arm.tendons])
+    towards = np.linspace(0.0, 2 * np.pi, _SIDES, endpoint=False)[:, None]
+    for side in np.unique(np.cos(phi - towards) > 0, axis=0):
+        more = np.where(side, upper - lower, 0.0)
+        T = lower + more * min(1.0, spare / max(more.sum(), 1e-300))
         try:
             strains = settle(arm, T, free, 1e-4).strain(s)
         except OctoplanError:
@@ -143,14 +143,6 @@ def attainable_curvature(arm: Arm, scene: Scene, limits: Limits, s: Array) -> tu
             continue
         curvatures.append(np.hypot(strains[:, 1], strains[:, 2]))
     return np.asarray(np.max(curvatures, axis=0)), is_most
-
-
-def _sides(phi: Array) -> Array:
-    """Return which tendons at angles (n,) lie on one side of the arm, for each side (k, n)."""
-    edges = np.unique(np.mod(np.concatenate([phi - np.pi / 2, phi + np.pi / 2]), 2 * np.pi))
-    between = edges + np.diff(np.append(edges, edges[0] + 2 * np.pi)) / 2
-    angles = np.concatenate([phi, between])
-    return np.unique(np.cos(phi - angles[:, None]) > 1e-9, axis=0)
 
 
 def _grip(hold: Hold, shape: Shape, accuracy: float) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
@@ -10,7 +9,7 @@ from itertools import chain
 import numpy as np
 
 from model.contact.forward import TouchingMap
-from model.equilibrium.linearised import Linearised
+from model.contact.path import close
 from model.equilibrium.newton import STAGES
 from model.errors import InputError, OctoplanError, UnsettledContactError
 from model.loads import contacts, without_friction
@@ -19,19 +18,19 @@ from model.progress import tell
 from model.scene import Scene
 from model.shape import Shape
 from model.time_limit import OutOfTime, check_time
-from planner.contact.equilibria import COARSE, FINE, Equilibria
 from planner.contact.guesses import guesses
 from planner.contact.load_path import ON_THE_PATH, LoadPath, rubs, settled_along
 from planner.contact.optimum import ContactOptimum, conditions, optimum
 from planner.contact.program import TensionProgram
 from planner.program.terms import compliance_requests
+from planner.solve.search import AGREED
 from planner.solve.task import SearchResult, Task, Trial, agreed
 from planner.targets.base import Target
 from planner.targets.hold import Hold
 from planner.targets.wrap import Wrap
 
-# How far the tip may be from where a load path leads, over the arm's length.
-_ELSEWHERE = 1e-2
+# The meshes of searches and of plans.
+COARSE, FINE = 1, 2
 # What is taken of the way to tensions without friction, and beyond.
 _SLID = (1.0, 1.5, 2.5)
 
@@ -108,31 +107,33 @@ class ContactSearch:
             free = np.ravel(plan.tensions)
             if plan.statement.mode == "exact" or plan.stopped:
                 break
-        equilibria, low = Equilibria(self.task, FINE), np.array(self.task.allowed.lower)
-        point = equilibria.along(self.begin)
+        program = TensionProgram(self.task, FINE, load_path=self.begin)
+        low = np.array(self.task.allowed.lower)
+        assert program.begin is not None
         for factor in _SLID[: self.task.starts]:
             with suppress(OctoplanError):
                 start = np.maximum(T + factor * (free - T), low)
-                end = optimum(equilibria, point, start)
+                end = optimum(program, program.begin, start)
                 self.optima.append(replace(end, load_path=self.begin))
         self.best = min(self.optima, key=_cost, default=None)
 
     def _search(self) -> None:
-        """Find optima until two agree on the best, or there are as many as are asked for."""
-        coarse, fine = (Equilibria(self.task, mesh) for mesh in (COARSE, FINE))
+        """Find optima until three agree on the best, or there are as many as are asked for."""
+        least = self.task.statement.least
+        coarse, fine = (TensionProgram(self.task, mesh, least) for mesh in (COARSE, FINE))
         nearby = [] if self.begin is None else [self.begin]
-        from_rest = ((tuple(T.tolist()),) for T in guesses(self.task, coarse))
+        from_rest = ((tuple(T.tolist()),) for T in guesses(self.task, coarse.holds))
         for tried, load_path in enumerate(chain(nearby, from_rest), 1):
             tell("initial guesses", tried - 1, self.task.most)
             with suppress(OctoplanError):
-                end = optimum(coarse, coarse.along(load_path), least=self.task.statement.least)
+                end = optimum(coarse, coarse.along(load_path))
                 end = replace(end, load_path=(*load_path, *end.load_path))
                 if not end.violation and all(_cost(end) < _cost(each) for each in self.optima):
                     self.best = self._led_to(fine, end)
                 self.optima.append(end)
             count = agreed(self._trials)
             followed = self.begin is not None and tried == count == 1
-            enough = followed or (count > 1 and self.task.starts is None)
+            enough = followed or (count > AGREED and self.task.starts is None)
             if enough or tried == self.task.most:
                 break
         for end in () if self.best else sorted(self.optima, key=_cost):
@@ -145,7 +146,7 @@ class ContactSearch:
         """One for each optimum."""
         return tuple(Trial(end.effort, end.is_optimal, 0) for end in self.optima)
 
-    def _led_to(self, fine: Equilibria, end: ContactOptimum) -> ContactOptimum:
+    def _led_to(self, fine: TensionProgram, end: ContactOptimum) -> ContactOptimum:
         """Return an optimum on the fine mesh: the arm comes to it from rest, or by all steps.
 
         Raises UnsettledContactError where it does not.
@@ -155,16 +156,11 @@ class ContactSearch:
             with suppress(OctoplanError):
                 shape = settled_along(arm, way, T, scene, ON_THE_PATH, self.task.machine_code)
                 there = fine.settled(T, shape.known)
-                if self._is_near(there, end.point):
-                    refined = optimum(fine, there, least=self.task.statement.least)
+                if close(there, end.point):
+                    refined = optimum(fine, there)
                     if bool(refined.violation) == bool(end.violation):
                         return replace(refined, load_path=way)
         raise UnsettledContactError(1.0, "the arm does not come to the optimum")
-
-    def _is_near(self, one: Linearised, other: Linearised) -> bool:
-        """Return whether the tips of two equilibria are at one place."""
-        tips = [at.system.poses(at.states)[-1, 4:] for at in (one, other)]
-        return math.dist(*tips) < _ELSEWHERE * self.task.arm.length
 
     def _result(self, best: ContactOptimum | None, stopped: bool) -> SearchResult:
         """Return what is told of the best; of where the search began where there is none."""
@@ -177,9 +173,7 @@ class ContactSearch:
         lam_x = tuple(best.step.lam_bounds.tolist())
         lam_g = (best.step.lam_stability,) if best.yields else ()
         statement = statement.but(modes=int(best.yields))
-        low, high = np.array(self.task.allowed.lower), np.array(self.task.allowed.upper)
-        T, way = np.clip(best.point.tensions, low, high), best.load_path
-        T = self.task.arm.by_section(T)
+        T, way = self.task.arm.by_section(best.point.tensions), best.load_path
         return SearchResult(statement, T, lam_x, lam_g, trials, stopped, load_path=way)
 
 
@@ -188,15 +182,11 @@ def optimality_of(task: Task, tensions: Array, shape: Shape, load_path: LoadPath
 
     Of the shape that a load path leads to.
     """
-    equilibria, least = Equilibria(task, FINE), task.statement.least * task.statement.modes
     try:
-        if rubs(task.scene):
-            begin = equilibria.along(load_path)
-        else:
-            # Twice: the gap's curvature at contact points is that of the mesh it comes from.
-            on_mesh = equilibria.map.solve(tensions, shape.known)
-            begin = equilibria.settled(tensions, on_mesh)
-        program = TensionProgram(equilibria, begin, least)
+        program = TensionProgram(task, FINE, task.statement.least * task.statement.modes, load_path)
+        # Twice: the gap's curvature at contact points is that of the mesh it comes from.
+        on_mesh = program.begin or program.map.solve(tensions, shape.known)
+        begin = program.begin or program.settled(tensions, on_mesh)
         return conditions(program.at(tensions / program.unit, begin)).residual
     except OctoplanError:
         return np.inf

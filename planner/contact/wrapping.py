@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import replace
 from typing import TypeVar
 
@@ -84,21 +85,17 @@ def with_turns(
 
     assert wrap.turns is not None
     start, before = wrap.part(arm)[0], None
-    for _ in range(_ROUNDS):
-        length = min((arm.length - start) * (1 + _SPARE), arm.length)
-        before = planned(stated(replace(wrap, turns=None, length=length)), before)
-        if before.mode != "exact" or before.stopped:
-            break
-        try:
+    with suppress(OutOfTime):
+        for _ in range(_ROUNDS):
+            length = min((arm.length - start) * (1 + _SPARE), arm.length)
+            before = planned(stated(replace(wrap, turns=None, length=length)), before)
+            if before.mode != "exact" or before.stopped:
+                break
             s = np.linspace(arm.length - length, arm.length, LOOKS)
             turns = turned(before.shape, wrap.obstacle, s)
-        except OutOfTime:
-            break
-        if turns[-1] >= wrap.turns:
-            start = float(np.interp(turns[-1] - wrap.turns, turns, s))
-            break
-        if turns[-1] <= 0:
-            break
-        start = max(arm.length - length * wrap.turns / float(turns[-1]), 0.0)
+            if turns[-1] >= wrap.turns:
+                start = float(np.interp(turns[-1] - wrap.turns, turns, s))
+                break
+            start = max(arm.length - length * wrap.turns / max(float(turns[-1]), 1e-300), 0.0)
     length = min((arm.length - start) * (1 + _SPARE), arm.length)
     return planned(stated(replace(wrap, start=arm.length - length)), before)

@@ -8,8 +8,8 @@ import pytest
 from model import Scene, settle
 from model.effects import Contact, ExactTendons, Extension
 from model.obstacles import Capsule
-from planner.contact.equilibria import FINE, Equilibria
 from planner.contact.program import TensionProgram
+from planner.contact.search import FINE
 from planner.program.limits import Limits
 from planner.program.statement import Statement
 from planner.solve.task import Task
@@ -33,9 +33,8 @@ def test_derivatives_of_targets_grip_and_stability_are_those_of_settled_shapes(
     targets = (TipPosition(tip), Hold(ROD, (0.01, 0.0, -0.05, 0.0, 1e-4, 0.0), 0.5))
     limits = Limits((5.0,) * 4, (-1.0,) * 4, 9.0)
     task = Task(ARM, targets, SCENE, limits, Statement(limited=True), 1e-6)
-    equilibria = Equilibria(task, FINE)
-    begin = equilibria.settled(T)
-    program = TensionProgram(equilibria, begin, LEAST)
+    program = TensionProgram(task, FINE, LEAST)
+    begin = program.settled(T)
     scaled, h = T / program.unit, 1e-4
     start = program.at(scaled, begin)
     f = start.tangential + 0.1
@@ -61,7 +60,6 @@ def test_shapes_are_settled_within_the_limits_to_the_last_digit() -> None:
     tip = tuple(settle(ARM, T, SCENE).tip.tolist())
     limits = Limits((5.0,) * 4, (0.0,) * 4)
     task = Task(ARM, (TipPosition(tip),), SCENE, limits, Statement(limited=True), 1e-6)
-    equilibria = Equilibria(task, FINE)
-    begin = equilibria.settled(T)
-    program = TensionProgram(equilibria, begin)
+    program = TensionProgram(task, FINE)
+    begin = program.settled(T)
     assert program.at(T / program.unit - 1e-13, begin).point.tensions.min() == 0.0
