@@ -14,7 +14,8 @@ from planner.certificate import Certificate
 from planner.effect_ablation import Switch, switch_effects
 from planner.fit.calibrate import calibrate
 from planner.fit.calibration import Calibration
-from planner.fit.design import Design, design
+from planner.fit.design import design
+from planner.fit.designed import Design
 from planner.fit.making import Making, Reach
 from planner.fit.measured import Measured
 from planner.fit.unknowns import Unknown

@@ -22,7 +22,7 @@ from model.time_limit import OutOfTime
 from planner.certificate import Certificate
 from planner.effect_ablation import Switch
 from planner.fit.calibration import Calibration
-from planner.fit.design import Design
+from planner.fit.designed import Design
 from planner.many import FailedPlan
 from planner.measure import length_error, strokes
 from planner.plan import Plan

@@ -11,7 +11,6 @@ import hashlib
 import inspect
 import json
 import math
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -94,28 +93,8 @@ def suffix(unit: str) -> str:
     return f"_{unit.replace('/', '_')}" if unit in UNITS else ""
 
 
-def sentence(kind: Any) -> str:
-    """Return the first sentence of a class's docstring, as it stands behind a key."""
-    text = " ".join((inspect.getdoc(kind) or "").split("\n\n")[0].split())
-    return re.split(r"\. (?=[A-Z])", text)[0].removesuffix(".")
-
-
 # How keys end, and the units of their numbers.
 ENDS = {"": "", **{suffix(unit): unit for unit in UNITS}}
-
-
-def attributes_told(kind: Any) -> dict[str, str]:
-    """Return what the docstring of a class says of each of its attributes."""
-    result: dict[str, str] = {}
-    names: list[str] = []
-    _, _, rest = (inspect.getdoc(kind) or "").partition("Attributes\n----------\n")
-    for line in rest.splitlines():
-        if line and not line.startswith(" "):
-            names = line.partition(" : ")[0].split(", ")
-            continue
-        for name in names:
-            result[name] = f"{result.get(name, '')} {line.strip()}".strip()
-    return {name: item.removesuffix(".") for name, item in result.items()}
 
 
 # What annotations are read and written by

@@ -10,7 +10,8 @@ from msgspec import Meta
 
 from model.errors import FileError
 from model.quantities import NotNegative, Positive
-from planner.fit.design import Design, design
+from planner.fit.design import design
+from planner.fit.designed import Design
 from planner.fit.making import Making, Objective, Reach
 from planner.fit.unknowns import Unknown
 from planner.io.codec import Table, in_si, quantity, value_of

@@ -20,6 +20,7 @@ from msgspec import inspect
 from model.errors import FileError, InputError, as_given, shortened
 from model.units import UnitWarning, millimetres, warn
 from planner.io.codec import ENDS, about_type, in_si
+from planner.io.effect_tables import KEYS
 from planner.io.key_paths import (
     Step,
     described,
@@ -32,7 +33,6 @@ from planner.io.key_paths import (
     type_at,
     value_at,
 )
-from planner.io.object_tables import KEYS
 
 R = TypeVar("R")
 _LONG = 60
@@ -52,7 +52,7 @@ _SIGNS: dict[str, Any] = {
 }
 
 
-def checked(table: Any, kind: Any, name: str, needed: str = "", command: str = "") -> Any:
+def checked(table: Any, kind: type[R], name: str, needed: str = "", command: str = "") -> R:
     """Return what a file holds as a table of a kind; FileError where a key is missing or wrong.
 
     `needed` is a key without which it is no file for a command.

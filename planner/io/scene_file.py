@@ -19,10 +19,11 @@ from model.units import STROKE, length_text, warn_unusual
 from model.winches import Winches, rest_lengths
 from planner.avoidance.surroundings import surroundings
 from planner.io.codec import arguments, arguments_of, in_si, table_of, value_of, written
+from planner.io.effect_tables import scene_of
 from planner.io.files import read_toml, toml_of
 from planner.io.key_paths import steps, value_at
 from planner.io.mistakes import check_modulus, checked, made, warn_of_slips
-from planner.io.object_tables import arm_of, inlined, scene_of
+from planner.io.object_tables import arm_of, inlined
 from planner.io.scene_tables import (
     LimitsTable,
     OptionsTable,
@@ -193,8 +194,7 @@ def checked_table(raw: dict[str, Any], name: str) -> SceneTable:
     """Return the table of what a scene file holds, its keys checked one by one; FileError."""
     if "sweep" in raw:
         raise FileError(name, "sweep", f"this is a sweep file, for `octoplan sweep {name}`")
-    table: SceneTable = checked(raw, SceneTable, name, "arm", "plan")
-    return table
+    return checked(raw, SceneTable, name, "arm", "plan")
 
 
 def _limits(arm: Arm, table: LimitsTable) -> dict[str, Any]:

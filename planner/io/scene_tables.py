@@ -10,9 +10,9 @@ from msgspec import Meta, structs
 
 from model.quantities import NotNegative, Positive
 from planner.io.codec import Table, quantity
+from planner.io.effect_tables import EffectsTable
 from planner.io.object_tables import (
     ArmTable,
-    EffectsTable,
     ObstacleTable,
     TargetTable,
     inlined,

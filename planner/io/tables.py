@@ -11,6 +11,7 @@ class beside them as `kind`. None as the unit stands for the exact form.
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Container, Iterator, Mapping
 from functools import cache
 from typing import Annotated, Any, Literal, get_args, get_origin
@@ -30,7 +31,6 @@ from planner.io.codec import (
     Table,
     about_type,
     arguments_of,
-    attributes_told,
     choice,
     hints_of,
     is_of_project,
@@ -140,6 +140,26 @@ def fields_of(kind: Any, skip: Container[str] = ()) -> Iterator[tuple[str, Any, 
 
 def _hashable(value: Any) -> Any:
     return tuple(map(_hashable, value)) if isinstance(value, list) else value
+
+
+def sentence(kind: Any) -> str:
+    """Return the first sentence of a class's docstring, as it stands behind a key."""
+    text = " ".join((inspect.getdoc(kind) or "").split("\n\n")[0].split())
+    return re.split(r"\. (?=[A-Z])", text)[0].removesuffix(".")
+
+
+def attributes_told(kind: Any) -> dict[str, str]:
+    """Return what the docstring of a class says of each of its attributes."""
+    result: dict[str, str] = {}
+    names: list[str] = []
+    _, _, rest = (inspect.getdoc(kind) or "").partition("Attributes\n----------\n")
+    for line in rest.splitlines():
+        if line and not line.startswith(" "):
+            names = line.partition(" : ")[0].split(", ")
+            continue
+        for name in names:
+            result[name] = f"{result.get(name, '')} {line.strip()}".strip()
+    return {name: item.removesuffix(".") for name, item in result.items()}
 
 
 def type_in_file(hint: Any, unit: str | None = "") -> Any:

@@ -22,9 +22,10 @@ from model.paths import Array
 from model.scene import Scene
 from model.units import UnitWarning
 from planner.io.codec import Table, arguments_of, keys_of, quantity
+from planner.io.effect_tables import EffectsTable, scene_of
 from planner.io.key_paths import changed, checked_key, kinds_at, steps, unit_of, value_at
 from planner.io.mistakes import checked
-from planner.io.object_tables import VECTOR, ArmTable, EffectsTable, arm_of, scene_of
+from planner.io.object_tables import VECTOR, ArmTable, arm_of
 from planner.io.scene_file import checked_table, scene_table
 from planner.io.scene_tables import whole
 

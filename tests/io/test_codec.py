@@ -178,7 +178,7 @@ class Magnet({base}):
     def terms(self): ...
 {package}.Magnet = Magnet
 {package}.__all__.append("Magnet")
-import planner.io.object_tables
+import planner.io.scene_tables
 """
 # What is public in each package, and what it derives from, if from anything.
 PUBLIC = {
