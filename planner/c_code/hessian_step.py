@@ -24,14 +24,16 @@ from planner.c_code.tip_jacobian import strain_function, strain_jacobian, twist
 
 
 def own_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
-    """Return (pose, pull, data, h, basis, wrench) -> what a step has of the Hessian by itself.
+    """Return (pose, c, basis, data, h, wrench) -> what a step has of the Hessian by itself.
 
     As three parts A (6, 6), B (6, n) and C (n_pull m, n_pull m): it is B^T A B + D C D^T, with D
-    the Kronecker product of the basis and the unit matrix; see the module.
+    the Kronecker product of the basis and the unit matrix; see the module. Pull is given by
+    coefficients c (n_pull TERMS,) and a basis.
     """
     m, h = len(scheme.nodes), ca.SX.sym("h")
-    pull, data = ca.SX.sym("pull", statics.n_pull, m), ca.SX.sym("data", statics.n_data, m)
+    c, data = ca.SX.sym("c", statics.n_pull * TERMS), ca.SX.sym("data", statics.n_data, m)
     basis, e = ca.SX.sym("basis", TERMS, m), ca.SX.sym("e", 3 * m)
+    pull = ca.reshape(c, statics.n_pull, TERMS) @ basis
     g, wrench, work = ca.SX.sym("g", 7), ca.SX.sym("wrench", 6), ca.SX.sym("work", 6)
     omega = scheme.expansion([twist(ca.vertcat(0, v)) for v in ca.vertsplit(e, 3)], h)
     moved, gradient = _move()(omega, adjoint_function()(g).T @ wrench)
@@ -54,7 +56,7 @@ def own_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     turned = ca.horzcat(*(sum((basis[t, i] * at_nodes[i] for i in nodes), 0) for t in range(TERMS)))
     results = [ca.densify(value) for value in (moved, turned, ca.blockcat(blocks))]
     results = ca.substitute(results, [e], [ca.vertcat(*strains)])
-    return ca.Function("own_step", [g, pull, data, h, basis, wrench], results, {"cse": True})
+    return ca.Function("own_step", [g, c, basis, data, h, wrench], results, {"cse": True})
 
 
 def _move() -> ca.Function:

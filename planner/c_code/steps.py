@@ -35,7 +35,10 @@ def steps_source(shape: Shape, precision: Precision, twice: bool = False) -> CSo
     forward = explicit_map(arm, scene, shape.scheme, shape.refinement)
     if not isinstance(forward, ClosedForm):
         return None
-    statics = _statics(forward, precision)
+    statics = closed_statics(scene, arm)
+    if precision == "float" and isinstance(statics, EnergyStatics):
+        # What Newton's method reaches in this precision.
+        statics = replace(statics, settled=_SETTLED_FLOAT)
     polynomials = PullPolynomials.of(arm, statics)
     if polynomials is None:
         return None
@@ -54,18 +57,10 @@ def steps_source(shape: Shape, precision: Precision, twice: bool = False) -> CSo
     parts = [np.array(part).T for part in polynomials.own]
     places["OWN"] = numbers(np.vstack(parts), precision)
     places["SECTION_OF"] = whole_numbers([i for i, _ in arm.tendons])
-    functions = (*functions, _own_step(forward, statics))
+    functions = (*functions, own_step(statics, forward.scheme))
     at_nodes = statics.n_pull * len(forward.scheme.nodes)
     seconds = (1 + rows) * n * (n + 1) // 2 + 12 * n + 36 + at_nodes * (at_nodes + n)
     return CSource("steps.c", functions, places, coefficients + states + sums + seconds)
-
-
-def _statics(forward: ClosedForm, precision: Precision) -> ClosedStatics:
-    """Return the scene's statics, content with what Newton's method reaches in this precision."""
-    statics = closed_statics(forward.scene, forward.arm)
-    if precision == "float" and isinstance(statics, EnergyStatics):
-        return replace(statics, settled=_SETTLED_FLOAT)
-    return statics
 
 
 def _sizes(forward: ClosedForm, statics: ClosedStatics) -> dict[str, str]:
@@ -88,7 +83,7 @@ def _functions(
     arm, scheme, m = forward.arm, forward.scheme, len(forward.scheme.nodes)
     T, c = ca.MX.sym("T", arm.n_tendons), ca.SX.sym("c", statics.n_pull * TERMS)
     basis, data = ca.SX.sym("basis", TERMS, m), ca.SX.sym("data", statics.n_data, m)
-    h, g, x = ca.SX.sym("h"), ca.SX.sym("g", 7), ca.SX.sym("x", 7 + 6 * statics.n_pull * TERMS)
+    h, g = ca.SX.sym("h"), ca.SX.sym("g", 7)
     coefficients = ca.reshape(c, statics.n_pull, TERMS)
     pull, cse = coefficients @ basis, {"cse": True}
     carried = [ca.vec(ca.densify(column)) for column in polynomials.carried(T)]
@@ -96,26 +91,14 @@ def _functions(
     strains = [strain(pull[:, i], data[:, i]) for i in range(m)]
     pose = compose(g, scheme.step([twist(one) for one in strains], h))
     stretch, end = ca.vertcat(*(1 + one[3] for one in strains)), 1 + strains[0][3]
-    twists = twist_step(statics, scheme)(x, pull, data, h, basis)
     return (
         ca.Function("carried", [T], [ca.horzcat(*carried)]).expand(),
         ca.Function("end_stretch", [c, basis[:, 0], data[:, 0]], [end]),
         ca.Function("pose_step", [g, c, basis, data, h], [pose, stretch], cse),
         ca.Function("placed", [g], [g[4:], frame_function()(g[:4])], cse),
-        ca.Function("twist_step", [x, c, basis, data, h], [twists], cse),
+        twist_step(statics, scheme),
         _rows(polynomials),
     )
-
-
-def _own_step(forward: ClosedForm, statics: ClosedStatics) -> ca.Function:
-    """Return what the loop calls for second derivatives; see own_step."""
-    m, n = len(forward.scheme.nodes), statics.n_pull * TERMS
-    c, basis = ca.SX.sym("c", n), ca.SX.sym("basis", TERMS, m)
-    data, h = ca.SX.sym("data", statics.n_data, m), ca.SX.sym("h")
-    g, wrench = ca.SX.sym("g", 7), ca.SX.sym("wrench", 6)
-    pull = ca.reshape(c, statics.n_pull, TERMS) @ basis
-    result = own_step(statics, forward.scheme).call([g, pull, data, h, basis, wrench], True)
-    return ca.Function("own_step", [g, c, basis, data, h, wrench], result, {"cse": True})
 
 
 def _rows(polynomials: PullPolynomials) -> ca.Function:

@@ -52,15 +52,16 @@ def strain_jacobian(statics: ClosedStatics) -> ca.Function:
 
 
 def twist_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
-    """Return (x, pull, data, h, basis (TERMS, m)) -> x across a step.
+    """Return (x, c, basis (TERMS, m), data, h) -> x across a step, with pull by coefficients c.
 
     x is the pose (7,), then the sum over steps so far of the spatial twists per unit of each
     coefficient (6 n_pull TERMS), column by column.
     """
     m, n, h = len(scheme.nodes), statics.n_pull, ca.SX.sym("h")
     x = ca.SX.sym("x", 7 + 6 * n * TERMS)
-    pull, data = ca.SX.sym("pull", n, m), ca.SX.sym("data", statics.n_data, m)
+    c, data = ca.SX.sym("c", n * TERMS), ca.SX.sym("data", statics.n_data, m)
     basis, e = ca.SX.sym("basis", TERMS, m), ca.SX.sym("e", 3 * m)
+    pull = ca.reshape(c, n, TERMS) @ basis
     strain = strain_function(statics)
     strains = [strain(pull[:, i], data[:, i])[1:] for i in range(m)]
     pose, local = step_jacobian(scheme, [twist(ca.vertcat(0, v)) for v in ca.vertsplit(e, 3)], h, e)
@@ -72,7 +73,7 @@ def twist_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     grown = [sum((basis[t, i] * parts[i] for i in range(m)), ca.SX(6, n)) for t in range(TERMS)]
     after = ca.vertcat(compose(x[:7], pose), x[7:] + ca.vec(ca.horzcat(*grown)))
     after = ca.substitute([after], [e], [ca.vertcat(*strains)])[0]
-    return ca.Function("step", [x, pull, data, h, basis], [after], {"cse": True})
+    return ca.Function("twist_step", [x, c, basis, data, h], [after], {"cse": True})
 
 
 def shifts_and_turns(pose: S, twists: S) -> S:

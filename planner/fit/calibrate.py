@@ -236,7 +236,7 @@ class _Search:
             gap = max((_gap(coarse, fine, i) for i in fine.equilibria), default=0.0)
             (before, m, _), (after, stages, _) = coarse.experiment.mesh, fine.experiment.mesh
             # With more stages it is the error of the coarser one: its own is less.
-            order = convergence_order(self.parameters.scene, 2 * stages)
+            order = convergence_order(self.parameters.given.scene, 2 * stages)
             self.error = gap if stages > m else float(estimate(gap, before, after, order))
             coarse = fine
             if self.error <= self.accuracy:
@@ -292,7 +292,7 @@ def _gap(one: Evaluation, other: Evaluation, i: int) -> float:
     """Return how far apart the tips of a shape are in two evaluations, over the arm's length."""
     pair = [evaluation.equilibria.get(i) for evaluation in (one, other)]
     tips = [each.system.poses(each.states)[-1, 4:] for each in pair if each]
-    length = one.experiment.parameters.arm.length
+    length = one.experiment.parameters.given.arm.length
     return float(np.linalg.norm(tips[0] - tips[1])) / length if len(tips) == 2 else float("inf")
 
 

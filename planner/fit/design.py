@@ -92,7 +92,7 @@ def design(
     search, stopped = _Search(program, starts), False
     try:
         with within(time_limit):
-            before = search.plans(arm, parameters.scene)
+            before = search.plans(arm, parameters.given.scene)
             search.run(before, begins, seed)
     except OutOfTime:
         if not search.optima:

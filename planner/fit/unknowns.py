@@ -143,16 +143,6 @@ class Parameters:
                     allowed += f"; {slip}? Then give {low:g} to {high:g}"
             raise InputError(unknown.name, (unknown.lower, unknown.upper), allowed)
 
-    @property
-    def arm(self) -> Arm:
-        """The arm that was given."""
-        return self.given.arm
-
-    @property
-    def scene(self) -> Scene:
-        """The scene that was given."""
-        return self.given.scene
-
     def unit(self, unknown: Unknown) -> str:
         """Return the unit of an unknown's value."""
         return self.given.unit(unknown.keys[0])

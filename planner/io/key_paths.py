@@ -15,7 +15,7 @@ from typing import Any
 from msgspec import inspect
 
 from model.errors import InputError
-from planner.io.codec import hints_of, unit_of_type
+from planner.io.codec import hints_of
 from planner.io.scene_tables import SceneTable
 
 Step = str | int
@@ -171,8 +171,3 @@ def changed(scene: dict[str, Any], keys: Sequence[str], values: Sequence[Any]) -
             place = place[step]
         place[last] = value
     return new
-
-
-def unit_of(scene: dict[str, Any], key: str, root: Any = SceneTable) -> str:
-    """Return the unit of the value at a key path, as the annotation of its last key has it."""
-    return unit_of_type(type_at(scene, steps(key), root))

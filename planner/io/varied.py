@@ -21,9 +21,9 @@ from model.loads import check_loads
 from model.paths import Array
 from model.scene import Scene
 from model.units import UnitWarning
-from planner.io.codec import Table, arguments_of, keys_of, quantity
+from planner.io.codec import Table, arguments_of, keys_of, quantity, unit_of_type
 from planner.io.effect_tables import EffectsTable, scene_of
-from planner.io.key_paths import changed, checked_key, kinds_at, steps, unit_of, value_at
+from planner.io.key_paths import changed, checked_key, kinds_at, steps, type_at, value_at
 from planner.io.mistakes import checked
 from planner.io.object_tables import VECTOR, ArmTable, arm_of
 from planner.io.scene_file import checked_table, scene_table
@@ -97,7 +97,7 @@ class Setting(NamedTuple):
 
     def unit(self, key: str) -> str:
         """Return the unit of the number at a key path."""
-        return unit_of(self.table, key, VariedTable)
+        return unit_of_type(type_at(self.table, steps(key), VariedTable))
 
     @property
     def points(self) -> list[dict[str, Any]]:

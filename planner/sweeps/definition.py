@@ -25,9 +25,9 @@ from model.loads import check_loads, is_loaded
 from model.obstacles import Obstacle
 from model.scene import Scene
 from planner.io.calls import check_complete, check_held
-from planner.io.codec import Table, identity, written
+from planner.io.codec import Table, identity, unit_of_type, written
 from planner.io.files import read_toml
-from planner.io.key_paths import changed, checked_key, unit_of
+from planner.io.key_paths import changed, checked_key, steps, type_at
 from planner.io.mistakes import checked, located, warn_of_slip
 from planner.io.scene_file import Question, filled, question_of, scene_beside, scene_table
 from planner.io.scene_tables import SceneKey
@@ -212,7 +212,9 @@ def _axis(each: AxisTable, table: SweepTable, scene: dict[str, Any]) -> Axis:
         )
         raise InputError("name", name, allowed)
     values = values_of(each, table.draws, table.seed)
-    return Axis(key, name, values, unit_of(scene, key), each.distribution is not None)
+    return Axis(
+        key, name, values, unit_of_type(type_at(scene, steps(key))), each.distribution is not None
+    )
 
 
 def _check_compute(question: Question, compute: str) -> None:

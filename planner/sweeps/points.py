@@ -93,11 +93,6 @@ RESERVED = {
 """Names in a Dataset that no axis can have."""
 
 
-def success(compute: Compute) -> str:
-    """Return the variable that tells whether a point is as wanted."""
-    return "reached" if compute == "plan" else "settled"
-
-
 def blank(compute: Compute, tendons: int, points: int, width: int = 0) -> Rows:
     """Return rows in which nothing is computed yet, their texts `width` characters wide."""
     return {

@@ -28,7 +28,7 @@ from model.progress import tell
 from model.time_limit import check_time
 from planner.io.files import keep, staged, versions, why
 from planner.sweeps.definition import Sweep
-from planner.sweeps.points import LABELS, VARIABLES, Rows, Variable, dtype_of, success
+from planner.sweeps.points import LABELS, VARIABLES, Rows, Variable, dtype_of
 
 
 class FullDiskError(OctoplanError):
@@ -253,7 +253,7 @@ def _summary(sweep: Sweep, kept: ChunkFiles) -> tuple[dict[str, Any], int]:
     """
     met, width, kinds = 0, 1, dict[str, tuple[str, int]]()
     for chunk in range(sweep.chunks):
-        good = kept.read(chunk, success(sweep.job.compute))
+        good = kept.read(chunk, "reached" if sweep.job.compute == "plan" else "settled")
         outcomes = kept.read(chunk, "outcome")
         met += int(good.sum())
         width = max(width, outcomes.dtype.itemsize // 4)
