@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from model.cross_section import cross_section_of
 from model.cross_section.law import strains_of
 from model.cross_section.sections import Sections
-from model.equilibrium.linearised import Index
+from model.equilibrium.linearised import Equilibrium, Index
 from model.equilibrium.newton import STAGES
 from model.equilibrium.sensitivities import Sensitivities
-from model.forward import by_collocation, explicit_map
-from model.loads import convergence_order, is_loaded
+from model.forward import maps_of
+from model.loads import convergence_order
 from model.mesh import FINEST, REFINEMENTS, refined
 from model.paths import Array
 from model.shape import Shape
@@ -48,21 +48,21 @@ def compliance_of(shape: Shape, at: float, accuracy: float) -> tuple[Response, i
 
 def sensitivities(shape: Shape, at: float, refinement: int) -> Response:
     """Return the sensitivities of a shape at arc length `at` on the mesh of a refinement."""
-    arm, scene, T = shape.arm, shape.scene, shape.tensions
-    if not is_loaded(scene):
-        arguments = arm, scene, "magnus6", refinement, (at,), shape.machine_code
-        point = explicit_map(*arguments).solve(T)
-        return MarchDerivative(point, point.mesh.node(at))
-    forward = by_collocation(arm, scene, STAGES, refinement, (at,), True, shape.machine_code)
-    return Sensitivities(forward.solve(T, shape.known), forward.mesh.node(at))
+    places = () if at == shape.arm.length else (at,)
+    maps = maps_of(shape.arm, shape.scene, None, shape.machine_code)
+    forward = maps.on(refinement, places)
+    return _at_node(forward.solve(shape.tensions, shape.known), forward.mesh.node(at))
 
 
 def at_nodes(shape: Shape, nodes: Sequence[int]) -> list[Response]:
     """Return the sensitivities of a shape at nodes of its own mesh."""
-    point = shape.equilibrium
-    if isinstance(point, Marched):
-        return [MarchDerivative(point, node) for node in nodes]
-    return [Sensitivities(point, node) for node in nodes]
+    return [_at_node(shape.equilibrium, node) for node in nodes]
+
+
+def _at_node(point: Equilibrium, node: int) -> Response:
+    return (
+        MarchDerivative(point, node) if isinstance(point, Marched) else Sensitivities(point, node)
+    )
 
 
 def _first_pair(shape: Shape, accuracy: float) -> tuple[int, int]:

@@ -153,11 +153,17 @@ class Maps:
         self.lever, self.by_sections = base * is_loaded(scene), not scene.has(PrintedStatics)
         self._kept: dict[int, ForwardMap] = {}
 
-    def on(self, refinement: int) -> ForwardMap:
-        """Return the forward map on the mesh of a refinement."""
-        if refinement not in self._kept:
-            mesh = self.scheme, refinement, (), self.machine_code
-            self._kept[refinement] = forward_map(self.arm, self.scene, *mesh)
+    def on(self, refinement: int, at: tuple[float, ...] = ()) -> ForwardMap:
+        """Return the forward map on the mesh of a refinement, which is kept.
+
+        Not with arc lengths `at` as further nodes: there may be many.
+        """
+        if at or refinement not in self._kept:
+            mesh = self.scheme, refinement, at, self.machine_code
+            made = forward_map(self.arm, self.scene, *mesh)
+            if at:
+                return made
+            self._kept[refinement] = made
         return self._kept[refinement]
 
 
