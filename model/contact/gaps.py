@@ -11,6 +11,7 @@ from model.equilibrium.linearised import Index
 from model.errors import InputError
 from model.loads import contacts
 from model.machine.buffered import mapped
+from model.machine.compiled import built
 from model.obstacles import distances, numbers_of
 from model.paths import SAME, Array
 from model.transcription.collocation import gauss
@@ -41,7 +42,7 @@ def along(system: System, x: Array, s: Array, obstacles: Index) -> tuple[Array, 
     rate = np.einsum("km,kmn->kn", weights, stages)
     bodies = numbers_of([contact.obstacle for contact in contacts(system.scene)])[obstacles]
     radii = np.array(system.arm.outer_radius(s)).T
-    call = mapped(gap_along(of.form.law), of.form.machine_code)
+    call = mapped(built(gap_along, of.form.law), of.form.machine_code)
     gaps, normals, tangents = call(poses, v, rate, bodies, radii)
     return gaps, normals, tangents
 

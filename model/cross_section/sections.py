@@ -1,4 +1,4 @@
-"""The cross-sections of an arm at given arc lengths: strains to wrenches and back, in numbers."""
+"""The cross-sections of an arm at given arc lengths: strains to wrenches, in numbers."""
 
 from __future__ import annotations
 
@@ -24,9 +24,6 @@ from model.stations import (
     tendon_path_rates,
     tendon_paths,
 )
-
-# Newton's method squares the error: a step this small, relatively, leaves rounding.
-_STEPS, _SETTLED = 20, 1e-8
 
 
 def body_numbers(arm: Arm, scene: Scene, at: Stations, rates: bool = False) -> Array:
@@ -105,16 +102,6 @@ class Sections:
     def _kernel(self, kernel_of: Callable[[CrossSection], ca.Function], *value: Array) -> Array:
         """Return what a kernel of the law has of arguments (N, n), a row each."""
         return mapped(built(kernel_of, self.law), self.machine_code)(*value)[0]
-
-    def solve(self, v: Array, wrench: Array, tensions: Array) -> Array:
-        """Return the strains (N, n) near v that balance a wrench (N, n); NaN where none do."""
-        for _ in range(_STEPS):
-            now = self.balance(v, tensions)
-            step = np.linalg.solve(now.jacobian, (wrench - now.wrench)[:, :, None])[:, :, 0]
-            v = v + step
-            if not np.any(np.abs(step) > _SETTLED * (1 + np.abs(v))):
-                break
-        return np.where(np.abs(step) <= _SETTLED * (1 + np.abs(v)), v, np.nan)
 
     def turning(self, v: Array, rate: Array) -> tuple[Array, Array]:
         """Return how fast each tendon turns (P,) [rad/m], and its Jacobian by the strains (P, n).

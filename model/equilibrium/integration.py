@@ -19,7 +19,7 @@ from functools import lru_cache, partial
 import casadi as ca
 import numpy as np
 
-from model.cross_section.law import components, join
+from model.cross_section.law import join
 from model.cross_section.sections import Sections
 from model.effects import Current
 from model.integrators import RK8
@@ -28,7 +28,7 @@ from model.machine.buffered import Mapped
 from model.machine.compiled import built
 from model.obstacles import distances, numbers_of
 from model.paths import Array
-from model.rotations import matrices, multiply, unit_matrix
+from model.rotations import multiply, unit_matrix
 from model.transcription.collocation import gauss
 from model.transcription.element import Form, drag_force
 from model.transcription.friction import hermite, turning_function
@@ -97,9 +97,9 @@ class Integration:
         return np.asarray(np.tensordot(basis, strains, 1))
 
     def run(self, v: Array) -> tuple[Array, Array]:
-        """Return pose, wrench and turning where the parts end (P, n), and the first step's strains.
+        """Return pose, wrench and turning where the parts end (P, n), and strains (..., P, n).
 
-        Begun about strains (..., P, n); NaN where none are found.
+        Begun about strains (..., P, n); NaN where none are found. The last are those at the ends.
         """
         of, states = self._system.of, self._states
         begin = states[of.nodes[self._elements, : of.node_size - of.touching]]
@@ -110,11 +110,12 @@ class Integration:
             y, result = begin, np.empty_like(v)
             for step, strains in enumerate(result):
                 y = SCHEME.step(partial(self._rate, step, strains), y, self._h)
+            self._rate(len(result) - 1, result[-1], SCHEME.nodes.index(1.0), y)
             change = np.abs(result - v) / (1 + np.abs(v))
             if not np.all(np.isfinite(change)) or change.max() <= _LINEAR:
-                return y, result[0]
+                return y, result
             v = result
-        return np.full_like(begin, np.nan), v[0]
+        return np.full_like(begin, np.nan), np.full_like(v, np.nan)
 
     def _linearise(self, v: Array) -> None:
         """Linearise the law of all cross-sections about strains (..., P, n)."""
@@ -254,26 +255,12 @@ def poses_and_strains(system: System, x: Array, s: Array) -> tuple[Array, Array]
 
     Strains balance the wrench there by the law of the cross-section.
     """
-    arm, of, mesh, states = system.arm, system.of, system.mesh, x[system.of.first :]
-    form, law, load = of.form, of.form.law, x[of.n_tendons]
+    mesh = system.mesh
     elements = np.clip(np.searchsorted(mesh.s, s) - 1, 0, mesh.steps - 1)
     reach = (s - mesh.s[elements]) / np.diff(mesh.s)[elements]
-    y = states[of.nodes[elements + 1, : POSE + form.wrench]]
-    between = np.flatnonzero(reach < 1)
-    if between.size:
-        parts = Integration(system, x, 1, (elements[between], reach[between]))
-        y[between] = parts.run(parts.by_stages)[0][:, : POSE + form.wrench]
-    stages = states[of.stages].reshape(of.elements, form.stages, -1)[elements]
-    guess = np.einsum("pm,pmn->pn", gauss(form.stages).at(reach), stages)
-    local = np.zeros((s.size, 6))
-    if form.loaded:
-        force = load * beyond(arm, system.scene, s, mesh.s[elements + 1]).T
-        force = force + y[:, POSE + 3 :] if form.moving else force
-        base = np.stack([y[:, POSE : POSE + 3], force])
-        local = np.hstack([*np.einsum("nij,kni->knj", matrices(y[:, :4]), base)])
-    at = Sections(arm, system.scene, law, s, mesh.active[elements], form.machine_code)
-    pulls = sliding_tensions(system, x, s, at.place, at.tendon)
-    return y[:, :POSE], at.solve(guess, local[:, components(law)], pulls)
+    parts = Integration(system, x, 1, (elements, reach))
+    y, strains = parts.run(parts.by_stages)
+    return y[:, :POSE], strains[-1, -1]
 
 
 def sliding_tensions(at: System, x: Array, s: Array, place: Places, tendon: Places) -> Array:

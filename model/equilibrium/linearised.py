@@ -227,7 +227,7 @@ class Linearised:
         s = self.mesh.s
         return np.concatenate([self.system.s, s[:-1], s[1:]])
 
-    @cached_property
+    @property
     def stretch(self) -> Array:
         """The stretch 1 + q (K,) at `stretch_at`."""
         m, stages = self.system.of.form.stages, self._strains[:, 3] + 1
@@ -277,8 +277,9 @@ def check_stretch(at: Equilibrium) -> None:
 
     Raises UnsettledSectionError, and CollapsedError.
     """
-    worst = int(at.stretch.argmin())  # the first that is no number, if any is
-    stretch = float(at.stretch[worst])
+    values = at.stretch
+    worst = int(values.argmin())  # the first that is no number, if any is
+    stretch = float(values[worst])
     if math.isnan(stretch):
         raise UnsettledSectionError(float(at.stretch_at[worst]))
     if not stretch > LEAST_STRETCH:

@@ -42,7 +42,7 @@ class Sensitivities:
     def _by_wrench(self) -> Array:
         return -self.point.solve(self.point.system.by_wrench(self.point.x, self.node))
 
-    @cached_property
+    @property
     def pose_wrench(self) -> Array:
         """Displacement [m] and rotation [rad] per force [N] and moment [N m] (6, 6), base frame."""
         return self._pose(self._by_wrench)

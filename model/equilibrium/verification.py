@@ -55,7 +55,7 @@ def verified(point: Linearised, accuracy: float) -> Verified:
         x, elements = point.x.copy(), Integration(system, point.x, substeps)
         begin = elements.by_stages if strains is None else elements.within(strains)
         y, first = elements.run(begin)
-        strains = first if strains is None else strains
+        strains = first[0] if strains is None else strains
         x[system.of.first :] -= point.solve(_defects(point, y))
         poses = system.poses(x[system.of.first :]) / scale
         if before is not None:

@@ -16,7 +16,6 @@ moments at the tip. Dead loads enter by their resultant beyond each stage, whose
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import casadi as ca
 
@@ -64,17 +63,17 @@ class Form:
     pressed: bool = False
     contact_friction: bool = False
 
-    @cached_property
+    @property
     def moving(self) -> bool:
         """Whether some of the force depends on the shape, so that it is unknown at the nodes."""
         return self.current or self.follower or self.contacts > 0
 
-    @cached_property
+    @property
     def wrench(self) -> int:
         """Size of the forces and moments at a node."""
         return 3 * self.loaded + 3 * self.moving
 
-    @cached_property
+    @property
     def strains(self) -> int:
         """Number of strains of a cross-section."""
         return size(self.law)
@@ -230,6 +229,12 @@ def clamp() -> Kernel:
     """Return the kernel of the base: pose there; that of the clamp -> their difference."""
     g, clamped = ca.SX.sym("g", 7), ca.SX.sym("clamped", 7)
     return Kernel("clamp", g, clamped, g - clamped)
+
+
+def at_zero() -> Kernel:
+    """Return the kernel of an unknown that is 0: a tendon's turning at its motor, or no contact."""
+    value = ca.SX.sym("value")
+    return Kernel("at_zero", value, ca.SX(0, 1), value)
 
 
 def lever() -> Kernel:

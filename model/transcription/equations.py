@@ -106,21 +106,23 @@ class Sum:
     @property
     def places(self) -> ca.Sparsity:
         """Where the nonzeros are."""
-        return self._placed[0]
+        height, width = self._shape
+        rows, columns = self.triplet
+        ends = np.searchsorted(columns, np.arange(width + 1))
+        return ca.Sparsity(height, width, ends.tolist(), rows.tolist())
 
-    @cached_property
+    @property
     def triplet(self) -> tuple[Places, Places]:
         """Rows and columns of the nonzeros."""
-        rows, columns = (np.array(part, dtype=np.int64) for part in self.places.get_triplet())
-        return rows, columns
+        return self._placed[:2]
 
     @cached_property
-    def _placed(self) -> tuple[ca.Sparsity, Places]:
-        """Where the nonzeros are, and to which of them each value of the kernels is added."""
-        of, what, (height, width) = self._of, self._what, self._shape
+    def _placed(self) -> tuple[Places, Places, Places]:
+        """Rows and columns of the nonzeros, and to which of them each value of the kernels adds."""
+        of, what, (height, _) = self._of, self._what, self._shape
         if what == "value":
-            rows = [term.rows.ravel("F") for term in of.terms]
-            return ca.Sparsity.dense(height), np.concatenate([np.zeros(0, np.int64), *rows])
+            rows = [np.zeros(0, np.int64), *(term.rows.ravel("F") for term in of.terms)]
+            return np.arange(height), np.zeros(height, np.int64), np.concatenate(rows)
         keys = [np.zeros(0, np.int64)]
         for term, numbers in zip(of.terms, of.slices, strict=True):
             _, i, j = term.kernel.derivative(what)
@@ -129,26 +131,20 @@ class Sum:
             rows_of = (term.unknowns if what == "hessian" else term.rows)[i]
             keys.append((columns * height + rows_of).ravel("F"))
         order, index = np.unique(np.concatenate(keys), return_inverse=True)
-        ends = np.searchsorted(order, np.arange(width + 1) * height)
-        return ca.Sparsity(height, width, ends.tolist(), (order % height).tolist()), index
+        return order % height, order // height, index
 
     def __call__(self, *value: Array) -> Array:
         """Return the nonzeros by x and p, and lam for the Hessian. Raises CompilerError."""
-        values = np.concatenate(self._each(*value), axis=None)
-        return np.bincount(self._placed[1], values, self._count).astype(float, copy=False)
+        (rows, _, index), values = self._placed, np.concatenate(self._each(*value), axis=None)
+        return np.bincount(index, values, rows.size).astype(float, copy=False)
 
     @cached_property
     def function(self) -> ca.Function:
         """The same as an expression, for CasADi's solvers. Raises CompilerError."""
-        at, arguments = self._placed[1], self._each.function.mx_in()
-        add = ca.Sparsity(self._count, at.size, list(range(at.size + 1)), at.tolist())
+        (rows, _, at), arguments = self._placed, self._each.function.mx_in()
+        add = ca.Sparsity(rows.size, at.size, list(range(at.size + 1)), at.tolist())
         values = ca.vertcat(*(ca.vec(part) for part in self._each.function.call(arguments)))
         return ca.Function(self._what, arguments, [ca.DM(add, 1.0) @ values])
-
-    @cached_property
-    def _count(self) -> int:
-        """The number of the nonzeros."""
-        return int(self.places.nnz())
 
     @cached_property
     def _each(self) -> Buffered:

@@ -102,12 +102,6 @@ def kink(law: CrossSection, m: int) -> Kernel:
     return Kernel("kink", y, ca.vertcat(h, path), -2 * ca.asin(half))
 
 
-def motor() -> Kernel:
-    """Return the kernel of a tendon at its motor, where it has not turned yet: Theta = 0."""
-    turned = ca.SX.sym("turned")
-    return Kernel("motor", turned, ca.SX(0, 1), turned)
-
-
 def idle_tendon() -> Kernel:
     """Return the kernel of a tendon beyond its end: it turns no further there."""
     before, after = ca.SX.sym("before"), ca.SX.sym("after")

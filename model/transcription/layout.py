@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.machine.compiled import built
-from model.transcription.element import Form, body, clamp, element, lever, run, tendon, tip
+from model.transcription.element import Form, at_zero, body, clamp, element, lever, run, tendon, tip
 from model.transcription.equations import Equations, Term
-from model.transcription.friction import body_rates, idle_tendon, kink, motor, sliding_tendon
+from model.transcription.friction import body_rates, idle_tendon, kink, sliding_tendon
 from model.transcription.kernels import Places
-from model.transcription.touch import contact_friction, no_touch, pressure, touch
+from model.transcription.touch import contact_friction, pressure, touch
 
 POSE = 7
 
@@ -65,6 +65,8 @@ class Layout:
         Stage and tendon of each crossing of a tendon through the cross-section of a stage.
     passages : (P,), (P,)
         Element and tendon of each passage of a tendon through an element.
+    lengths : Equations
+        The lengths of the tendons [m].
     kinks : (P,), (P,)
         Element before an anchorage, and tendon, for each that goes on beyond one.
     """
@@ -94,7 +96,12 @@ class Layout:
         self._frictions: Places = self.nodes[:, touching + 2 * K :].reshape(elements + 1, -1, 6)
         self.friction_forces, self.tractions = self._frictions[:, :, :3], self._frictions[:, :, 3:]
         self.passages = _pairs(np.arange(elements)[:, None] < np.array(ends))
-        self.crossings = _pairs(np.repeat(np.arange(elements), m)[:, None] < np.array(ends))
+        self.crossings = stage, number = _pairs(
+            np.repeat(np.arange(elements), m)[:, None] < np.array(ends)
+        )
+        crossed = self.first + self.stages[stage].T
+        term = Term(built(run, form.law), crossed, number[None, :])
+        self.lengths = Equations(self.n_x, self.n_tendons, [term], form.machine_code)
         at = np.array(sorted({end for end in ends if end < elements}), dtype=np.int64)
         k, j = _pairs(at[:, None] < np.array(ends))
         self.kinks: tuple[Places, Places] = (at[k] - 1, j)
@@ -103,13 +110,6 @@ class Layout:
     def equations(self) -> Equations:
         """The equilibrium: as many equations as states."""
         return Equations(self.n_x, self.n_states, self._terms(), self.form.machine_code)
-
-    @cached_property
-    def lengths(self) -> Equations:
-        """The lengths of the tendons [m]."""
-        stage, number = self.crossings
-        term = Term(built(run, self.form.law), self.first + self.stages[stage].T, number[None, :])
-        return Equations(self.n_x, self.n_tendons, [term], self.form.machine_code)
 
     def _terms(self) -> list[Term]:
         form, N, at = self.form, self.elements, self.first
@@ -154,7 +154,7 @@ class Layout:
                 at + np.hstack([inside, after, here]).T,
                 np.hstack([wrench[K:], here]).T,
             ),
-            Term(no_touch(), at + none, none),
+            Term(at_zero(), at + none, none),
         ]
         if form.pressed:
             both = np.stack([touches[:-1, :, 1], touches[1:, :, 1]], axis=2).reshape(-1, 2)
@@ -174,7 +174,7 @@ class Layout:
                 Term(built(contact_friction, law, m), at + unknowns, np.hstack([wrench[K:], Q]).T)
             )
             none = self._frictions[0].reshape(1, -1)
-            terms.append(Term(no_touch(), at + none, none))
+            terms.append(Term(at_zero(), at + none, none))
         return terms
 
     def _tendons(self) -> list[Term]:
@@ -209,7 +209,7 @@ class Layout:
             Term(built(body_rates, law), at + both, both),
             slides,
             Term(built(kink, law, m), bends, turned[k + 1, j][None, :]),
-            Term(motor(), at + turned[:1], turned[:1]),
+            Term(at_zero(), at + turned[:1], turned[:1]),
             Term(idle_tendon(), held, turned[idle[0] + 1, idle[1]][None, :]),
         ]
 

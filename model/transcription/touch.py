@@ -17,14 +17,13 @@ derivative of the deflection, with as many values as nodes and four conditions a
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import casadi as ca
 import numpy as np
 
 from model.checks import SMALLEST
 from model.cross_section.energy import EnergySection
 from model.cross_section.law import CrossSection, join, size
+from model.machine.compiled import built
 from model.obstacles.base import SIZE, signed_distance
 from model.rotations import half_turn, multiply, norm, unit_matrix
 from model.transcription.collocation import gauss, rotation_vectors, weighted_sum
@@ -49,7 +48,7 @@ def touch(law: CrossSection, m: int) -> Kernel:
     radius, slope, h = ca.vertsplit(c[SIZE : SIZE + 3])
     end, rate = v @ ca.DM(gauss(m).at(1.0)), v @ ca.DM(np.arange(m) @ gauss(m).powers) / h
     g, radii = ca.vertcat(q, u), ca.vertcat(radius, slope, 0)
-    gaps, normal, along = gap_along(law)(g, end, rate, c[:SIZE], radii)
+    gaps, normal, along = built(gap_along, law)(g, end, rate, c[:SIZE], radii)
     gap, gap1, _ = ca.vertsplit(gaps)
     held, inside, is_end, moves, curve = ca.vertsplit(c[-TOLD:])
     second = inside * gap + is_end * gap1 + moves * (gap1 + curve * p)
@@ -62,7 +61,6 @@ def touch(law: CrossSection, m: int) -> Kernel:
     return Kernel("touch", ca.vertcat(ca.vec(v), q, u, P, p), c, ca.vertcat(*rows))
 
 
-@lru_cache(maxsize=16)
 def gap_along(law: CrossSection) -> ca.Function:
     """Return pose, strains, their rates, an obstacle, radii -> gap and derivatives, normal, u'.
 
@@ -89,12 +87,6 @@ def gap_along(law: CrossSection) -> ca.Function:
         - radius[0] * wide2,
     )
     return ca.Function("along", [g, v, rate, body, radius], [gap, normal, along], {"cse": True})
-
-
-def no_touch() -> Kernel:
-    """Return the kernel of the base, which touches nothing: P or p there."""
-    P = ca.SX.sym("P")
-    return Kernel("no_touch", P, ca.SX(0, 1), P)
 
 
 def pressure(law: CrossSection, m: int, friction: bool = False) -> Kernel:
