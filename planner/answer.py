@@ -188,7 +188,7 @@ class Answer(SearchResult):
         """The targets of the program."""
         return self.targets if self.avoidance is None else (*self.targets, self.avoidance)
 
-    @cached_property
+    @property
     def task(self) -> Task:
         """The question as it was stated to the search."""
         question = (self.arm, self.targets, self.scene, self.limits, self.statement, self.accuracy)

@@ -36,10 +36,10 @@ from planner.targets.hold import WRENCH, Hold
 
 # How accurate the check is: two digits more than what it has to judge.
 _SHARPER = 1e-2
-# It begins from a mesh this much coarser than the shape's, and from no coarser one than the least:
-# what wrenches lack there is corrected to first order. Where that leaves the tip's pose farther off
-# than so many times its accuracy, from that of the shape.
-_COARSER, _LEAST, _CLOSE = 2, 2, 10
+# It begins from a mesh this much coarser than the shape's and than the coarsest: what wrenches lack
+# there is corrected to first order. Where that leaves the tip's pose farther off than so many times
+# its accuracy, from that of the shape.
+_COARSER, _CLOSE = 2, 10
 # Where along the arm gaps are looked at.
 _LOOKS = 2001
 _LATE = "the time limit was reached before it was verified"
@@ -63,7 +63,9 @@ def certify(
         shape = settled()
         stations, sharp = stations_of(arm, targets), max(_SHARPER * tolerance, FINEST_ACCURACY)
         poses, tip, error, least, line = _integrated(shape, stations, sharp)
-        gaps = _asked(line, surroundings)
+        least_gaps, gaps = surroundings.least, dict[str, Clearance]()
+        if least_gaps:
+            gaps |= clearances(line(), surroundings.obstacles, least_gaps)
     except (OctoplanError, OutOfTime) as reason:
         why = _LATE if isinstance(reason, OutOfTime) else str(reason)
         return Certificate(bounds=excess, scheme=scheme, tolerance=tolerance, problem=why)
@@ -84,7 +86,7 @@ def certify(
         scheme,
         tolerance,
         gaps_asked={name: clear.gap for name, clear in gaps.items()},
-        least_gaps=surroundings.least,
+        least_gaps=least_gaps,
         clearances_of=lambda: (
             gaps | clearances(line(), surroundings.obstacles, KINDS - gaps.keys())
         ),
@@ -124,15 +126,10 @@ def _stroke_excess(shape: Shape, limits: Limits) -> float:
 Checked = tuple[Array, Array, float, float, Callable[[], Centreline]]
 
 
-def _asked(line: Callable[[], Centreline], around: Surroundings) -> dict[str, Clearance]:
-    """Return how clear the arm is of what it was to keep clear of."""
-    return dict(clearances(line(), around.obstacles, around.least)) if around.least else {}
-
-
 def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
     """Return what initial value integration makes of a shape."""
     arm, scene, touching = shape.arm, shape.scene, bool(contacts(shape.scene))
-    coarser = max(_LEAST, shape.refinement // _COARSER)
+    coarser = max(_COARSER, shape.refinement // _COARSER)
     meshes = {shape.refinement} if touching else {min(shape.refinement, coarser), shape.refinement}
     scale = np.repeat([1.0, arm.length], [4, 3])
     for mesh in sorted(meshes):

@@ -335,7 +335,7 @@ def searched(task: Task, around: Surroundings, near: Answer | None) -> SearchRes
         kept = warm_start(near, replace(task, targets=near.avoidance.beside(task.targets)))
         if kept is not None and not kept.stopped and not kept.jump:
             line = line_of(task, np.ravel(kept.tensions))
-            if line is not None and around.keeps(line):
+            if line is not None and not around.in_the_way(line):
                 return kept
     result = warm_start(near, task)
     left = result is None

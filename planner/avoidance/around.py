@@ -140,7 +140,7 @@ class Around:
                 line = None if fine is None else line_of(task, fine.tensions)
                 if fine is None or line is None:
                     return None
-                if self.surroundings.keeps(line):
+                if not self.surroundings.in_the_way(line):
                     return optimum.f, SearchResult.at(fine, self.trials)
                 avoidance, _ = avoiding(line, self.surroundings, avoidance)
             search = Search(replace(task, targets=avoidance.beside(task.targets)))

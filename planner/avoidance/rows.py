@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
+from model.machine.compiled import built
 from model.mesh import graded
 from model.obstacles.base import SIZE, signed_distance
 from model.paths import Array
@@ -145,8 +146,8 @@ class Avoidance(Target):
         pairs = np.array(self._elements(arm), dtype=np.int64).reshape(-1, 2)
         rows = np.arange(slots.size + len(pairs))[None, :]
         terms = [
-            Term(_from_body(), both[slots].T, rows[:, : slots.size]),
-            Term(_from_place(), np.hstack(list(both[pairs.T])).T, rows[:, slots.size :]),
+            Term(built(_from_body), both[slots].T, rows[:, : slots.size]),
+            Term(built(_from_place), np.hstack(list(both[pairs.T])).T, rows[:, slots.size :]),
         ]
         return Equations(POSE * (1 + len(stations)), rows.size, terms, machine_code)
 
@@ -189,14 +190,12 @@ def _weights(arm: Arm, place: Place) -> Array:
     return np.concatenate([cubic(arm, place.s, place.length), place.shift])
 
 
-@lru_cache(maxsize=1)
 def _from_body() -> Kernel:
     """Return the kernel of a place near a body: poses of both stations (14,); its numbers."""
     y, c = ca.SX.sym("y", 2 * POSE), ca.SX.sym("c", 7 + SIZE + 1)
     return Kernel("from_body", y, c, signed_distance()(_point(y, c[:7]), c[7:-1])[0] - c[-1])
 
 
-@lru_cache(maxsize=1)
 def _from_place() -> Kernel:
     """Return the kernel of a place near another: poses of their stations (28,); their numbers."""
     y, c = ca.SX.sym("y", 4 * POSE), ca.SX.sym("c", 15)

@@ -79,10 +79,6 @@ class Surroundings:
         heights = [(place - arm.base_position) @ normal for place in _tips(arm, targets)]
         return not self.of_itself or min(heights, default=np.inf) >= least
 
-    def keeps(self, line: Centreline) -> bool:
-        """Return whether the arm of a centreline is verified to keep clear."""
-        return not self.in_the_way(line)
-
     def in_the_way(self, line: Centreline) -> str:
         """Return the nearest to an arm that does not keep clear, in words; "" of one that does."""
         gaps = clearances(line, self.obstacles, self.least, self.clearance)

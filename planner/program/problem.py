@@ -211,7 +211,7 @@ class Problem:
 
     def measured(self, x: Array) -> Array:
         """Return what is measured on the mesh at unknowns x, see Program.measured."""
-        return self.program.measure(x, self._p)
+        return self.program.measure(x, self._p)[0].ravel()
 
     @property
     def slim_at(self) -> Array:

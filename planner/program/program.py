@@ -165,6 +165,8 @@ class Program:
         Of f, outer, g, and of the objective and constraints by their weights.
     scale : casadi.MX
         What one unit of each unknown is worth.
+    measure : Buffered
+        x, p -> what is measured on the mesh.
     """
 
     def __init__(
@@ -237,7 +239,7 @@ class Program:
         """Return the objective, the constraints besides the equations, and the targets' rows."""
         x, p, parts, terms, mode = self.x, self.p, self.parts, self.terms, statement.mode
         measured, none = self._what_is_measured(), ca.MX(0, 1)
-        self._measure = Buffered(ca.Function("measured", [x, p], [ca.densify(measured)]))
+        self.measure = Buffered(ca.Function("measured", [x, p], [ca.densify(measured)]))
         ends = np.cumsum([0, *self.measured]).tolist()
         poses, stretches, compliances, *limited = ca.vertsplit(measured + p[parts.defect], ends)
         whole = ca.vertcat(ca.DM(base_pose(arm)), poses)
@@ -329,10 +331,6 @@ class Program:
         f, gradient, g, nonzeros = (value.ravel() for value in self._function(x, p))
         J = csc_array((nonzeros, *self._nonzeros), shape=(g.size, x.size))
         return Evaluated(float(f[0]), gradient, g, J)
-
-    def measure(self, x: Array, p: Array) -> Array:
-        """Return what is measured on the mesh at unknowns x, see `measured`."""
-        return np.array(self._measure(x, p)[0].ravel())
 
 
 def program(

@@ -39,8 +39,9 @@ from planner.solve.ipopt import MAGNIFIED, Candidate, Purpose, solve
 # Corrections and meshes that are tried; the part of the accuracy that a defect may be off by, and
 # of what optimality is held to.
 CORRECTIONS, PART = 8, 3
-# Defects above this, over L, ask for a finer mesh; what is farther off comes to another shape.
-_ROUGH, _ELSEWHERE = 1e-3, 0.1
+# What a coarse mesh may be off by, over L, of a margin and of effort: defects above it ask for a
+# finer one. What is farther off comes to another shape.
+COARSE, _ELSEWHERE = 1e-3, 0.1
 # Least stretches above this need no correction.
 _FAR = 0.1
 # How often bounds that turn out not to hold are let go, and what gradient is left at an optimum.
@@ -91,7 +92,7 @@ def _refined(candidate: Candidate, accuracy: float, corrected: Array | None) -> 
             if not rough <= _ELSEWHERE:
                 return None
             corrected = error
-            if rough > _ROUGH:
+            if rough > COARSE:
                 finer = _on_finer_mesh(candidate, rough)
                 if finer is None:
                     return None
@@ -119,7 +120,7 @@ def _on_finer_mesh(candidate: Candidate, rough: float) -> Candidate | None:
     """
     before = candidate.problem
     order = convergence_order(before.scene, 2 * STAGES)
-    finer = next_refinement(before.statement.refinement, rough, _ROUGH, order)
+    finer = next_refinement(before.statement.refinement, rough, COARSE, order)
     if not finer:
         return None
     problem = before.but(before.statement.but(refinement=finer))

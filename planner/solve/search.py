@@ -30,22 +30,19 @@ from planner.program.statement import Mode
 from planner.program.terms import terms_of
 from planner.solve.fatrop import solve as by_stages
 from planner.solve.ipopt import Candidate, solve
-from planner.solve.refine import refine
+from planner.solve.refine import COARSE, refine
 from planner.solve.task import SearchResult, Task, Trial, agreed
 
 # Guesses that have to agree; one more where as many lead nowhere, or all miss the targets, and
 # where a point or more is to be met, which arms meet in several ways.
+# Of guesses that come by effort, so many and one that lead to dearer optima are enough, too; and so
+# many from which the targets are not met before slacks tell how near they can be had.
 AGREED = 2
-# Of guesses that come by effort, so many that lead to dearer optima are enough, too; and so many
-# from which the targets are not met before slacks tell how near they can be had.
-_ENOUGH = 3
 # Least squares that are so small are met but for the effort in them.
 _MET = 1e-6
 # Optima that are held to the stability margin, and what they are held to, where the arm comes to
 # another shape from rest.
 _HELD, _FLOORS = 4, (0.01, 0.1, 0.3)
-# Of the margin, and of the effort, what the coarse mesh may be off by.
-_COARSE = 1e-3
 # Scaled unknowns of one optimum differ by no more.
 _SAME = 1e-4
 _PHASES: dict[Mode, str] = {
@@ -120,10 +117,13 @@ class Search:
         that is a near miss, exact shapes are looked for from there, and from more guesses.
         """
         unstable, missed = False, None
-        for mode in self._readings():
+        terms = terms_of(self.task.arm, self.task.targets)
+        modes: list[Mode] = ["exact"] * self.task.can_be_exact
+        modes += ["closest"] * bool(terms.names[1] or soft_rows(terms, "closest"))
+        for mode in [*modes, "nearest"]:
             near = self._now = _Reading(mode, self.guesses(len(missed.trials) if missed else 0))
             hasty = mode == "exact" and self.task.starts is None
-            self._try(_ENOUGH if hasty else None, until_met=missed is not None)
+            self._try(AGREED + 1 if hasty else None, until_met=missed is not None)
             if hasty and near.least == np.inf:
                 missed = near
                 continue
@@ -139,15 +139,6 @@ class Search:
                 unstable |= bool(self._now.unstable)
             missed = near if hasty else missed
         return replace(self._so_far(stopped=False), unstable=unstable)
-
-    def _readings(self) -> Iterator[Mode]:
-        """Yield how the targets are to be read, see planner.program.program."""
-        if self.task.can_be_exact:
-            yield "exact"
-        terms = terms_of(self.task.arm, self.task.targets)
-        if terms.names[1] or soft_rows(terms, "closest"):
-            yield "closest"
-        yield "nearest"
 
     def _finished(self) -> SearchResult | None:
         """Return the best optimum of a reading of the targets, None where there is none.
@@ -225,7 +216,7 @@ class Search:
         """Keep an optimum with those that are as stable as they have to be, or with the others."""
         met, unstable, margin = self._now.met, self._now.unstable, self.task.statement.margin
         if not any(_is_same(optimum, other) for other in (*met, *unstable)):
-            stable = optimum.problem.stands(optimum.x, margin - _COARSE * (margin > 0))
+            stable = optimum.problem.stands(optimum.x, margin - COARSE * (margin > 0))
             (met if stable else unstable).append(optimum)
 
     def from_tensions(self, mode: Mode, T: Array) -> Candidate | None:
@@ -267,7 +258,7 @@ class Search:
         astray = not by_effort and len(trials) >= 2 * len(efforts)
         hard = missed or astray or (self._count >= POINT and mode == "exact")
         since = len(efforts) - 1 - int(np.argmin(efforts)) if efforts and by_effort else 0
-        return agreed(trials) >= AGREED + hard or (mode == "exact" and since >= _ENOUGH)
+        return agreed(trials) >= AGREED + hard or (mode == "exact" and since >= AGREED + 1)
 
     def _best(self, limit: float = np.inf) -> SearchResult | None:
         """Return the best optimum up to a limit that is stable, and not lost on a finer mesh.
@@ -285,7 +276,7 @@ class Search:
             fine = None if optimum is None else refine(optimum, self.task.accuracy)
             if fine is not None:
                 cheaper = 1 - float(np.sqrt(lost / fine.f)) if lost < fine.f else 0.0
-                cheaper = cheaper if cheaper > 10 * _COARSE else 0.0
+                cheaper = cheaper if cheaper > 10 * COARSE else 0.0
                 return SearchResult.at(fine, self.trials, lost=cheaper)
             if optimum in self._now.met:
                 lost = min(lost, f)
@@ -308,7 +299,7 @@ class Search:
                 return
             held = solve(problem, x, problem.parameters(SEARCHED))
             check_time()
-            if not held.met or not problem.stands(held.x, floor - _COARSE * floor):
+            if not held.met or not problem.stands(held.x, floor - COARSE * floor):
                 return
             yield held
 

@@ -16,9 +16,10 @@ import numpy as np
 from model.paths import Array
 from model.time_limit import OutOfTime, check_time
 from planner.answer import Answer, Optimum
+from planner.certificate import STABILITY_TOLERANCE
 from planner.program.problem import Bounds
 from planner.solve.ipopt import Candidate
-from planner.solve.refine import polish, refine
+from planner.solve.refine import PART, polish, refine
 from planner.solve.task import SearchResult, Task, Trial
 from planner.targets.base import Target
 
@@ -26,8 +27,6 @@ from planner.targets.base import Target
 # of one step, smaller ones tell whether they jump.
 _LITTLE = 0.25
 _LEAST_STEP = 1 / 64
-# How much less stable than its margin a followed optimum may be.
-_SLACK = 1e-5
 
 
 def warm_start(near: Answer, task: Task) -> SearchResult | None:
@@ -50,7 +49,9 @@ def warm_start(near: Answer, task: Task) -> SearchResult | None:
             return None
         optimum, apart = continued
         fine = refine(optimum, task.accuracy, start.defect)
-        if fine is None or not fine.problem.stands(fine.x, margin and margin - _SLACK):
+        if fine is None or not fine.problem.stands(
+            fine.x, margin and margin - STABILITY_TOLERANCE / PART
+        ):
             return None
         trials = (Trial(optimum.f, True, optimum.iterations),)
         return SearchResult.at(fine, trials, jump=apart)

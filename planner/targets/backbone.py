@@ -80,7 +80,3 @@ class Backbone(Target):
         ]
         name = "distance to the points"
         return Terms(soft_residual={name: ca.vertcat(*gaps)}, units={name: "L"})
-
-    def guess_towards(self, arm: Arm) -> Array:
-        """See Target.guess_towards."""
-        return np.array(self.points[-1])

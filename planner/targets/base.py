@@ -178,10 +178,6 @@ class Target:
         """Return the directions (3, width) of its request, base frame, from its numbers p."""
         return ca.MX(3, 0)
 
-    def guess_towards(self, arm: Arm) -> Array | None:
-        """Return a point (3,) towards which initial guesses bend the arm [m], if there is one."""
-        return None
-
 
 def check_near(arm: Arm, field: str, points: Any) -> None:
     """Raise InputError if points (..., 3) are so far off that no digit tells shapes apart."""

@@ -78,7 +78,3 @@ class BendingPlane(Target):
     def prescribed(self, arm: Arm) -> Mapping[str, Array]:
         """See Target.prescribed."""
         return {"bending plane and bend": np.array([self.angle, self.bend, self.section])}
-
-    def guess_towards(self, arm: Arm) -> Array:
-        """See Target.guess_towards."""
-        return np.array(arm.base_position) + arm.length * toward(arm, self.angle)

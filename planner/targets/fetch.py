@@ -101,10 +101,6 @@ class Fetch(Target):
         """See Target.prescribed."""
         return {"three bends": self.parameters(arm)}
 
-    def guess_towards(self, arm: Arm) -> Array:
-        """See Target.guess_towards."""
-        return np.array(arm.base_position) + arm.length * toward(arm, self.proximal.plane)
-
 
 @value
 class FetchReach(Target):
@@ -164,9 +160,3 @@ class FetchReach(Target):
             high_priority=frozenset(equality),
             units={"distance from the plane": "L", "distance to the mouth": "L"},
         )
-
-    def guess_towards(self, arm: Arm) -> Array:
-        """See Target.guess_towards."""
-        if self.plane is None:
-            return np.array(self.mouth)
-        return np.array(arm.base_position) + arm.length * toward(arm, self.plane)

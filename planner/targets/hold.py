@@ -7,7 +7,6 @@ import numpy as np
 from model.arm import Arm
 from model.errors import InputError
 from model.obstacles.base import Convex
-from model.paths import Array
 from model.quantities import NotNegative
 from model.value import value
 from planner.targets.base import Target
@@ -54,7 +53,3 @@ class Hold(Target):
         scaled = np.array(self.wrench)
         scaled[3:] /= LEVER * arm.length
         return float(np.linalg.norm(scaled))
-
-    def guess_towards(self, arm: Arm) -> Array:
-        """See Target.guess_towards: the object's centre."""
-        return np.array(self.obstacle.numbers[:3])

@@ -34,10 +34,6 @@ class _AtPlace(Target):
         """See Target.prescribed."""
         return {POSITION: np.array(self.position)}
 
-    def guess_towards(self, arm: Arm) -> Array:
-        """See Target.guess_towards."""
-        return np.array(self.position)
-
 
 @value
 class TipPosition(_AtPlace):

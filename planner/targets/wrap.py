@@ -160,15 +160,6 @@ class Wrap(Target):
             inequality[TURNS] = angle / (2 * np.pi * p[SIZE + 1]) - 1
         return Terms(inequality=inequality, units={NEAR: "L", CLEAR: "L"})
 
-    def guess_towards(self, arm: Arm) -> Array:
-        """See Target.guess_towards: the obstacle's point nearest to the arm at rest."""
-        frame, base = np.array(arm.base_frame), np.array(arm.base_position)
-        s = np.linspace(0.0, arm.length, 101)
-        points = base + s[:, None] * frame[:, 0]
-        d = self.obstacle.distance(points)
-        k = int(np.argmin(d))
-        return np.asarray(points[k] - d[k] * self.obstacle.gradient(points[k]))
-
 
 def _angle(a: ca.MX, b: ca.MX) -> ca.MX:
     """Return the angle between two unit vectors (3,) [rad]."""

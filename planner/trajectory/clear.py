@@ -87,7 +87,7 @@ def _updated(
     has no rows.
     """
     line, surroundings, is_new = lines(T), question.wider.at(t), before == Avoidance(())
-    if line is None or (not is_new and surroundings.keeps(line)):
+    if line is None or not (is_new or surroundings.in_the_way(line)):
         return before
     if before is not None and question.wider.moving:
         convex = [one for one in surroundings.obstacles if isinstance(one, Convex)]
