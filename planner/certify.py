@@ -31,7 +31,6 @@ from planner.measure import compliances_along, measure, strokes
 from planner.program.limits import Limits
 from planner.program.terms import stations_of, terms_of
 from planner.solve.task import Task
-from planner.targets.base import Target
 from planner.targets.hold import WRENCH, Hold
 
 # How accurate the check is: two digits more than what it has to judge.
@@ -72,7 +71,15 @@ def certify(
     equality, soft_residual, inequality = measure(
         arm, targets, poses, compliances_along(arm, targets, shape)
     )
-    equality |= _held(targets, shape)
+    # What is left of the wrenches that are held, over their sizes.
+    holds = [target for target in targets if isinstance(target, Hold)]
+    if holds:
+        grasps = [Grasp.of(arm, shape.contacts, hold).least for hold in holds]
+        equality[WRENCH] = np.concatenate(grasps)
+    over, limits = 0.0, task.limits
+    if limits.strokes is not None:
+        (low, high), taken = limits.strokes, strokes(shape, limits.stroke_zero)
+        over = max(float((low - taken).max()), float((taken - high).max()), 0.0) / arm.length
     return Certificate(
         {name: float(np.abs(values).max()) for name, values in equality.items()},
         {name: float(np.linalg.norm(values)) for name, values in soft_residual.items()},
@@ -92,16 +99,9 @@ def certify(
         ),
         load_factor_of=lambda: _load_factor(shape),
         units=terms_of(arm, targets).units,
-        strokes=_stroke_excess(shape, task.limits),
+        strokes=over,
         complementarity=_violation(shape, line()) if contacts(scene) else None,
     )
-
-
-def _held(targets: tuple[Target, ...], shape: Shape) -> dict[str, Array]:
-    """Return what is left of the wrenches that are held, over their sizes, by name."""
-    holds = [target for target in targets if isinstance(target, Hold)]
-    rows = [Grasp.of(shape.arm, shape.contacts, hold).least for hold in holds]
-    return {WRENCH: np.concatenate(rows)} if rows else {}
 
 
 def tension_excess(tensions: Array, limits: Limits) -> float:
@@ -111,15 +111,6 @@ def tension_excess(tensions: Array, limits: Limits) -> float:
     if limits.total is not None:
         excess = max(excess, float(tensions.sum()) - limits.total * (1 + 1e-9))
     return excess
-
-
-def _stroke_excess(shape: Shape, limits: Limits) -> float:
-    """Return the largest violation of a limit of strokes, over the arm's length."""
-    if limits.strokes is None:
-        return 0.0
-    (least, most), lengths = limits.strokes, strokes(shape, limits.stroke_zero)
-    over = max(float((least - lengths).max()), float((lengths - most).max()), 0.0)
-    return over / shape.arm.length
 
 
 # Poses at the stations (K, 7), the tip (3,), its estimated error, stability, midline.

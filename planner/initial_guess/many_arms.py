@@ -106,18 +106,21 @@ class BendCoordinates:
         self._limits = limits
         self.sections = sorted({arm.tendons[j][0] for j in tendons})
         self.width = 2 * len(self.sections)
-        # Tensions (2 n, 2, n_tendons) that bend each section along an axis, there and back.
-        axes = [(0.0, np.pi), (np.pi / 2, -np.pi / 2)]
-        sides = [
-            [section_tensions(arm, i, angle, tendons) for angle in axis]
-            for i in self.sections
-            for axis in axes
-        ]
-        self._sides = np.array(sides)
+        phi, unit = np.array([angle for _, angle in arm.tendons]), natural_tensions(arm)
+        pulls = np.isin(np.arange(arm.n_tendons), list(tendons))
+        section = np.array([i for i, _ in arm.tendons])
+        of_section = pulls & (section == np.array(self.sections)[:, None])
+        # Tensions (2 n, 2, n_tendons) that bend each section by about 1 rad along an axis, there
+        # and back: the tendons on that side share the pull as the law of section 6.1 has it for
+        # four of them.
+        axes = np.array([[0.0, np.pi], [np.pi / 2, -np.pi / 2]])
+        sides = np.exp(1j * (phi - axes[:, :, None]))
+        shares = of_section[:, None, None] * np.maximum(sides.real, 0.0)
+        reach = np.abs((shares * sides).sum(axis=-1, keepdims=True))
+        bent = shares * unit / np.where(reach > 0, reach, 1.0)
+        self._sides = bent.reshape(-1, 2, phi.size)
         # Tensions (n, n_tendons) by which all tendons of a section pull.
-        of_section = [[i == k for i, _ in arm.tendons] for k in self.sections]
-        pulls = [j in tendons for j in range(arm.n_tendons)]
-        self._squeezes = np.array(of_section) * np.array(pulls) * natural_tensions(arm)
+        self._squeezes = of_section * unit
 
     def tensions(self, bends: Array) -> Array:
         """Return tensions (m, n_tendons) of bends (m, 2 n), within the limits.
@@ -137,21 +140,8 @@ class BendCoordinates:
     def draw(self, count: int) -> Array:
         """Return bends (count, 2 n) in all directions, as many small as large; always the same."""
         rng, n = np.random.default_rng(0), len(self.sections)
-        low, high = (np.geomspace(*ends, n) for ends in (_LEAST, _MOST))
+        low, high = np.geomspace(*_LEAST, n), np.geomspace(*_MOST, n)
         size = low * (high / low) ** rng.uniform(size=(count, n))
         angle = rng.uniform(0, 2 * np.pi, size=(count, n))
         bends = np.stack([size * np.cos(angle), size * np.sin(angle)], axis=2)
         return np.asarray(bends.reshape(count, -1))
-
-
-def section_tensions(arm: Arm, section: int, angle: float, tendons: frozenset[int]) -> Array:
-    """Return the tensions of one section that bend the arm by about 1 rad towards an angle [N].
-
-    The tendons on that side share the pull as the law of section 6.1 has it for four of them.
-    """
-    unit = natural_tensions(arm)
-    sides = np.array([np.exp(1j * (phi - angle)) for _, phi in arm.tendons])
-    of_section = np.array([i == section and j in tendons for j, (i, _) in enumerate(arm.tendons)])
-    fraction = np.where(of_section, np.maximum(sides.real, 0.0), 0.0)
-    reach = abs(np.sum(fraction * sides))
-    return fraction * unit / reach if reach > 0 else fraction

@@ -42,12 +42,11 @@ from model.transcription.layout import POSE, Layout
 from model.transcription.system import System
 from planner.avoidance.rows import avoidance_of
 from planner.program.blocks import Block, LeastMode, Responses, States, Stations, TendonLengths
-from planner.program.statement import Mode, Statement
+from planner.program.statement import Statement
 from planner.program.terms import (
     HIGH_PRIORITY,
     LOW_PRIORITY,
     Same,
-    TargetTerms,
     compliance_requests,
     stations_of,
     structure_of,
@@ -99,16 +98,6 @@ class Parts(NamedTuple):
     row_scale: slice
     defect: slice
 
-    @classmethod
-    def of(cls, sizes: tuple[int, ...]) -> Parts:
-        """Return the parts of given sizes, one after the other."""
-        return cls(*(slice(a, b) for a, b in pairwise([0, *accumulate(sizes)])))
-
-    @property
-    def size(self) -> int:
-        """How many parameters there are."""
-        return int(self.defect.stop)
-
 
 class Evaluated(NamedTuple):
     """A program at a point: the rows of equilibrium come last."""
@@ -125,13 +114,6 @@ def factorised(matrix: csc_array) -> SuperLU:
         return splu(matrix)
     except RuntimeError as reason:
         raise SingularError("equilibrium is singular in its states: the arm buckles") from reason
-
-
-def soft_rows(terms: TargetTerms, mode: Mode) -> list[int]:
-    """Return which inequalities have a slack: none, those of low priority, or all."""
-    kept = {"exact": (), "closest": (LOW_PRIORITY,), "nearest": (LOW_PRIORITY, HIGH_PRIORITY)}[mode]
-    weights = np.array(terms.inequality_weights()).ravel()
-    return [row for row, weight in enumerate(weights) if weight in kept]
 
 
 class Program:
@@ -189,8 +171,10 @@ class Program:
         poses, stretches = POSE * len(stations.nodes), len(stations.slim)
         self.measured = poses, stretches, compliances, modes, wound
         sizes = (1, self.equations.n_p, self.n_equations, self.n_equations, sum(self.measured))
-        self.parts = Parts.of((numbers, gaps.n_p if gaps else 0, 3, of.n_tendons, *sizes))
-        self.x, self.p = ca.MX.sym("x", self.size), ca.MX.sym("p", self.parts.size)
+        before = numbers, gaps.n_p if gaps else 0, 3, of.n_tendons
+        ends = list(accumulate([*before, *sizes], initial=0))
+        self.parts = Parts(*(slice(a, b) for a, b in pairwise(ends)))
+        self.x, self.p = ca.MX.sym("x", self.size), ca.MX.sym("p", ends[-1])
         unit = self.p[self.parts.unit], ca.MX.ones(self.n_free - of.n_tendons + 1)
         self.scale = ca.vertcat(*unit, self.p[self.parts.scale])
         self.f, self.outer, rows = self._stated(arm, targets, own, statement, gaps)
@@ -203,7 +187,10 @@ class Program:
         self, targets: tuple[Target, ...], statement: Statement, of: Layout, stations: Stations
     ) -> None:
         """Number the unknowns, block by block, and state the equations of the blocks."""
-        self._soft = soft_rows(self.terms, statement.mode)
+        # Inequalities have no slack, or those of low priority do, or all.
+        kept = {"exact": (), "closest": (LOW_PRIORITY,), "nearest": (LOW_PRIORITY, HIGH_PRIORITY)}
+        has_slack = np.isin(self.terms.inequality_weights, kept[statement.mode])
+        self._soft = np.flatnonzero(has_slack).tolist()
         self.n_slack = len(self._soft)
         self.n_free = of.n_tendons + (statement.norm == "inf") + self.n_slack
         self.states, requests = States(of, stations), compliance_requests(targets)
@@ -251,10 +238,10 @@ class Program:
             inequality[row] = 1 - compliances[place]
         cuts = [0, parts.unit.stop - parts.unit.start, self.n_free - self.n_slack, self.n_free]
         tensions, peak, slacks = ca.vertsplit(x[: self.n_free], cuts)
-        soft, weights = self._soft, terms.inequality_weights()
+        soft, weights = self._soft, ca.DM(terms.inequality_weights[self._soft])
         inequality += ca.DM.eye(inequality.numel())[:, soft] @ slacks
         if mode == "nearest":
-            slacks = ca.vertcat(terms.equality_weights() * met, weights[soft] * slacks)
+            slacks = ca.vertcat(ca.DM(terms.equality_weights) * met, weights * slacks)
         reference, total, weight = ca.vertsplit(p[parts.weights])
         pull = tensions * p[parts.unit] / reference
         effort = {"2": ca.sumsqr(pull) / 2, "1": ca.sum1(pull), "inf": peak}[statement.norm]

@@ -77,6 +77,9 @@ class TargetTerms:
     requests : tuple of ComplianceRequest
     names : tuple of list of str
         The name of each component of the terms, for each of KINDS.
+    equality_weights, inequality_weights : (n,)
+        The factor of each equality, and the weight of each inequality's slack, where not all can be
+        had.
     units : dict
         By name the unit of those terms that have one, see Terms.units.
     """
@@ -114,24 +117,16 @@ class TargetTerms:
             for kind in KINDS
         )
         self.count = len(self.names[0]) + len(self.names[1])
-        self.units = {name: unit for term in self._terms for name, unit in term.units.items()}
-
-    def equality_weights(self) -> ca.DM:
-        """Return the factor of each equality where not all can be had."""
-        factors: dict[str, float] = {}
+        factors, weights = dict[str, float](), dict[str, float]()
         for term in self._terms:
             factors |= {name: math.sqrt(weight) for name, weight in term.weights.items()}
             factors |= dict.fromkeys(term.high_priority, HIGH_PRIORITY)
-        return ca.DM([factors.get(name, 1.0) for name in self.names[0]])
-
-    def inequality_weights(self) -> ca.DM:
-        """Return the weight of each inequality's slack where not all can be met."""
-        weights: dict[str, float] = {}
-        for term in self._terms:
-            weights |= dict.fromkeys(term.low_priority, LOW_PRIORITY) | dict.fromkeys(
-                term.hard, HARD
-            )
-        return ca.DM([weights.get(name, HIGH_PRIORITY) for name in self.names[2]])
+            weights |= dict.fromkeys(term.low_priority, LOW_PRIORITY)
+            weights |= dict.fromkeys(term.hard, HARD)
+        self.equality_weights = np.array([factors.get(name, 1.0) for name in self.names[0]])
+        priorities = [weights.get(name, HIGH_PRIORITY) for name in self.names[2]]
+        self.inequality_weights = np.array(priorities)
+        self.units = {name: unit for term in self._terms for name, unit in term.units.items()}
 
     def shares(self, targets: tuple[Target, ...]) -> list[tuple[int, int]]:
         """Return which inequalities are shares of stiffnesses that are wanted; see Terms.shares.

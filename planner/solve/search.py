@@ -25,9 +25,8 @@ from model.progress import tell
 from model.time_limit import OutOfTime, check_time
 from planner.initial_guess.guesses import POINT, conditions, drawn_arms, initial_guesses
 from planner.program.problem import SEARCHED, Problem
-from planner.program.program import soft_rows
 from planner.program.statement import Mode
-from planner.program.terms import terms_of
+from planner.program.terms import LOW_PRIORITY, terms_of
 from planner.solve.fatrop import solve as by_stages
 from planner.solve.ipopt import Candidate, solve
 from planner.solve.refine import COARSE, refine
@@ -71,7 +70,7 @@ class _Reading:
     """
 
     mode: Mode
-    guesses: Iterator[Array] = field(default_factory=lambda: iter(()))
+    guesses: Iterator[Array]
     trials: list[Trial] = field(default_factory=list)
     met: list[Candidate] = field(default_factory=list)
     unstable: list[Candidate] = field(default_factory=list)
@@ -88,7 +87,7 @@ class Search:
 
     def __init__(self, task: Task) -> None:
         self.task = task
-        self._now = _Reading("exact")
+        self._now = _Reading("exact", iter(()))
         self._last: Candidate | None = None
         self._count = conditions(task.arm, task.targets)
         self._source = initial_guesses(task, is_loaded(task.scene))
@@ -119,7 +118,7 @@ class Search:
         unstable, missed = False, None
         terms = terms_of(self.task.arm, self.task.targets)
         modes: list[Mode] = ["exact"] * self.task.can_be_exact
-        modes += ["closest"] * bool(terms.names[1] or soft_rows(terms, "closest"))
+        modes += ["closest"] * bool(terms.names[1] or LOW_PRIORITY in terms.inequality_weights)
         for mode in [*modes, "nearest"]:
             near = self._now = _Reading(mode, self.guesses(len(missed.trials) if missed else 0))
             hasty = mode == "exact" and self.task.starts is None
@@ -239,7 +238,7 @@ class Search:
     def _from(self, mode: Mode, candidate: Candidate) -> Candidate | None:
         """Return a candidate if it is an optimum, held to its stability where need be."""
         check_time()
-        self._now = _Reading(mode)
+        self._now = _Reading(mode, iter(()))
         self._keep(candidate)
         held = (each for optimum in self._now.unstable for each in self._held(optimum))
         return next(chain(self._now.met, held), None)

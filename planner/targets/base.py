@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -12,6 +11,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.errors import InputError
+from model.machine.compiled import built
 from model.paths import Array
 from model.rotations import conjugate, matrix, multiply
 from model.stiffness import Hold
@@ -96,7 +96,7 @@ class View:
 
     def frame(self, s: float) -> ca.MX:
         """Return the frame (3, 3), columns t, n, b, at station s."""
-        return _frame()(self._poses[s][:4]) if s > 0 else self.base_frame
+        return built(_frame)(self._poses[s][:4]) if s > 0 else self.base_frame
 
     def rotation_from(self, s: float, wanted: ca.MX) -> ca.MX:
         """Return 2 sin(a / 2) u (3,): rotation by a about u [rad] from a frame to that at s.
@@ -104,7 +104,7 @@ class View:
         The frame is given by its quaternion (4,); u has components along its columns. Smooth
         everywhere, of norm 2 at a = pi, and 0 where the frames are the same alone.
         """
-        return _rotation()(self._poses[s][:4], wanted)
+        return built(_rotation)(self._poses[s][:4], wanted)
 
     @property
     def compliance(self) -> ca.MX:
@@ -123,13 +123,11 @@ class View:
         return self.frame(self.arm.length)
 
 
-@cache
 def _frame() -> ca.Function:
     q = ca.SX.sym("q", 4)
     return ca.Function("frame", [q], [matrix(q)])
 
 
-@cache
 def _rotation() -> ca.Function:
     q, wanted = ca.SX.sym("q", 4), ca.SX.sym("wanted", 4)
     relative = multiply(conjugate(wanted), q) / ca.sqrt(ca.sumsqr(q))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import field
-from functools import cache
 from typing import Annotated, Any
 
 import casadi as ca
@@ -12,6 +11,7 @@ import numpy as np
 from model.arm import Arm
 from model.checks import finite_array, unit_vector
 from model.errors import InputError
+from model.machine.compiled import built
 from model.paths import Array
 from model.quantities import Direction, Stiffness, Tension
 from model.stiffness import Hold
@@ -151,10 +151,11 @@ class MinimumStiffness(Target):
             weights = frozenset({SHARE})
             return Terms(inequality=inequality, low_priority=weights, shares=weights)
         name = "stiffness above that wanted"
-        return Terms(inequality={name: _minors()(view.compliance)}, low_priority=frozenset({name}))
+        return Terms(
+            inequality={name: built(_minors)(view.compliance)}, low_priority=frozenset({name})
+        )
 
 
-@cache
 def _minors() -> ca.Function:
     """Return compliance G (3, 3) -> principal minors of 1 - G, 0 or above where G is at most 1."""
     G = ca.SX.sym("G", 3, 3)

@@ -126,7 +126,7 @@ def _stated(
     N, M, m = len(programs), group[-1] + 1, len(places[0])
     rows = [sum(row.size for row in program.rows) for program in programs]
     of = {program: _functions(program) for program in programs}
-    n_p = [2, m, m, N, *(program.parts.size for program in programs)]
+    n_p = [2, m, m, N, *(program.p.numel() for program in programs)]
 
     def state(at: SideBySide) -> tuple[list[Part], Part]:
         weights, before, rate, fractions, *ps = ca.vertsplit(at.p, np.cumsum([0, *n_p]).tolist())
