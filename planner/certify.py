@@ -18,7 +18,6 @@ from model.equilibrium.verification import verified
 from model.errors import OctoplanError
 from model.forward import by_collocation
 from model.loads import contacts, is_loaded
-from model.mesh import FINEST_ACCURACY
 from model.obstacles import distances, numbers_of
 from model.paths import Array
 from model.progress import tell
@@ -30,11 +29,10 @@ from planner.contact.grasp import Grasp
 from planner.measure import compliances_along, measure, strokes
 from planner.program.limits import Limits
 from planner.program.terms import stations_of, terms_of
+from planner.solve.refine import sharper
 from planner.solve.task import Task
 from planner.targets.hold import WRENCH, Hold
 
-# How accurate the check is: two digits more than what it has to judge.
-_SHARPER = 1e-2
 # It begins from a mesh this much coarser than the shape's and than the coarsest: what wrenches lack
 # there is corrected to first order. Where that leaves the tip's pose farther off than so many times
 # its accuracy, from that of the shape.
@@ -60,7 +58,7 @@ def certify(
     tell("verifying by initial value integration")
     try:
         shape = settled()
-        stations, sharp = stations_of(arm, targets), max(_SHARPER * tolerance, FINEST_ACCURACY)
+        stations, sharp = stations_of(arm, targets), sharper(tolerance)
         poses, tip, error, least, line = _integrated(shape, stations, sharp)
         least_gaps, gaps = surroundings.least, dict[str, Clearance]()
         if least_gaps:

@@ -26,8 +26,6 @@ from planner.targets.base import Target
 
 # Tensions that are the same, over the largest.
 _SAME = 1e-6
-# How well mirrored poses meet the targets, over the arm's length, before a shape is settled for it.
-_LIKELY = 1e-3
 
 
 def _planes(arm: Arm, limits: Limits) -> Iterator[tuple[float, Array]]:
@@ -78,7 +76,7 @@ def mirror_images(task: Task, shape: Shape) -> Iterator[tuple[float, Array]]:
     most = _off(arm, targets, poses) + 10 * task.accuracy
     for angle, images in _planes(arm, limits):
         other = T[images]
-        likely = _off(arm, targets, _mirrored(arm, angle, poses)) <= max(most, _LIKELY)
+        likely = _off(arm, targets, _mirrored(arm, angle, poses)) <= most
         if not likely or np.abs(T - other).max() <= _SAME * T.max():
             continue
         with suppress(OctoplanError):

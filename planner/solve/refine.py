@@ -232,10 +232,15 @@ def settled(
     From rest, or near another shape. The error of a shape is that of the tip's place, over the
     arm's length. Its frame, which targets measure too, may be off by thirty times as much.
     """
-    flat, sharper = np.ravel(tensions), max(accuracy / 100, FINEST_ACCURACY)
+    flat, sharp = np.ravel(tensions), sharper(accuracy)
     if near is not None:
-        return settle(arm, flat, scene, sharper, compile=machine_code, near=near)
-    return _settled(arm, tuple(flat.tolist()), scene, sharper, machine_code)
+        return settle(arm, flat, scene, sharp, compile=machine_code, near=near)
+    return _settled(arm, tuple(flat.tolist()), scene, sharp, machine_code)
+
+
+def sharper(accuracy: float) -> float:
+    """Return the accuracy of what has to be judged by an accuracy: two digits more."""
+    return max(accuracy / 100, FINEST_ACCURACY)
 
 
 @lru_cache(maxsize=8)
