@@ -35,19 +35,20 @@ class Point:
     """
 
     def __init__(self, problem: Problem, x: Array, p: Array, bounds: Bounds | None = None) -> None:
-        self.x, self._bounds = x, bounds or problem.bounds
+        self.x = x
         self._n, self._m = problem.n_free, problem.n_outer
         self._evaluated = problem.program.evaluate(x, p)
-        self._inner = self._evaluated.jacobian[self._m :].tocsc()
-        self._factors = factorised(self._inner[:, self._n + 1 :])
-        self._reduced = self._without_states()
-
-    def _without_states(self) -> Array:
-        """Return the derivatives by a, along the equilibrium, of objective and constraints."""
-        n, rows = self._n, self._evaluated.jacobian[: self._m].toarray()
-        rows = np.vstack([self._evaluated.gradient, rows])
-        mu = self._factors.solve(np.ascontiguousarray(-rows[:, n + 1 :].T), "T")
-        return np.asarray(rows[:, :n] + (self._inner[:, :n].T @ mu).T)
+        inner = self._evaluated.jacobian[self._m :].tocsc()
+        self._factors = factorised(inner[:, self._n + 1 :])
+        values = np.append(x[: self._n], self._evaluated.g[: self._m])
+        lbx, ubx, lbg, ubg = bounds or problem.bounds
+        # How far unknowns before the states and constraints are above and below their bounds.
+        self._above = values - np.append(lbx[: self._n], lbg[: self._m])
+        self._below = np.append(ubx[: self._n], ubg[: self._m]) - values
+        # Derivatives by a, along the equilibrium, of the objective and of each constraint.
+        rows = np.vstack([self._evaluated.gradient, self._evaluated.jacobian[: self._m].toarray()])
+        mu = self._factors.solve(np.ascontiguousarray(-rows[:, self._n + 1 :].T), "T")
+        self._reduced = rows[:, : self._n] + (inner[:, : self._n].T @ mu).T
 
     def extended(self, lam_x: Array, lam_g: Array) -> tuple[Array, Array]:
         """Return the multipliers of all unknowns and constraints from those besides equilibrium."""
@@ -64,8 +65,7 @@ class Point:
 
         Where constraints depend on each other there are many such; 0 of what is not active.
         """
-        above, below = self._room()
-        low, high = above <= _ACTIVE, below <= _ACTIVE
+        low, high = self._above <= _ACTIVE, self._below <= _ACTIVE
         active, lam = np.flatnonzero(low | high), np.zeros(low.size)
         rows = np.vstack([np.eye(self._n), self._reduced[1:]])[active]
         ends = np.where(low[active], -np.inf, 0.0), np.where(high[active], np.inf, 0.0)
@@ -79,20 +79,13 @@ class Point:
         The largest of: a component of the Lagrangian's gradient; a violation of a constraint or a
         bound; the product of a multiplier and the distance to its bound. NaN counts as infinite.
         """
-        above, below = self._room()
+        above, below = self._above, self._below
         lam, rest = np.append(lam_x, lam_g), self.slope(lam_g) + lam_x
         scale = _LEAST_SCALE + _most(self._evaluated.gradient[: self._n]) + _most(lam_g)
         room = np.minimum(np.abs(np.where(lam < 0, above, below)), _ROOM)
         violation = np.maximum(-np.minimum(above, below), 0.0)
         worst = _most(np.concatenate([rest / scale, violation, lam * room / scale]))
         return worst if np.isfinite(worst) else np.inf
-
-    def _room(self) -> tuple[Array, Array]:
-        """Return how far unknowns before the states and constraints are above and below bounds."""
-        lbx, ubx, lbg, ubg = self._bounds
-        values = np.append(self.x[: self._n], self._evaluated.g[: self._m])
-        n, m = self._n, self._m
-        return values - np.append(lbx[:n], lbg[:m]), np.append(ubx[:n], ubg[:m]) - values
 
 
 def _most(values: Array) -> float:
