@@ -27,19 +27,21 @@ from planner.program.optimality import Point
 from planner.program.problem import Problem, units
 from planner.program.program import STABILITY, STROKES
 from planner.program.statement import Mode, effort
-from planner.solve.ipopt import Candidate
 from planner.solve.refine import defect, settled
 from planner.solve.task import SearchResult, Task
 from planner.targets.base import Target
 
 
 class Optimum(NamedTuple):
-    """Tensions in equilibrium as a point of their program.
+    """Tensions in equilibrium as a point of their program: unknowns and multipliers of all.
 
     With the defect of the program's mesh there, and the residual of the first-order conditions.
+    Numbers only, as plans travel by pickle.
     """
 
-    point: Candidate
+    x: Array
+    lam_x: Array
+    lam_g: Array
     defect: Array
     residual: float
 
@@ -223,9 +225,8 @@ class Answer(SearchResult):
             point = Point(problem, x, problem.parameters(defect=error))
         except (OctoplanError, np.linalg.LinAlgError):
             return None
-        values = x, *point.extended(lam_x, lam_g), 0.0, np.zeros(0), True, "", 0
         residual = point.residual(lam_x, lam_g)
-        return Optimum(Candidate(*values, problem=problem), error, residual)
+        return Optimum(x, *point.extended(lam_x, lam_g), error, residual)
 
     def _kkt(self) -> float:
         return np.inf if self.optimum is None else self.optimum.residual

@@ -77,9 +77,10 @@ def _continued(origin: Optimum, near: Answer, task: Task) -> tuple[Candidate, fl
     And by how much the tensions jump, 0 where they change little by little.
     """
     problem, n = task.problem(near.statement), task.arm.n_tendons
-    start = replace(origin.point, problem=problem)
-    both = origin.point.problem, problem
-    first, last = (each.parameters(defect=origin.defect) for each in both)
+    values = origin.x, origin.lam_x, origin.lam_g, 0.0, np.zeros(0), True, "", 0
+    start = Candidate(*values, problem=problem)
+    before = problem.but(targets=near.stated)
+    first, last = (each.parameters(defect=origin.defect) for each in (before, problem))
     lbx, ubx, lbg, ubg = problem.bounds
     rise, unit = np.zeros(lbx.size), problem.unit
     rise[:n] = (np.array(problem.limits.lower) - near.limits.lower) / unit
