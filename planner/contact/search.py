@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
@@ -71,6 +72,11 @@ def _cost(end: ContactOptimum) -> tuple[float, bool, float]:
     return end.violation, not end.is_optimal, end.effort
 
 
+def _trials(optima: Sequence[ContactOptimum]) -> tuple[Trial, ...]:
+    """Return one trial for each optimum."""
+    return tuple(Trial(end.effort, end.is_optimal, 0) for end in optima)
+
+
 class ContactSearch:
     """The search for the least tensions of an arm in contact.
 
@@ -128,10 +134,11 @@ class ContactSearch:
             with suppress(OctoplanError):
                 end = optimum(coarse, coarse.along(load_path))
                 end = replace(end, load_path=(*load_path, *end.load_path))
-                if not end.violation and all(_cost(end) < _cost(each) for each in self.optima):
+                cheapest = all(_cost(end) < _cost(each) for each in self.optima)
+                if not end.violation and cheapest and agreed(_trials([*self.optima, end])) < 2:
                     self.best = self._led_to(fine, end)
                 self.optima.append(end)
-            count = agreed(self._trials)
+            count = agreed(_trials(self.optima))
             followed = self.begin is not None and tried == count == 1
             enough = followed or (count > AGREED and self.task.starts is None)
             if enough or tried == self.task.most:
@@ -140,11 +147,6 @@ class ContactSearch:
             with suppress(OctoplanError):
                 self.best = self._led_to(fine, end)
                 return
-
-    @property
-    def _trials(self) -> tuple[Trial, ...]:
-        """One for each optimum."""
-        return tuple(Trial(end.effort, end.is_optimal, 0) for end in self.optima)
 
     def _led_to(self, fine: TensionProgram, end: ContactOptimum) -> ContactOptimum:
         """Return an optimum on the fine mesh: the arm comes to it from rest, or by all steps.
@@ -164,7 +166,7 @@ class ContactSearch:
 
     def _result(self, best: ContactOptimum | None, stopped: bool) -> SearchResult:
         """Return what is told of the best; of where the search began where there is none."""
-        trials, exact = self._trials, best is not None and not best.violation
+        trials, exact = _trials(self.optima), best is not None and not best.violation
         statement = self.task.statement.but(mode="exact" if exact else "nearest", refinement=FINE)
         if best is None:
             *before, last = self.begin or (self.task.allowed.lower,)
