@@ -112,7 +112,7 @@ class Integration:
                 y = SCHEME.step(partial(self._rate, step, strains), y, self._h)
             self._rate(len(result) - 1, result[-1], SCHEME.nodes.index(1.0), y)
             change = np.abs(result - v) / (1 + np.abs(v))
-            if not np.all(np.isfinite(change)) or change.max() <= _LINEAR:
+            if not np.all(np.isfinite(change)) or change.max(initial=0.0) <= _LINEAR:
                 return y, result
             v = result
         return np.full_like(begin, np.nan), np.full_like(v, np.nan)
@@ -128,7 +128,7 @@ class Integration:
             inverse = np.linalg.inv(at.jacobian)
         except np.linalg.LinAlgError:
             inverse = np.full_like(at.jacobian, np.nan)
-        self._inverse = inverse.reshape(*self._shape, -1)
+        self._inverse = inverse.reshape(*v.shape, v.shape[-1])
         if form.friction:
             n = system.of.n_tendons
             unit, slope = np.zeros((2, len(flat), n, flat.shape[1]))

@@ -7,7 +7,7 @@ import pytest
 
 from model import Arm, Scene, Shape, settle
 from model.effects import Contact, ExactTendons, Extension, Weight
-from model.obstacles import Box, HalfSpace
+from model.obstacles import Box, HalfSpace, Sphere
 from planner import Plan, plan, trajectory
 from planner.targets import TipPosition
 from tests.contact.cases import bar, distance
@@ -96,3 +96,13 @@ def test_a_plan_in_contact_passes_no_arm_that_is_crushed() -> None:
     target = TipPosition((0.29957, 0.010395, 0.023342))
     p = plan(Arm.from_paper("table-4"), target, Scene(Extension(), Contact(BOX)), 3.0, starts=1)
     assert p.reached, p.outcome
+
+
+def test_a_tip_that_the_arm_meets_without_a_touch_is_planned() -> None:
+    """What is measured where the arm touches was sought at no place at all, and raised."""
+    arm = bar(0.3, 0.006, 2e5)
+    scene = Scene(Extension(), ExactTendons(), Contact(Sphere((0.15, 0.0, 0.2), 0.02)))
+    tip = tuple(settle(arm, (0.0, 0.3, 0.0, 0.0), scene).tip.tolist())
+    result = plan(arm, TipPosition(tip), scene, 5.0)
+    assert result.reached
+    assert not result.shape.contacts
