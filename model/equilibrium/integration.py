@@ -253,14 +253,16 @@ def _times(A: Array, v: Array) -> Array:
 def poses_and_strains(system: System, x: Array, s: Array) -> tuple[Array, Array]:
     """Return poses (N, 7), and strains (N, n) on the base side of arc lengths s (N,).
 
-    Strains balance the wrench there by the law of the cross-section.
+    Poses at nodes are those of the states. Strains balance the wrench there by the law of the
+    cross-section.
     """
     mesh = system.mesh
     elements = np.clip(np.searchsorted(mesh.s, s) - 1, 0, mesh.steps - 1)
     reach = (s - mesh.s[elements]) / np.diff(mesh.s)[elements]
     parts = Integration(system, x, 1, (elements, reach))
     y, strains = parts.run(parts.by_stages)
-    return y[:, :POSE], strains[-1, -1]
+    at_nodes = x[system.of.first + system.of.nodes[elements + 1, :POSE]]
+    return np.where(reach[:, None] < 1, y[:, :POSE], at_nodes), strains[-1, -1]
 
 
 def sliding_tensions(at: System, x: Array, s: Array, place: Places, tendon: Places) -> Array:
