@@ -96,10 +96,11 @@ class Integration:
         basis = self._share[:, :, :1] ** powers @ np.linalg.inv(_SAMPLES[:, None] ** powers)
         return np.asarray(np.tensordot(basis, strains, 1))
 
-    def run(self, v: Array) -> tuple[Array, Array]:
+    def run(self, v: Array, known: Array | None = None) -> tuple[Array, Array]:
         """Return pose, wrench and turning where the parts end (P, n), and strains (..., P, n).
 
-        Begun about strains (..., P, n); NaN where none are found. The last are those at the ends.
+        Begun about strains (..., P, n); NaN where none are found. The last are those at the ends,
+        by pose and wrench that are `known` there (P, n), NaN where they are not.
         """
         of, states = self._system.of, self._states
         begin = states[of.nodes[self._elements, : of.node_size - of.touching]]
@@ -110,6 +111,9 @@ class Integration:
             y, result = begin, np.empty_like(v)
             for step, strains in enumerate(result):
                 y = SCHEME.step(partial(self._rate, step, strains), y, self._h)
+            if known is not None:
+                w = known.shape[1]
+                y[:, :w] = np.where(np.isnan(known), y[:, :w], known)
             self._rate(len(result) - 1, result[-1], SCHEME.nodes.index(1.0), y)
             change = np.abs(result - v) / (1 + np.abs(v))
             if not np.all(np.isfinite(change)) or change.max(initial=0.0) <= _LINEAR:
@@ -253,16 +257,17 @@ def _times(A: Array, v: Array) -> Array:
 def poses_and_strains(system: System, x: Array, s: Array) -> tuple[Array, Array]:
     """Return poses (N, 7), and strains (N, n) on the base side of arc lengths s (N,).
 
-    Poses at nodes are those of the states. Strains balance the wrench there by the law of the
-    cross-section.
+    Poses and wrenches at nodes are those of the states. Strains balance the wrench there by the law
+    of the cross-section.
     """
     mesh = system.mesh
     elements = np.clip(np.searchsorted(mesh.s, s) - 1, 0, mesh.steps - 1)
     reach = (s - mesh.s[elements]) / np.diff(mesh.s)[elements]
+    at_nodes = x[system.of.first + system.of.nodes[elements + 1, : POSE + system.of.form.wrench]]
+    known = np.where(reach[:, None] < 1, np.nan, at_nodes)
     parts = Integration(system, x, 1, (elements, reach))
-    y, strains = parts.run(parts.by_stages)
-    at_nodes = x[system.of.first + system.of.nodes[elements + 1, :POSE]]
-    return np.where(reach[:, None] < 1, y[:, :POSE], at_nodes), strains[-1, -1]
+    y, strains = parts.run(parts.by_stages, known)
+    return y[:, :POSE], strains[-1, -1]
 
 
 def sliding_tensions(at: System, x: Array, s: Array, place: Places, tendon: Places) -> Array:
