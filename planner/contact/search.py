@@ -124,7 +124,10 @@ class ContactSearch:
         self.best = min(self.optima, key=_cost, default=None)
 
     def _search(self) -> None:
-        """Find optima until three agree on the best, or there are as many as are asked for."""
+        """Find optima until enough agree on the best, or there are as many as are asked for.
+
+        Two, or three where something is held, as two may agree on many times the least effort.
+        """
         least = self.task.statement.least
         coarse, fine = (TensionProgram(self.task, mesh, least) for mesh in (COARSE, FINE))
         nearby = [] if self.begin is None else [self.begin]
@@ -140,7 +143,8 @@ class ContactSearch:
                 self.optima.append(end)
             count = agreed(_trials(self.optima))
             followed = self.begin is not None and tried == count == 1
-            enough = followed or (count > AGREED and self.task.starts is None)
+            some = count >= AGREED + bool(coarse.holds)
+            enough = followed or (some and self.task.starts is None)
             if enough or tried == self.task.most:
                 break
         for end in () if self.best else sorted(self.optima, key=_cost):
