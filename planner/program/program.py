@@ -197,7 +197,7 @@ class Program:
         firsts = accumulate((request.width for request in requests), initial=0)
         pairs = zip(requests, firsts, strict=False)
         self.responses = [Responses(self.states, request, first) for request, first in pairs]
-        self.modes = [LeastMode(self.states)] * statement.modes
+        self.modes = [LeastMode(self.states) for _ in range(statement.modes)]
         self.lengths = [TendonLengths(of)] * statement.wound
         blocks: list[Block] = [self.states, *self.responses, *self.modes, *self.lengths]
         first = self.n_free + 1

@@ -30,8 +30,9 @@ def least(scene: str) -> Plan:
 
 
 def stiff(found: Plan, hold: Any = "tension", along: Any = ALONG) -> float:
-    """The stiffness of a planned shape's tip along a direction [N/m]."""
-    C = stiffness(found.arm, found.tensions, found.scene, hold, accuracy=1e-8).compliance
+    """The stiffness of a planned tip along a direction [N/m], all tendons locked or none."""
+    at = found.arm, found.tensions, found.scene, hold
+    C = stiffness(*at, accuracy=1e-8, release=False).compliance
     return float(1 / (np.array(along) @ C[:3, :3] @ along))
 
 
