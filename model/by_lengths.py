@@ -94,8 +94,8 @@ def tightened(
     """Return the equilibrium whose taut tendons are as long as winches leave them, to `rounding`.
 
     Over the arm's length; combinations of tensions that lengths feel by less are the least. Where
-    steps of such combinations do not end, for rounding, the one that misses lengths least; None
-    where lengths are not met in so many.
+    rounding keeps the steps from ending it is the equilibrium that misses lengths least; None where
+    lengths are not met at all.
     """
     held, rounding, last = winches.held, rounding * arm.length, 0.0
     nearly, best, least_missed = _NEARLY * arm.length, None, np.inf
@@ -139,11 +139,11 @@ def taken_in(
     winches: Winches,
     beside: Callable[[_At, Array], _At | None],
     arm: Arm,
-    rounding: float = ROUNDING,
+    rounding: float,
 ) -> _At | None:
-    """Return the equilibrium at lengths that are taken in from those of another, step by step.
+    """Return the equilibrium at lengths that winches take in step by step, from those of another.
 
-    Where steps become short there is none on its branch: None.
+    None where steps become short: there is no equilibrium farther on along its branch.
     """
     spare, reached, step = np.maximum(at.lengths - winches.lengths, 0.0), 0.0, 1.0
     while reached < 1:
