@@ -121,6 +121,8 @@ class ContactSearch:
                 start = np.maximum(T + factor * (free - T), low)
                 end = optimum(program, program.begin, start)
                 self.optima.append(replace(end, load_path=self.begin))
+                if end.is_optimal:
+                    break
         self.best = min(self.optima, key=_cost, default=None)
 
     def _search(self) -> None:

@@ -86,8 +86,7 @@ class MotionCertificate(Shown):
     @property
     def residuals(self) -> tuple[float, ...]:
         """The largest residual of what has to be met at each target; lengths over the arm's."""
-        each = ((*one.equality.values(), *one.soft_residual.values()) for one in self.at_targets)
-        return tuple(max(sizes, default=0.0) for sizes in each)
+        return tuple(one.residual for one in self.at_targets)
 
     @property
     def inequalities(self) -> tuple[float, ...]:
@@ -97,18 +96,18 @@ class MotionCertificate(Shown):
     @property
     def reached(self) -> tuple[bool, ...]:
         """Which targets are met."""
-        each = zip(self.residuals, self.inequalities, self.at_targets, strict=True)
-        return tuple(size <= of.tolerance and least >= -of.tolerance for size, least, of in each)
+        return tuple(one.attained for one in self.at_targets)
 
     @property
     def failures(self) -> tuple[str, ...]:
         """What did not pass, a sentence each."""
         sentences = [self.problem] * bool(self.problem)
-        missed = [i for i, met in enumerate(self.reached) if not met]
-        sentences += [f"target {i} is off by {self.residuals[i]:.2g}" for i in missed[:3]]
+        pairs = enumerate(zip(self.residuals, self.inequalities, self.at_targets, strict=True))
+        missed = [(i, max(size, -least)) for i, (size, least, of) in pairs if not of.attained]
+        sentences += [f"target {i} is off by {size:.2g}" for i, size in missed[:3]]
         for i, one in enumerate(self.at_targets):
             # Targets and limits are told of already.
-            kept = replace(one, equality={}, soft_residual={}, inequality={}, bounds=0.0)
+            kept = replace(one, equality={}, inequality={}, bounds=0.0)
             sentences += [f"at target {i} {failure}" for failure in kept.failures]
         if self.bounds > 0:
             sentences.append(f"a tension limit is violated by {self.bounds:.2g} N")
@@ -177,17 +176,18 @@ def certify_motion(
     )
     if not question.surroundings:
         return result
-    kept = between(question.lines(), way, question.surroundings)
-    k = int(np.argmin(kept.bound))
+    bound, when, step = between(question.lines(), way, question.surroundings)
+    k = int(np.argmin(bound))
     return replace(
         result,
-        clearance=float(kept.bound[k]),
-        nearest=float(kept.when[k]),
-        step=kept.step if is_loaded(question.scene) else 0.0,
+        clearance=float(bound[k]),
+        nearest=float(when[k]),
+        step=step * is_loaded(question.scene),
     )
 
 
 def _at_target(question: Question, targets: tuple[Target, ...], shape: Shape) -> Certificate:
-    """Return the certificate of a waypoint, of which optimality is not asked."""
+    """Return the certificate of a waypoint, of which optimality is not asked; all has to be met."""
     stated = question.arm, targets, question.scene, question.limits, Statement()
-    return certify(Task(*stated, question.accuracy), shape.tensions, lambda: shape, 0.0)
+    one = certify(Task(*stated, question.accuracy), shape.tensions, lambda: shape, 0.0)
+    return replace(one, equality={**one.equality, **one.soft_residual}, soft_residual={})

@@ -7,7 +7,6 @@ waypoints without targets, between them; then the program over all is solved aga
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -57,16 +56,15 @@ def cleared(question: Question) -> list[Waypoint]:
 def _corrected(question: Question, before: list[Waypoint], lines: Lines) -> list[Waypoint] | None:
     """Return waypoints with inequalities where they, or the ways between, are too near."""
     way = Timed.of(question, before)
-    kept, starts = between(lines, way, question.surroundings), way.starts
-    fractions = (kept.when - starts[:-1]) / np.diff(starts)
-    too_near = kept.bound < 0
+    (bound, when, _), starts = between(lines, way, question.surroundings), way.starts
+    fractions, too_near = (when - starts[:-1]) / np.diff(starts), bound < 0
     inside = too_near & (fractions > _INSIDE) & (fractions < 1 - _INSIDE)
     beside = too_near | np.append(too_near[1:], False)
     waypoints, changed = list[Waypoint](), bool(inside.any())
     for k, waypoint in enumerate(before):
         if inside[k]:
-            T = way.at(kept.when[k : k + 1])[0]
-            rows = _updated(question, lines, T, float(kept.when[k]), Avoidance(()))
+            T = way.at(when[k : k + 1])[0]
+            rows = _updated(question, lines, T, float(when[k]), Avoidance(()))
             waypoints.append(Waypoint((), T, rows, fractions[k] * waypoint.fraction))
             waypoint = replace(waypoint, fraction=(1 - fractions[k]) * waypoint.fraction)
         if beside[k]:
@@ -97,26 +95,13 @@ def _updated(
     return avoiding(line, surroundings, before)[0]
 
 
-class Between(NamedTuple):
-    """How clear an arm stays from each waypoint to the next.
+def between(lines: Lines, way: Timed, surroundings: Surroundings) -> tuple[Array, Array, float]:
+    """Return how clear an arm stays from each of N waypoints to the next.
 
-    Attributes
-    ----------
-    bound : (N,)
-        What is kept besides the clearance [m]; a lower bound, see model.clearance.bisection.
-    when : (N,)
-        When that is [s].
-    step : float
-        How far places of the arm go at the most between two shapes that were looked at [m].
+    What is kept besides the clearance (N,) [m], a lower bound, see model.clearance.bisection; when
+    that is (N,) [s]; how far places of the arm go at the most between two shapes that were looked
+    at [m].
     """
-
-    bound: Array
-    when: Array
-    step: float
-
-
-def between(lines: Lines, way: Timed, surroundings: Surroundings) -> Between:
-    """Return how clear an arm stays from each waypoint to the next."""
     times, moving = way.starts, surroundings.moving
     if moving:
         # Parts on which obstacles move steadily, and the share of the way is a parabola.
@@ -148,4 +133,4 @@ def between(lines: Lines, way: Timed, surroundings: Surroundings) -> Between:
     # The first of the least of each stretch.
     which = np.searchsorted(way.starts[1:], low, side="right")
     first = np.lexsort((bound, which))[np.searchsorted(which, np.arange(way.starts.size - 1))]
-    return Between(bound[first], when[first], max(float(one.step.max()) for one in nearest))
+    return bound[first], when[first], max(float(one.step.max()) for one in nearest)

@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 
 from model.arm import Arm
-from model.checks import positive
-from model.errors import InputError
 from model.loads import contacts
 from model.machine.compiled import Compile, checked_compile
 from model.mesh import checked_accuracy
@@ -74,7 +72,7 @@ def trajectory(
         [m], asked so often as `waypoints` says; or the name of a .csv file with columns x_m, y_m,
         z_m, and t_s if times are given.
     tension_max, tension_min, total_pull, stroke_max, stroke_min, stroke_zero, scene, accuracy,
-    compile
+    compile, progress
         As plan takes them.
     rate_max : float, or one for each tendon
         The fastest that tensions change [N/s].
@@ -93,9 +91,6 @@ def trajectory(
         time it goes around them; that it waits for them is not tried.
     time_limit : float
         [s].
-    progress : bool
-        Whether a line tells how far it is: unless given, after two seconds, on terminals and in
-        notebooks.
     quasi_static : bool
         Whether the tip is to accelerate by a tenth of gravity at most, so that inertia, which is
         left out, counts for little.
@@ -111,52 +106,22 @@ def trajectory(
     TimeLimitError
         Where the time limit is reached before there is a motion.
     """
-    seconds = None if time_limit is None else positive("time_limit", time_limit)
     scene = planned_scene(arm, scene)
     sequence, file_times = waypoints_of(arm, targets, waypoints)
-    strokes = (stroke_max, stroke_min, stroke_zero)
+    strokes, accelerations = (
+        (stroke_max, stroke_min, stroke_zero),
+        (stroke_acceleration_max, tip_acceleration_max),
+    )
     limits = checked_limits(arm, scene, tension_max, tension_min, total_pull, *strokes)
-    accelerations = stroke_acceleration_max, tip_acceleration_max
     rates = Rates.of(arm, rate_max, stroke_rate_max, *accelerations, quasi_static)
-    instants = checked_times(file_times if times is None else times, len(sequence))
-    if instants is None and not rates.limited:
-        allowed = (
-            "rate_max [N/s], a limit of strokes [m/s, m/s2] or of the tip's acceleration [m/s2] "
-            "for the least time, or times [s]"
-        )
-        raise InputError("times", None, allowed)
+    instants = checked_times(file_times if times is None else times, len(sequence), rates)
     every = tuple(target for targets in sequence for target in targets)
     around = surroundings(arm, every, obstacles, clearance, self_clearance, in_time=True)
-    question = Question(
-        arm,
-        scene,
-        sequence,
-        limits,
-        rates,
-        around,
-        instants,
-        checked_start(arm, start, limits),
-        checked_accuracy(accuracy),
-        checked_compile(compile),
-        start if isinstance(start, HeldPlan) and is_same(start.scene, scene) else None,
-    )
-    with limited(seconds):
-        led = planned_touching(question) if contacts(scene) else cleared(question)
-        way = Timed.of(question, led)
-        _check_durations(question, way)
-        return Trajectory(question, way)
-
-
-def _check_durations(question: Question, way: Timed) -> None:
-    """Raise InputError for times that the rates do not allow, with what would do."""
-    if question.steps is None or question.times is None:
-        return
-    needed, steps = np.diff(way.starts[[0, *way.met]]), question.steps
-    late = np.flatnonzero(needed > steps * (1 + question.accuracy))
-    if late.size:
-        i, faster = int(late[0]), float((needed / steps).max())
-        allowed = (
-            f"{needed[i]:.4g} s after the target before at these rates, not "
-            f"{steps[i]:.4g} s; or rates {faster:.3g} times as high"
-        )
-        raise InputError(f"times[{i}]", float(question.times[i]), allowed)
+    held = start if isinstance(start, HeldPlan) and is_same(start.scene, scene) else None
+    began, precision = checked_start(arm, start, limits), checked_accuracy(accuracy)
+    how = instants, began, precision, checked_compile(compile), held
+    question = Question(arm, scene, sequence, limits, rates, around, *how)
+    with limited(time_limit):
+        way = Timed.of(question, (planned_touching if contacts(scene) else cleared)(question))
+    question.check_durations(np.diff(way.starts[[0, *way.met]]))
+    return Trajectory(question, way)

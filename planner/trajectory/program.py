@@ -59,21 +59,17 @@ class MotionProgram:
         places, start, rate = _limited(question, programs)
         values = [start, *(x[list(at)] for x, at in zip(guess, places, strict=True))]
         slowest = (np.abs(np.diff(values, axis=0)) / rate).max(axis=1, initial=0.0) / fractions
-        needed, steps = np.zeros(group[-1] + 1), question.steps
+        least = np.zeros(group[-1] + 1) if question.steps is None else question.steps
+        needed = least.copy()
         np.maximum.at(needed, group, slowest)
-        needed = needed if steps is None else np.maximum(needed, steps)
+        unit = max(float(needed.max()), _LEAST)
         pairs = zip(stops, guess, strict=True)
         effort = float(sum(stop.problem.program.evaluate(x, stop.p).f for stop, x in pairs))
-        unit = max(float(needed.max()), _LEAST)
         penalty = max(effort, _LEAST) * unit / max(float(needed.sum()), _LEAST)
-        weights = (_WEIGHT, penalty) if steps is None else (1.0, penalty / _WEIGHT)
-        least = np.zeros(needed.size) if steps is None else steps / unit
-        self._numbers = [np.array(weights), start, rate * unit, fractions]
-        coupled = 2 * rate.size * len(stops)
-        self._more = (
-            (least, np.full(least.size, np.inf)),
-            (np.full(coupled, -np.inf), np.zeros(coupled)),
-        )
+        weights = np.array([_WEIGHT, penalty]) / (1.0 if question.steps is None else _WEIGHT)
+        self._numbers = [weights, start, rate * unit, fractions]
+        none = np.zeros(2 * rate.size * len(stops))
+        self._more = (least / unit, np.full(least.size, np.inf)), (none - np.inf, none)
         self._guess = np.concatenate([*guess, needed / unit + _SPARE])
         self._stated = _stated(programs, tuple(group.tolist()), places)
 

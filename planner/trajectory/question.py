@@ -103,11 +103,6 @@ class Rates:
         return bool(np.isfinite(self.of_places[1:]).any())
 
     @property
-    def limited(self) -> bool:
-        """Whether every motion takes time."""
-        return bool(np.all(np.isfinite(self.tension)) or np.isfinite(self.of_places).any())
-
-    @property
     def pace(self) -> float:
         """The rate of strokes that the program over the waypoints counts with [m/s].
 
@@ -161,47 +156,45 @@ class Question:
         """The time (M,) that is given from target to target [s], if times are."""
         return None if self.times is None else np.diff(self.times, prepend=0.0)
 
+    def check_durations(self, needed: Array) -> None:
+        """Raise InputError for times that the rates do not allow, with what would do.
+
+        `needed` (M,) is what the ways from target to target take [s].
+        """
+        steps = needed if self.times is None else np.diff(self.times, prepend=0.0)
+        for i in np.flatnonzero(needed > steps * (1 + self.accuracy)):
+            allowed = (
+                f"{needed[i]:.4g} s after the target before at these rates, not {steps[i]:.4g} s; "
+                f"or rates {(needed / steps).max():.3g} times as high"
+            )
+            raise InputError(f"times[{i}]", float(steps[: i + 1].sum()), allowed)
+
     @property
     def wider(self) -> Surroundings:
         """What waypoints are planned to keep clear of: by a little more than is asked."""
-        surroundings = self.surroundings
-        if not surroundings:
-            return surroundings
-        return replace(surroundings, clearance=surroundings.clearance + _SPARE * self.arm.length)
+        spare = _SPARE * self.arm.length * bool(self.surroundings)
+        return replace(self.surroundings, clearance=self.surroundings.clearance + spare)
 
-    def planned(self, i: int, near: Plan | None = None, starts: int | None = None) -> Plan:
+    def planned(self, i: int, near: Plan | None = None) -> Plan:
         """Return the plan that meets a target alone, as clear of what stands still as waypoints.
 
         Raises InputError, with the targets after it that are missed as well, if there is none.
         """
-        with of_target(i):
-            result = self._plan(i, near, starts)
-        if result.mode == "exact":
-            return result
-        missed = [i]
-        for k in range(i + 1, len(self.targets) if near is None else 0):
+        missed = list[Plan]()
+        more = self.limits.keywords | self.wider.keywords
+        more |= {"accuracy": self.accuracy, "compile": self.machine_code}
+        for k in range(i, len(self.targets) if near is None else i + 1):
             with of_target(k):
-                if self._plan(k).mode == "exact":
-                    break
-            missed.append(k)
-        place = f"targets[{i}]" + (len(missed) > 1) * f" to [{missed[-1]}]"
-        raise InputError(place, "out of reach", f"targets that can be met: {result.outcome}")
-
-    def _plan(self, i: int, near: Plan | None = None, starts: int | None = None) -> Plan:
-        result = plan(
-            self.arm,
-            self.targets[i],
-            self.scene,
-            accuracy=self.accuracy,
-            starts=starts,
-            near=near,
-            compile=self.machine_code,
-            **self.limits.keywords,
-            **self.wider.keywords,
-        )
-        if result.stopped:
-            raise OutOfTime
-        return result
+                result = plan(self.arm, self.targets[k], self.scene, near=near, **more)
+            if result.stopped:
+                raise OutOfTime
+            if result.mode == "exact":
+                break
+            missed.append(result)
+        if not missed:
+            return result
+        place = f"targets[{i}]" + (len(missed) > 1) * f" to [{i + len(missed) - 1}]"
+        raise InputError(place, "out of reach", f"targets that can be met: {missed[0].outcome}")
 
     def shape(self, T: Array, near: Shape | None = None) -> Shape:
         """Return the settled shape under tensions (n_tendons,), near another if one is given."""
@@ -260,16 +253,24 @@ def waypoints_of(
     return tuple(checked), times
 
 
-def checked_times(times: Any, count: int) -> Array | None:
-    """Return the time of each target [s], increasing from above 0; None for None."""
+def checked_times(times: Any, count: int, rates: Rates) -> Array | None:
+    """Return the time of each target [s], increasing from above 0.
+
+    None for the least time, which InputError asks for unless rates are limited.
+    """
+    limited = np.all(np.isfinite(rates.tension)) or np.isfinite(rates.of_places).any()
+    if times is None and not limited:
+        allowed = (
+            "rate_max [N/s], a limit of strokes [m/s, m/s2] or of the tip's acceleration [m/s2] "
+            "for the least time, or times [s]"
+        )
+        raise InputError("times", None, allowed)
     if times is None:
         return None
     checked = finite_array("times", times, (count,))
-    steps = np.diff(checked, prepend=0.0)
-    if steps.min() <= 0:
-        worst = int(np.argmin(steps))
+    for i in np.flatnonzero(np.diff(checked, prepend=0.0) <= 0):
         allowed = "times above 0 that increase, one for each target"
-        raise InputError(f"times[{worst}]", float(checked[worst]), allowed)
+        raise InputError(f"times[{i}]", float(checked[i]), allowed)
     return checked
 
 

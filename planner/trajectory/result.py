@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.integrate import quad
+from scipy.integrate import simpson
 
 from model.arm import Arm
 from model.checks import finite_array
@@ -127,16 +127,14 @@ class Trajectory(Shown):
             f"{self.duration:.4g} s for {len(self.stops)} targets",
             self.certificate,
         )
-        if certificate.passed:
-            messages = [f"Reached: {result}, every target met, limits, rates and clearance kept."]
-        else:
+        said = f"Reached: {result}, every target met, limits, rates and clearance kept."
+        if not certificate.passed:
             advice = "give it more time, room or tension, or move what is missed"
-            messages = [f"Not certified ({result}): {'; '.join(certificate.failures)}; {advice}."]
+            said = f"Not certified ({result}): {'; '.join(certificate.failures)}; {advice}."
         share = f"the tip accelerates by some {self.inertia:.2g} times gravity"
-        slow = self.inertia <= QUASI_STATIC * (1 + SAMPLED)
-        words = f"{'Slow' if slow else 'Not slow'} enough to be quasi-static"
-        messages.append(f"{words}: {share}, the arm's slowest period {self.period:.2g} s.")
-        return " ".join(messages)
+        slow = "Slow" if self.inertia <= QUASI_STATIC * (1 + SAMPLED) else "Not slow"
+        period = f"the arm's slowest period {self.period:.2g} s"
+        return f"{said} {slow} enough to be quasi-static: {share}, {period}."
 
     def at(self, t: Any) -> Array:
         """Return the tensions at a time [s], by section, or at times (M,), flat (M, n_tendons) [N].
@@ -184,13 +182,9 @@ def slowest_period(shape: Shape) -> float:
     """
     arm, fluid = shape.arm, shape.scene.find(Buoyancy)
     density = arm.material.density + (fluid.density if fluid else 0.0)
-
-    def moving(share: float) -> float:
-        """Return the mass that moves with the tip by length, at a share of the arm [kg/m]."""
-        radius = arm.radius.evaluate(np.array([share * arm.length]), arm.length)[0][0]
-        return float(density * np.pi * radius**2 * share**4)
-
-    mass = arm.length * quad(moving, 0.0, 1.0)[0]
+    share = np.linspace(0.0, 1.0, 201)
+    area = np.pi * arm.radius.evaluate(arm.length * share, arm.length)[0] ** 2
+    mass = density * arm.length * simpson(area * share**4, x=share)
     near = shape if contacts(shape.scene) else None
     k = stiffness(arm, shape.tensions, shape.scene, accuracy=1e-3, near=near)
     compliance = float(np.linalg.eigvalsh(k.compliance[:3, :3]).max())

@@ -7,11 +7,10 @@ place x(u) and b = (du/dt)^2 the limits are
     |T'| sqrt(b) <= rate      |l'| sqrt(b) <= stroke rate      |l' b' / 2 + l'' b| <= acceleration
                                                                |x' b' / 2 + x'' b| <= acceleration
 
-linear in b and its slope but for the last, a disc in the plane of x' and x'', for which a polygon
-stands. With b linear between even knots, which is a constant d2u/dt2, the least time is a linear
-program: what is fastest at one place is fastest at all. Source: Verscheure, Demeulenaere, Swevers,
-De Schutter, Diehl, "Time-optimal path tracking for robots: a convex optimization approach", IEEE
-Transactions on Automatic Control 54 (2009).
+linear in b and its slope, the last a cone. With b linear between even knots, which is a constant
+d2u/dt2, the least time is a conic program: what is fastest at one place is fastest at all. Source:
+Verscheure, Demeulenaere, Swevers, De Schutter, Diehl, "Time-optimal path tracking for robots: a
+convex optimization approach", IEEE Transactions on Automatic Control 54 (2009).
 """
 
 from __future__ import annotations
@@ -20,27 +19,23 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+import clarabel
 import numpy as np
-import scipy
 from numpy.polynomial import chebyshev
 from scipy.interpolate import PPoly
-from scipy.sparse import diags_array, eye_array, vstack
 
-from model.clearance.lines import Lines
 from model.errors import ConvergenceError
 from model.paths import Array
+from planner.contact.grasp import Cone, conic_program
 from planner.trajectory.question import Question, Rates, Waypoint
 
 # Knots of a stretch, and instants at which it is looked at.
 _KNOTS = 80
 _INSTANTS = 4 * _KNOTS
-# Directions of the half polygon: outside of the disc by 2 % at most.
-_DIRECTIONS = np.linspace(0.0, np.pi, 9)
 # Degrees that are tried, and what their last coefficients may be, over the largest change.
 _DEGREES, _ROUNDING = (8, 16, 32, 64, 128), 1e-8
 # What a stretch takes on which nothing limits the pace [s].
 _INSTANT = 1e-9
-_TINY = float(np.finfo(float).tiny)
 # Tensions (n_tendons,) -> lengths of the tendons, place of the tip: (n_tendons + 3,) [m].
 Places = Callable[[Array], Array]
 
@@ -128,54 +123,38 @@ def fastest_pace(law: PPoly) -> Array:
 
 
 def fastest(stretch: Stretch, rates: Rates) -> PPoly:
-    """Return the share of a stretch over time, from rest to rest in the least time."""
-    u = np.linspace(0.0, 1.0, _KNOTS + 1)
-    first, second = stretch.derivatives(u)
-    limited = _limited(first, second, rates)
-    size = max(float(np.abs(limited[0]).max()), _INSTANT)
-    # What b at the knots gives at both ends of each interval.
-    ends = [eye_array(_KNOTS, _KNOTS + 1, k=k) for k in (0, 1)]
-    slope = (ends[1] - ends[0]) * (_KNOTS / 2)
-    A = vstack(
-        [
-            diags_array(one[k : _KNOTS + k]) @ slope + diags_array(two[k : _KNOTS + k]) @ end
-            for one, two in zip(*(each.T / size for each in limited), strict=True)
-            for k, end in enumerate(ends)
-        ]
-    )
-    tension = (np.abs(stretch.change) / rates.tension).max()
-    fast = np.maximum(np.abs(first[:, :-3]).max(axis=1) / rates.stroke, tension)
-    # Where nothing limits b it is what takes an instant.
-    most = size / np.maximum(fast**2, _INSTANT * size)
-    most[[0, -1]] = 0.0
-    bounds = np.column_stack([np.zeros(u.size), most])
-    limits = vstack([A, -A]).tocsr()
-    solution = scipy.optimize.linprog(
-        -np.ones(u.size), limits, np.ones(limits.shape[0]), bounds=bounds
-    )
-    law = _paced(u, np.sqrt(np.maximum(solution.x, 0.0) / size))
-    # Between knots a limit may be passed by a little.
-    return stretch.kept(law, rates)
+    """Return the share of a stretch over time, from rest to rest in the least time.
 
-
-def _limited(first: Array, second: Array, rates: Rates) -> tuple[Array, Array]:
-    """Return first and second derivatives (K, m) of all whose accelerations have limits.
-
-    Over these limits: of lengths, and of the tip along the directions of a polygon in the plane of
-    its tangent and curvature.
+    Raises ConvergenceError where none is found.
     """
-    (lengths, tip), (bent, turned) = (np.split(each, [-3], axis=1) for each in (first, second))
-    speed = np.linalg.norm(tip, axis=1)
-    along = np.sum(turned * tip, axis=1) / np.maximum(speed, _TINY)
-    across = np.sqrt(np.maximum(np.sum(turned**2, axis=1) - along**2, 0.0))
-    cos, sin = np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)
-    ahead, whole = speed[:, None] * cos, along[:, None] * cos + across[:, None] * sin
-    pairs = (lengths, ahead), (bent, whole)
-    limits = rates.acceleration, rates.tip_acceleration
-    one, two = (
-        np.hstack([each / most for each, most in zip(pair, limits, strict=True)]) for pair in pairs
+    u = np.linspace(0.0, 1.0, _KNOTS + 1)
+    derivatives = np.stack(stretch.derivatives(u))
+    limits = np.repeat([rates.acceleration, rates.tip_acceleration], [stretch.change.size, 3])
+    size = max(float(np.abs(derivatives / limits).max()), _INSTANT)
+    # By b at the knots between the ends: itself, and its slope in each interval.
+    b = np.eye(_KNOTS + 1)[:, 1:-1]
+    slope = np.diff(b, axis=0) * (_KNOTS / 2)
+    first, second = derivatives[..., None] / (size * limits)[:, None]
+    begin, end = slice(_KNOTS), slice(1, None)
+    accelerations = np.vstack(
+        [first[at] * slope[:, None] + second[at] * b[at][:, None] for at in (begin, end)]
     )
-    return one, two
+    lengths, tip = accelerations[:, :-3].reshape(-1, b.shape[1]), accelerations[:, -3:]
+    tension = (np.abs(stretch.change) / rates.tension).max()
+    fast = np.maximum(np.abs(derivatives[0, 1:-1, :-3]).max(axis=1) / rates.stroke, tension)
+    # Where nothing limits b it is what takes an instant.
+    bounded = np.diag(np.maximum(fast**2 / size, _INSTANT))
+    positive = np.vstack([np.eye(fast.size), -bounded, -lengths, lengths])
+    offsets = np.repeat([0.0, 1.0], [fast.size, fast.size + 2 * len(lengths)])
+    cones: list[Cone] = [(clarabel.NonnegativeConeT, positive, offsets)]
+    for each in np.pad(tip, ((0, 0), (1, 0), (0, 0))):
+        cones.append((clarabel.SecondOrderConeT, each, np.eye(4)[0]))
+    solution = conic_program(0 * bounded, -np.ones(fast.size), cones)
+    if solution is None:
+        raise ConvergenceError(_ROUNDING, np.inf, "limits of accelerations that are less uneven")
+    speeds = np.sqrt(np.maximum(solution[0], 0.0) / size)
+    # Between knots a limit may be passed by a little.
+    return stretch.kept(_paced(u, np.pad(speeds, 1)), rates)
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +197,13 @@ class Timed:
         speeds = 1 / np.maximum(least, _INSTANT * fractions)
         laws = [_paced(np.array([0.0, 1.0]), np.full(2, speed)) for speed in speeds]
         if np.isfinite(rates.of_places).any():
-            places = places_of(question.lines())
+            lines = question.lines()
+
+            def places(T: Array) -> Array:
+                line = lines(T)
+                tip = np.full(3, np.nan) if line is None else line.poses[-1, 4:]
+                return np.concatenate([lines.lengths(T), tip])
+
             stretches = [Stretch.of(places, *ends) for ends in pairwise(tensions)]
             laws = [
                 fastest(stretch, rates) if rates.at_rest else stretch.kept(law, rates)
@@ -243,17 +228,3 @@ class Timed:
         k = np.minimum(passed.astype(int), last - 1)
         share = (passed - k)[:, None]
         return np.asarray(self.tensions[k] + share * (self.tensions[k + 1] - self.tensions[k]))
-
-
-def places_of(lines: Lines) -> Places:
-    """Return lengths of the tendons and the tip's place by tensions (n_tendons + 3,) [m].
-
-    NaN where the arm does not settle.
-    """
-
-    def places(T: Array) -> Array:
-        line = lines(T)
-        tip = np.full(3, np.nan) if line is None else line.poses[-1, 4:]
-        return np.concatenate([lines.lengths(T), tip])
-
-    return places

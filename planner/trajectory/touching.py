@@ -9,7 +9,6 @@ tensions.
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +19,7 @@ from model.paths import Array
 from model.progress import reported
 from model.shape import Shape
 from planner.contact.load_path import from_rest, rubs, settled_along
-from planner.plan import HeldPlan, Plan
+from planner.plan import HeldPlan
 from planner.trajectory.question import Question, Waypoint
 
 
@@ -29,27 +28,22 @@ def planned_touching(question: Question) -> list[Waypoint]:
 
     Raises InputError for what is not stated of motions in contact.
     """
-    rates, begin = question.rates, question.begin
+    of_places = np.isfinite(question.rates.of_places)
     if question.surroundings:
         allowed = "none in a scene with contact: there they are effects"
         raise InputError("obstacles", "given", allowed)
-    if np.isfinite(rates.of_places).any():
-        name = "tip_acceleration_max" if np.isinf(rates.of_places[:2]).all() else "stroke_rate_max"
+    if of_places.any():
+        name = "stroke_rate_max" if of_places[:2].any() else "tip_acceleration_max"
         raise InputError(name, "given", "rate_max or times in a scene with contact")
-    if rubs(question.scene) and begin is None:
+    if rubs(question.scene) and question.begin is None:
         if not np.array_equal(question.start, question.limits.lower):
             allowed = "with friction of contacts the plan that the arm moves from, or none"
             raise InputError("start", question.start.tolist(), allowed)
         from_rest(question.arm, question.start, question.scene, "start")
-    near, waypoints = begin, list[Waypoint]()
+    near, waypoints = question.begin, list[Waypoint]()
     for k, targets in enumerate(reported("waypoints", list(question.targets))):
         before = () if near is None else (*near.load_path, tuple(np.ravel(near.tensions).tolist()))
-        planned: Plan | None = None
-        if near is not None:
-            with suppress(InputError):
-                planned = question.planned(k, near, 1)
-        # From any start where what is near leads nowhere.
-        planned = planned or question.planned(k, near)
+        planned = question.planned(k, near)
         assert isinstance(planned, HeldPlan)
         follows, near = planned.load_path[: len(before)] == before, planned
         new = [*planned.load_path[len(before) * follows :], np.ravel(planned.tensions)]

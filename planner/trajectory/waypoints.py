@@ -10,7 +10,8 @@ meets them (deferred correction).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -81,15 +82,14 @@ class Waypoints:
             pairs = list(zip(stops, unknowns, strict=True))
             if not k and not all(stop.problem.stands(x) for stop, x in pairs):
                 return False
-            tensions = [stop.problem.tensions(x) for stop, x in pairs]
-            changed = zip(self.waypoints, tensions, strict=True)
-            self.waypoints = [replace(waypoint, tensions=T) for waypoint, T in changed]
-            try:
+            self.waypoints = [
+                replace(stop.waypoint, tensions=stop.problem.tensions(x)) for stop, x in pairs
+            ]
+            # Where the arm does not settle the certificate says so.
+            worst = 0.0
+            with suppress(OctoplanError):
                 stops = [self._corrected(stop, x) for stop, x in pairs]
-            except OctoplanError:
-                break
-            corrected = zip(stops, unknowns, strict=True)
-            worst = max(_violation(stop, x) for stop, x in corrected)
+                worst = max(map(_violation, stops, unknowns))
             if worst <= self.question.accuracy / PART:
                 break
         return True
@@ -121,32 +121,27 @@ class Waypoints:
         which is the best of several optima, or none is reached, each is planned.
         """
         question, last = self.question, len(self.question.targets) - 1
-        plans, waypoints = {0: first}, list(self._followed(first))
-        if len(waypoints) > last:
-            plans[last] = plans.get(last) or question.planned(last)
-            if not jump(waypoints[last].tensions, plans[last].tensions):
-                return waypoints
-        for k in reported("plans of waypoints", range(last + 1)):
-            plans[k] = plans.get(k) or question.planned(k)
-        pairs = ((targets, plans[k]) for k, targets in enumerate(question.targets))
-        return [Waypoint(targets, np.ravel(p.tensions), p.avoidance) for targets, p in pairs]
-
-    def _followed(self, first: Plan) -> Iterator[Waypoint]:
-        """Yield the first waypoint, and those of further targets as far as its optimum leads."""
+        waypoint = Waypoint((), np.ravel(first.tensions), first.avoidance)
+        waypoints = list[Waypoint]()
         optimum: Candidate | None = None
-        waypoint = Waypoint(self.question.targets[0], np.ravel(first.tensions), first.avoidance)
-        yield waypoint
-        for following in self.question.targets[1:]:
-            stop = self._stop(replace(waypoint, targets=following), self.statement)
-            if optimum is None or stop.problem.program is not optimum.problem.program:
-                x, multipliers = stop.problem.guess(waypoint.tensions, True), None
-            else:
+        for targets in question.targets:
+            stop = self._stop(replace(waypoint, targets=targets), self.statement)
+            if optimum and stop.problem.program is optimum.problem.program:
                 x, multipliers = optimum.x, (optimum.lam_x, optimum.lam_g)
+            else:
+                x, multipliers = stop.problem.guess(waypoint.tensions, True), None
             optimum = solve(stop.problem, x, stop.p, stop.bounds, multipliers, "follow")
             if not optimum.met:
-                return
-            waypoint = replace(waypoint, targets=following, tensions=optimum.tensions)
-            yield waypoint
+                break
+            waypoint = replace(stop.waypoint, tensions=optimum.tensions)
+            waypoints.append(waypoint)
+        plans = {0: first} | {last: question.planned(last) if last else first}
+        if waypoints[last:] and not jump(waypoints[last].tensions, plans[last].tensions):
+            return waypoints
+        for k in reported("plans of waypoints", range(1, last)):
+            plans[k] = question.planned(k)
+        pairs = ((targets, plans[k]) for k, targets in enumerate(question.targets))
+        return [Waypoint(targets, np.ravel(p.tensions), p.avoidance) for targets, p in pairs]
 
 
 def _violation(stop: Stop, x: Array) -> float:
