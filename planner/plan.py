@@ -32,7 +32,7 @@ from planner.avoidance.surroundings import Surroundings, surroundings
 from planner.certificate import BRINK
 from planner.contact.grasp import Grip, grips_of
 from planner.contact.load_path import from_rest, is_same, rubs, settled_along
-from planner.contact.search import ContactSearch, check_contact, check_holds, optimality_of
+from planner.contact.search import ContactSearch, check_contact, optimality_of
 from planner.contact.wrapping import (
     beside,
     beside_contacts,
@@ -286,11 +286,9 @@ def plan(
     )
     more = checked_accuracy(accuracy), checked_compile(compile), starts, stability_margin is None
     task = Task(arm, targets, scene, limits, statement, *more)
-    check_holds(targets, scene)
     obstacles = check_obstacles(obstacles) + beside(targets, scene)
     around = surroundings(arm, targets, obstacles, clearance, self_clearance)
-    if contacts(scene):
-        check_contact(task, bool(around))
+    check_contact(task, bool(around))
     if near is not None:
         kind("near", near, Plan, "a Plan for the same arm and scene, or None")
         if near.arm != arm or not is_same(near.scene, scene):

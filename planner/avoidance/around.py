@@ -13,6 +13,7 @@ Arms that touch nothing are drawn at random: where to begin on the other side of
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import replace
 from itertools import islice
 
@@ -40,11 +41,10 @@ _LOOKED_AT, _MOST = 100, 6
 
 def line_of(task: Task, T: Array) -> Centreline | None:
     """Return the centreline of a plan's settled shape; None if it does not settle."""
-    try:
+    with suppress(OctoplanError, np.linalg.LinAlgError):
         shape = settled(task.arm, T, task.scene, task.accuracy, task.machine_code)
         return Centreline.of(shape, grid(task.arm).tolist())
-    except (OctoplanError, np.linalg.LinAlgError):
-        return None
+    return None
 
 
 class Around:
@@ -52,8 +52,7 @@ class Around:
 
     def __init__(self, task: Task, surroundings: Surroundings) -> None:
         self.task, self.surroundings = task, surroundings
-        self.trials: list[Trial] = []
-        self.searched = False
+        self.trials, self.searched = list[Trial](), False
         refinement, at = task.coarse("exact").refinement, tuple(grid(task.arm)[1:].tolist())
         self._lines = Lines(task.arm, task.scene, refinement, at, task.machine_code)
 
@@ -63,7 +62,7 @@ class Around:
         Where a plan that is near is given, it is led around, and only if it cannot be is searched.
         """
         result = near
-        try:
+        with suppress(OutOfTime):
             if near is not None:
                 if self._in_the_way(near) is None:
                     return near
@@ -77,12 +76,11 @@ class Around:
                 return result
             self.task = search.task
             best = self._around(search, result)
-        except OutOfTime:
-            if result is None:
-                raise
-            return replace(result, stopped=True)
-        reached = result.statement.mode == "exact" and best.statement.mode != "exact"
-        return replace(best, in_the_way=in_the_way) if reached else best
+            reached = result.statement.mode == "exact" and best.statement.mode != "exact"
+            return replace(best, in_the_way=in_the_way) if reached else best
+        if result is None:
+            raise OutOfTime
+        return replace(result, stopped=True)
 
     def _in_the_way(self, result: SearchResult) -> str | None:
         """Return what a plan comes nearest to in words, None where it keeps clear."""
@@ -90,25 +88,28 @@ class Around:
         return "" if line is None else self.surroundings.in_the_way(line) or None
 
     def _around(self, search: Search, result: SearchResult) -> SearchResult:
-        """Return the best of what is led around, the plan without surroundings if nothing is."""
-        mode, task, T = result.statement.mode, self.task, np.ravel(result.tensions)
+        """Return the best of what is led around, the plan without surroundings if nothing is.
+
+        From optima that something is in the way of, other guesses, arms that touch nothing: as the
+        plan reads its targets, and from the last as near to them as can be.
+        """
+        mode, T = result.statement.mode, np.ravel(result.tensions)
         optima = [(each.f, each.tensions) for each in search.met] or [(0.0, T)]
-        guesses = ((0.0, guess) for guess in islice(search.guesses(), 1, None))
-        possible = mode == "nearest" or self.surroundings.allows(task.arm, task.targets)
-        best = self._best(optima, mode) or self._best(guesses, mode) if possible else None
-        if best is None:
-            clear = [(0.0, arm) for arm in self._clear_arms()]
-            best = self._best(clear, mode) if possible else None
-            if best is None and mode != "nearest":
-                best = self._best([*clear, (0.0, T)], "nearest")
+        others = ((0.0, guess) for guess in islice(search.guesses(), 1, None))
+        possible = mode == "nearest" or self.surroundings.allows(self.task.arm, self.task.targets)
+        if possible and (best := self._best(optima, mode) or self._best(others, mode)):
+            return best
+        clear = [(0.0, arm) for arm in self._clear_arms()]
+        best = self._best(clear, mode) if possible else None
+        if best is None and mode != "nearest":
+            best = self._best([*clear, (0.0, T)], "nearest")
         return best or result
 
     def _clear_arms(self) -> list[Array]:
         """Return tensions of drawn arms that touch nothing, the nearest to the targets first."""
-        task = self.task
-        drawn = ((T, self._lines(T)) for T in islice(drawn_arms(task), _LOOKED_AT))
-        lines = ((T, line) for T, line in drawn if line is not None)
-        clear = (T for T, line in lines if avoiding(line, self.surroundings, None)[1] >= 0)
+        drawn = ((T, self._lines(T)) for T in islice(drawn_arms(self.task), _LOOKED_AT))
+        near = ((T, line) for T, line in drawn if line is not None)
+        clear = (T for T, line in near if avoiding(line, self.surroundings, None)[1] >= 0)
         return list(islice(clear, _MOST))
 
     def _best(self, starts: Iterable[tuple[float, Array]], mode: Mode) -> SearchResult | None:

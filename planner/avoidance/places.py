@@ -19,13 +19,14 @@ from planner.avoidance.surroundings import Surroundings
 # How often places are exchanged for those of the arm that keeps clear of them.
 EXCHANGED = 16
 # Even points that are looked at: the parabola through three is off by a few thousandths of a
-# millimetre where an arm of half a metre passes a body of 5 mm.
+# millimetre where an arm of half a metre passes a body of 5 mm. Rows of one body that are nearer to
+# each other than two of them are one.
 _POINTS = 257
 # What is nearer than so much more than asked for gets an inequality beforehand, over L; the same
 # of arms that touch nothing, to stay on the side where they are.
 _NEAR, _WATCHED = 0.02, 0.15
-# Rows of one body so near to each other, over L, are one.
-_SAME = 5e-3
+# A place [m], another or the numbers of a body, and whether that is a part of a mesh.
+Pair = tuple[float, float | tuple[float, ...], bool]
 
 
 def avoiding(
@@ -39,21 +40,17 @@ def avoiding(
     least = min((gap for gap, _ in minima), default=np.inf)
     near = _NEAR if before or least < surroundings.clearance else _WATCHED
     most = surroundings.clearance + near * line.arm.length
-    rows = [_row(line, surroundings, *pair) for gap, pair in minima if gap < most]
+    pairs = [pair for gap, pair in minima if gap < most]
     for row in before.rows if before else ():
-        if row.is_lasting and not any(_is_same(line, row, other) for other in rows):
-            other = row.other.s if isinstance(row.other, Place) else row.other
-            rows.append(_row(line, surroundings, row.place.s, other, row.is_part))
-    return Avoidance(tuple(rows)), least
+        other = row.other.s if isinstance(row.other, Place) else row.other
+        pair = row.place.s, other, row.is_part
+        if row.is_lasting and not any(_is_same(line, pair, another) for another in pairs):
+            pairs.append(pair)
+    return Avoidance(tuple(_row(line, surroundings, *pair) for pair in pairs)), least
 
 
-def _minima(
-    line: Centreline, surroundings: Surroundings
-) -> Iterator[tuple[float, tuple[float, float | tuple[float, ...], bool]]]:
-    """Yield gaps [m] where an arm is nearest to something not far off, and what they are between.
-
-    The place [m], another or the numbers of a body, and whether that is a part of a mesh.
-    """
+def _minima(line: Centreline, surroundings: Surroundings) -> Iterator[tuple[float, Pair]]:
+    """Yield gaps [m] where an arm is nearest to something not far off, and what is there."""
     s, bodies = np.linspace(0.0, line.arm.length, _POINTS), list(surroundings.obstacles)
     (points, radius), turned = line.at(s), line.turned(s)
     bodies += [base_plane(line.arm)] * surroundings.of_itself
@@ -85,14 +82,12 @@ def _least(s: Array, gaps: Array, i: int) -> tuple[float, float]:
     return float(s[i]), float(gaps[i])
 
 
-def _is_same(line: Centreline, row: Apart, other: Apart) -> bool:
-    """Return whether two rows keep the same apart at about the same place."""
-    near = _SAME * line.arm.length
-    if isinstance(row.other, Place) and isinstance(other.other, Place):
-        to_same = abs(row.other.s - other.other.s) <= near
-    else:
-        to_same = row.other == other.other
-    return to_same and abs(row.place.s - other.place.s) <= near
+def _is_same(line: Centreline, one: Pair, two: Pair) -> bool:
+    """Return whether two pairs are the same at about the same place."""
+    near, (s, other, _), (at, another, _) = line.arm.length / _POINTS, one, two
+    if isinstance(other, float) and isinstance(another, float):
+        return max(abs(other - another), abs(s - at)) <= near
+    return other == another and abs(s - at) <= near
 
 
 def _row(
@@ -114,10 +109,9 @@ def _row(
 def _place(line: Centreline, s: float) -> tuple[Place, float]:
     """Return a place of an arm, and its radius there [m]."""
     nodes, k = grid(line.arm), element_of(line.arm, s)
-    length = line.length(nodes[k], nodes[k + 1])
-    at = [int(np.argmin(np.abs(line.s - nodes[i]))) for i in (k, k + 1)]
-    poses = line.poses[at]
-    ends = np.stack([poses[:, 4:], matrices(poses[:, :4])[:, :, 0]], axis=1).reshape(-1, 3)
-    point, radius = line.at(np.array([s]))
-    shift = point[0] - cubic(line.arm, s, length) @ ends
+    ends = nodes[k : k + 2]
+    poses = line.poses[np.abs(line.s - ends[:, None]).argmin(axis=1)]
+    known = np.stack([poses[:, 4:], matrices(poses[:, :4])[:, :, 0]], axis=1).reshape(-1, 3)
+    length, (point, radius) = line.length(*ends), line.at(np.array([s]))
+    shift = point[0] - cubic(line.arm, s, length) @ known
     return Place(s, length, tuple(shift.tolist())), float(radius[0])

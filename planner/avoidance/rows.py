@@ -83,25 +83,19 @@ class Apart:
 
 @dataclass(frozen=True)
 class Avoidance(Target):
-    """The inequalities of a plan, stated as a target of inequalities that never yield.
-
-    `room` is for how many bodies each element has slots at least, so that plans share a program.
-    """
+    """The inequalities of a plan, stated as a target of inequalities that never yield."""
 
     rows: tuple[Apart, ...]
-    room: tuple[int, ...] = ()
 
     def beside(self, targets: tuple[Target, ...]) -> tuple[Target, ...]:
         """Return targets and these inequalities, if there are any."""
         return (*targets, self) if self.rows else targets
 
-    def needed(self, arm: Arm) -> tuple[int, ...]:
-        """Return for how many bodies each element has slots; none where no bodies are near."""
+    def slots(self, arm: Arm) -> list[int]:
+        """Return the element of each slot for a body; none where no bodies are near."""
         count = Counter(element_of(arm, place.s) for place, *_ in self.bodies)
-        if not count and not self.room:
-            return ()
-        least = self.room or (1,) * (grid(arm).size - 1)
-        return tuple(-(-max(count[k], n) // _SLOTS) * _SLOTS for k, n in enumerate(least))
+        elements = range(grid(arm).size - 1) if count else ()
+        return [k for k in elements for _ in range(-(-max(count[k], 1) // _SLOTS) * _SLOTS)]
 
     @property
     def bodies(self) -> list[tuple[Place, tuple[float, ...], float]]:
@@ -115,7 +109,7 @@ class Avoidance(Target):
 
     def structure(self, arm: Arm) -> tuple[Hashable, ...]:
         """See Target.structure."""
-        return type(self).__name__, self.needed(arm), tuple(self._elements(arm))
+        return type(self).__name__, tuple(self.slots(arm)), tuple(self._elements(arm))
 
     def stations(self, arm: Arm) -> tuple[float, ...]:
         """See Target.stations: the nodes of the coarsest mesh."""
@@ -123,7 +117,7 @@ class Avoidance(Target):
 
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters: the places of each slot with their bodies, then of each pair."""
-        base, slots, off = np.array(arm.base_position), self._slots(arm), _FAR * arm.length
+        base, slots, off = np.array(arm.base_position), self.slots(arm), _FAR * arm.length
         nothing = [*np.zeros(7), *base, *np.eye(3).ravel(), *np.zeros(3), off, 0.0, -3 * off]
         numbers = np.tile(nothing, (len(slots), 1))
         for near, body, keep in self.bodies:
@@ -142,7 +136,7 @@ class Avoidance(Target):
         at = {0.0: 0} | {s: 1 + k for k, s in enumerate(stations)}
         poses = POSE * np.array([at[s] for s in grid(arm).tolist()])[:, None] + np.arange(POSE)
         both = np.hstack([poses[:-1], poses[1:]])
-        slots = np.array(self._slots(arm), dtype=np.int64)
+        slots = np.array(self.slots(arm), dtype=np.int64)
         pairs = np.array(self._elements(arm), dtype=np.int64).reshape(-1, 2)
         rows = np.arange(slots.size + len(pairs))[None, :]
         terms = [
@@ -150,10 +144,6 @@ class Avoidance(Target):
             Term(built(_from_place), np.hstack(list(both[pairs.T])).T, rows[:, slots.size :]),
         ]
         return Equations(POSE * (1 + len(stations)), rows.size, terms, machine_code)
-
-    def _slots(self, arm: Arm) -> list[int]:
-        """Return the element of each slot for a body."""
-        return [k for k, count in enumerate(self.needed(arm)) for _ in range(count)]
 
     def _elements(self, arm: Arm) -> list[tuple[int, int]]:
         """Return the elements of each pair of places."""

@@ -48,8 +48,6 @@ class Surroundings:
 
     def at(self, t: float) -> Surroundings:
         """Return the surroundings at a time [s], where nothing moves."""
-        if not self.moving:
-            return self
         placed = tuple(obstacle.at(t) for obstacle in self.moving)
         return replace(self, obstacles=self.obstacles + placed, moving=())
 
@@ -104,14 +102,10 @@ def surroundings(
     """
     value = list(obstacles) if in_time and isinstance(obstacles, Sequence) else []
     moving = tuple(obstacle for obstacle in value if isinstance(obstacle, Moving))
-    obstacles_there = check_obstacles(
-        [obstacle for obstacle in value if obstacle not in moving] if moving else obstacles
-    )
+    still = check_obstacles([one for one in value if one not in moving] if moving else obstacles)
     if not isinstance(of_itself, bool | np.bool_):
         raise InputError("self_clearance", of_itself, "True or False")
-    checked = Surroundings(
-        obstacles_there, not_negative("clearance", clearance), bool(of_itself), moving
-    )
+    checked = Surroundings(still, not_negative("clearance", clearance), bool(of_itself), moving)
     if checked.clearance and not checked:
         allowed = "0, or obstacles to be clear of, or self_clearance=True"
         raise InputError("clearance", clearance, allowed)
@@ -119,10 +113,10 @@ def surroundings(
     allowed = "an obstacle away from the target, or a target away from the obstacle"
     tips = (("the tip at its target", place, arm.length, allowed) for place in _tips(arm, targets))
     for name, place, s, allowed in (base, *tips):
-        gaps = Bodies(obstacles_there).at(place[None])[0] - _radius(arm, s) - checked.clearance
+        gaps = Bodies(still).at(place[None])[0] - _radius(arm, s) - checked.clearance
         for i in np.flatnonzero(gaps < 0):
             sentence = f"{allowed}: {name} would be {-1e3 * gaps[i]:.3g} mm too near"
-            raise InputError(f"obstacles[{i}]", obstacles_there[i], sentence)
+            raise InputError(f"obstacles[{i}]", still[i], sentence)
     return checked
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import clarabel
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.sparse import csc_array
 
 from model.arm import Arm
@@ -56,25 +57,23 @@ class Grasp:
         The wrenches of unit forces along them.
     still : (3,) or (6,)
         The wrench with the forces along the normals, which the arm's equilibrium presses.
-    normal : (k,)
-        These forces, >= 0.
-    friction : float
-        Tangential ones are up to so many times the normal ones.
+    most : (k,)
+        How large tangential forces are by friction at the most.
     """
 
     bases: Array
     columns: Array
     still: Array
-    normal: Array
-    friction: float
+    most: Array
 
     @classmethod
     def of(cls, arm: Arm, contacts: Iterable[Touch], hold: Hold) -> Grasp:
         """Return that of what a settled arm leans on."""
         touches = [touch for touch in contacts if touch.obstacle == hold.obstacle]
-        points = np.array([touch.point for touch in touches]).reshape(-1, 3)
-        forces = np.array([touch.force for touch in touches]).reshape(-1, 3)
-        normals = np.array([touch.normal for touch in touches]).reshape(-1, 3)
+        points, normals, forces = (
+            np.array([getattr(touch, name) for touch in touches]).reshape(-1, 3)
+            for name in ("point", "normal", "force")
+        )
         return cls.at(arm, hold, points, normals, (forces * normals).sum(axis=1))
 
     @classmethod
@@ -94,16 +93,24 @@ class Grasp:
         wrench, m = np.array(hold.wrench), len(hold.wrench)
         wrench[3:] /= lever
         columns = columns.reshape(-1, 6).T[:m]
-        return cls(bases, columns, (wrench + total[:m]) / size, forces / size, hold.friction)
+        return cls(bases, columns, (wrench + total[:m]) / size, hold.friction * forces / size)
+
+    @classmethod
+    def joined(cls, grasps: Sequence[Grasp]) -> Grasp:
+        """Return several as one."""
+        still = np.concatenate([np.zeros(0), *(grasp.still for grasp in grasps)])
+        most = np.concatenate([np.zeros(0), *(grasp.most for grasp in grasps)])
+        bases = np.concatenate([np.zeros((0, 3, 2)), *(grasp.bases for grasp in grasps)])
+        columns = block_diag(*(grasp.columns for grasp in grasps))
+        return cls(bases, columns[: still.size, : 2 * most.size], still, most)
 
     @cached_property
     def best(self) -> Array:
         """The tangential forces along the bases (2 k,) in their cones that leave least."""
-        x = self._conic(np.eye(self.columns.shape[1] + 2)[-1], np.inf)
-        z = np.zeros((self.normal.size, 2)) if x is None else x[:-2].reshape(-1, 2)
-        most = self.friction * np.maximum(self.normal, 0.0)
+        x = self._conic(-1, np.inf)
+        z = np.zeros((self.most.size, 2)) if x is None else x[:-2].reshape(-1, 2)
         sizes = np.maximum(np.linalg.norm(z, axis=1), 1e-300)
-        return np.asarray((z * np.minimum(1.0, most / sizes)[:, None]).ravel())
+        return np.asarray((z * np.clip(self.most / sizes, 0.0, 1.0)[:, None]).ravel())
 
     @property
     def least(self) -> Array:
@@ -111,28 +118,31 @@ class Grasp:
         return np.asarray(self.still + self.columns @ self.best)
 
     def needed_friction(self, left: float) -> float:
-        """Return the least coefficient of friction that leaves so much of the wrench at most.
+        """Return the least part of the friction that leaves so much of the wrench at most.
 
-        That of the grasp where no lesser one does.
+        All of it where no less does.
         """
-        x = self._conic(np.eye(self.columns.shape[1] + 2)[-2], left)
-        return self.friction if x is None else float(max(x[-2], 0.0))
+        x = self._conic(-2, left)
+        return 1.0 if x is None else float(max(x[-2], 0.0))
 
-    def _conic(self, cost: Array, left: float) -> Array | None:
-        """Return (z, mu, t) of least cost . (z, mu, t), mu and t up to friction and what is left.
+    def _conic(self, least: int, left: float) -> Array | None:
+        """Return (z, mu, t), of which one is `least`: mu up to 1, t up to what is left.
 
-        Tangential forces z are within cones of mu, and leave t. None where there are none.
+        Tangential forces z are within cones of that part of the friction, and leave t. None where
+        there are none.
         """
-        f, [mu], [t] = np.split(np.eye(cost.size), [cost.size - 2, cost.size - 1])
+        *f, mu, t = each = np.eye(self.columns.shape[1] + 2)
         most = min(left, 2 * float(np.linalg.norm(self.still)))
-        bounds = np.vstack([mu, -mu, -t]), np.array([0.0, self.friction, most])
-        balance = np.vstack([t, self.columns @ f]), np.append(0.0, self.still)
-        cones: list[Cone] = [(clarabel.NonnegativeConeT, *bounds)]
-        cones.append((clarabel.SecondOrderConeT, *balance))
-        for k, N in enumerate(self.normal):
-            rows = np.vstack([max(N, 0.0) * mu, f[2 * k : 2 * k + 2]])
+        forces = np.reshape(f, (-1, each.shape[1]))
+        balance = np.vstack([t, self.columns @ forces]), np.append(0.0, self.still)
+        cones: list[Cone] = [
+            (clarabel.NonnegativeConeT, np.vstack([mu, -mu, -t]), np.array([0.0, 1.0, most])),
+            (clarabel.SecondOrderConeT, *balance),
+        ]
+        for k, bound in enumerate(self.most):
+            rows = np.vstack([max(bound, 0.0) * mu, forces[2 * k : 2 * k + 2]])
             cones.append((clarabel.SecondOrderConeT, rows, np.zeros(3)))
-        solution = conic_program(COST * f.T @ f, cost, cones)
+        solution = conic_program(COST * forces.T @ forces, each[least], cones)
         return None if solution is None else solution[0]
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -16,12 +17,10 @@ from planner.targets.hold import Hold
 _DRAWN = 3000
 
 
-def guesses(task: Task, holds: Sequence[Hold]) -> Iterator[Array]:
-    """Yield tensions (n_tendons,) [N], the likeliest first."""
-    for hold in holds:
-        yield from _reaching(task, hold)
-    if not holds:
-        yield from initial_guesses(task)
+def guesses(task: Task, holds: Sequence[Hold]) -> Iterable[Array]:
+    """Return tensions (n_tendons,) [N], the likeliest first."""
+    reaching = (_reaching(task, hold) for hold in holds)
+    return chain.from_iterable(reaching) if holds else initial_guesses(task)
 
 
 def _reaching(task: Task, hold: Hold) -> list[Array]:

@@ -6,13 +6,14 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import BFGS
 
 from model.equilibrium.linearised import Linearised
 from model.errors import OctoplanError
 from model.paths import Array
 from model.time_limit import check_time
 from planner.contact.load_path import LoadPath
-from planner.contact.program import Constraints, Step, TensionProgram
+from planner.contact.program import Constraints, TensionProgram
 from planner.program.limits import natural_tensions
 
 # Steps at most, also those that fail; the first trust region, in tensions that bend by 1 rad.
@@ -34,24 +35,27 @@ class ContactOptimum:
         The equilibrium.
     violation : float
         The norm of the violations; 0 where all are met.
-    step : Step
-        The one that goes on from there, whose multipliers are those of the optimum.
-    yields : bool
-        Whether the stability that it is held to costs effort.
+    residual : float
+        Of the first-order conditions, scaled.
+    lam_x : (n_tendons,)
+        The multipliers of limits, above 0 at the upper ones.
+    lam_g : (0,) or (1,)
+        That of the stability it is held to, where that costs effort.
     load_path : LoadPath
         The tensions by which it was come to, without those it begins with and its own.
     """
 
     point: Linearised
     violation: float
-    step: Step
-    yields: bool
+    residual: float
+    lam_x: tuple[float, ...]
+    lam_g: tuple[float, ...]
     load_path: LoadPath
 
     @property
     def is_optimal(self) -> bool:
         """Whether all is met, and tensions are least nearby."""
-        return not self.violation and self.step.residual < 3 * _NONE
+        return not self.violation and self.residual < 3 * _NONE
 
     @property
     def effort(self) -> float:
@@ -72,11 +76,12 @@ def optimum(
         path += _descended(program, path[-1], penalty)
         if path[-1].violation < _NONE:
             break
-    at, step = path[-1], conditions(path[-1])
-    violation = at.violation if at.violation > _NONE else 0.0
+    at, (residual, lam) = path[-1], conditions(path[-1])
     load_path = tuple(tuple(each.point.tensions.tolist()) for each in path[1:-1])
-    yields = program.least > 0 and step.lam_stability < -_NONE
-    return ContactOptimum(at.point, violation, step, yields, load_path)
+    above, below, (stability, *_) = np.split(lam, [program.n, 2 * program.n])
+    lam_x, yields = tuple((above - below).tolist()), bool(program.least and stability > _NONE)
+    violation, lam_g = at.violation * (at.violation > _NONE), (-float(stability),) * yields
+    return ContactOptimum(at.point, violation, residual, lam_x, lam_g, load_path)
 
 
 def _descended(program: TensionProgram, at: Constraints, penalty: float) -> list[Constraints]:
@@ -84,48 +89,46 @@ def _descended(program: TensionProgram, at: Constraints, penalty: float) -> list
 
     A step fails where no shape is settled or the merit is above the last ones: the next is shorter.
     """
-    natural = natural_tensions(program.task.arm) / program.unit
-    hessian, radius, path = np.eye(program.n), _RADIUS, [at]
+    natural, n = natural_tensions(program.task.arm) / program.unit, program.n
+    hessian, radius, path = _hessian(n), _RADIUS, [at]
     for _ in range(_STEPS):
         check_time()
-        step = at.step(hessian, radius * natural, penalty)
-        size = float(np.abs(step.change / natural).max())
+        change, tangential, lam = at.step(hessian.get_matrix(), radius * natural, penalty)
+        size = float(np.abs(change / natural).max())
         if size < _NONE:
             break
         most = max(each.merit(penalty) for each in path[-_RECENT:]) + penalty * _ROUNDING
-        there = None
+        longer, radius = max(radius, 2 * size), size / 4
         with suppress(OctoplanError):
-            there = program.at(at.tensions + step.change, at.point, step.tangential)
-        if there is None or there.merit(penalty) > most:
-            radius = size / 4
-            continue
-        radius = max(radius, 2 * size)
-        hessian, at = _updated(hessian, at, there, step), there
-        path.append(at)
+            there = program.at(at.tensions + change, at.point, tangential)
+            if there.merit(penalty) <= most:
+                before, after = at.by_tensions, there.by_tensions
+                if before.shape == after.shape:
+                    hessian.update(change, change - (after - before).T @ lam[2 * n :])
+                else:
+                    hessian = _hessian(n)
+                at, radius = there, longer
+                path.append(at)
     return path[1:]
 
 
-def conditions(at: Constraints) -> Step:
-    """Return the step by the effort's Hessian: the less it is, the better first-order conditions.
+def _hessian(n: int) -> BFGS:
+    """Return the effort's Hessian (n, n), to be updated to that of the Lagrangian."""
+    hessian = BFGS("damp_update", init_scale=1.0)
+    hessian.initialize(n, "hess")
+    return hessian
 
-    By a penalty that exceeds the multipliers, where violations can be met.
+
+def conditions(at: Constraints) -> tuple[float, Array]:
+    """Return how far the first-order conditions are from being met, and their multipliers.
+
+    These are by the step with the effort's Hessian, as Constraints has them: the less it is, the
+    better the conditions. By a penalty that exceeds the multipliers, where violations can be met.
     """
+    n = at.tensions.size
     for penalty in _PENALTIES:
-        step = at.step(np.eye(at.tensions.size), np.ones(at.tensions.size), penalty)
-        at = replace(at, tangential=step.tangential)
-        if np.abs(step.multipliers).max() < penalty / 2:
+        change, tangential, lam = at.step(np.eye(n), np.ones(n), penalty)
+        at, largest = replace(at, tangential=tangential), np.abs(lam).max()
+        if largest < penalty / 2:
             break
-    return step
-
-
-def _updated(hessian: Array, at: Constraints, there: Constraints, step: Step) -> Array:
-    """Return the Hessian of the Lagrangian after a step, by BFGS's formula as Powell damped it."""
-    before, after, s = at.by_tensions, there.by_tensions, step.change
-    if before.shape != after.shape:
-        return np.eye(s.size)
-    y = s - (after - before).T @ step.multipliers[2 * s.size :]
-    Bs = hessian @ s
-    curved, bent = s @ y, s @ Bs
-    damped = 1.0 if curved >= 0.2 * bent else 0.8 * bent / (bent - curved)
-    r = damped * y + (1 - damped) * Bs
-    return np.asarray(hessian + np.outer(r, r) / (s @ r) - np.outer(Bs, Bs) / bent)
+    return float(np.abs(change).max() / (1 + largest)), lam

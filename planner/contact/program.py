@@ -21,7 +21,6 @@ from functools import cached_property
 
 import clarabel
 import numpy as np
-from scipy.linalg import block_diag
 
 from model.contact.forward import TouchingMap
 from model.contact.friction import path_sensitivities
@@ -46,42 +45,6 @@ _STEP, _CHANGE = 1e-6, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
-    """A step of least linearised merit.
-
-    Attributes
-    ----------
-    change : (n,)
-        Of scaled tensions.
-    tangential : (2 k,)
-        Forces on objects after it, along the bases of their grasps.
-    multipliers : (2 n + m,)
-        Of bounds above and below, then of the constraints as their cones have them; 0 for the
-        violation, whose multiplier is the penalty.
-    """
-
-    change: Array
-    tangential: Array
-    multipliers: Array
-
-    @property
-    def residual(self) -> float:
-        """How far the first-order conditions are from being met, if it had the effort's Hessian."""
-        return float(np.abs(self.change).max() / (1 + np.abs(self.multipliers).max()))
-
-    @property
-    def lam_bounds(self) -> Array:
-        """The multipliers of limits (n,), above 0 at the upper ones."""
-        n = self.change.size
-        return self.multipliers[:n] - self.multipliers[n : 2 * n]
-
-    @property
-    def lam_stability(self) -> float:
-        """The multiplier of the margin of stability, where there is one."""
-        return -float(self.multipliers[2 * self.change.size])
-
-
-@dataclass(frozen=True, eq=False)
 class Constraints:
     """Constraints at an equilibrium, linearised in scaled tensions (n,).
 
@@ -93,12 +56,12 @@ class Constraints:
     equal, unequal : (m, 1 + n)
         Residuals, and inequalities, met at 0 and above; then their derivatives. The first
         inequality is the margin of stability, where there is one.
-    grasps : tuple of Grasp
-        Of the objects held.
-    grasp_rates : (n, m)
-        The derivatives of their numbers, see `numbers_of`.
+    grasp : Grasp
+        Of all objects held.
+    grasp_rates : (m, n)
+        The derivatives of its wrenches, bounds and columns.
     tangential : (2 k,)
-        Forces on objects at which they are linearised, along the bases of their grasps.
+        Forces on objects at which they are linearised, along the bases of the grasp.
     """
 
     point: Linearised
@@ -107,7 +70,7 @@ class Constraints:
     high: Array
     equal: Array
     unequal: Array
-    grasps: tuple[Grasp, ...]
+    grasp: Grasp
     grasp_rates: Array
     tangential: Array
 
@@ -115,8 +78,7 @@ class Constraints:
     def violation(self) -> float:
         """The norm of all violations, with the best tangential forces."""
         short = np.minimum(self.unequal[:, 0], 0.0)
-        left = [grasp.least for grasp in self.grasps]
-        return float(np.linalg.norm(np.concatenate([self.equal[:, 0], short, *left])))
+        return float(np.linalg.norm(np.concatenate([self.equal[:, 0], short, self.grasp.least])))
 
     def merit(self, penalty: float) -> float:
         """Return half of the squared norm of scaled tensions, and the penalty of the violation."""
@@ -130,18 +92,19 @@ class Constraints:
         """
         n, k, q = self.tensions.size, self.tangential.size, len(self.unequal)
         T, f, slack, t = np.split(np.eye(n + k + q + 1), np.cumsum([n, k, q]))
-        still, most, columns = numbers_of(self.grasps)
-        m, rates = still.size, self.grasp_rates.T
-        by_columns = rates[m + most.size :].reshape(m, k, n)
-        by_wrench = rates[:m] + np.einsum("mkn,k->mn", by_columns, self.tangential)
-        left = [t, self.equal[:, 1:] @ T, by_wrench @ T + columns @ f, slack]
+        still, most = self.grasp.still, self.grasp.most
+        ends = np.cumsum([still.size, most.size])
+        by_still, by_most, by_columns = np.split(self.grasp_rates, ends)
+        by_wrench = by_still + self.tangential @ by_columns.reshape(still.size, k, n)
+        wrench = by_wrench @ T + self.grasp.columns @ f
         values = [np.zeros(1), self.equal[:, 0], still, np.zeros(q)]
+        left = np.vstack([t, self.equal[:, 1:] @ T, wrench, slack]), np.concatenate(values)
         cones: list[Cone] = [
             (clarabel.NonnegativeConeT, self.unequal[:, 1:] @ T + slack, self.unequal[:, 0]),
-            (clarabel.SecondOrderConeT, np.vstack(left), np.concatenate(values)),
+            (clarabel.SecondOrderConeT, *left),
         ]
         for i, bound in enumerate(most):
-            rows = np.vstack([rates[m + i] @ T, f[2 * i : 2 * i + 2]])
+            rows = np.vstack([by_most[i] @ T, f[2 * i : 2 * i + 2]])
             cones.append((clarabel.SecondOrderConeT, rows, np.array([bound, 0.0, 0.0])))
         return cones
 
@@ -150,32 +113,26 @@ class Constraints:
         """The rows of the cones against tensions (m, n)."""
         return np.vstack([rows[:, : self.tensions.size] for _, rows, _ in self.cones])
 
-    def step(self, hessian: Array, radius: Array, penalty: float) -> Step:
+    def step(self, hessian: Array, radius: Array, penalty: float) -> tuple[Array, Array, Array]:
         """Return the step of least merit in a trust region (n,), by the Lagrangian's Hessian.
 
-        Raises UnsettledContactError if none is found.
+        The change of scaled tensions (n,), the tangential forces after it (2 k,), and multipliers:
+        of bounds above and below (2 n,), then of the constraints as their cones have them; 0 for
+        the violation, whose multiplier is the penalty. Raises UnsettledContactError if none is
+        found.
         """
         n, k, size = self.tensions.size, self.tangential.size, self.cones[0][1].shape[1]
         T, f, (*_, t) = np.split(np.eye(size), [n, n + k])
         above = np.minimum(self.high - self.tensions, radius)
         bounds = np.append(above, np.minimum(self.tensions - self.low, radius))
         limits = (clarabel.NonnegativeConeT, np.vstack([-T, T]), bounds)
-        H = T.T @ hessian @ T + COST * f.T @ f
-        cost = T.T @ self.tensions + penalty * t
+        H, cost = T.T @ hessian @ T + COST * f.T @ f, T.T @ self.tensions + penalty * t
         solution = conic_program(H, cost, [limits, *self.cones])
         if solution is None:
             raise UnsettledContactError(1.0, "no step is found")
         x, lam = solution
         lam[2 * n + len(self.unequal)] = 0.0
-        return Step(x[:n], x[n : n + k], lam)
-
-
-def numbers_of(grasps: tuple[Grasp, ...]) -> tuple[Array, Array, Array]:
-    """Return wrenches left without tangential forces (m,), bounds (k,) and columns (m, 2 k)."""
-    still = np.concatenate([np.zeros(0), *(grasp.still for grasp in grasps)])
-    most = np.concatenate([np.zeros(0), *(grasp.friction * grasp.normal for grasp in grasps)])
-    columns = block_diag(*(grasp.columns for grasp in grasps))
-    return still, most, columns[: still.size, : 2 * most.size]
+        return x[:n], x[n : n + k], lam
 
 
 class TensionProgram:
@@ -237,9 +194,7 @@ class TensionProgram:
         tensions, low, high = (each / self.unit for each in (T, *limits))
         point, by_tensions = self._beside(T, near)
         measured = self._measured(point)
-        here, values = measured(0 * point.states)
-        if any(not grasp.normal.size for grasp in here):
-            raise UnsettledContactError(1.0, "none is found in which the arm touches what it holds")
+        grasp, values = measured(0 * point.states)
         steps = _STEP * self.unit * by_tensions.T
         differences = [measured(step)[1] - measured(-step)[1] for step in steps]
         rows = np.column_stack([values, np.array(differences).T / (2 * _STEP)])
@@ -249,9 +204,10 @@ class TensionProgram:
         if allowed.total is not None:
             left = allowed.total / self.unit - tensions.sum()
             unequal = np.vstack([unequal, np.append(left, np.full(self.n, -1.0))])
-        best = np.concatenate([np.zeros(0), *(grasp.best for grasp in here)])
-        f = best if tangential is None or tangential.size != best.size else tangential
-        return Constraints(point, tensions, low, high, equal, unequal, here, grasped[:, 1:].T, f)
+        f = tangential
+        if f is None or f.size != 2 * grasp.most.size:
+            f = grasp.best
+        return Constraints(point, tensions, low, high, equal, unequal, grasp, grasped[:, 1:], f)
 
     def _beside(self, tensions: Array, near: Linearised) -> tuple[Linearised, Array]:
         """Return the equilibrium next to another, and its states' derivatives by the tensions.
@@ -272,10 +228,11 @@ class TensionProgram:
         released = Linearised(touches.on(point.system), point.x) if light.any() else point
         return point, released.by_tensions
 
-    def _measured(self, point: Linearised) -> Callable[[Array], tuple[tuple[Grasp, ...], Array]]:
+    def _measured(self, point: Linearised) -> Callable[[Array], tuple[Grasp, Array]]:
         """Return what is measured next to an equilibrium, as a function of changes of its states.
 
-        That is the grasps, and numbers: residuals, inequalities of the targets, those of grasps.
+        That is the grasp, and numbers: residuals, inequalities of the targets, those of the grasp.
+        Raises UnsettledContactError where the arm does not touch what it holds.
         """
         system, arm = point.system, self.task.arm
         nodes = system.of.nodes[[system.mesh.node(s) for s in self._stations], :POSE]
@@ -284,22 +241,28 @@ class TensionProgram:
         s = system.mesh.s[which[0]]
         before, after = np.split(point.at(np.append(s - step, s))[0][:, 4:], 2)
         tangents = (after - before) / step * touches.moves[which][:, None]
+        leans = [
+            (hold, [bodies[j].obstacle == hold.obstacle for j in which[1]]) for hold in self.holds
+        ]
+        if not all(any(on) for _, on in leans):
+            raise UnsettledContactError(1.0, "none is found in which the arm touches what it holds")
 
-        def at(change: Array) -> tuple[tuple[Grasp, ...], Array]:
+        def at(change: Array) -> tuple[Grasp, Array]:
             states = point.states + change
             terms = self._terms.dense(states[nodes].ravel(), self._numbers, np.zeros(0))
             moved = second(system, change)[which][:, None] * tangents
             places, forces = system.poses(states)[which[0], 4:] + moved, resultants(system, states)
             grasps = list[Grasp]()
-            for hold in self.holds:
-                on = np.array([bodies[j].obstacle == hold.obstacle for j in which[1]], dtype=bool)
+            for hold, on in leans:
                 normals, gaps = (
-                    f(places[on]) for f in (hold.obstacle.gradient, hold.obstacle.distance)
+                    hold.obstacle.gradient(places[on]),
+                    hold.obstacle.distance(places[on]),
                 )
                 points = places[on] - gaps[:, None] * normals
                 grasps.append(Grasp.at(arm, hold, points, normals, forces[which][on]))
-            numbers = [*terms[:3], *numbers_of(tuple(grasps))]
-            return tuple(grasps), np.concatenate([np.ravel(each) for each in numbers])
+            grasp = Grasp.joined(grasps)
+            numbers = [*terms[:3], grasp.still, grasp.most, grasp.columns]
+            return grasp, np.concatenate([np.ravel(each) for each in numbers])
 
         return at
 

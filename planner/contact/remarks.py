@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import find_objects, label
 
 from model.arm import Arm
 from model.effects import Extension
@@ -22,9 +25,8 @@ from planner.targets.wrap import Wrap
 
 # Where a part is looked at; the step of differences [m], and over the arm's length what is close.
 LOOKS, _STEP = 201, 1e-6
-# What is taken for no limit of tensions, in those that bend the arm by 1 rad; directions towards
-# which tendons of one side pull.
-_STRONG, _SIDES = 20.0, 720
+# What is taken for no limit of tensions, in those that bend the arm by 1 rad.
+_STRONG = 20.0
 
 
 def remarks(
@@ -53,40 +55,38 @@ def _curvatures(wrap: Wrap, shape: Shape, limits: Limits) -> str:
     arm, (start, end) = shape.arm, wrap.part(shape.arm)
     s = np.linspace(max(start, 1e-3 * arm.length), end, LOOKS)
     radius = arm.outer_radius(s)[0]
-    gaps = wrap.obstacle.distance(shape.position(s)) - radius
-    over = gaps - wrap.tolerance * radius
-    k = int(np.argmax(over))
-    if over[k] <= _STEP * arm.length:
+    gaps, near = wrap.obstacle.distance(shape.position(s)) - radius, wrap.tolerance * radius
+    if (gaps - near).max() <= _STEP * arm.length:
         return ""
     needed = curvature_along(wrap, shape, s)
     most, is_most = attainable_curvature(arm, shape.scene, limits, s)
-    allow = "allow" if is_most else "allow at least"
-    where = f"at {1e3 * s[k]:.4g} mm, where the gap is {1e3 * gaps[k]:.3g} mm"
-    along = _part_along(wrap, shape, s, gaps)
     # An arc that is flatter by c on a length l leaves what it lies along by c l^2 / 8.
     short = float((curvature_along(wrap, shape, s, wrap.tolerance) - most).min())
-    if is_most and short * (end - start) ** 2 / 8 > wrap.tolerance * radius.max():
-        worst = int(np.argmax(needed - most))
-        numbers = f"it asks for {needed[worst]:.3g} /m, the limits allow {most[worst]:.3g} /m"
-        place = f"at {1e3 * s[worst]:.4g} mm, in the direction of the shape found"
-        return f"The obstacle is too tight for the arm {place}: {numbers}. {along}"
-    numbers = f"asks for {needed[k]:.3g} /m, the limits {allow} {most[k]:.3g} /m there"
-    cause = "no shape along the whole part was found, though its curvature may be within the limits"
-    return f"The obstacle {numbers}, {where}: {cause}. {along}"
+    tight = is_most and short * (end - start) ** 2 / 8 > near.max()
+    k = int(np.argmax(needed - most if tight else gaps - near))
+    place, asks = f"at {1e3 * s[k]:.4g} mm", f"asks for {needed[k]:.3g} /m"
+    allow = f"the limits allow {'' if is_most else 'at least '}{most[k]:.3g} /m"
+    if tight:
+        where = f"{place}, in the direction of the shape found"
+        said = f"The obstacle is too tight for the arm {where}: it {asks}, {allow}"
+    else:
+        cause = "no shape along the whole part was found, though its curvature may be within them"
+        where = f"{place}, where the gap is {1e3 * gaps[k]:.3g} mm"
+        said = f"The obstacle {asks}, {allow} there, {where}: {cause}"
+    along = (gaps >= -_STEP * arm.length) & (gaps <= near)
+    return f"{said}. {_part_along(wrap, shape, s, along)}"
 
 
-def _part_along(wrap: Wrap, shape: Shape, s: Array, gaps: Array) -> str:
+def _part_along(wrap: Wrap, shape: Shape, s: Array, near: NDArray[np.bool_]) -> str:
     """Return which part of the wrap lies along the obstacle in a shape: it can be had alone."""
-    tolerance = wrap.tolerance * shape.arm.outer_radius(s)[0]
-    near = (gaps >= -_STEP * shape.arm.length) & (gaps <= tolerance)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(int)))
-    runs = edges.reshape(-1, 2) - [0, 1]
-    if not runs.size or (longest := runs[np.argmax(np.diff(runs))])[0] == longest[1]:
+    parts = [s[part] for (part,) in find_objects(label(near)[0])]
+    longest = max(parts, key=len, default=s[:0])
+    if longest.size < 2:
         return "In that shape no part of it lies along the obstacle."
-    first, last = longest
-    turns = turned(shape, wrap.obstacle, np.linspace(s[first], s[last], LOOKS))[-1]
-    where = f"{1e3 * s[first]:.4g} to {1e3 * s[last]:.4g} mm"
-    size = f"a length of {1e3 * (s[last] - s[first]):.3g} mm or {turns:.2g} turns"
+    first, last = longest[[0, -1]]
+    turns = turned(shape, wrap.obstacle, np.linspace(first, last, LOOKS))[-1]
+    where = f"{1e3 * first:.4g} to {1e3 * last:.4g} mm"
+    size = f"a length of {1e3 * (last - first):.3g} mm or {turns:.2g} turns"
     return f"In that shape the part from {where} lies along the obstacle, {size}."
 
 
@@ -110,7 +110,7 @@ def curvature_along(wrap: Wrap, shape: Shape, s: Array, gap: float = 0.0) -> Arr
     points, radius = shape.position(s), arm.outer_radius(s)[0]
     normals = body.gradient(points)
     near = points + ((1 + gap) * radius - body.distance(points))[:, None] * normals
-    t = np.array([shape.frame(float(at))[:, 0] for at in s])
+    t = shape.frame(s)[:, :, 0].copy()
     t -= (t * normals).sum(axis=1)[:, None] * normals
     t /= np.maximum(np.linalg.norm(t, axis=1), 1e-12)[:, None]
     ends = [body.gradient(near + sign * _STEP * t) for sign in (1, -1)]
@@ -122,37 +122,37 @@ def attainable_curvature(arm: Arm, scene: Scene, limits: Limits, s: Array) -> tu
 
     All tendons of one side pull as hard as they may, the others as little: of all sides the best.
     Then whether limits of single tensions are all that bounds it: of tendons without limit no more
-    is looked at than 20 times what bends the arm by 1 rad, of those with a sum a part for each.
+    is looked at than 20 times what bends the arm by 1 rad, of those with a sum a part for each. So
+    strong a pull may leave no shape: a weaker one may bend the arm more than others do.
     """
     strong = _STRONG * natural_tensions(arm)
     lower, upper = np.array(limits.lower), np.minimum(np.array(limits.upper), strong)
-    is_most = limits.total is None and bool((np.array(limits.upper) <= strong).all())
     spare = np.inf if limits.total is None else max(limits.total - lower.sum(), 0.0)
     free = Scene(Extension()) if scene.has(Extension) else Scene()
     curvatures = [np.zeros(s.size)]
+    # Sides change where a direction is across a tendon's: one between any two of these is tried.
     phi = np.array([tendon_angle for _, tendon_angle in arm.tendons])
-    towards = np.linspace(0.0, 2 * np.pi, _SIDES, endpoint=False)[:, None]
-    for side in np.unique(np.cos(phi - towards) > 0, axis=0):
+    across = np.unique(np.round(np.append(phi, phi + np.pi) - np.pi / 2, 9) % (2 * np.pi))
+    towards = across + np.diff(across, append=across[0] + 2 * np.pi) / 2
+    sides = np.unique(np.cos(phi - towards[:, None]) > 0, axis=0)
+    for side in sides:
         more = np.where(side, upper - lower, 0.0)
         T = lower + more * min(1.0, spare / max(more.sum(), 1e-300))
-        try:
+        with suppress(OctoplanError):
             strains = settle(arm, T, free, 1e-4).strain(s)
-        except OctoplanError:
-            # So strong a pull leaves no shape: a weaker one may bend the arm more than others do.
-            is_most = False
-            continue
-        curvatures.append(np.hypot(strains[:, 1], strains[:, 2]))
-    return np.asarray(np.max(curvatures, axis=0)), is_most
+            curvatures.append(np.hypot(strains[:, 1], strains[:, 2]))
+    is_most = limits.total is None and bool((np.array(limits.upper) <= strong).all())
+    return np.max(curvatures, axis=0), is_most and len(curvatures) > len(sides)
 
 
 def _grip(hold: Hold, shape: Shape, accuracy: float) -> str:
     """Return what friction a hold takes, or which wrench is left."""
     grasp, size = Grasp.of(shape.arm, shape.contacts, hold), hold.size(shape.arm)
     if np.linalg.norm(grasp.least) <= 10 * accuracy:
-        needed = grasp.needed_friction(10 * accuracy)
+        needed = hold.friction * grasp.needed_friction(10 * accuracy)
         return f"The wrench is held with friction from {needed:.3g} on, {hold.friction:g} given."
-    left = size * grasp.least
-    force = ", ".join(f"{component:.3g}" for component in left[:3])
-    moment = ", ".join(f"{LEVER * shape.arm.length * component:.3g}" for component in left[3:])
-    more = f" and a moment ({moment}) N m" if moment else ""
-    return f"Of the wrench a force ({force}) N{more} is left; more friction or tension may hold it."
+    units = np.repeat([size, size * LEVER * shape.arm.length], 3)[: grasp.least.size]
+    left = [f"{component:.3g}" for component in units * grasp.least]
+    more = f" and a moment ({', '.join(left[3:])}) N m" if left[3:] else ""
+    left_over = f"a force ({', '.join(left[:3])}) N{more} is left"
+    return f"Of the wrench {left_over}; more friction or tension may hold it."

@@ -16,7 +16,6 @@ from model.errors import InputError, OctoplanError, UnsettledContactError
 from model.loads import contacts, without_friction
 from model.paths import Array
 from model.progress import tell
-from model.scene import Scene
 from model.shape import Shape
 from model.time_limit import OutOfTime, check_time
 from planner.contact.guesses import guesses
@@ -26,18 +25,25 @@ from planner.contact.program import TensionProgram
 from planner.program.terms import compliance_requests
 from planner.solve.search import AGREED
 from planner.solve.task import SearchResult, Task, Trial, agreed
-from planner.targets.base import Target
 from planner.targets.hold import Hold
 from planner.targets.wrap import Wrap
 
 # The meshes of searches and of plans.
-COARSE, FINE = 1, 2
+COARSE = 1
+FINE = 2 * COARSE
 # What is taken of the way to tensions without friction, and beyond.
 _SLID = (1.0, 1.5, 2.5)
 
 
 def check_contact(task: Task, avoids: bool) -> None:
-    """Raise InputError for what is not stated in scenes with contact."""
+    """Raise InputError for what is not stated in scenes with contact, and what is held without."""
+    bodies = [contact.obstacle for contact in contacts(task.scene)]
+    for target in task.targets:
+        if isinstance(target, Hold) and target.obstacle not in bodies:
+            allowed = "an obstacle that the scene has as a Contact"
+            raise InputError("Hold.obstacle", target.obstacle, allowed)
+    if not bodies:
+        return
     holds = any(isinstance(target, Hold | Wrap) for target in task.targets)
     shapes, smooth = "shapes alone, in a scene with contact", "0 for holds and wraps"
     alone, none = (
@@ -56,15 +62,6 @@ def check_contact(task: Task, avoids: bool) -> None:
             raise InputError(name, value, allowed)
     # Refuses an arm that is inside of an obstacle at rest, which every start would meet.
     TouchingMap(task.arm, task.scene, STAGES, 1)
-
-
-def check_holds(targets: tuple[Target, ...], scene: Scene) -> None:
-    """Raise InputError for what is held and is no contact of the scene."""
-    bodies = [contact.obstacle for contact in contacts(scene)]
-    for target in targets:
-        if isinstance(target, Hold) and target.obstacle not in bodies:
-            allowed = "an obstacle that the scene has as a Contact"
-            raise InputError("Hold.obstacle", target.obstacle, allowed)
 
 
 def _cost(end: ContactOptimum) -> tuple[float, bool, float]:
@@ -106,33 +103,30 @@ class ContactSearch:
         takes without friction, and beyond.
         """
         assert self.begin is not None
-        smooth = replace(self.task, scene=without_friction(self.task.scene), starts=1)
-        T = free = np.array(self.begin[-1])
-        for begin in (self.begin, None):
-            plan = ContactSearch(smooth, begin).run()
-            free = np.ravel(plan.tensions)
-            if plan.statement.mode == "exact" or plan.stopped:
-                break
+        # From where it begins, and from rest where that leads nowhere.
+        smooth = replace(self.task, scene=without_friction(self.task.scene), starts=2)
+        free = np.ravel(ContactSearch(smooth, self.begin).run().tensions)
         program = TensionProgram(self.task, FINE, load_path=self.begin)
-        low = np.array(self.task.allowed.lower)
         assert program.begin is not None
         for factor in _SLID[: self.task.starts]:
+            T = program.begin.tensions
+            start = np.maximum(T + factor * (free - T), self.task.allowed.lower)
             with suppress(OctoplanError):
-                start = np.maximum(T + factor * (free - T), low)
-                end = optimum(program, program.begin, start)
-                self.optima.append(replace(end, load_path=self.begin))
+                end = replace(optimum(program, program.begin, start), load_path=self.begin)
+                self.optima.append(end)
                 if end.is_optimal:
                     break
-        self.best = min(self.optima, key=_cost, default=None)
 
     def _search(self) -> None:
         """Find optima until enough agree on the best, or there are as many as are asked for.
 
-        Two, or three where something is held, as two may agree on many times the least effort.
+        One from what is nearby, else two, or three where something is held, as two may agree on
+        many times the least effort.
         """
         least = self.task.statement.least
         coarse, fine = (TensionProgram(self.task, mesh, least) for mesh in (COARSE, FINE))
         nearby = [] if self.begin is None else [self.begin]
+        needed = np.inf if self.task.starts else AGREED + bool(coarse.holds)
         from_rest = ((tuple(T.tolist()),) for T in guesses(self.task, coarse.holds))
         for tried, load_path in enumerate(chain(nearby, from_rest), 1):
             tell("initial guesses", tried - 1, self.task.most)
@@ -143,10 +137,7 @@ class ContactSearch:
                 if not end.violation and cheapest and agreed(_trials([*self.optima, end])) < 2:
                     self.best = self._led_to(fine, end)
                 self.optima.append(end)
-            count = agreed(_trials(self.optima))
-            followed = self.begin is not None and tried == count == 1
-            some = count >= AGREED + bool(coarse.holds)
-            enough = followed or (some and self.task.starts is None)
+            enough = agreed(_trials(self.optima)) >= (needed if tried > len(nearby) else 1)
             if enough or tried == self.task.most:
                 break
         for end in () if self.best else sorted(self.optima, key=_cost):
@@ -178,11 +169,9 @@ class ContactSearch:
             *before, last = self.begin or (self.task.allowed.lower,)
             T = self.task.arm.by_section(np.array(last))
             return SearchResult(statement, T, (), (), trials, stopped, load_path=tuple(before))
-        lam_x = tuple(best.step.lam_bounds.tolist())
-        lam_g = (best.step.lam_stability,) if best.yields else ()
-        statement = statement.but(modes=int(best.yields))
-        T, way = self.task.arm.by_section(best.point.tensions), best.load_path
-        return SearchResult(statement, T, lam_x, lam_g, trials, stopped, load_path=way)
+        T, multipliers = self.task.arm.by_section(best.point.tensions), (best.lam_x, best.lam_g)
+        statement, way = statement.but(modes=len(best.lam_g)), best.load_path
+        return SearchResult(statement, T, *multipliers, trials, stopped, load_path=way)
 
 
 def optimality_of(task: Task, tensions: Array, shape: Shape, load_path: LoadPath = ()) -> float:
@@ -190,11 +179,10 @@ def optimality_of(task: Task, tensions: Array, shape: Shape, load_path: LoadPath
 
     Of the shape that a load path leads to.
     """
-    try:
+    with suppress(OctoplanError):
         program = TensionProgram(task, FINE, task.statement.least * task.statement.modes, load_path)
         # Twice: the gap's curvature at contact points is that of the mesh it comes from.
         on_mesh = program.begin or program.map.solve(tensions, shape.known)
         begin = program.begin or program.settled(tensions, on_mesh)
-        return conditions(program.at(tensions / program.unit, begin)).residual
-    except OctoplanError:
-        return np.inf
+        return conditions(program.at(tensions / program.unit, begin))[0]
+    return np.inf

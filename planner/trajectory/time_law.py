@@ -32,10 +32,9 @@ from planner.trajectory.question import Question, Rates, Waypoint
 # Knots of a stretch, and instants at which it is looked at.
 _KNOTS = 80
 _INSTANTS = 4 * _KNOTS
-# Degrees that are tried, and what their last coefficients may be, over the largest change.
+# Degrees that are tried, and what their last coefficients may be, over the largest change; what a
+# stretch takes on which nothing limits the pace [s].
 _DEGREES, _ROUNDING = (8, 16, 32, 64, 128), 1e-8
-# What a stretch takes on which nothing limits the pace [s].
-_INSTANT = 1e-9
 # Tensions (n_tendons,) -> lengths of the tendons, place of the tip: (n_tendons + 3,) [m].
 Places = Callable[[Array], Array]
 
@@ -130,7 +129,7 @@ def fastest(stretch: Stretch, rates: Rates) -> PPoly:
     u = np.linspace(0.0, 1.0, _KNOTS + 1)
     derivatives = np.stack(stretch.derivatives(u))
     limits = np.repeat([rates.acceleration, rates.tip_acceleration], [stretch.change.size, 3])
-    size = max(float(np.abs(derivatives / limits).max()), _INSTANT)
+    size = max(float(np.abs(derivatives / limits).max()), _ROUNDING)
     # By b at the knots between the ends: itself, and its slope in each interval.
     b = np.eye(_KNOTS + 1)[:, 1:-1]
     slope = np.diff(b, axis=0) * (_KNOTS / 2)
@@ -143,7 +142,7 @@ def fastest(stretch: Stretch, rates: Rates) -> PPoly:
     tension = (np.abs(stretch.change) / rates.tension).max()
     fast = np.maximum(np.abs(derivatives[0, 1:-1, :-3]).max(axis=1) / rates.stroke, tension)
     # Where nothing limits b it is what takes an instant.
-    bounded = np.diag(np.maximum(fast**2 / size, _INSTANT))
+    bounded = np.diag(np.maximum(fast**2 / size, _ROUNDING))
     positive = np.vstack([np.eye(fast.size), -bounded, -lengths, lengths])
     offsets = np.repeat([0.0, 1.0], [fast.size, fast.size + 2 * len(lengths)])
     cones: list[Cone] = [(clarabel.NonnegativeConeT, positive, offsets)]
@@ -194,7 +193,7 @@ class Timed:
         rates, steps, stretches = question.rates, question.steps, list[Stretch]()
         least = (np.abs(np.diff(tensions, axis=0)) / rates.tension).max(axis=1)
         fractions = np.array([waypoint.fraction for waypoint in waypoints])
-        speeds = 1 / np.maximum(least, _INSTANT * fractions)
+        speeds = 1 / np.maximum(least, _ROUNDING * fractions)
         laws = [_paced(np.array([0.0, 1.0]), np.full(2, speed)) for speed in speeds]
         if np.isfinite(rates.of_places).any():
             lines = question.lines()

@@ -55,12 +55,7 @@ class Waypoints:
         Where the arm would not stand at all of them, it is held to its stability margin, or at
         least to stand.
         """
-        needed = [w.avoidance.needed(self.question.arm) for w in waypoints if w.avoidance]
-        # Inequalities of one structure share a program.
-        room = tuple(max(each) for each in zip(*filter(None, needed), strict=True))
-        self.waypoints = [
-            replace(w, avoidance=w.avoidance and replace(w.avoidance, room=room)) for w in waypoints
-        ]
+        self.waypoints = list(waypoints)
         planned, held = self.statement, self.statement.but(modes=1)
         more = (held, held.but(margin=0.0)) if is_loaded(self.question.scene) else ()
         for statement in dict.fromkeys((planned, *more)):
