@@ -234,13 +234,13 @@ class Arm(Shown):
 
         Raises InputError for a wrong shape and for NaN, infinite or negative numbers.
         """
-        array = values
-        if not isinstance(values, np.ndarray):
-            with suppress(TypeError, ValueError):  # of rows that are not as long as each other
-                array = np.asarray(values)
-        fits = isinstance(array, np.ndarray) and array.shape in self.shapes
-        if fits and array.dtype.kind in "iuf" and 0 <= array.min() <= array.max() <= LARGEST:
-            return np.array(array, dtype=float).ravel()
+        array = np.zeros(0)
+        with suppress(TypeError, ValueError):  # of rows that are not as long as each other
+            array = np.asarray(values)
+        if array.shape in self.shapes and array.dtype.kind in "iuf":
+            plain = array.ravel().tolist()
+            if min(plain) >= 0 and sum(plain) <= LARGEST:
+                return np.array(plain, dtype=float)
         counts = [len(section.angles) for section in self.sections]
         allowed = f"{self.n_tendons} numbers, flat or a row per section, tip first "
         allowed += f"({'+'.join(map(str, counts))})"

@@ -1,9 +1,8 @@
 """How far a long computation is: a line on a terminal or in a notebook, and in the log.
 
-Loops that take long report (`tell`, `told`). Whoever listens hears it: a public function that is
-called by a user shows a line once it takes more than `DELAY` seconds (`with_progress`); what such
-functions call inside of each other reports to that one line. All reports go to the log too, logger
-`model.progress`, level INFO.
+Loops that take long report (`tell`). A public function that is called by a user shows a line once
+it takes more than `DELAY` seconds (`with_progress`); what such functions call inside of each other
+reports to that one line. All reports go to the log too, logger `model.progress`, level INFO.
 """
 
 from __future__ import annotations
@@ -14,8 +13,8 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
-from contextvars import ContextVar, Token
+from contextlib import ExitStack, contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import wraps
 from shutil import get_terminal_size
@@ -23,12 +22,11 @@ from typing import Any, ParamSpec, TextIO, TypeVar
 
 from model.errors import InputError
 
-Listener = Callable[[str, float, float], None]
 P = ParamSpec("P")
 T = TypeVar("T")
 
 _log = logging.getLogger(__name__)
-_listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
+_line: ContextVar[_Line | None] = ContextVar("line", default=None)
 # After how many seconds a line is shown, and how often the time that has passed is written anew.
 DELAY, _EVERY = 2.0, 0.5
 
@@ -43,38 +41,45 @@ def with_progress(function: Callable[P, T]) -> Callable[P, T]:
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> T:
         progress = kwargs.get("progress")
-        if progress is None and _listener.get() is not None:
+        if progress is None and _line.get() is not None:
             return function(*args, **kwargs)
-        with _Line() if progress is None else progress_line(progress):
+        with progress_line(progress):
             return function(*args, **kwargs)
 
     return call
 
 
-def progress_line(progress: Any = None) -> AbstractContextManager[None]:
+@contextmanager
+def progress_line(progress: Any = None) -> Iterator[None]:
     """Show how far things are inside a `with` block; see with_progress. Raises InputError."""
     if not (progress is None or isinstance(progress, bool)):
         allowed = "None (after 2 s, on terminals and in notebooks), True or False"
         raise InputError("progress", progress, allowed)
-    return _Line(always=progress is True, silent=progress is False)
+    line = _Line(progress)
+    token = _line.set(line)
+    try:
+        yield
+    finally:
+        _line.reset(token)
+        if line.clock is not None:
+            line.closed.set()
+            line.clock.join()
 
 
 def tell(what: str, done: float = 0, of: float = 0) -> None:
     """Say that `done` parts `of` all are done, of something that takes long; of 0: not known."""
-    _log.info("%s%s", what, f": {done:g} of {of:g}" if of else "")
-    listener = _listener.get()
-    if listener is not None:
-        listener(what, done, of)
+    text = f"{what}: {done:g} of {of:g}" if of else what
+    _log.info(text)
+    line = _line.get()
+    if line is not None:
+        line.show(text)
 
 
 def reported(what: str, items: Sequence[T]) -> Iterator[T]:
     """Yield items and tell how many are done; what is told for the sake of one is not heard."""
-    listener = _listener.get()
-    with progress_line(False):
-        for i, item in enumerate(items):
-            _log.info("%s: %d of %d", what, i, len(items))
-            if listener is not None:
-                listener(what, i, len(items))
+    for i, item in enumerate(items):
+        tell(what, i, len(items))
+        with progress_line(False):
             yield item
 
 
@@ -85,32 +90,21 @@ class _Line:
     A thread, which the first report starts, writes it, also while a phase reports nothing more.
     """
 
-    always: bool = False
-    silent: bool = False
+    progress: bool | None
     begin: float = field(default_factory=time.monotonic)
     text: str = ""
     clock: threading.Thread | None = None
     closed: threading.Event = field(init=False)
-    token: Token[Listener | None] = field(init=False)
 
-    def __enter__(self) -> None:
-        self.token = _listener.set(self)
-
-    def __exit__(self, *_: object) -> None:
-        _listener.reset(self.token)
-        if self.clock is not None:
-            self.closed.set()
-            self.clock.join()
-
-    def __call__(self, what: str, done: float, of: float) -> None:
-        self.text = f"{what}: {done:g} of {of:g}" if of else what
-        if self.clock is None and not self.silent and (self.always or _watched()):
+    def show(self, text: str) -> None:
+        self.text = text
+        if self.clock is None and (_watched() if self.progress is None else self.progress):
             self.closed = threading.Event()
             self.clock = threading.Thread(target=self._write, daemon=True)
             self.clock.start()
 
     def _write(self) -> None:
-        delay = 0.0 if self.always else self.begin + DELAY - time.monotonic()
+        delay = 0.0 if self.progress else self.begin + DELAY - time.monotonic()
         if self.closed.wait(max(delay, 0.0)):
             return
         from tqdm import tqdm  # type: ignore[import-untyped]

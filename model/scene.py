@@ -80,8 +80,8 @@ class Scene(Shown):
         lines = ["Scene(", *(f"    {effect}," for effect in messages), ")"]
         return line if len(line) <= _WIDTH else "\n".join(lines)
 
-    def find(self, kind: type[E]) -> E | None:
-        """Return the scene's effect of a kind, or None if it is not enabled."""
+    def find(self, kind: type[E] | tuple[type[E], ...]) -> E | None:
+        """Return the scene's effect of a kind, or the first of several; None if none is enabled."""
         for effect in self.effects:
             if isinstance(effect, kind):
                 return effect
@@ -89,7 +89,7 @@ class Scene(Shown):
 
     def has(self, *kinds: type[Effect]) -> bool:
         """Return whether an effect of one of these kinds is enabled."""
-        return any(isinstance(effect, kinds) for effect in self.effects)
+        return self.find(kinds) is not None
 
 
 def _place(effect: Effect) -> tuple[str, tuple[Any, ...]]:

@@ -6,6 +6,8 @@ import logging
 import math
 import time
 from contextlib import nullcontext
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,7 +25,6 @@ from model.errors import (
     CollapsedError,
     ConvergenceError,
     InputError,
-    OctoplanError,
     ShapeWarning,
     SnapError,
     UnsettledContactError,
@@ -125,50 +126,62 @@ def settle(
         Where the arm bends sharper than its own radius; see Shape.remarks.
     """
     with nullcontext() if time_limit is None else limited(time_limit):
-        accuracy = checked_accuracy(accuracy)
-        machine_code = checked_compile(compile)
-        if isinstance(scene, Scene) and scene.find(SelfContact):
+        accuracy, machine_code = checked_accuracy(accuracy), checked_compile(compile)
+        scene = scene_of(arm, scene)
+        if scene.find(SelfContact):
             for name, value in (("lengths", lengths), ("near", near), ("scheme", scheme)):
                 if value is not None:
                     allowed = "none in a scene with SelfContact"
                     raise InputError(name, "given with SelfContact", allowed)
             shape = _on_itself(arm, tensions, scene, accuracy, machine_code)
         else:
-            scene = scene_of(arm, scene)
-            maps = maps_of(arm, scene, scheme, machine_code)
-            begin: Equilibrium | None = None
+            maps, begin = maps_of(arm, scene, scheme, machine_code), None
             if near is not None:
                 kind("near", near, Shape, "a Shape of the same arm and scene, or None")
                 if near.arm != arm or without_friction(near.scene) != without_friction(scene):
                     raise InputError("near", "a shape of another arm or scene", "one of the same")
                 begin = near.equilibrium
-            given = _given(arm, scene, tensions, lengths, tendon_EA, tendon_outside)
-            if isinstance(given, Winches):
-                shape = _by_lengths(maps, given, accuracy, begin)
+            if lengths is not None:
+                held = _winches(arm, scene, tensions, lengths, tendon_EA, tendon_outside)
+                shape = _by_lengths(maps, held, accuracy, begin)
+            elif tendon_EA or tendon_outside:
+                name = "tendon_EA" if tendon_EA else "tendon_outside"
+                value = tendon_EA or tendon_outside
+                raise InputError(name, value, "none where no lengths are given")
             else:
-                shape = _settled(maps, given, accuracy, begin)
+                shape = _settled(maps, arm.flat(tensions), accuracy, begin)
     if (bent := sharp(shape)) and called_by_a_script():
         warn(bent, ShapeWarning)
     return shape
 
 
+def _winches(arm: Arm, scene: Scene, tensions: Any, lengths: Any, EA: Any, outside: Any) -> Winches:
+    """Return what holds the tendons where lengths are given; InputError."""
+    if scene.has(PrintedStatics):
+        raise InputError("lengths", "given as printed", "tensions in a scene as printed")
+    if any(contact.friction for contact in contacts(scene)):
+        allowed = "tensions in a scene whose contacts have friction"
+        raise InputError("lengths", "given with friction of contacts", allowed)
+    winches = Winches.of(arm, tensions, lengths, EA, outside)
+    shares = np.sort(winches.lengths[winches.held] / arm.length)
+    warn_unusual("lengths", shares[shares.size // 2 :][:1].tolist(), TENDONS)
+    return winches
+
+
 def _by_lengths(maps: Maps, winches: Winches, accuracy: float, near: Equilibrium | None) -> Shape:
     """Return the shape by lengths; InputError names the tendon that no shape has so short."""
 
-    def outcome(held: Winches, accuracy: float, near: Equilibrium | None) -> Shape | OctoplanError:
-        begin = None if near is None else near.tensions
-        given = GivenLengths(maps.arm, maps.scene, held, maps.machine_code, begin)
-        try:
-            return _settled(maps, given, accuracy, near)
-        except OctoplanError as problem:
-            return problem
+    def settled(held: Winches, accuracy: float, near: Equilibrium | None = None) -> Shape:
+        given = GivenLengths(maps, held, None if near is None else near.tensions)
+        shape = _settled(maps, given, accuracy, near)
+        end = given.finished(maps.on(shape.refinement), shape.equilibrium)
+        check_stretch(end)
+        return replace(shape, equilibrium=end, winches=held)
 
-    result = outcome(winches, accuracy, near)
-    if isinstance(result, CollapsedError | UnsettledSectionError | UnknownLeastError):
-        result = too_short(maps.arm, winches, result, lambda held: outcome(held, _ROUGHLY, None))
-    if isinstance(result, OctoplanError):
-        raise result
-    return result
+    try:
+        return settled(winches, accuracy, near)
+    except (CollapsedError, UnsettledSectionError, UnknownLeastError) as problem:
+        raise too_short(maps.arm, winches, problem, partial(settled, accuracy=_ROUGHLY)) from None
 
 
 def _on_itself(arm: Arm, tensions: Any, scene: Scene, accuracy: float, machine_code: bool) -> Shape:
@@ -177,49 +190,24 @@ def _on_itself(arm: Arm, tensions: Any, scene: Scene, accuracy: float, machine_c
     All that is settled on the way is as accurate as gaps are closed.
     """
     alone = Scene(*(effect for effect in scene.effects if not isinstance(effect, SelfContact)))
-    alone, close = checked_scene(arm, alone), min(accuracy, THROUGH)
+    check_loads(arm, alone)
 
     def at(T: Array, loaded: Scene, near: Shape | None) -> Shape:
         alike = near is not None and is_loaded(loaded) and is_loaded(near.scene)
         begin = near.equilibrium if near is not None and alike else None
-        maps = maps_of(arm, loaded, None, machine_code)
-        return _settled(maps, T, close, begin)
+        return _settled(maps_of(arm, loaded, None, machine_code), T, min(accuracy, THROUGH), begin)
 
     return pressed_on_itself(arm.flat(tensions), alone, at)
 
 
-def _given(
-    arm: Arm, scene: Scene, tensions: Any, lengths: Any, EA: Any, outside: Any
-) -> Array | Winches:
-    """Return what holds the tendons, tensions (n_tendons,) or lengths; InputError."""
-    if lengths is not None:
-        if scene.has(PrintedStatics):
-            raise InputError("lengths", "given as printed", "tensions in a scene as printed")
-        if any(contact.friction for contact in contacts(scene)):
-            allowed = "tensions in a scene whose contacts have friction"
-            raise InputError("lengths", "given with friction of contacts", allowed)
-        winches = Winches.of(arm, tensions, lengths, EA, outside)
-        shares = np.sort(winches.lengths[winches.held] / arm.length)
-        warn_unusual("lengths", shares[shares.size // 2 :][:1].tolist(), TENDONS)
-        return winches
-    for name, value in (("tendon_EA", EA), ("tendon_outside", outside)):
-        if value:
-            raise InputError(name, value, "none where no lengths are given")
-    return arm.flat(tensions)
-
-
 def _settled(
-    maps: Maps,
-    value: Array | GivenLengths,
-    accuracy: float,
-    near: Equilibrium | None,
+    maps: Maps, value: Array | GivenLengths, accuracy: float, near: Equilibrium | None
 ) -> Shape:
     """Return the shape on the first mesh that is accurate enough."""
     # A first mesh is as good in any scene; what it gains by refinement may be less.
     refinement, fine = first_pair(accuracy, maps.order)
-    coarse, before = 0, np.zeros(7)
-    rough = min(max(10 * accuracy / SETTLED, 1.0), ROUGHEST)
-    snaps: tuple[float, ...] = ()
+    looser = min(max(10 * accuracy / SETTLED, 1.0), ROUGHEST)
+    coarse, before, error, snaps = 0, np.zeros(7), np.inf, list[float]()
     begun = time.process_time() if maps.contacts else 0.0
     while refinement:
         check_time()
@@ -229,8 +217,9 @@ def _settled(
                 if isinstance(value, GivenLengths):
                     point = value.on(forward, near)
                 else:
-                    point = forward.solve(value, near, 1.0 if coarse else rough)
-            if math.isnan(point.poses[-1, 4]):
+                    point = forward.solve(value, near, 1.0 if coarse else looser)
+            tip = point.poses[-1]
+            if math.isnan(tip[4]):
                 check_stretch(point)
         except (SnapError, UnsettledContactError, UnsettledSectionError) as problem:
             in_closed_form = isinstance(problem, UnsettledSectionError) and maps.by_sections
@@ -238,31 +227,29 @@ def _settled(
             if refinement >= _COARSE or in_closed_form or slow:
                 raise
             # Nor does a coarser one that did bear the loads tell how accurate a finer one is.
-            refinement = next_refinement(refinement, np.inf, accuracy, maps.order)
-            coarse, fine = 0, 0
+            coarse, fine, error = 0, 0, np.inf
+            refinement = next_refinement(refinement, error, accuracy, maps.order)
             continue
         if isinstance(point, Touching):
             begun = time.process_time()
-            snaps = (*snaps, *point.snaps)
+            snaps += point.snaps
         if not isinstance(point, Touching) or point.before is None:
             near = point
-        tip, error = point.poses[-1], np.inf
         if coarse:
             gap = math.dist(tip[4:], before[4:])
             if maps.lever:
                 gap = max(gap, 2 * maps.lever * math.dist(tip[:4], before[:4]))
-            gap /= maps.arm.length
-            error = estimate(gap, coarse, refinement, maps.least_order, maps.rounding)
+            of = coarse, refinement, maps.least_order, maps.rounding
+            error = estimate(gap / maps.arm.length, *of)
             LOG.debug("%s, mesh %d: estimated tip error %.1e of L", maps.scheme, refinement, error)
             if error <= accuracy:
-                winches = None
-                if isinstance(value, GivenLengths):
-                    point, winches = value.finished(forward, point), value.winches
                 check_stretch(point)
-                return Shape(maps.arm, maps.scene, error, point, refinement, winches, snaps)
-        finer = fine if refinement < fine else 0
+                return Shape(maps.arm, maps.scene, error, point, refinement, snaps=tuple(snaps))
         before, coarse = tip, refinement
-        refinement = finer or next_refinement(coarse, error, accuracy, maps.least_order)
+        if refinement < fine:
+            refinement = fine
+        else:
+            refinement = next_refinement(coarse, error, accuracy, maps.least_order)
     check_stretch(point)
     raise ConvergenceError(accuracy, error, COARSE)
 

@@ -17,6 +17,7 @@ from model.clearance.nearest import ITSELF, clearances
 from model.contact.contacts import Touch, touches_of
 from model.contact.path import Touching
 from model.effects import ExactTendons, PrintedStatics
+from model.equilibrium.integration import sliding_tensions
 from model.equilibrium.linearised import Equilibrium, Linearised
 from model.equilibrium.newton import STAGES
 from model.equilibrium.stability import stability
@@ -219,8 +220,10 @@ class Shape(Shown):
         crosses = np.array([self.arm.sections[i].at >= place[0] for i, _ in self.arm.tendons])
         tendons = np.flatnonzero(crosses)
         values = np.zeros(crosses.size)
-        arguments = (place, np.zeros(tendons.size, dtype=int), tendons)
-        values[tendons] = self.equilibrium.tensions_at(*arguments)
+        values[tendons], point = self.tensions[tendons], self.known
+        if point is not None:
+            first = np.zeros(tendons.size, dtype=int)
+            values[tendons] = sliding_tensions(point.system, point.x, place, first, tendons)
         return values
 
     @property
@@ -290,7 +293,7 @@ def sharp(shape: Shape) -> str:
 
     Its inner side would have no length left. Empty where it does not.
     """
-    if shape.equilibrium.bend < _NEAR:
+    if shape.equilibrium.extremes.bend < _NEAR:
         return ""
     arm, nodes = shape.arm, shape.s
     share = np.arange(_PLACES) / _PLACES

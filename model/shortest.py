@@ -71,7 +71,7 @@ def _name(arm: Arm, j: int) -> str:
 
 
 def too_short(
-    arm: Arm, winches: Winches, problem: OctoplanError, outcome: Callable[[Winches], object]
+    arm: Arm, winches: Winches, problem: OctoplanError, settle: Callable[[Winches], object]
 ) -> OctoplanError:
     """Return what to tell of lengths that an arm does not settle by.
 
@@ -82,8 +82,8 @@ def too_short(
     ----------
     problem : OctoplanError
         What settling by these ended with; returned where nothing else is found.
-    outcome : callable
-        What settling by the lengths of other winches ends with: an OctoplanError, or a shape.
+    settle : callable
+        Settles by the lengths of other winches, or raises OctoplanError.
     """
     rest = rest_lengths(arm)
     taken = np.where(winches.held, rest - winches.lengths, 0.0)
@@ -94,24 +94,32 @@ def too_short(
     if share[j] <= 0:
         return problem
 
-    def paid_out(longer: NDArray[np.bool_], share: float) -> Winches:
-        return replace(winches, lengths=winches.lengths + share * np.where(longer, taken, 0.0))
+    def paid_out(longer: NDArray[np.bool_], share: float) -> tuple[Winches, OctoplanError | None]:
+        """Return winches that are paid out by a share, and what settling by these ends with."""
+        lengths = winches.lengths + share * np.where(longer, taken, 0.0)
+        held = replace(winches, lengths=lengths)
+        try:
+            settle(held)
+        except OctoplanError as reason:
+            return held, reason
+        return held, None
 
     for longer, beside in (
         (np.arange(rest.size) == j, ", beside the other lengths"),
         (taken > 0, ""),
     ):
         low, high, last = 0.0, 1.0, problem
-        if isinstance(outcome(paid_out(longer, high)), OctoplanError):
+        held, reason = paid_out(longer, high)
+        if reason is not None:
             continue
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
-            other = outcome(paid_out(longer, middle))
-            if isinstance(other, OctoplanError):
-                low, last = middle, other
+            other, reason = paid_out(longer, middle)
+            if reason is None:
+                high, held = middle, other
             else:
-                high = middle
-        least = paid_out(longer, high).lengths[j]
+                low, last = middle, reason
+        least = held.lengths[j]
         why = "shorter ones are found no shape for"
         if isinstance(last, CollapsedError):
             why = f"shorter ones crush the arm at s = {last.s:.6g} m"

@@ -18,15 +18,14 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dgbtrf, dgbtrs
 
 from model.cross_section.law import reported
-from model.equilibrium.integration import poses_and_strains, sliding_tensions
+from model.equilibrium.integration import poses_and_strains
 from model.errors import CollapsedError, SingularError, UnsettledSectionError
 from model.mesh import Mesh
 from model.paths import Array
 from model.transcription.collocation import gauss
-from model.transcription.kernels import Places
 from model.transcription.layout import Layout
 from model.transcription.system import System
-from model.unloaded.marched import Marched
+from model.unloaded.marched import Extremes, Marched
 from model.unloaded.sections import LEAST_STRETCH
 
 Index = NDArray[np.int64]
@@ -100,11 +99,6 @@ class Linearised:
     def __reduce__(self) -> tuple[Any, ...]:
         return Linearised, (self.system, self.x)
 
-    @property
-    def residual(self) -> Array:
-        """The residuals of the equations (n_states,)."""
-        return self.system.residual(self.x)
-
     @cached_property
     def nonzeros(self) -> Array:
         """The nonzeros of the Jacobian (nnz,), in the places of `band`."""
@@ -122,28 +116,17 @@ class Linearised:
         """The states (n_states,)."""
         return self.x[self.system.of.first :]
 
-    @property
-    def band(self) -> Band:
-        """The places of the nonzeros."""
-        return band(self.system.of)
-
     @cached_property
     def factor(self) -> tuple[Array, Array] | None:
         """The LU factors of the Jacobian against the states; None where it is singular."""
         if self.near:
             return self.near.factor
-        at = self.band
+        at = band(self.system.of)
         stored = np.zeros(self.system.of.n_states * at.height)
         stored[at.stored] = self.nonzeros[at.inside]
         columns = stored.reshape(-1, at.height).T
         factors, pivots, info = dgbtrf(columns, at.below, at.above, overwrite_ab=1)
         return None if info != 0 or not np.all(np.isfinite(factors)) else (factors, pivots)
-
-    def times(self, states: Array) -> Array:
-        """Return the Jacobian against the states times changes of them (n_states,)."""
-        at, inside = self.band, self.band.inside
-        products = self.nonzeros[inside] * states[at.columns[inside] - at.first]
-        return np.asarray(np.bincount(at.rows[inside], products, states.size), dtype=float)
 
     def solve(self, right: Array, transposed: bool = False) -> Array:
         """Return the changes of the states (n_states, ...) by right-hand sides.
@@ -152,7 +135,7 @@ class Linearised:
         """
         if self.factor is None:
             raise SingularError("the equations of equilibrium are singular: the arm buckles")
-        (factors, pivots), at = self.factor, self.band
+        (factors, pivots), at = self.factor, band(self.system.of)
         before, after = at.equations, at.states
         if transposed:
             before, after = after, before
@@ -167,7 +150,7 @@ class Linearised:
 
         There is none where the equations are singular or no numbers.
         """
-        residual = self.residual
+        residual = self.system.residual(self.x)
         if not np.isfinite(residual).all() or self.factor is None:
             return None
         change = -self.solve(residual)
@@ -176,20 +159,17 @@ class Linearised:
     @cached_property
     def by_tensions(self) -> Array:
         """The derivatives of the states by the tensions (n_states, n_tendons)."""
-        return -self.solve(self._outside(0, self.system.of.n_tendons))
+        return self.by_unknowns(0, self.system.of.n_tendons)
 
-    @property
-    def by_load(self) -> Array:
-        """The derivatives of the states by the load factor (n_states,), nan where singular."""
-        right = self._outside(self.system.of.n_tendons, self.system.of.first)
-        return (np.full_like(right, np.nan) if self.factor is None else -self.solve(right))[:, 0]
+    def by_unknowns(self, first: int, last: int) -> Array:
+        """Return the derivatives of the states (n_states, n) by tensions and load factor.
 
-    def _outside(self, first: int, last: int) -> Array:
-        """Return the Jacobian against some of the unknowns that are no states (n_states, ...)."""
-        at, right = self.band, np.zeros((self.system.of.n_states, last - first), order="F")
+        By those from `first` on, up to `last`. Raises SingularError.
+        """
+        at, right = band(self.system.of), np.zeros((self.system.of.n_states, last - first))
         inside = (at.columns >= first) & (at.columns < last)
         right[at.rows[inside], at.columns[inside] - first] = self.nonzeros[inside]
-        return right
+        return -self.solve(right)
 
     @property
     def lengths(self) -> Array:
@@ -216,30 +196,18 @@ class Linearised:
         """Quaternions and positions [m] at the nodes (N + 1, 7)."""
         return self.system.poses(self.states)
 
-    @property
-    def _strains(self) -> Array:
-        """The strains at the stages (N stages, 4 or 6) as `at` has them."""
-        return reported(self.system.of.form.law, self.system.strains(self.states))
-
-    @property
-    def stretch_at(self) -> Array:
-        """Arc lengths (K,) of the stages, then of both ends of the elements [m]."""
-        s = self.mesh.s
-        return np.concatenate([self.system.s, s[:-1], s[1:]])
-
-    @property
-    def stretch(self) -> Array:
-        """The stretch 1 + q (K,) at `stretch_at`."""
-        m, stages = self.system.of.form.stages, self._strains[:, 3] + 1
-        ends = stages.reshape(-1, m) @ gauss(m).at(np.array([0.0, 1.0])).T
-        return np.concatenate([stages, ends.T.ravel()])
-
-    @property
-    def bend(self) -> float:
-        """Curvature times the body's radius, at most, at the stages."""
-        arm, v = self.system.arm, self._strains
+    @cached_property
+    def extremes(self) -> Extremes:
+        """Least stretch, of stages and of ends of elements, and largest curvature, of stages."""
+        arm, s, m = self.system.arm, self.system.mesh.s, self.system.of.form.stages
+        v = reported(self.system.of.form.law, self.system.strains(self.states))
+        ends = gauss(m).at(np.array([0.0, 1.0])) @ (1 + v[:, 3].reshape(-1, m).T)
         radius = arm.radius.evaluate(self.system.s, arm.length)[0]
-        return float((radius * np.hypot(v[:, 1], v[:, 2])).max())
+        at = np.concatenate([self.system.s, s[:-1], s[1:]])
+        stretch = np.concatenate([1 + v[:, 3], ends.ravel()])
+        worst = int(stretch.argmin())  # the first that is no number, if any is
+        bend = float((radius * np.hypot(v[:, 1], v[:, 2])).max())
+        return Extremes(float(at[worst]), float(stretch[worst]), bend)
 
     @property
     def scheme(self) -> str:
@@ -261,13 +229,6 @@ class Linearised:
         exact = (self.mesh.s[nodes] == s)[:, None]
         return np.where(exact, self.poses[nodes], poses), reported(self.system.of.form.law, v)
 
-    def tensions_at(self, s: Array, place: Places, tendon: Places) -> Array:
-        """Return the tensions (P,) of tendons where they cross arc lengths s[place] [N].
-
-        With friction they fall along the arm.
-        """
-        return sliding_tensions(self.system, self.x, s, place, tendon)
-
 
 Equilibrium = Linearised | Marched
 
@@ -277,10 +238,8 @@ def check_stretch(at: Equilibrium) -> None:
 
     Raises UnsettledSectionError, and CollapsedError.
     """
-    values = at.stretch
-    worst = int(values.argmin())  # the first that is no number, if any is
-    stretch = float(values[worst])
+    s, stretch, _ = at.extremes
     if math.isnan(stretch):
-        raise UnsettledSectionError(float(at.stretch_at[worst]))
+        raise UnsettledSectionError(s)
     if not stretch > LEAST_STRETCH:
-        raise CollapsedError(float(at.stretch_at[worst]), stretch)
+        raise CollapsedError(s, stretch)

@@ -138,18 +138,22 @@ def follow_on(
     fails, `on_the_way` is.
     """
     at, step, tried, system = start, min(1.0, most), 0, start.point.system
+    n, quaternions = system.of.n_tendons, system.of.nodes[:, :4]
     begins_stable: bool | None = None
     while at.load < most and step >= least * max(at.load, FIRST) and tried < steps:
         check_time()
         tried += 1
         tell("percent of the loads", round(100 * at.load / most), 100)
-        rate, step = at.point.by_load, min(step, most - at.load)
-        turned = 2 * step * float(np.abs(rate[system.of.nodes[:, :4]]).max())
+        if at.point.factor is None:
+            return at._replace(why=BUCKLES)
+        rate, step = at.point.by_unknowns(n, n + 1)[:, 0], min(step, most - at.load)
+        turned = 2 * step * float(np.abs(rate[quaternions]).max())
         load = at.load + step * min(1.0, _AHEAD / max(turned, _AHEAD))
         change, level = (load - at.load) * rate, looser if load == most else on_the_way
         point = newton(system, at.point.tensions, load, at.point.states + change, looser=level)
-        if point is not None and not is_near(system, at.point.states, point.states):
-            point = None
+        if point is not None:
+            cosines = (at.point.states[quaternions] * point.states[quaternions]).sum(axis=1)
+            point = None if np.abs(cosines).min() <= np.cos(FOLLOWED / 2) else point
         stable = point is not None and stands(point)
         if point is not None and not stable and begins_stable is None:
             # What is unstable without loads, or where it begins, is not their doing.
@@ -160,12 +164,6 @@ def follow_on(
         else:
             at, step = Followed(point, load, ""), 2 * step
     return at
-
-
-def is_near(system: System, before: Array, after: Array) -> bool:
-    """Return whether no frame rotates by more than is followed in one step."""
-    places = system.of.nodes[:, :4]
-    return bool(np.abs((before[places] * after[places]).sum(axis=1)).min() > np.cos(FOLLOWED / 2))
 
 
 # Where a tendon has no length left any load moves it by many times the width that keeps its root
@@ -201,7 +199,7 @@ class Collocation:
         return result
 
     def _state(self, stated: System) -> None:
-        self.system, self.mesh = stated, stated.mesh
+        self.system, self.mesh, self._loaded = stated, stated.mesh, is_loaded(stated.scene)
 
     def solve(
         self, tensions: Array, near: Equilibrium | None = None, looser: float = 1.0
@@ -210,7 +208,7 @@ class Collocation:
 
         Else the one from rest, see `from_rest`; raises what that does.
         """
-        if isinstance(near, Linearised) and is_loaded(self.system.scene):
+        if isinstance(near, Linearised) and self._loaded:
             point = newton(self.system, tensions, 1.0, self.carried(tensions, near), CLOSE)
             if point is not None:
                 return point
@@ -225,9 +223,9 @@ class Collocation:
         section has none, or tensions that leave a tendon no length keep loads from being applied in
         steps.
         """
-        at, loaded = self.system, is_loaded(self.system.scene)
-        point = Linearised(at, at.x(tensions, 1.0 - loaded, self.without_loads(tensions)))
-        if not loaded:
+        at = self.system
+        point = Linearised(at, at.x(tensions, 1.0 - self._loaded, self.without_loads(tensions)))
+        if not self._loaded:
             return point
         crushed = unloaded_sections(at).crushed(at.strains(point.states))
         steps = _SOON_IF_CRUSHED if crushed else np.inf
@@ -259,7 +257,7 @@ class Collocation:
 def carried_strains(before: System, strains: Array, after: System) -> Array:
     """Return the strains (N stages, ...) at the stages of a mesh by those of another's stages."""
     mesh, m = before.mesh, before.of.form.stages
-    step = np.clip(np.searchsorted(mesh.s, after.s) - 1, 0, mesh.steps - 1)
+    step = np.clip(np.searchsorted(mesh.s, after.s) - 1, 0, before.of.elements - 1)
     x = (after.s - mesh.s[step]) / np.diff(mesh.s)[step]
-    by_element = strains.reshape(mesh.steps, m, *strains.shape[1:])
+    by_element = strains.reshape(before.of.elements, m, *strains.shape[1:])
     return np.asarray(np.einsum("nm,nm...->n...", gauss(m).at(x), by_element[step]))

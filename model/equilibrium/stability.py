@@ -63,7 +63,8 @@ def _is_minimum(point: Linearised) -> bool:
     and its Applications 1, 1968).
     """
     of, nonzeros = point.system.of, np.append(point.nonzeros, 0.0)  # the last is that of place -1
-    J, tip = (nonzeros[places] for places in _block_places(of))
+    blocks, at_tip = _block_places(of)
+    J, tip = nonzeros[blocks], nonzeros[at_tip]
     w, n = of.form.wrench, of.form.stages * of.form.strains
     small = turns(point.states[of.nodes[:, :4]])
     v, nxt = slice(POSE + w, POSE + w + n), POSE + w + n
@@ -83,17 +84,13 @@ def _is_minimum(point: Linearised) -> bool:
     for k in range(of.elements)[::-1]:
         both = values[k] + beyond[k] @ (P @ on[k])
         S = both[w:, 3:]
-        if not _is_definite(S):
+        # All eigenvalues of a pivot have positive real parts, where they are numbers.
+        if dpotrf(S + S.T)[1] and not (
+            np.isfinite(S).all() and (np.linalg.eigvals(S).real > 0).all()
+        ):
             return False
         P = held[k] @ (both[:w, :3] - both[:w, 3:] @ np.linalg.solve(S, both[w:, :3]))
     return bool(np.isfinite(P).all())  # what is no number once stays so
-
-
-def _is_definite(S: Array) -> bool:
-    """Return whether all eigenvalues of a pivot (n, n) have positive real parts."""
-    if dpotrf(S + S.T)[1] == 0:
-        return True
-    return bool(np.isfinite(S).all() and (np.linalg.eigvals(S).real > 0).all())
 
 
 def turns(q: Array) -> Array:
@@ -272,7 +269,7 @@ def _shifted(point: Linearised, stiff: Array) -> tuple[float, Linearised]:
 
 def _less_stiff(point: Linearised, by: float, stiff: Array) -> Linearised:
     """Return the equations with so much less of the stiffness at rest."""
-    at, of = point.band, point.system.of
+    at, of = band(point.system.of), point.system.of
     diagonal = np.flatnonzero(at.rows == at.columns - of.first)
     at_rest, nonzeros = np.zeros(of.n_states), point.nonzeros.copy()
     at_rest[np.ravel(of.stages)] = stiff

@@ -205,7 +205,7 @@ class ClosedForm(March):
         bend = self._at.radius * np.hypot(strains[:, 0], strains[:, 1])
         if not self._statics.is_explicit:  # whose curvatures are per reference length
             bend /= stretch
-        return float(bend.max())
+        return float(bend[bend.argmax()])
 
     def many(self, tensions: Array, nodes: Sequence[int]) -> tuple[Array, Array]:
         """See March.many: so many arms at a time that their numbers stay at hand."""

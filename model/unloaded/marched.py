@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +23,6 @@ from model.errors import CollapsedError
 from model.mesh import Mesh, graded
 from model.paths import Array
 from model.scene import Scene
-from model.transcription.kernels import Places
 from model.unloaded.sections import UnloadedSections, unloaded
 
 # Strains are analytic between nodes: so many Gauss points on the coarsest mesh leave rounding only,
@@ -87,6 +87,24 @@ def tendon_lengths(
     return partial(
         Lengths.under, UnloadedSections(arm, alone, law, s, active, machine_code), weights
     )
+
+
+class Extremes(NamedTuple):
+    """Where an arm is shortest and how it bends most: what the equations do not keep from a body.
+
+    Attributes
+    ----------
+    s : float
+        Where the stretch is least, or the first place where it is no number [m].
+    stretch : float
+        1 + q there.
+    bend : float
+        Curvature times the body's radius, at most.
+    """
+
+    s: float
+    stretch: float
+    bend: float
 
 
 class March(ABC):
@@ -158,19 +176,16 @@ class Marched:
         return self.march.mesh
 
     @property
-    def stretch_at(self) -> Array:
-        """See Linearised."""
-        return self.march.stretch_at
-
-    @property
     def scheme(self) -> str:
         """See Linearised."""
         return self.march.name
 
-    @property
-    def bend(self) -> float:
+    @cached_property
+    def extremes(self) -> Extremes:
         """See Linearised."""
-        return self.march.bend(self.strains, self.stretch)
+        worst, march = int(self.stretch.argmin()), self.march
+        least = float(march.stretch_at[worst]), float(self.stretch[worst])
+        return Extremes(*least, march.bend(self.strains, self.stretch))
 
     @property
     def machine_code(self) -> bool:
@@ -180,10 +195,6 @@ class Marched:
     def at(self, s: Array) -> tuple[Array, Array]:
         """See Linearised: a step from the nodes beside s."""
         return self.march.dense(self.tensions, self.poses, self.strains, s)
-
-    def tensions_at(self, s: Array, place: Places, tendon: Places) -> Array:
-        """See Linearised: the same all along."""
-        return np.asarray(self.tensions[tendon])
 
     @cached_property
     def lengths(self) -> Array:
