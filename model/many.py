@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -55,18 +56,6 @@ class Shapes:
     tensions: Array
     slack: NDArray[np.bool_]
     problems: tuple[str, ...] = ()
-
-    @classmethod
-    def unsettled(cls, arm: Arm, count: int) -> Shapes:
-        """Return so many rows of nan, to be filled."""
-        tip, frame = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
-        tensions = np.full((count, arm.n_tendons), np.nan)
-        return cls(tip, frame, np.full(count, np.nan), tensions, np.zeros(tensions.shape, bool))
-
-    def fill(self, i: Any, poses: Array, error: Any, tensions: Array, slack: Any) -> None:
-        """Put down what some sets are settled to, by the poses of their tips."""
-        self.tip[i], self.tip_frame[i] = poses[..., 4:], matrices(poses[..., :4])
-        self.error[i], self.tensions[i], self.slack[i] = error, tensions, slack
 
     def __repr__(self) -> str:
         lost = [f"  {i}: {why}" for i, why in enumerate(self.problems) if why]
@@ -157,15 +146,17 @@ def settle_many(
         raise InputError("tensions", f"{len(tensions)} sets", f"{count}, as of lengths")
     if by == "lengths":
         options |= {"tendon_EA": tendon_EA, "tendon_outside": tendon_outside}
-    shapes, problems = Shapes.unsettled(arm, count), [""] * count
+    poses, error, problems = np.full((count, 7), np.nan), np.full(count, np.nan), [""] * count
+    pulling = np.full((count, arm.n_tendons), np.nan)
+    slack = np.zeros(pulling.shape, dtype=bool)
     if by == "tensions" and not is_loaded(scene):
         T = _rows(arm, tensions)
         allowed = np.flatnonzero(((T >= 0) & (T <= LARGEST)).all(axis=1))
         maps = maps_of(arm, scene, None, options["compile"])
-        poses, error = _marched(maps, T[allowed], accuracy)
-        good, settled = allowed[~np.isnan(error)], ~np.isnan(error)
-        shapes.fill(good, poses[settled], error[settled], T[good], ~pulls(arm, T[good]))
-    for i in np.flatnonzero(np.isnan(shapes.error)).tolist():
+        poses[allowed], error[allowed] = _marched(maps, T[allowed], accuracy)
+        pulling, slack = T.copy(), ~pulls(arm, T)
+    for i in np.flatnonzero(np.isnan(error)).tolist():
+        poses[i], pulling[i], slack[i] = np.nan, np.nan, False
         if lengths is not None:
             options["lengths"] = lengths[i]
         try:
@@ -177,9 +168,10 @@ def settle_many(
                 raise _of_set(reason, by, i) from None
             problems[i] = str(_of_set(reason, by, i))
         else:
-            poses, slack = alone.equilibrium.poses[-1], alone.slack.ravel()
-            shapes.fill(i, poses, alone.error, alone.tensions, slack)
-    return replace(shapes, problems=tuple(problems))
+            poses[i], error[i] = alone.equilibrium.poses[-1], alone.error
+            pulling[i], slack[i] = alone.tensions, alone.slack.ravel()
+    frames = matrices(poses[:, :4])
+    return Shapes(poses[:, 4:], frames, error, pulling, slack, tuple(problems))
 
 
 def _rows(arm: Arm, tensions: Any) -> Array:
@@ -197,12 +189,9 @@ def _rows(arm: Arm, tensions: Any) -> Array:
 def _of_set(reason: OctoplanError, by: str, i: int) -> OctoplanError:
     """Return an error that names the set, of what is about its tendons or a cross-section."""
     if isinstance(reason, InputError):
-        field = reason.field
-        for name in ("tensions", "lengths"):
-            field = f"{name}[{i}]{field[len(name) :]}" if field.startswith(name) else field
+        field = re.sub("^(tensions|lengths)", rf"\1[{i}]", reason.field)
         return InputError(field, reason.given, reason.allowed)
-    if isinstance(reason, UnsettledSectionError):
-        return UnsettledSectionError(reason.s, f"{by}[{i}]")
-    if isinstance(reason, CollapsedError):
-        return CollapsedError(reason.s, reason.stretch, f"{by}[{i}]")
+    if isinstance(reason, CollapsedError | UnsettledSectionError):
+        made, arguments = reason.__reduce__()
+        reason = made(*arguments, which=f"{by}[{i}]")
     return reason

@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from contextvars import ContextVar
+from contextvars import ContextVar, Token
 from dataclasses import dataclass, field
 from functools import wraps
 from shutil import get_terminal_size
@@ -26,7 +26,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 _log = logging.getLogger(__name__)
-_line: ContextVar[_Line | None] = ContextVar("line", default=None)
+_line: ContextVar[progress_line | None] = ContextVar("line", default=None)
 # After how many seconds a line is shown, and how often the time that has passed is written anew.
 DELAY, _EVERY = 2.0, 0.5
 
@@ -49,23 +49,6 @@ def with_progress(function: Callable[P, T]) -> Callable[P, T]:
     return call
 
 
-@contextmanager
-def progress_line(progress: Any = None) -> Iterator[None]:
-    """Show how far things are inside a `with` block; see with_progress. Raises InputError."""
-    if not (progress is None or isinstance(progress, bool)):
-        allowed = "None (after 2 s, on terminals and in notebooks), True or False"
-        raise InputError("progress", progress, allowed)
-    line = _Line(progress)
-    token = _line.set(line)
-    try:
-        yield
-    finally:
-        _line.reset(token)
-        if line.clock is not None:
-            line.closed.set()
-            line.clock.join()
-
-
 def tell(what: str, done: float = 0, of: float = 0) -> None:
     """Say that `done` parts `of` all are done, of something that takes long; of 0: not known."""
     text = f"{what}: {done:g} of {of:g}" if of else what
@@ -84,19 +67,34 @@ def reported(what: str, items: Sequence[T]) -> Iterator[T]:
 
 
 @dataclass(eq=False)
-class _Line:
-    """A line of tqdm's on stderr, in notebooks on stdout: the phase and the time that has passed.
+class progress_line:  # noqa: N801  (it stands behind `with`)
+    """Show how far things are inside a `with` block; see with_progress. Raises InputError.
 
-    A thread, which the first report starts, writes it, also while a phase reports nothing more.
+    A line of tqdm's on stderr, in notebooks on stdout: the phase and the time that has passed. A
+    thread, which the first report starts, writes it, also while a phase reports nothing more.
     """
 
-    progress: bool | None
+    progress: Any = None
     begin: float = field(default_factory=time.monotonic)
     text: str = ""
     clock: threading.Thread | None = None
     closed: threading.Event = field(init=False)
+    token: Token[progress_line | None] = field(init=False)
+
+    def __enter__(self) -> None:
+        if not (self.progress is None or isinstance(self.progress, bool)):
+            allowed = "None (after 2 s, on terminals and in notebooks), True or False"
+            raise InputError("progress", self.progress, allowed)
+        self.token = _line.set(self)
+
+    def __exit__(self, *_: object) -> None:
+        _line.reset(self.token)
+        if self.clock is not None:
+            self.closed.set()
+            self.clock.join()
 
     def show(self, text: str) -> None:
+        """Let the line tell a phase, where someone looks."""
         self.text = text
         if self.clock is None and (_watched() if self.progress is None else self.progress):
             self.closed = threading.Event()

@@ -207,7 +207,7 @@ def _settled(
     # A first mesh is as good in any scene; what it gains by refinement may be less.
     refinement, fine = first_pair(accuracy, maps.order)
     looser = min(max(10 * accuracy / SETTLED, 1.0), ROUGHEST)
-    coarse, before, error, snaps = 0, np.zeros(7), np.inf, list[float]()
+    coarse, before, error, snaps = 0, list[float](), np.inf, list[float]()
     begun = time.process_time() if maps.contacts else 0.0
     while refinement:
         check_time()
@@ -218,7 +218,7 @@ def _settled(
                     point = value.on(forward, near)
                 else:
                     point = forward.solve(value, near, 1.0 if coarse else looser)
-            tip = point.poses[-1]
+            tip = point.poses[-1].tolist()
             if math.isnan(tip[4]):
                 check_stretch(point)
         except (SnapError, UnsettledContactError, UnsettledSectionError) as problem:
@@ -239,8 +239,8 @@ def _settled(
             gap = math.dist(tip[4:], before[4:])
             if maps.lever:
                 gap = max(gap, 2 * maps.lever * math.dist(tip[:4], before[:4]))
-            of = coarse, refinement, maps.least_order, maps.rounding
-            error = estimate(gap / maps.arm.length, *of)
+            gap /= maps.arm.length
+            error = estimate(gap, coarse, refinement, maps.least_order, maps.rounding)
             LOG.debug("%s, mesh %d: estimated tip error %.1e of L", maps.scheme, refinement, error)
             if error <= accuracy:
                 check_stretch(point)

@@ -23,7 +23,7 @@ from model.errors import CollapsedError, SingularError, UnsettledSectionError
 from model.mesh import Mesh
 from model.paths import Array
 from model.transcription.collocation import gauss
-from model.transcription.layout import Layout
+from model.transcription.layout import POSE, Layout
 from model.transcription.system import System
 from model.unloaded.marched import Extremes, Marched
 from model.unloaded.sections import LEAST_STRETCH
@@ -194,7 +194,7 @@ class Linearised:
     @property
     def poses(self) -> Array:
         """Quaternions and positions [m] at the nodes (N + 1, 7)."""
-        return self.system.poses(self.states)
+        return self.states[self.system.of.nodes[:, :POSE]]
 
     @cached_property
     def extremes(self) -> Extremes:

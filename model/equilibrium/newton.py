@@ -109,8 +109,8 @@ def step_sizes(system: System, step: Array, states: Array) -> tuple[float, float
     return rotation, max(rotation, float(changes.max()))
 
 
-# The least step in the load factor over what is reached; before the first step, over a millionth.
-LEAST_STEP, FIRST = 1 / 8192, 1e-6
+# The least step in the load factor over what is reached; before the first step, over itself.
+LEAST_STEP = 1 / 8192
 SNAPS, BUCKLES = "it snaps or folds", "it buckles"
 
 
@@ -140,7 +140,7 @@ def follow_on(
     at, step, tried, system = start, min(1.0, most), 0, start.point.system
     n, quaternions = system.of.n_tendons, system.of.nodes[:, :4]
     begins_stable: bool | None = None
-    while at.load < most and step >= least * max(at.load, FIRST) and tried < steps:
+    while at.load < most and step >= least * max(at.load, least) and tried < steps:
         check_time()
         tried += 1
         tell("percent of the loads", round(100 * at.load / most), 100)
@@ -223,11 +223,13 @@ class Collocation:
         section has none, or tensions that leave a tendon no length keep loads from being applied in
         steps.
         """
-        at = self.system
-        point = Linearised(at, at.x(tensions, 1.0 - self._loaded, self.without_loads(tensions)))
+        at, sections = self.system, unloaded_sections(self.system)
+        strains = sections.strains(tensions)
+        states = at.start(tensions, strains)
+        point = Linearised(at, at.x(tensions, 1.0 - self._loaded, states))
         if not self._loaded:
             return point
-        crushed = unloaded_sections(at).crushed(at.strains(point.states))
+        crushed = sections.crushed(strains)
         steps = _SOON_IF_CRUSHED if crushed else np.inf
         end = follow_on(Followed(point, 0.0, ""), 1.0, LEAST_STEP, steps, looser, ROUGHEST)
         if end.load >= 1:
