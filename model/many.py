@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.checks import LARGEST
+from model.cross_section.sections import LEAST_STRETCH
 from model.equilibrium.newton import Collocation
 from model.errors import CollapsedError, InputError, OctoplanError, UnsettledSectionError
 from model.forward import Maps, maps_of
@@ -24,7 +25,6 @@ from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.text import MOST_LINES, columns, counted, shortened_lines
 from model.time_limit import check_time
-from model.unloaded.sections import LEAST_STRETCH
 from model.winches import pulls
 
 Errors = Literal["raise", "nan"]
@@ -84,17 +84,16 @@ def _marched(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
         refinement = int(wanted[wanted > 0].min())
         now, forward = np.flatnonzero(wanted == refinement), maps.on(refinement)
         assert not isinstance(forward, Collocation)
-        tips, least = forward.many(T[now], [forward.mesh.steps])
+        tips, least = forward.many(T[now])
         before, poses[now] = poses[now], tips[:, 0]
         wanted[now] = fine
         if refinement != coarse:
             gap = np.linalg.norm(poses[now, 4:] - before[:, 4:], axis=1)
             gap, of = gap / maps.arm.length, (maps.least_order, maps.rounding)
             errors[now] = estimate(gap, last[now], refinement, *of)
-            wanted[now] = [
-                0 if error <= accuracy else next_refinement(refinement, error, accuracy, maps.order)
-                for error in errors[now].tolist()
-            ]
+            wanted[now] = 0
+            for i in now[~(errors[now] <= accuracy)]:
+                wanted[i] = next_refinement(refinement, errors[i], accuracy, maps.order)
         last[now] = refinement
         wanted[now[~(least > LEAST_STRETCH)]] = 0
         errors[now[~(least > LEAST_STRETCH)]] = np.nan

@@ -28,7 +28,7 @@ from model.paths import Array
 from model.rotations import matrices
 from model.scene import Scene
 from model.text import Shown, plotted, shape_text, tendon_table
-from model.unloaded.sections import folded
+from model.unloaded.marched import folded
 from model.winches import Winches, pulls, rest_lengths, unfelt
 
 # What is left of a tendon, over the arm's length, from which on it is slack.

@@ -9,6 +9,8 @@ import numpy as np
 
 from model.arm import Arm
 from model.centreline import Centreline
+from model.cross_section import cross_section_of
+from model.cross_section.law import strains_of
 from model.cross_section.sections import Sections
 from model.effects import PrintedStatics
 from model.equilibrium.newton import STAGES, Collocation, newton
@@ -60,12 +62,12 @@ class Lines:
                 for each in states
             ]
         inner, at = slice(forward.mesh.steps * STAGES), (self.arm, self.scene, forward.mesh.s)
-        marched = [forward.run(T) for T in tensions]
+        marched, law = [forward.run(T) for T in tensions], self.sections.law
         return [
             None
             if np.isnan(poses[-1]).any()
-            else Centreline.at_strains(*at, poses, forward.law, v[inner])
-            for poses, _, v in marched
+            else Centreline.at_strains(*at, poses, law, strains_of(law, strains[inner]))
+            for poses, strains in marched
         ]
 
     def lengths(self, tensions: Array) -> Array:
@@ -82,7 +84,8 @@ class Lines:
     def sections(self) -> Sections:
         """The cross-sections at the stages, of a scene without loads."""
         at, _, active = self._forward.mesh.points(STAGES)
-        return Sections(self.arm, self.scene, self._forward.law, at, active)
+        law = cross_section_of(self.scene, self.arm.is_curved, loaded=False)
+        return Sections(self.arm, self.scene, law, at, active)
 
     def _equilibrium(self, tensions: Array) -> Array | None:
         """Return the states (n_states,) under tensions (n_tendons,); None without an equilibrium.

@@ -58,11 +58,6 @@ class EnergySection(CrossSection):
         """See CrossSection.strains."""
         return join(self, kappa, nu[0], nu[1:])
 
-    def reported(self, v: ca.SX) -> ca.SX:
-        """See CrossSection.reported."""
-        kappa, nu = self.twist(v)
-        return ca.vertcat(kappa / nu[0], nu[0] - 1)
-
     def body(self, v: ca.SX, body: ca.SX) -> ca.SX:
         """See CrossSection.body: the gradient of the energy."""
         at = ca.SX.sym("v", size(self))

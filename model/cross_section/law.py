@@ -24,8 +24,7 @@ from model.rotations import norm
 # of its square (1e-16) to be small beside it.
 TINY = 1e-24
 
-
-# Names a quantity that an expression is computed by; see model.transcription.equations.
+# Names a quantity that an expression is computed by; see model.transcription.kernels.
 Name = Callable[[ca.SX], ca.SX]
 
 
@@ -61,9 +60,10 @@ class CrossSection(ABC):
     def strains(self, kappa: ca.SX, nu: ca.SX) -> ca.SX:
         """Return the strains v of kappa and nu (3,)."""
 
-    @abstractmethod
     def reported(self, v: ca.SX) -> ca.SX:
         """Return tau, xi, k (3,) per unit deformed length [1/m] and q [-] of strains v, eq. (1)."""
+        kappa, nu = self.twist(v)
+        return ca.vertcat(kappa / nu[0], nu[0] - 1)
 
     @abstractmethod
     def body(self, v: ca.SX, body: ca.SX) -> ca.SX:
@@ -140,7 +140,9 @@ def reported(law: CrossSection, v: Array) -> Array:
 
     Curvature per unit deformed length [1/m], eq. (1).
     """
-    return mapped(built(_reported, law))(v)[0]
+    kappa, nu = kinematics(law, v)
+    stretch = nu[:, :1]
+    return np.hstack([kappa / stretch, stretch - 1, nu[:, 1:] if law.shear else nu[:, 3:]])
 
 
 def strains_of(law: CrossSection, rows: Array) -> Array:
@@ -151,22 +153,13 @@ def strains_of(law: CrossSection, rows: Array) -> Array:
 
 def kinematics(law: CrossSection, v: Array) -> tuple[Array, Array]:
     """Return kappa and nu (N, 3) per unit reference length of a law's strains v (N, n)."""
-    twist, _ = mapped(built(twist_kernel, law))(v)
+    twist = mapped(built(_twist, law))(v)[0]
     return twist[:, :3], twist[:, 3:]
 
 
-def twist_kernel(law: CrossSection) -> ca.Function:
-    """Return strains -> kappa and nu (6,), and their derivatives by the strains (6, n)."""
+def _twist(law: CrossSection) -> ca.Function:
     v = ca.SX.sym("v", size(law))
-    twist = ca.densify(ca.vertcat(*law.twist(v)))
-    slopes = ca.vec(ca.densify(ca.jacobian(twist, v)))
-    return ca.Function("twist", [v], [twist, slopes], {"cse": True})
-
-
-def _reported(law: CrossSection) -> ca.Function:
-    v = ca.SX.sym("v", size(law))
-    rows = ca.vertcat(law.reported(v), law.twist(v)[1][1:] if law.shear else ca.SX(0, 1))
-    return ca.Function("reported", [v], [ca.densify(rows)])
+    return ca.Function("twist", [v], [ca.densify(ca.vertcat(*law.twist(v)))], {"cse": True})
 
 
 def _strains(law: CrossSection) -> ca.Function:

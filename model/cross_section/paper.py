@@ -38,10 +38,6 @@ class PaperSection(CrossSection):
         EA, EJ, GI, GA = ca.vertsplit(body[:4])
         return join(self, ca.vertcat(GI, EJ, EJ) * omega, EA * q, GA * slide)
 
-    def reported(self, v: ca.SX) -> ca.SX:
-        """See CrossSection.reported: the strains themselves."""
-        return ca.vertcat(*split(self, v)[:2])
-
     def tendon(self, v: ca.SX, path: ca.SX, name: Name = ca.densify) -> ca.SX:
         """See CrossSection.tendon."""
         moment, along = self.tendons(v, ca.vertcat(*resultants(path[0], path[1])))

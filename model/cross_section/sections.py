@@ -1,16 +1,27 @@
-"""The cross-sections of an arm at given arc lengths: strains to wrenches, in numbers."""
+"""The cross-sections of an arm at given arc lengths, in numbers: wrenches, strains, tendons."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.cross_section.law import CrossSection, body_size, size, turning_rate
+from model.cross_section.energy import EnergySection
+from model.cross_section.law import (
+    CrossSection,
+    body_size,
+    reported,
+    size,
+    strains_of,
+    turning_rate,
+)
+from model.cross_section.statics import ClosedStatics, closed_statics, settled
 from model.effects import Shear
+from model.errors import CollapsedError, UnsettledSectionError
 from model.machine.buffered import mapped
 from model.machine.compiled import built
 from model.paths import Array
@@ -24,6 +35,10 @@ from model.stations import (
     tendon_path_rates,
     tendon_paths,
 )
+
+# Exact tendons keep a crushed section from turning inside out: what is left of its length then is
+# the width that keeps their roots smooth (see model.cross_section.law), and no shape.
+LEAST_STRETCH = 1e-7
 
 
 def body_numbers(arm: Arm, scene: Scene, at: Stations, rates: bool = False) -> Array:
@@ -77,13 +92,41 @@ class Sections:
         active: Counts,
         machine_code: bool = False,
     ) -> None:
-        self.law, self.s, self._n_tendons = law, s, arm.n_tendons
-        self.machine_code = machine_code
-        at = stations(arm, s, active)
-        self.place, self.tendon = np.nonzero(crossing(arm, at))
-        self.body = body_numbers(arm, scene, at)
-        self.paths = tendon_paths(arm, at, self.place, self.tendon)
-        self._arm, self._at = arm, at
+        self.law, self.s, self.machine_code = law, s, machine_code
+        self._arm, self._scene, self._at = arm, scene, stations(arm, s, active)
+        self.place, self.tendon = np.nonzero(crossing(arm, self._at))
+        self.body = body_numbers(arm, scene, self._at)
+        self.paths = tendon_paths(arm, self._at, self.place, self.tendon)
+
+    @cached_property
+    def _closed(self) -> tuple[ClosedStatics, Array, Array]:
+        """The statics without loads, maps from tensions to pull, and data."""
+        arm, statics = self._arm, closed_statics(self._scene, self._arm)
+        return statics, statics.pulls(arm, self._at), statics.data(arm.material, self._at)
+
+    def strains(self, tensions: Array) -> Array:
+        """Return the strains (N, n) without loads under tensions (n_tendons,).
+
+        None are twisted or sheared, whatever the law. Raises UnsettledSectionError.
+        """
+        statics, maps, data = self._closed
+        v = settled(statics, maps @ tensions, data, self.machine_code)
+        lost = np.isnan(v).any(axis=1)
+        if lost.any():
+            raise UnsettledSectionError(float(self.s[np.argmax(lost)]))
+        return v if self.law == statics.law else strains_of(self.law, reported(statics.law, v))
+
+    def crushed(self, strains: Array) -> CollapsedError | None:
+        """Return what to tell of the first section where strains (N, n) leave a tendon no length.
+
+        None where they do so nowhere: only exact tendons come to that.
+        """
+        short = self.place[self.speeds(strains)[:, 0] <= LEAST_STRETCH]
+        if not isinstance(self.law, EnergySection) or not short.size:
+            return None
+        i = int(short.min())
+        stretch = 1 + reported(self.law, strains[i : i + 1])[0, 3]
+        return CollapsedError(float(self.s[i]), float(stretch))
 
     def balance(self, v: Array, tensions: Array) -> Balance:
         """Return the wrenches of body and tendons at strains v (N, n), and their derivatives.
@@ -99,9 +142,11 @@ class Sections:
         jacobian = rows[:, n:].reshape(N, n, n).transpose(0, 2, 1)
         return Balance(rows[:, :n], jacobian, units)
 
-    def _kernel(self, kernel_of: Callable[[CrossSection], ca.Function], *value: Array) -> Array:
-        """Return what a kernel of the law has of arguments (N, n), a row each."""
-        return mapped(built(kernel_of, self.law), self.machine_code)(*value)[0]
+    def by_tensions(self, at: Balance) -> Array:
+        """Return the derivatives (N, n, n_tendons) of strains in equilibrium by each tension."""
+        rows = np.zeros((*at.wrench.shape, self._arm.n_tendons))
+        rows[self.place, :, self.tendon] = at.units
+        return np.asarray(-np.linalg.solve(at.jacobian, rows))
 
     def turning(self, v: Array, rate: Array) -> tuple[Array, Array]:
         """Return how fast each tendon turns (P,) [rad/m], and its Jacobian by the strains (P, n).
@@ -113,21 +158,15 @@ class Sections:
         result = self._kernel(_turning, *arguments)
         return result[:, 0], result[:, 1:]
 
-    def by_tensions(self, at: Balance) -> Array:
-        """Return the derivatives (N, n, n_tendons) of strains in equilibrium by each tension."""
-        rows = np.zeros((*at.wrench.shape, self._n_tendons))
-        rows[self.place, :, self.tendon] = at.units
-        return np.asarray(-np.linalg.solve(at.jacobian, rows))
-
     def lengths(self, v: Array, weights: Array) -> tuple[Array, Array]:
         """Return the lengths of the tendons (n_tendons,) by quadrature with weights (N,) [m].
 
         And their Jacobian (n_tendons, N, n) in the strains v (N, n). They are of |u_c'| with u_c of
         eq. (6), or of the tangent of the energy with exact tendons.
         """
-        rows = self.speeds(v) * weights[self.place, None]
-        lengths = np.bincount(self.tendon, rows[:, 0], self._n_tendons)
-        jacobian = np.zeros((self._n_tendons, *v.shape))
+        rows, n_tendons = self.speeds(v) * weights[self.place, None], self._arm.n_tendons
+        lengths = np.bincount(self.tendon, rows[:, 0], n_tendons)
+        jacobian = np.zeros((n_tendons, *v.shape))
         jacobian[self.tendon, self.place] = rows[:, 1:]
         return lengths.astype(float), jacobian
 
@@ -138,34 +177,37 @@ class Sections:
         """
         return self._kernel(_run, v[self.place], self.paths.T)
 
+    def _kernel(self, kernel_of: Callable[[CrossSection], ca.Function], *value: Array) -> Array:
+        """Return what a kernel of the law has of arguments (N, n), a row each."""
+        return mapped(built(kernel_of, self.law), self.machine_code)(*value)[0]
+
 
 def _turning(law: CrossSection) -> ca.Function:
     """Return strains, rates, path, its rate -> |d(c/|c|)/ds| of a tendon, then its derivatives."""
     v, rate = ca.SX.sym("v", size(law)), ca.SX.sym("rate", size(law))
     path, change = ca.SX.sym("path", 4), ca.SX.sym("change", 4)
     turns = turning_rate(law, v, rate, path, change)
-    both = ca.densify(ca.vertcat(turns, ca.gradient(turns, v)))
-    return ca.Function("turning", [v, rate, path, change], [both], {"cse": True})
+    return _with_jacobian("turning", turns, v, rate, path, change)
 
 
 def _run(law: CrossSection) -> ca.Function:
     """Return strains, path -> |u_c'| of a tendon, then its derivatives."""
     v, path = ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
-    return _with_jacobian("run", v, path, ca.norm_2(law.run(v, path)))
+    return _with_jacobian("run", ca.norm_2(law.run(v, path)), v, path)
 
 
 def _body(law: CrossSection) -> ca.Function:
     """Return strains, body numbers -> wrench of the body, then its derivatives column by column."""
     v, numbers = ca.SX.sym("v", size(law)), ca.SX.sym("body", body_size(law))
-    return _with_jacobian("body", v, numbers, law.body(v, numbers))
+    return _with_jacobian("body", law.body(v, numbers), v, numbers)
 
 
 def _tendon(law: CrossSection) -> ca.Function:
     """Return strains, path -> wrench of a tendon per newton, then its Jacobian column by column."""
     v, path = ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
-    return _with_jacobian("tendon", v, path, law.tendon(v, path))
+    return _with_jacobian("tendon", law.tendon(v, path), v, path)
 
 
-def _with_jacobian(name: str, v: ca.SX, numbers: ca.SX, wrench: ca.SX) -> ca.Function:
-    both = ca.densify(ca.vertcat(wrench, ca.vec(ca.densify(ca.jacobian(wrench, v)))))
-    return ca.Function(name, [v, numbers], [both], {"cse": True})
+def _with_jacobian(name: str, value: ca.SX, v: ca.SX, *numbers: ca.SX) -> ca.Function:
+    both = ca.densify(ca.vertcat(value, ca.vec(ca.densify(ca.jacobian(value, v)))))
+    return ca.Function(name, [v, *numbers], [both], {"cse": True})

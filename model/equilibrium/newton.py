@@ -22,7 +22,6 @@ from model.scene import Scene
 from model.time_limit import check_time
 from model.transcription.collocation import gauss
 from model.transcription.system import System, system
-from model.unloaded.sections import unloaded_sections
 
 # Of an element, unless a scheme asks for fewer.
 STAGES = 3
@@ -223,13 +222,12 @@ class Collocation:
         section has none, or tensions that leave a tendon no length keep loads from being applied in
         steps.
         """
-        at, sections = self.system, unloaded_sections(self.system)
-        strains = sections.strains(tensions)
+        at, strains = self.system, self.system.sections.strains(tensions)
         states = at.start(tensions, strains)
         point = Linearised(at, at.x(tensions, 1.0 - self._loaded, states))
         if not self._loaded:
             return point
-        crushed = sections.crushed(strains)
+        crushed = at.sections.crushed(strains)
         steps = _SOON_IF_CRUSHED if crushed else np.inf
         end = follow_on(Followed(point, 0.0, ""), 1.0, LEAST_STEP, steps, looser, ROUGHEST)
         if end.load >= 1:
@@ -240,7 +238,7 @@ class Collocation:
 
     def without_loads(self, tensions: Array) -> Array:
         """Return the states under tensions without loads; raises UnsettledSectionError."""
-        return self.system.start(tensions, unloaded_sections(self.system).strains(tensions))
+        return self.system.start(tensions, self.system.sections.strains(tensions))
 
     def carried(self, tensions: Array, near: Linearised) -> Array:
         """Return the states of this mesh by the polynomials of another's strains.

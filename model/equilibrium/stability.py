@@ -28,7 +28,6 @@ from model.stations import stations
 from model.transcription.collocation import gauss
 from model.transcription.layout import POSE, Layout
 from model.transcription.system import System
-from model.unloaded.sections import unloaded_sections
 
 # Of Arnoldi's method, vectors for each mode and restarts; the tolerance of an eigenvalue alone,
 # whose error is the square of that where the Hessian is symmetric, and of one whose sign matters.
@@ -137,7 +136,7 @@ def stability(point: Linearised) -> float:
 
 def _by_sections(point: Linearised) -> float:
     """Return the stability without loads, where no wrench couples the cross-sections."""
-    at = unloaded_sections(point.system)
+    at = point.system.sections
     v, pulls = point.system.strains(point.states), point.tensions[at.tendon]
     jacobian, root = at.balance(v, pulls).jacobian, np.sqrt(_at_rest(at.law, at.body).T)
     return float(np.linalg.eigvals(jacobian / root[:, :, None] / root[:, None, :]).real.min())

@@ -26,9 +26,11 @@ BODY_
 }
 
 /* in[i] is (steps, size, n), or (steps, size, 1) of what is the same for all sets, out[i] (steps,
-   size, n); but for in[0], which is that of the first step alone: others go on from out[0]. Of less
-   than LANES sets the rest of the lanes is 0; the last sets of more are done again. */
-void columns(long n, long steps, const long *same, const double *const *in, double *const *out) {
+   size, n) or, unless every step is looked at, (size, n) of the last one; but for in[0], which is
+   that of the first step alone: others go on from out[0]. Of less than LANES sets the rest of the
+   lanes is 0; the last sets of more are done again. */
+void columns(long n, long steps, long every, const long *same, const double *const *in,
+             double *const *out) {
   static const int sizes_in[] = {SIZES_IN_, 0}, sizes_out[] = {SIZES_OUT_, 0};
   const long some = n < LANES ? n : LANES;
   lanes y[N_Y_ + 1], r[N_R_ + 1];
@@ -45,9 +47,10 @@ void columns(long n, long steps, const long *same, const double *const *in, doub
           else for (long l = 0; l < LANES; ++l) (*to)[l] = l < some ? set[l] : 0.0;
         }
       function(y, r);
+      if (!every && k + 1 < steps) continue;
       for (int i = 0; i < N_OUT_; ++i)
         for (long j = 0; j < sizes_out[i]; ++j, ++from) {
-          double *set = out[i] + (k * sizes_out[i] + j) * n + first;
+          double *set = out[i] + ((every ? k : 0) * sizes_out[i] + j) * n + first;
           if (some == LANES) *(unaligned *)set = *from;
           else for (long l = 0; l < some; ++l) set[l] = (*from)[l];
         }

@@ -96,28 +96,33 @@ class Columns:
         if machine_code:
             self._run = ctypes.CDLL(str(library(written(function), "-O2"))).columns
             at, count = ctypes.c_void_p, ctypes.c_long
-            self._run.argtypes, self._run.restype = [count, count, at, at, at], None
+            self._run.argtypes = [count, count, count, at, at, at]
+            self._run.restype = None
             self._places = (at * function.n_in(), at * function.n_out())
             self._same = count * function.n_in()
 
-    def __call__(self, *columns: Array, steps: int = 1) -> list[Array]:
+    def __call__(self, *columns: Array, steps: int = 1, every: bool = True) -> list[Array]:
         """Return the results of N sets, as many as one of the arguments has columns at the most.
 
         Of several steps, each of which has the first result of the one before as its first
-        argument, the other arguments are (steps n_in, N) and results (steps n_out, N).
+        argument, the other arguments are (steps n_in, N), and results (steps n_out, N), or unless
+        `every` step is looked at those of the last one.
         """
-        N = max(each.shape[1] for each in columns)
-        results = [np.empty((steps * size, N)) for size in self._sizes]
+        N, most = max(each.shape[1] for each in columns), steps if every else 1
         if self._run is None:
+            results = [np.empty((steps * size, N)) for size in self._sizes]
             for i in range(0, N, _AT_ONCE):
                 part = slice(i, i + _AT_ONCE)
                 some = [each if each.shape[1] == 1 else each[:, part] for each in columns]
                 self._interpret_steps(steps, some, [result[:, part] for result in results])
-            return results
+            return [
+                result[-most * size :] for result, size in zip(results, self._sizes, strict=True)
+            ]
+        results = [np.empty((most * size, N)) for size in self._sizes]
         arguments = [np.ascontiguousarray(each, dtype=float) for each in columns]
         places = zip(self._places, (arguments, results), strict=True)
         at = (kind(*(each.ctypes.data for each in arrays)) for kind, arrays in places)
-        self._run(N, steps, self._same(*(each.shape[1] < N for each in columns)), *at)
+        self._run(N, steps, every, self._same(*(each.shape[1] < N for each in columns)), *at)
         return results
 
     def _interpret_steps(self, steps: int, columns: list[Array], results: list[Array]) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import casadi as ca
@@ -17,6 +17,7 @@ import numpy as np
 from model.arm import Arm
 from model.cross_section import cross_section_of
 from model.cross_section.law import kinematics
+from model.cross_section.sections import Sections
 from model.effects import Current, Friction, TipLoad
 from model.loads import contacts, growth, is_loaded, levers, places
 from model.machine.buffered import Buffered, mapped
@@ -59,7 +60,7 @@ class System:
         self.arm, self.scene, self.mesh = arm, scene, mesh
         tip, touched = scene.find(TipLoad), contacts(scene) if loaded else ()
         form = Form(
-            cross_section_of(scene, arm.is_curved, torsion=loaded),
+            cross_section_of(scene, arm.is_curved, loaded=loaded),
             stages,
             loaded,
             scene.has(Current),
@@ -84,6 +85,12 @@ class System:
         result = object.__new__(System)
         vars(result).update(vars(self), p=self.p.copy())
         return result
+
+    @cached_property
+    def sections(self) -> Sections:
+        """The cross-sections at the stages."""
+        form, active = self.of.form, np.repeat(self.mesh.active, self.of.form.stages)
+        return Sections(self.arm, self.scene, form.law, self.s, active, form.machine_code)
 
     @property
     def base(self) -> Array:

@@ -2,8 +2,8 @@
 
 Data flow: tensions -> tendon resultants at the steps' nodes -> strains -> poses at the nodes of the
 mesh, by one Magnus step after the other from the base on. Where strains are an expression of the
-resultants (the paper's balance) a step takes these; where they are found by Newton's method, it
-takes the strains.
+resultants (the paper's balance) a step takes these; where Newton's method finds them, it takes the
+strains. Both ends of each segment are the nodes of further steps, which have no length.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -21,6 +20,7 @@ from model.arm import Arm
 from model.cross_section import cross_section_of
 from model.cross_section.law import reported, size
 from model.cross_section.sections import Sections
+from model.cross_section.statics import ClosedStatics, closed_statics, settled
 from model.integrators import Magnus
 from model.machine.buffered import Buffered, mapped
 from model.machine.columns import Columns
@@ -29,10 +29,8 @@ from model.mesh import Mesh, graded, roughly
 from model.paths import Array, Path
 from model.rotations import compose
 from model.scene import Scene
-from model.stations import Stations, base_pose, stations
+from model.stations import Counts, Stations, base_pose, stations
 from model.unloaded.marched import March
-from model.unloaded.sections import StrainsByTensions
-from model.unloaded.statics import ClosedStatics, closed_statics
 
 # Arms at a time, interpreted and by machine code: their numbers stay in the processor's cache.
 _ARMS = 2048, 512
@@ -49,66 +47,44 @@ def nodes_of(scheme: Magnus, left: Array, right: Array) -> Array:
     return np.ravel(left[:, None] + (right - left)[:, None] * np.array(scheme.nodes))
 
 
-def _strains(statics: ClosedStatics, m: int, by_pull: bool) -> tuple[list[ca.SX], ca.SX]:
-    """Return what a step takes of m cross-sections, by column, and their strains (n, m) of it.
-
-    Pull and data, or where these do not give the strains the strains.
-    """
-    if not by_pull:
-        v = ca.SX.sym("v", size(statics.law), m)
-        return [v], v
-    pull, data = ca.SX.sym("pull", statics.n_pull, m), ca.SX.sym("data", statics.n_data, m)
-    pairs = zip(ca.horzsplit(pull), ca.horzsplit(data), strict=True)
-    return [pull, data], ca.horzcat(*(statics.solve(*pair) for pair in pairs))
-
-
 def _step(
     statics: ClosedStatics, scheme: Magnus, by_pull: bool, least: bool = False
 ) -> ca.Function:
     """Return (pose, what is known of the nodes' sections, h) -> pose across a step, strains.
 
-    With `least` the least 1 + q of the nodes in place of their strains.
+    Known are pull and data, or where these do not give the strains these; strains that it returns
+    are tau, xi, k, q (4 m,). With `least` there are none: behind the pose is the least 1 + q so
+    far.
     """
-    known, v = _strains(statics, len(scheme.nodes), by_pull)
-    g, h, sections = ca.SX.sym("g", 7), ca.SX.sym("h"), ca.horzsplit(v)
-    twists = [ca.vertcat(*statics.law.twist(one)) for one in sections]
-    after = compose(g, scheme.step(twists, h))
-    stretch = ca.vertcat(*(1 + statics.law.reported(one)[3] for one in sections))
-    results = [after, ca.mmin(stretch) if least else ca.vec(v)]
-    arguments = [g, *map(ca.vec, known), h]
-    return ca.Function("marched", arguments, results, {"cse": True})
+    m, law = len(scheme.nodes), statics.law
+    x, h = ca.SX.sym("x", 7 + least), ca.SX.sym("h")
+    if by_pull:
+        known = [ca.SX.sym("pull", statics.n_pull, m), ca.SX.sym("data", statics.n_data, m)]
+        sections = [statics.solve(*pair) for pair in zip(*map(ca.horzsplit, known), strict=True)]
+    else:
+        known = [ca.SX.sym("v", size(law), m)]
+        sections = ca.horzsplit(known[0])
+    after = compose(x[:7], scheme.step([ca.vertcat(*law.twist(v)) for v in sections], h))
+    strains = ca.horzcat(*(law.reported(v) for v in sections))
+    results = [after, ca.densify(ca.vec(strains))]
+    if least:
+        results = [ca.vertcat(after, ca.fmin(x[7], 1 + ca.mmin(strains[3, :])))]
+    return ca.Function("marched", [x, *map(ca.vec, known), h], results, {"cse": True})
 
 
 def _march(
-    statics: ClosedStatics,
-    scheme: Magnus,
-    steps: int,
-    ends: int,
-    by_pull: bool,
-    machine_code: bool,
+    statics: ClosedStatics, scheme: Magnus, by_pull: bool, machine_code: bool, steps: int
 ) -> ca.Function:
-    """Return (base, what is known of K sections, h) -> poses (7, steps + 1), strains (n, K).
-
-    The sections are those of the steps' nodes, then of `ends`.
-    """
-    inner, step = steps * len(scheme.nodes), built(_step, statics, scheme, by_pull)
-    step = kernel(step, machine_code)
-    symbols, v = _strains(statics, 1, by_pull)
-    section = kernel(ca.Function("section", symbols, [ca.densify(v)], {"cse": True}), machine_code)
-    g, h = ca.MX.sym("g", 7), ca.MX.sym("h", 1, steps)
-    known = [ca.MX.sym("known", each.numel(), inner + ends) for each in symbols]
-    at_nodes = [ca.reshape(each[:, :inner], -1, steps) for each in known]
-    poses, strains = step.mapaccum(steps)(g, *at_nodes, h)
-    at_ends = section.map(ends)(*(each[:, inner:] for each in known))
-    results = [ca.horzcat(g, poses), ca.horzcat(ca.reshape(strains, -1, inner), at_ends)]
-    return ca.Function("march", [g, *known, h], results)
+    """Return what _step does for several steps, each from where the one before leads."""
+    return kernel(built(_step, statics, scheme, by_pull), machine_code).mapaccum(steps)
 
 
-def _called(statics: ClosedStatics, scheme: Magnus, steps: int, *others: int | bool) -> Buffered:
-    """Return what `_march` does, to be called: few steps that are interpreted are written out."""
-    march, machine_code = built(_march, statics, scheme, steps, *others), others[-1]
-    few = steps <= _WRITTEN_OUT and not machine_code
-    return Buffered(march.expand() if few else march)
+def _called(
+    statics: ClosedStatics, scheme: Magnus, by_pull: bool, machine_code: bool, steps: int
+) -> Buffered:
+    """Return what _march does, to be called: few steps that are interpreted are written out."""
+    march = built(_march, statics, scheme, by_pull, machine_code, steps)
+    return Buffered(march.expand() if steps <= _WRITTEN_OUT and not machine_code else march)
 
 
 @dataclass(frozen=True)
@@ -128,12 +104,15 @@ def _placed(
 ) -> tuple[Mesh, Stations, Array]:
     """Return a mesh, its stations and the maps from tensions to pull there.
 
-    The stations are m nodes a step, then both ends of each segment.
+    The stations are m nodes a step, then both ends of each segment, the last one as often as fills
+    up a step.
     """
     arm = of.arm
     # Arms of about the same taper have meshes of as many steps.
     mesh = graded(arm, refinement, at, taper=roughly(arm.radius), weights=_GRADED)
     (s, _, active), (ends, at_ends) = mesh.points(m), mesh.segment_ends()
+    fill = 0, -ends.size % m
+    ends, at_ends = np.pad(ends, fill, "edge"), np.pad(at_ends, fill, "edge")
     places = stations(arm, np.append(s, ends), np.append(active, at_ends))
     return mesh, places, statics.pulls(arm, places)
 
@@ -141,14 +120,7 @@ def _placed(
 class ClosedForm(March):
     """The forward map of an unloaded scene on a mesh of a refinement, with arc lengths as nodes.
 
-    Attributes
-    ----------
-    stretch_at : (K,)
-        Arc lengths: the scheme's nodes in the steps, then both ends of each segment [m].
-    strains : StrainsByTensions
-        The strains there.
-    law : CrossSection
-        Whose strains these are.
+    Its `stretch_at` are the scheme's nodes in the steps, then both ends of each segment.
     """
 
     def __init__(
@@ -165,90 +137,96 @@ class ClosedForm(March):
         self._statics = statics = closed_statics(scene, arm)
         alike = _Geometry(arm.length, arm.radius, arm.sections, arm.rest_curvature, arm)
         m = len(scheme.nodes)
-        self.mesh, self._at, maps = _placed(alike, statics, m, refinement, at)
-        self._inner, self.stretch_at, self.law = m * self.mesh.steps, self._at.s, statics.law
-        data = statics.data(arm.material, self._at)
-        self.strains = StrainsByTensions(statics, maps, data, machine_code)
-        self._base, self._h = base_pose(arm), np.diff(self.mesh.s)
-        self._march = built(_called, *self._structure(self._statics.is_explicit))
-
-    def _structure(self, by_pull: bool) -> tuple[Any, ...]:
-        """Return what the march is built for; see _march."""
-        steps = self.mesh.steps, self.stretch_at.size - self._inner
-        return self._statics, self.scheme, *steps, by_pull, self.machine_code
+        self.mesh, self._at, self._maps = _placed(alike, statics, m, refinement, at)
+        self.stretch_at, self.radius = self._at.s, self._at.radius
+        self._data, self._base = statics.data(arm.material, self._at), base_pose(arm)
+        self._h = np.pad(np.diff(self.mesh.s), (0, self.stretch_at.size // m - self.mesh.steps))
+        self._kind = (statics, scheme, statics.is_explicit)
+        self._march = built(_called, *self._kind, machine_code, self._h.size)
 
     @cached_property
     def sections(self) -> Sections:
         """The cross-sections at the nodes of the steps, which wrenches may twist."""
-        law, inner = cross_section_of(self.scene, self.arm.is_curved), slice(self._inner)
-        where = self._at.s[inner], self._at.active[inner]
-        return Sections(self.arm, self.scene, law, *where, self.machine_code)
+        law = cross_section_of(self.scene, self.arm.is_curved)
+        s, _, active = self.mesh.points(len(self.scheme.nodes))
+        return Sections(self.arm, self.scene, law, s, active, self.machine_code)
 
     @property
     def function(self) -> ca.Function:
         """Tensions (n_tendons,) -> poses (7, S + 1), 1 + q at `stretch_at` (1, K), for CasADi."""
-        T, maps = ca.MX.sym("T", self.arm.n_tendons), self.strains.maps
-        K, n_pull, n = maps.shape
-        pull = ca.reshape(ca.sparsify(ca.DM(maps.reshape(-1, n))) @ T, n_pull, K)
-        at = self._base, pull, ca.DM(self.strains.data.T), ca.DM(self._h).T
-        poses, v = built(_march, *self._structure(True))(*at)
-        along = v[2, :] - self.law.along_at_rest if self.law.extension else 0 * v[0, :]
-        return ca.Function("closed_form", [T], [ca.densify(poses), ca.densify(1 + along)])
+        T, steps = ca.MX.sym("T", self.arm.n_tendons), self._h.size
+        pull = ca.sparsify(ca.DM(self._maps.reshape(-1, T.numel()))) @ T
+        known = [ca.reshape(each, -1, steps) for each in (pull, ca.DM(self._data.T))]
+        march = built(_march, self._statics, self.scheme, True, self.machine_code, steps)
+        poses, strains = march(self._base, *known, ca.DM(self._h).T)
+        along = ca.reshape(strains, 4, -1)[3, :]
+        poses = ca.horzcat(ca.DM(self._base), poses[:, : self.mesh.steps])
+        return ca.Function("closed_form", [T], [poses, 1 + along])
 
-    def run(self, tensions: Array) -> tuple[Array, Array, Array]:
-        """See March.run: strains are those of the law."""
-        poses, v = self._march(self._base, *self.strains.known(tensions), self._h)
-        return poses, self._stretch(v), v
+    def run(self, tensions: Array) -> tuple[Array, Array]:
+        """See March.run."""
+        known = self._known(self._maps, self._data, tensions)
+        poses, strains = self._march(self._base, *known, self._h)
+        return np.vstack([self._base, poses[: self.mesh.steps]]), strains.reshape(-1, 4)
 
-    def bend(self, strains: Array, stretch: Array) -> float:
-        """See March.bend: of curvature per unit deformed length."""
-        bend = self._at.radius * np.hypot(strains[:, 0], strains[:, 1])
-        if not self._statics.is_explicit:  # whose curvatures are per reference length
-            bend /= stretch
-        return float(bend[bend.argmax()])
+    def _known(self, maps: Array, data: Array, tensions: Array) -> list[Array]:
+        """Return flat what a step takes of cross-sections that have such maps and data."""
+        pull = maps.reshape(-1, tensions.size) @ tensions
+        if self._statics.is_explicit:
+            return [pull, data.ravel()]
+        pull = pull.reshape(maps.shape[:2])
+        return [settled(self._statics, pull, data, self.machine_code).ravel()]
 
-    def many(self, tensions: Array, nodes: Sequence[int]) -> tuple[Array, Array]:
+    def many(self, tensions: Array, nodes: Sequence[int] | None = None) -> tuple[Array, Array]:
         """See March.many: so many arms at a time that their numbers stay at hand."""
         if len(tensions) <= _FEW and not self.machine_code:
-            arms = [self.run(T) for T in tensions]
-            rows = np.array([rows[nodes] for rows, *_ in arms]).reshape(-1, len(nodes), 7)
-            return rows, np.array([stretch.min() for _, stretch, _ in arms])
-        some = _ARMS[self.machine_code]
-        starts = range(0, max(len(tensions), 1), some)
-        parts = [self._many(tensions[i : i + some], nodes) for i in starts]
-        poses, least = zip(*parts, strict=True)
-        return np.concatenate(poses), np.concatenate(least)
-
-    def _many(self, tensions: Array, nodes: Sequence[int]) -> tuple[Array, Array]:
-        M, S, m = len(tensions), self.mesh.steps, len(self.scheme.nodes)
-        of = self._statics, self.scheme, self._statics.is_explicit, True
-        step = built(Columns, built(_step, *of), self.machine_code)
-        base, known = (
-            np.tile(self._base[:, None], M),
-            self.strains.columns(tensions, self._inner, m),
-        )
-        poses, stretch = step(base, *known, self._h[:, None], steps=S)
-        poses = np.concatenate([base[None], poses.reshape(S, 7, M)])
-        at_ends = self._stretch(self.strains.of_many(tensions, slice(self._inner, None)))
-        least = np.minimum(stretch.min(axis=0), at_ends.min(axis=1))
+            return super().many(tensions, nodes)
+        step = built(Columns, built(_step, *self._kind, True), self.machine_code)
+        base, some, results = np.append(self._base, np.inf)[:, None], _ARMS[self.machine_code], []
+        for i in range(0, max(len(tensions), 1), some):
+            known = self._columns(tensions[i : i + some])
+            every, h = nodes is not None, self._h[:, None]
+            (x,) = step(base, *known, h, steps=h.size, every=every)
+            results.append(x.reshape(-1, 8, known[0].shape[1]).transpose(2, 0, 1))
+        states = np.concatenate(results)
+        poses, least = states[..., :7], states[:, -1, 7]
         # The least of numbers and of what is none is a number.
-        least[np.isnan(poses[-1, 4])] = np.nan
-        return poses[nodes].transpose(2, 0, 1), least
+        least[np.isnan(poses[:, -1, 4])] = np.nan
+        if nodes is not None:
+            begin = np.broadcast_to(self._base, (len(poses), 1, 7))
+            poses = np.concatenate([begin, poses], axis=1)[:, nodes]
+        return poses, least
 
-    def _stretch(self, v: Array) -> Array:
-        """Return 1 + q (..., K) of strains (..., K, n); NaN where these are none."""
-        if not self.law.extension:
-            return 1 + 0 * v[..., 0]
-        return np.asarray(v[..., 2] + (1.0 - self.law.along_at_rest))
+    def _columns(self, tensions: Array) -> list[Array]:
+        """Return what steps take of the cross-sections of arms (M, n_tendons), by columns.
+
+        Strains of a step at a time.
+        """
+        (K, n_pull, n), m, M = self._maps.shape, len(self.scheme.nodes), len(tensions)
+        if self._statics.is_explicit:
+            return [self._maps.reshape(-1, n) @ tensions.T, self._data.reshape(-1, 1)]
+        values = []
+        for k in range(0, K, m):
+            maps, data = self._maps[k : k + m].reshape(-1, n), self._data[k : k + m]
+            pull = (tensions @ maps.T).reshape(-1, n_pull)
+            v = settled(self._statics, pull, data, self.machine_code)
+            values.append(v.reshape(M, -1).T)
+        return [np.concatenate(values)]
 
     def dense(self, tensions: Array, poses: Array, strains: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes below."""
         step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.steps - 1)
-        of, active, left = (self.arm, self._statics), self.mesh.active[step], self.mesh.s[step]
-        inside = nodes_of(self.scheme, left, s), np.repeat(active, len(self.scheme.nodes))
-        known = StrainsByTensions.at(*of, *inside).known(tensions)
-        across = mapped(built(_step, self._statics, self.scheme, self._statics.is_explicit))
+        active, left, m = self.mesh.active[step], self.mesh.s[step], len(self.scheme.nodes)
+
+        def at(s: Array, active: Counts) -> tuple[Array, Array]:
+            places = stations(self.arm, s, active)
+            statics = self._statics
+            return statics.pulls(self.arm, places), statics.data(self.arm.material, places)
+
+        known = self._known(*at(nodes_of(self.scheme, left, s), np.repeat(active, m)), tensions)
+        across = mapped(built(_step, *self._kind))
         pose, _ = across(poses[step], *(each.reshape(s.size, -1) for each in known), s - left)
-        there = reported(self.law, StrainsByTensions.at(*of, s, active)(tensions))
+        maps, data = at(s, active)
+        there = reported(self._statics.law, settled(self._statics, maps @ tensions, data))
         at_node = (s == self.mesh.s[step + 1])[:, None]
         return np.where(at_node, poses[step + 1], pose), there

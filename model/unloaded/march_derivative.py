@@ -18,14 +18,9 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from model.cross_section.law import (
-    components,
-    reported,
-    strains_of,
-    twist_kernel,
-)
+from model.cross_section.law import CrossSection, components, size, strains_of
 from model.integrators import Magnus
-from model.machine.buffered import Buffered, mapped
+from model.machine.buffered import Buffered
 from model.machine.compiled import built, kernel
 from model.paths import Array
 from model.rotations import conjugate, exponential, matrix, multiply
@@ -50,22 +45,20 @@ class MarchDerivative:
         march = point.march
         assert isinstance(march, ClosedForm)
         self._at = at = march.sections
-        h, m, law = np.diff(march.mesh.s), len(march.scheme.nodes), at.law
-        self._weights, place = march.mesh.points(m)[1], point.poses[node, 4:]
-        v = point.strains[: h.size * m]
-        self._v = v if law == march.law else strains_of(law, reported(march.law, v))
-        self._balance = at.balance(self._v, point.tensions[at.tendon])
-        twist, slopes = mapped(built(twist_kernel, law))(self._v)
-        call = built(_step_twists, march.scheme, h.size, march.machine_code)
-        (z,) = call(point.poses[:-1].ravel(), twist.ravel(), h)
-        # Z transposed (P, 6 of kappa and nu, 6 of z), 0 beyond the node.
-        twists = z.reshape(-1, 6, 6)
-        twists[node * m :] = 0.0
-        by_strains = (slopes.reshape(len(v), -1, 6) @ twists).reshape(-1, 6).T
+        h, law = np.diff(march.mesh.s), at.law
+        self._weights, place = march.mesh.points(len(march.scheme.nodes))[1], point.poses[node, 4:]
+        self._v = v = strains_of(law, point.strains[: at.s.size])
+        self._balance = at.balance(v, point.tensions[at.tendon])
+        call = built(_step_twists, law, march.scheme, h.size, march.machine_code)
+        # Z transposed (P, 6 of kappa and nu, 6 of z) and Z twist' (P n, 6), 0 beyond the node.
+        twists, by_strains = call(point.poses[:-1].ravel(), v.ravel(), h)
+        twists, by_strains = twists.reshape(-1, 6, 6), by_strains.reshape(*v.shape, 6)
+        beyond = node * len(march.scheme.nodes)
+        twists[beyond:], by_strains[beyond:] = 0.0, 0.0
         # Displacement and rotation of the place, and the same as moment and force about the base.
         unit = np.eye(3)
         about_base = np.block([[np.cross(unit, place), unit], [unit, 0 * unit]])
-        self._pose = about_base.T @ by_strains
+        self._pose = about_base.T @ by_strains.reshape(-1, 6).T
         local = twists @ about_base / self._weights[:, None, None]
         self._wrench = local[:, components(law)]
 
@@ -120,14 +113,17 @@ class MarchDerivative:
         return jacobian.reshape(len(jacobian), -1)
 
 
-def _step_twists(scheme: Magnus, steps: int, machine_code: bool) -> Buffered:
-    """Return (pose before a step, kappa and nu at its nodes, h) -> Z of the module (6, 6 m)."""
+def _step_twists(law: CrossSection, scheme: Magnus, steps: int, machine_code: bool) -> Buffered:
+    """Return (pose before a step, strains at its nodes, h) -> Z and Z twist' of the module."""
     m = len(scheme.nodes)
-    g, e, h = ca.SX.sym("g", 7), ca.SX.sym("e", 6 * m), ca.SX.sym("h")
+    g, v, h = ca.SX.sym("g", 7), ca.SX.sym("v", size(law), m), ca.SX.sym("h")
+    e, sections = ca.SX.sym("e", 6 * m), ca.horzsplit(v)
+    twists = ca.vertcat(*(part for one in sections for part in law.twist(one)))
     _, local = step_jacobian(scheme, ca.vertsplit(e, 6), h, e)
-    seen = ca.densify(adjoint_function()(g) @ local)
-    twists = ca.Function("twists", [g, e, h], [seen], {"cse": True})
-    return Buffered(kernel(twists, machine_code).map(steps))
+    seen = adjoint_function()(g) @ ca.substitute(local, e, twists)
+    results = [ca.densify(seen), ca.densify(seen @ ca.jacobian(twists, ca.vec(v)))]
+    function = ca.Function("twists", [g, ca.vec(v), h], results, {"cse": True})
+    return Buffered(kernel(function, machine_code).map(steps))
 
 
 def step_jacobian(scheme: Magnus, twists: list[ca.SX], h: ca.SX, e: ca.SX) -> tuple[ca.SX, ca.SX]:

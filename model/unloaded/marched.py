@@ -23,7 +23,6 @@ from model.errors import CollapsedError
 from model.mesh import Mesh, graded
 from model.paths import Array
 from model.scene import Scene
-from model.unloaded.sections import UnloadedSections, unloaded
 
 # Strains are analytic between nodes: so many Gauss points on the coarsest mesh leave rounding only,
 # whatever mesh poses have. Measured on the paper's arms and random ones at thrice their tensions.
@@ -36,7 +35,7 @@ class Lengths:
 
     Attributes
     ----------
-    at : UnloadedSections
+    at : Sections
         The cross-sections at the quadrature's points.
     tensions : (n_tendons,)
         [N].
@@ -48,14 +47,14 @@ class Lengths:
         Of the lengths in the strains.
     """
 
-    at: UnloadedSections
+    at: Sections
     tensions: Array
     strains: Array
     lengths: Array
     jacobian: Array
 
     @classmethod
-    def under(cls, at: UnloadedSections, weights: Array, tensions: Array) -> Lengths:
+    def under(cls, at: Sections, weights: Array, tensions: Array) -> Lengths:
         """Return those under tensions (n_tendons,), of cross-sections that have weights (N,)."""
         v = at.strains(tensions)
         return cls(at, tensions, v, *at.lengths(v, weights))
@@ -79,14 +78,25 @@ def tendon_lengths(
 ) -> Callable[[Array], Lengths]:
     """Return tensions (n_tendons,) -> the lengths, by Gauss quadrature in each step.
 
-    What it returns raises UnsettledSectionError.
+    But for loads. What it returns raises UnsettledSectionError.
     """
-    alone = unloaded(scene)
-    law = cross_section_of(alone, arm.is_curved, torsion=False)
+    law = cross_section_of(scene, arm.is_curved, loaded=False)
     s, weights, active = graded(arm, 1).points(_POINTS)
-    return partial(
-        Lengths.under, UnloadedSections(arm, alone, law, s, active, machine_code), weights
-    )
+    return partial(Lengths.under, Sections(arm, scene, law, s, active, machine_code), weights)
+
+
+def folded(arm: Arm, scene: Scene, mesh: Mesh, tensions: Array) -> float | None:
+    """Return where from the base [m] tensions (n_tendons,) [N] first leave a tendon no length.
+
+    None where they do so nowhere, at both ends of each step of a mesh. Beyond, the body would be
+    folded into itself. Only exact tendons without loads come to that: with loads such tensions are
+    refused.
+    """
+    law = cross_section_of(scene, arm.is_curved, loaded=False)
+    ends = np.column_stack([mesh.s[:-1], mesh.s[1:]]).ravel()
+    at = Sections(arm, scene, law, ends, np.repeat(mesh.active, 2))
+    crushed = at.crushed(at.strains(tensions))
+    return crushed.s if crushed else None
 
 
 class Extremes(NamedTuple):
@@ -114,8 +124,8 @@ class March(ABC):
     ----------
     name : str
         Of its scheme.
-    stretch_at : (K,)
-        Arc lengths where the stretch is looked at [m].
+    stretch_at, radius : (K,)
+        Arc lengths where the strains are looked at, and the body's radius there [m].
     """
 
     arm: Arm
@@ -125,22 +135,24 @@ class March(ABC):
     machine_code: bool
     mesh: Mesh
     stretch_at: Array
+    radius: Array
 
     @abstractmethod
-    def run(self, tensions: Array) -> tuple[Array, Array, Array]:
-        """Return poses (S + 1, 7) at the nodes, 1 + q (K,) at `stretch_at`, and strains."""
-
-    @abstractmethod
-    def bend(self, strains: Array, stretch: Array) -> float:
-        """Return curvature times the body's radius, at most."""
-
-    @abstractmethod
-    def many(self, tensions: Array, nodes: Sequence[int]) -> tuple[Array, Array]:
-        """Return poses (M, nodes, 7) at some nodes under tensions (M, n_tendons), least 1 + q."""
+    def run(self, tensions: Array) -> tuple[Array, Array]:
+        """Return poses (S + 1, 7) at the nodes, and tau, xi, k, q (K, 4) at `stretch_at`."""
 
     @abstractmethod
     def dense(self, tensions: Array, poses: Array, strains: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s (N,), by what `run` returned."""
+
+    def many(self, tensions: Array, nodes: Sequence[int] | None = None) -> tuple[Array, Array]:
+        """Return poses (M, nodes, 7) under tensions (M, n_tendons), and the least 1 + q (M,).
+
+        Of some nodes, the last one unless told.
+        """
+        values, nodes = [self.run(T) for T in tensions], [-1] if nodes is None else nodes
+        poses = np.array([rows[nodes] for rows, _ in values]).reshape(-1, len(nodes), 7)
+        return poses, np.array([1 + strains[:, 3].min() for _, strains in values])
 
     def solve(self, tensions: Array, near: object = None, looser: float = 1.0) -> Marched:
         """Return the equilibrium under tensions (n_tendons,), which nothing is begun with."""
@@ -158,16 +170,13 @@ class Marched:
         [N].
     poses : (N + 1, 7)
         At the nodes.
-    stretch : (K,)
-        1 + q at the march's `stretch_at`.
-    strains
-        As `bend` takes them.
+    strains : (K, 4)
+        tau, xi, k, q at the march's `stretch_at`.
     """
 
     march: March
     tensions: Array
     poses: Array
-    stretch: Array
     strains: Array
 
     @property
@@ -183,9 +192,10 @@ class Marched:
     @cached_property
     def extremes(self) -> Extremes:
         """See Linearised."""
-        worst, march = int(self.stretch.argmin()), self.march
-        least = float(march.stretch_at[worst]), float(self.stretch[worst])
-        return Extremes(*least, march.bend(self.strains, self.stretch))
+        (_, xi, k, q), march = self.strains.T, self.march
+        worst = int(q.argmin())  # the first that is no number, if any is
+        bend = float((march.radius * np.hypot(xi, k)).max())
+        return Extremes(float(march.stretch_at[worst]), float(1 + q[worst]), bend)
 
     @property
     def machine_code(self) -> bool:

@@ -10,8 +10,7 @@ scheme: whatever reads them divides by it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TypeVar
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -20,7 +19,7 @@ from model.arm import Arm
 from model.cross_section.paper import PaperSection, resultants
 from model.effects import Extension
 from model.integrators import RungeKutta
-from model.machine.buffered import Mapped
+from model.machine.buffered import Buffered
 from model.machine.compiled import kernel
 from model.mesh import graded
 from model.paths import Array
@@ -28,7 +27,6 @@ from model.rotations import IDENTITY, compose, inverse, multiply, rotate
 from model.scene import Scene
 from model.stations import (
     Counts,
-    Stations,
     base_pose,
     crossing,
     resists,
@@ -38,7 +36,6 @@ from model.stations import (
 from model.unloaded.marched import March
 
 _N = 10
-M = TypeVar("M", ca.MX, ca.DM)
 
 
 def strain_rate(
@@ -99,30 +96,28 @@ def _across(extension: bool, scheme: RungeKutta) -> ca.Function:
     return ca.Function("across", [x, outer, d, h], results, {"cse": True})
 
 
-def _resultant_maps(arm: Arm, at: Stations) -> Array:
-    """Return the maps (N, 12, n_tendons) from tensions to the resultants and their derivatives."""
-    (n, b), (n_rate, b_rate), _ = tendon_offsets(arm, at)
-    rates = 0 * n, n_rate, b_rate, 2 * n * n_rate, n_rate * b + n * b_rate, 2 * b * b_rate
-    return np.stack([crossing(arm, at), *resultants(n, b)[1:], *rates], axis=1)
-
-
-def section_numbers(arm: Arm, s: Array, active: Counts, T: M) -> M:
+def section_numbers(arm: Arm, s: Array, active: Counts, T: Any) -> Any:
     """Return the numbers (18, N) of cross-sections: sums, body, each with its rate behind it."""
     at = stations(arm, s, active)
-    maps = _resultant_maps(arm, at).reshape(-1, arm.n_tendons)
+    (n, b), (n_rate, b_rate), _ = tendon_offsets(arm, at)
+    rates = 0 * n, n_rate, b_rate, 2 * n * n_rate, n_rate * b + n * b_rate, 2 * b * b_rate
+    maps = np.stack([crossing(arm, at), *resultants(n, b)[1:], *rates], axis=1)
     body = ca.DM(np.vstack([resists(arm.material, each) for each in (at.area, at.area_rate)]))
-    sums: M = ca.reshape(ca.sparsify(ca.DM(maps)) @ T, 12, s.size)
+    sums = ca.reshape(ca.sparsify(ca.DM(maps.reshape(-1, arm.n_tendons))) @ T, 12, s.size)
     return ca.vertcat(sums, body)
 
 
 class PrintedMap(March):
     """The forward map of a scene as printed, on one mesh.
 
+    Its `stretch_at` are the nodes from the tip on, on their base side, then the same on the tip
+    side of the nodes below.
+
     Attributes
     ----------
     function : casadi.Function
         tensions (n_tendons,) -> poses at the mesh's nodes (7, S + 1), 1 + q at the arc lengths
-        `stretch_at` (1, K), and tau, xi, k on the base side of each node (3, S + 1).
+        `stretch_at` (1, K), and tau, xi, k there (3, K).
     """
 
     def __init__(
@@ -145,37 +140,29 @@ class PrintedMap(March):
         samples = self._samples(start, h, active, T)
         march = self._across.mapaccum(mesh.steps)
         after, begun, along = march(x, outer, samples, ca.DM(h).T)
-        states = ca.horzcat(begun, after[:, -1])[:, ::-1]
+        poses = _anchored(arm, ca.horzcat(begun, after[:, -1])[:7, ::-1])
         self.stretch_at = np.concatenate([start, start + h])
-        results = [_anchored(arm, states), ca.vec(along.T).T, states[7:, :]]
+        self.radius = arm.radius.evaluate(self.stretch_at, arm.length)[0]
+        results = [poses, ca.vec(along.T).T, ca.horzcat(begun, after)[7:, :]]
         self.function = ca.Function("printed", [T], results)
-        self._mapped = Mapped(self.function)
+        self._called = Buffered(self.function)
 
-    def _samples(self, start: Array, h: Array, active: Counts, T: M) -> M:
+    def _samples(self, start: Array, h: Array, active: Counts, T: Any) -> Any:
         samples = np.array(self.scheme.samples)
         s = (start[:, None] + h[:, None] * samples).ravel()
         return section_numbers(self.arm, s, np.repeat(active, samples.size), T)
 
-    def run(self, tensions: Array) -> tuple[Array, Array, Array]:
-        """See March.run: strains are tau, xi, k (S + 1, 3) at the nodes."""
-        poses, along, strains = (np.array(each).T for each in self.function(tensions))
-        return poses, along.ravel(), strains
-
-    def bend(self, strains: Array, stretch: Array) -> float:
-        """See March.bend: tau, xi, k at the nodes."""
-        radius = self.arm.radius.evaluate(self.mesh.s, self.arm.length)[0]
-        return float((radius * np.hypot(strains[:, 1], strains[:, 2])).max())
-
-    def many(self, tensions: Array, nodes: Sequence[int]) -> tuple[Array, Array]:
-        """See March.many."""
-        poses, along, _ = self._mapped(tensions)
-        return poses.reshape(len(tensions), -1, 7)[:, nodes], along.min(axis=1)
+    def run(self, tensions: Array) -> tuple[Array, Array]:
+        """See March.run."""
+        poses, along, strains = self._called(tensions)
+        return poses, np.hstack([strains, along - 1])
 
     def dense(self, tensions: Array, poses: Array, strains: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes above."""
         step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.steps - 1)
         active, start = self.mesh.active[step], self.mesh.s[step + 1]
-        x, h = ca.DM(np.hstack([poses, strains])[step + 1].T), s - start
+        there = strains[self.mesh.steps - 1 - step, :3]
+        x, h = ca.DM(np.hstack([poses[step + 1], there]).T), s - start
         d = self._samples(start, h, active, ca.DM(tensions))
         across = self._across.map(s.size)
         after, _, along = across(x, d[:6, :: len(self.scheme.samples)], d, ca.DM(h).T)
@@ -183,9 +170,9 @@ class PrintedMap(March):
         return rows[:, :7], np.column_stack([rows[:, 7:], np.array(along)[1] - 1])
 
 
-def _anchored(arm: Arm, states: ca.MX) -> ca.MX:
-    """Return the poses (7, S + 1) in the base frame from states in the tip's."""
+def _anchored(arm: Arm, poses: ca.MX) -> ca.MX:
+    """Return poses (7, S + 1) in the base frame from those in the tip's."""
     first, point = ca.SX.sym("first", 7), ca.SX.sym("here", 7)
     pose = compose(compose(ca.SX(ca.DM(base_pose(arm))), inverse(first)), point)
     anchor = ca.Function("anchor", [first, point], [pose])
-    return anchor.map(states.shape[1])(states[:7, 0], states[:7, :])
+    return anchor.map(poses.shape[1])(poses[:, 0], poses)

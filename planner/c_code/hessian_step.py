@@ -15,10 +15,10 @@ from __future__ import annotations
 import casadi as ca
 
 from model.cross_section.law import size
+from model.cross_section.statics import ClosedStatics
 from model.integrators import Magnus
 from model.rotations import compose, exponential, inverse
 from model.unloaded.march_derivative import adjoint_function
-from model.unloaded.statics import ClosedStatics
 from planner.c_code.pulls import TERMS
 from planner.c_code.tip_jacobian import strain_function, strain_jacobian, twist
 

@@ -13,9 +13,9 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
+from model.cross_section.statics import ClosedStatics
 from model.paths import Array, Linear
 from model.stations import stations
-from model.unloaded.statics import ClosedStatics
 
 TERMS = 3
 

@@ -10,13 +10,13 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
+from model.cross_section.statics import ClosedStatics, EnergyStatics, closed_statics
 from model.forward import explicit_map
 from model.paths import Array
 from model.rotations import compose
 from model.shape import Shape
 from model.stations import base_pose, stations
 from model.unloaded.closed_form import ClosedForm, nodes_of
-from model.unloaded.statics import ClosedStatics, EnergyStatics, closed_statics
 from planner.c_code.hessian_step import own_step
 from planner.c_code.pulls import TERMS, PullPolynomials
 from planner.c_code.source import CSource, Precision, frame_function, numbers, whole_numbers

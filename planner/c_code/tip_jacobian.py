@@ -13,10 +13,10 @@ from typing import TypeVar
 import casadi as ca
 
 from model.cross_section.law import size
+from model.cross_section.statics import ClosedStatics
 from model.integrators import Magnus
 from model.rotations import compose
 from model.unloaded.march_derivative import adjoint_function, step_jacobian
-from model.unloaded.statics import ClosedStatics
 from planner.c_code.pulls import TERMS
 
 S = TypeVar("S", ca.SX, ca.MX)

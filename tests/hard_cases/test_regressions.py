@@ -11,7 +11,6 @@ from model import Anchorage, Arm, CollapsedError, Linear, Scene, settle, settle_
 from model.effects import Buoyancy, ExactTendons, Extension, Friction, Weight
 from model.equilibrium.newton import Collocation
 from model.errors import UnsettledSectionError
-from model.unloaded.sections import unloaded_sections
 from tests.effects.bars import capstan, one_tendon
 from tests.hard_cases.loads import check_rubbed
 
@@ -99,7 +98,7 @@ def test_sections_where_the_energy_hardly_curves_are_settled() -> None:
     rng = np.random.default_rng(0)
     sets = T + rng.uniform(-5e-4, 5e-4, (300, 12)) * (T > 0)
     system = Collocation(ARM, Scene.silicone(), 3, 1, (0.43125, 0.440625), False).system
-    at = unloaded_sections(system)
+    at = system.sections
     for pulls in sets:
         v = at.strains(pulls)
         wrench = at.balance(v, pulls[at.tendon]).wrench

@@ -1,7 +1,9 @@
-"""The strains of a cross-section without loads, in closed form, by the laws of model.cross_section.
+"""The strains of a cross-section without loads, by its law: in symbols, and in numbers.
 
 Without loads the wrench of body and tendons vanishes, so that each cross-section is in equilibrium
-by itself and none is twisted: its strains follow from the tensions alone.
+by itself and none is twisted: its strains follow from the tensions alone. The paper's balance is
+linear in its strains; with an energy Newton steps lead there, four to seven for ordinary tensions,
+thirty for a thousand times as much.
 """
 
 from __future__ import annotations
@@ -16,16 +18,20 @@ from model.anchorage import Material
 from model.arm import Arm
 from model.cross_section import cross_section_of
 from model.cross_section.energy import EnergySection, RubberSection
-from model.cross_section.law import TINY, join, less_rest
+from model.cross_section.law import TINY, join, less_rest, size
 from model.cross_section.paper import PaperSection, resultants
+from model.machine.buffered import Mapped
+from model.machine.compiled import built
 from model.paths import Array
 from model.rotations import norm
 from model.scene import Scene
 from model.stations import Stations, crossing, resists, sides, tendon_offsets
 
 # Where the strains are to be an expression of the tensions, so many steps are written out: enough
-# for ordinary ones. Numbers take as many as they need; see model.unloaded.sections.
-_STEPS = 10
+# for ordinary ones. Numbers take as many as they need, so many at most.
+_WRITTEN_OUT, _STEPS = 10, 40
+# Of more sections than this those that are in equilibrium are left out of further steps.
+_MANY = 256
 # The energy of a neo-Hookean body is not convex everywhere: the least pivot of its Hessian that a
 # step is taken with, over the body's stiffness at rest. That of a linear body is convex, and at
 # least as stiff as without tendons.
@@ -69,17 +75,7 @@ class EnergyStatics:
     @property
     def n_data(self) -> int:
         """The size of data."""
-        return self._first + 2 * (max(self.row) + 1)
-
-    @property
-    def _first(self) -> int:
-        """Place of the offsets among the data."""
-        return 3 + 2 * self.law.curved
-
-    @property
-    def is_rubber(self) -> bool:
-        """Whether the section shrinks as it stretches."""
-        return isinstance(self.law, RubberSection)
+        return 3 + 2 * self.law.curved + 2 * (max(self.row) + 1)
 
     def pulls(self, arm: Arm, at: Stations) -> Array:
         """Return maps (N, n_pull, n_tendons) from tensions to pull: 1 for a tendon that crosses."""
@@ -90,80 +86,72 @@ class EnergyStatics:
         parts = resists(material, at.area), at.rest, at.y, at.y_rate
         return np.ascontiguousarray(np.vstack(parts).T)
 
-    def offset(self, j: int, data: ca.SX) -> ca.SX:
-        """Return the offset of tendon j and its derivative (2,)."""
-        i = self._first + self.row[j]
-        return ca.vertcat(data[i], data[i + (self.n_data - self._first) // 2])
+    def _split(self, data: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
+        """Return what the law takes of the body, and of each tendon y and y' (2,)."""
+        offsets = ca.reshape(data[3 + 2 * self.law.curved :], -1, 2)
+        body = ca.vertcat(data[:3], 0, data[3 : 3 + 2 * self.law.curved])
+        return body, [offsets[row, :] for row in self.row]
 
     def wrench(self, v: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
         """Return the wrench of body and tendons at strains v, which vanishes without loads.
 
         It is the gradient of the energy.
         """
-        result = self.law.body(v, self._body(data))
+        body, offsets = self._split(data)
+        result = self.law.body(v, body)
         for j, side in enumerate(zip(self.cos, self.sin, strict=True)):
-            path = ca.vec(ca.vertcat(*side) @ self.offset(j, data).T)
-            result += pull[j] * self.law.tendon(v, path)
+            result += pull[j] * self.law.tendon(v, ca.vec(ca.vertcat(*side) @ offsets[j]))
         return result
 
     def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
         """Return the strains v where the wrench vanishes, NaN if a few steps do not lead there."""
         begun, step = self.functions()
         u, w = begun(pull, data)
-        for _ in range(_STEPS):
-            u, w, size, v = step(u, w, pull, data)
-        return ca.if_else(size < self.settled, v, np.nan)
+        for _ in range(_WRITTEN_OUT):
+            u, w, last, v = step(u, w, pull, data)
+        return ca.if_else(last < self.settled, v, np.nan)
 
     def functions(self) -> tuple[ca.Function, ...]:
-        """Return (pull, data) -> u and w to begin with, from the shape at rest; and `step`."""
-        pull, data = ca.SX.sym("pull", self.n_pull), ca.SX.sym("data", self.n_data)
-        stretch = 1 / ca.sqrt(1 + 2 * ca.sum1(pull) / data[0]) if self.is_rubber else ca.SX(1)
-        rest = data[3:5] if self.law.curved else ca.SX.zeros(2)
-        u = ca.vertcat(rest * self.law.width(stretch), stretch)[: 2 + self.law.extension]
-        begun = [ca.densify(u), ca.vec(ca.SX.zeros(1 + self.is_rubber, self.n_pull))]
-        return ca.Function("begun", [pull, data], begun, {"cse": True}), self.step()
+        """Return (pull, data) -> u and w to begin with, from the shape at rest; and a Newton step.
 
-    def step(self) -> ca.Function:
-        """Return (u, w, pull, data) -> u and w after a Newton step, its size, the strains v there.
-
-        w (1 or 2, n_pull), one column here, are the tendons' unit vectors; the size counts
-        curvatures by the radius.
+        That is (u, w, pull, data) -> u and w after it, its size, the strains v there. u is (w
+        kappa, lambda) with w the section's width, see EnergySection.drawn; w, one after the other,
+        are the tendons' unit vectors; the size counts curvatures by the radius.
         """
-        extension, rubber = self.law.extension, self.is_rubber
-        u, W = ca.SX.sym("u", 2 + extension), ca.SX.sym("w", (1 + rubber) * self.n_pull)
-        w = ca.reshape(W, 1 + rubber, self.n_pull)
-        pull, data = ca.SX.sym("pull", self.n_pull), ca.SX.sym("data", self.n_data)
-        body = self._body(data)
-        resisted = less_rest(self.law, self.strains(u), body)
-        hessian, slope = ca.hessian(self.law.energy(resisted, body[:4]), u)
-        tendons = [_Tendon(*self.tangent(j, u, data), u, w[:, j]) for j in range(w.shape[1])]
+        law, stretches = self.law, isinstance(self.law, RubberSection)
+        u, pull = ca.SX.sym("u", 2 + law.extension), ca.SX.sym("pull", self.n_pull)
+        data = ca.SX.sym("data", self.n_data)
+        body, offsets = self._split(data)
+        v = ca.vertcat(u[:2] / law.width(u[2]), u[2]) if law.extension else u
+        hessian, slope = ca.hessian(law.energy(less_rest(law, v, body), body[:4]), u)
+        tendons = [_Tendon(*self._tangent(j, u, offsets[j]), u) for j in range(self.n_pull)]
         for j, tendon in enumerate(tendons):
             slope += pull[j] * tendon.slope
             hessian += pull[j] * tendon.curvature
-        stiff = ca.vertcat(data[1], data[1], data[0])[: u.numel()] * (_LEAST if rubber else 1.0)
-        step = _solve_symmetric(hessian, -slope, stiff)
+        # H = L D L^T with no pivot too small: a step of descent.
+        D, L, order = ca.ldl(ca.densify(hessian), False)
+        stiff = ca.vertcat(data[1], data[1], data[0])[: u.numel()]
+        step = ca.ldl_solve(-ca.densify(slope), ca.fmax(D, _LEAST * stiff), L, order)
         radius = 2 * ca.sqrt(data[1] / data[0])
-        size = radius * ca.norm_inf(step[:2]) / (1 + radius * ca.norm_inf(u[:2]))
-        if extension:
-            size = ca.fmax(size, ca.fabs(step[2]))
-        if rubber:
+        bent = radius * ca.norm_inf(step[:2])
+        last = bent / (1 + radius * ca.norm_inf(u[:2]))
+        if law.extension:
+            last = ca.fmax(last, ca.fabs(step[2]))
+        if stretches:
             change = ca.fmax(-step[2] / _SHRINKS, step[2] / _GROWS)
-            change = ca.fmax(change, radius * ca.norm_inf(step[:2]) / _BENDS)
-            step = step / ca.fmax(1, change / u[2])
-        turned = ca.horzcat(*(tendon.turned(step) for tendon in tendons))
-        after = u + step
-        results = [after, ca.vec(turned), size, ca.densify(self.strains(after))]
-        return ca.Function("newton", [u, W, pull, data], results, {"cse": True})
+            step = step / ca.fmax(1, ca.fmax(change, bent / _BENDS) / u[2])
+        w = [tendon.w for tendon in tendons]
+        after = [u + step, ca.vertcat(*(tendon.turned(step) for tendon in tendons))]
+        there = ca.densify(ca.substitute(v, u, after[0]))
+        inputs = [u, ca.vertcat(*w), pull, data]
+        newton = ca.Function("newton", inputs, [*after, last, there], {"cse": True})
+        stretch = 1 / ca.sqrt(1 + 2 * ca.sum1(pull) / data[0]) if stretches else ca.SX(1)
+        rest = body[4:] if law.curved else ca.SX.zeros(2)
+        first = ca.vertcat(rest * law.width(stretch), stretch)[: u.numel()]
+        begun = [ca.densify(first), ca.SX.zeros(newton.numel_in(1))]
+        return ca.Function("begun", [pull, data], begun, {"cse": True}), newton
 
-    def strains(self, u: ca.SX) -> ca.SX:
-        """Return the strains v of u = (w kappa, lambda), w the section's width; see drawn."""
-        return ca.vertcat(u[:2] / self.law.width(u[2]), u[2]) if self.law.extension else u
-
-    def _body(self, data: ca.SX) -> ca.SX:
-        """Return what the law takes of the body."""
-        return ca.vertcat(data[:3], 0, data[3 : self._first])
-
-    def tangent(self, j: int, u: ca.SX, data: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def _tangent(self, j: int, u: ca.SX, offset: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return what of the tangent of tendon j depends on u, and the square of the rest.
 
         In the frame of t, d and t x d, where without torsion a tendon stays in the plane of t, d.
@@ -171,53 +159,34 @@ class EnergyStatics:
         cos, sin = self.cos[j], self.sin[j]
         bend = ca.vertcat(0, u[0] * cos + u[1] * sin, u[1] * cos - u[0] * sin)
         nu = ca.vertcat(u[2] if self.law.extension else ca.SX(1), 0, 0)
-        y, y_rate = ca.vertsplit(self.offset(j, data))
-        c = self.law.drawn(bend, nu, self.law.width(nu[0]), ca.vertcat(y, 0, y_rate, 0))
+        path = ca.vertcat(offset[0], 0, offset[1], 0)
+        c = self.law.drawn(bend, nu, self.law.width(nu[0]), path)
         moving = [i for i in range(3) if ca.depends_on(c[i], u)]
         still = [i for i in range(3) if i not in moving]
         return c[moving], ca.sumsqr(c[still]) + TINY
 
 
 class _Tendon:
-    """A tendon of 1 N: its tangent c at u, and what Newton's method needs of |c|."""
+    """A tendon of 1 N: its tangent c at u, and what Newton's method needs of |c|.
 
-    def __init__(self, c: ca.SX, rest: ca.SX, u: ca.SX, w: ca.SX) -> None:
-        self.c, self.w, self.length = c, w, ca.sqrt(ca.sumsqr(c) + rest)
+    Steps are those of a primal-dual method: w is c / |c| in equilibrium, and within the unit ball
+    on the way there, which keeps the Hessian of |c| bounded where c is short.
+    """
+
+    def __init__(self, c: ca.SX, rest: ca.SX, u: ca.SX) -> None:
+        self.c, self.length = c, ca.sqrt(ca.sumsqr(c) + rest)
+        self.w = w = ca.SX.sym("w", c.numel())
         self.unit, self.along = c / self.length, ca.jacobian(c, u)
         self.slope = self.along.T @ self.unit
         across = ca.SX.eye(c.numel()) - (w @ self.unit.T + self.unit @ w.T) / 2
-        held = ca.SX.sym("w", c.numel())
-        bent = ca.substitute(ca.jacobian(self.along.T @ held, u), held, w)
+        bent = ca.jacobian(self.along.T @ w, u)
         self.curvature = self.along.T @ (across / self.length) @ self.along + bent
 
     def turned(self, step: ca.SX) -> ca.SX:
         """Return w after a step of the strains, within the unit ball."""
-        moved = self.along @ step
-        w = (self.c + moved - self.w * ca.dot(self.unit, moved)) / self.length
-        size = ca.fabs(w) if w.numel() == 1 else norm(w)
-        return w / ca.fmax(1, size)
-
-
-def _solve_symmetric(A: ca.SX, right: ca.SX, least: ca.SX) -> ca.SX:
-    """Return A^-1 right for a small symmetric A (n, n) and right (n,), by A = L D L^T.
-
-    Pivots below `least` (n,) are raised to it.
-    """
-    n = A.shape[0]
-    L, D = ca.SX.eye(n), [ca.SX(0)] * n
-    for j in range(n):
-        D[j] = A[j, j] - sum((L[j, k] ** 2 * D[k] for k in range(j)), ca.SX(0))
-        D[j] = ca.fmax(D[j], least[j])
-        for i in range(j + 1, n):
-            inner = sum((L[i, k] * L[j, k] * D[k] for k in range(j)), ca.SX(0))
-            L[i, j] = (A[i, j] - inner) / D[j]
-    x = ca.vertsplit(right)
-    for i in range(n):
-        x[i] -= sum((L[i, k] * x[k] for k in range(i)), ca.SX(0))
-    x = [row / d for row, d in zip(x, D, strict=True)]
-    for i in reversed(range(n)):
-        x[i] -= sum((L[k, i] * x[k] for k in range(i + 1, n)), ca.SX(0))
-    return ca.vertcat(*x)
+        change = self.along @ step
+        w = (self.c + change - self.w * ca.dot(self.unit, change)) / self.length
+        return w / ca.fmax(1, ca.fabs(w) if w.numel() == 1 else norm(w))
 
 
 @dataclass(frozen=True)
@@ -259,10 +228,9 @@ class PaperStatics:
 
     def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
         """See EnergyStatics.solve: curvatures, of which the stretch follows."""
-        n = 2 + self.law.extension
-        v = ca.SX.sym("v", n)
+        v = ca.SX.sym("v", size(self.law))
         wrench = self.wrench(v, pull, data)
-        D, rest = ca.jacobian(wrench, v), ca.substitute([wrench], [v], [ca.SX.zeros(n)])[0]
+        D, rest = ca.jacobian(wrench, v), ca.substitute(wrench, v, 0 * v)
         bend = -ca.inv_minor(D[:2, :2]) @ rest[:2]
         return ca.vertcat(bend, (-rest[2:] - D[2:, :2] @ bend) / ca.diag(D)[2:])
 
@@ -271,10 +239,39 @@ ClosedStatics = EnergyStatics | PaperStatics
 
 
 def closed_statics(scene: Scene, arm: Arm) -> ClosedStatics:
-    """Return the statics of a scene without loads, for an arm's tendons."""
-    law = cross_section_of(scene, arm.is_curved, torsion=False)
+    """Return the statics of an arm's cross-sections in a scene, but for its loads."""
+    law = cross_section_of(scene, arm.is_curved, loaded=False)
     if isinstance(law, PaperSection):
         return PaperStatics(law)
     assert isinstance(law, EnergySection)
     cos, sin = sides(arm)
     return EnergyStatics(law, arm.offset_of, tuple(cos.tolist()), tuple(sin.tolist()))
+
+
+def _kernels(statics: ClosedStatics, machine_code: bool) -> list[Mapped]:
+    """Return (pull, data) -> strains; or what steps to these begin with, and such a step."""
+    return [Mapped(each, machine_code) for each in statics.functions()]
+
+
+def settled(statics: ClosedStatics, pull: Array, data: Array, machine_code: bool = False) -> Array:
+    """Return the strains (N, n) of cross-sections under pull (N, n_pull), NaN for none.
+
+    Data may have fewer rows, which are taken again and again.
+    """
+    begin, *step = built(_kernels, statics, machine_code)
+    u, *w = begin(pull, data)
+    if isinstance(statics, PaperStatics):
+        return u
+    strains, left = np.full(u.shape, np.nan), np.arange(len(u))
+    for _ in range(_STEPS):
+        u, *w, last, v = step[0](u, *w, pull, data)
+        done = last[:, 0] < statics.settled
+        strains[left[done]] = v[done]
+        going = last[:, 0] >= statics.settled  # what is no number stays so
+        if not going.any():
+            break
+        if len(left) > _MANY and not going.all():
+            data = data[np.flatnonzero(going) % len(data)]
+            left = left[going]
+            u, *w, pull = (part[going] for part in (u, *w, pull))
+    return strains
