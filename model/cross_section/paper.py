@@ -32,6 +32,10 @@ class PaperSection(CrossSection):
         """See CrossSection.strains."""
         return join(self, kappa / nu[0], nu[0] - 1, nu[1:])
 
+    def reported(self, v: ca.SX) -> ca.SX:
+        """See CrossSection.reported: the strains themselves."""
+        return ca.vertcat(*split(self, v)[:2])
+
     def body(self, v: ca.SX, body: ca.SX) -> ca.SX:
         """See CrossSection.body."""
         omega, q, slide = split(self, less_rest(self, v, body))

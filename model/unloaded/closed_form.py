@@ -73,17 +73,20 @@ def _step(
 
 
 def _march(
-    statics: ClosedStatics, scheme: Magnus, by_pull: bool, machine_code: bool, steps: int
+    statics: ClosedStatics, scheme: Magnus, by_pull: bool, machine_code: bool, S: int, steps: int
 ) -> ca.Function:
-    """Return what _step does for several steps, each from where the one before leads."""
-    return kernel(built(_step, statics, scheme, by_pull), machine_code).mapaccum(steps)
+    """Return (base, what is known of all sections, h) -> poses (7, S + 1), strains (4 m, steps)."""
+    march = kernel(built(_step, statics, scheme, by_pull), machine_code).mapaccum(steps)
+    inputs = march.mx_in()
+    poses, strains = march.call(inputs)
+    return ca.Function("march", inputs, [ca.horzcat(inputs[0], poses[:, :S]), strains])
 
 
 def _called(
-    statics: ClosedStatics, scheme: Magnus, by_pull: bool, machine_code: bool, steps: int
+    statics: ClosedStatics, scheme: Magnus, by_pull: bool, machine_code: bool, S: int, steps: int
 ) -> Buffered:
     """Return what _march does, to be called: few steps that are interpreted are written out."""
-    march = built(_march, statics, scheme, by_pull, machine_code, steps)
+    march = built(_march, statics, scheme, by_pull, machine_code, S, steps)
     return Buffered(march.expand() if steps <= _WRITTEN_OUT and not machine_code else march)
 
 
@@ -142,7 +145,7 @@ class ClosedForm(March):
         self._data, self._base = statics.data(arm.material, self._at), base_pose(arm)
         self._h = np.pad(np.diff(self.mesh.s), (0, self.stretch_at.size // m - self.mesh.steps))
         self._kind = (statics, scheme, statics.is_explicit)
-        self._march = built(_called, *self._kind, machine_code, self._h.size)
+        self._march = built(_called, *self._kind, machine_code, self.mesh.steps, self._h.size)
 
     @cached_property
     def sections(self) -> Sections:
@@ -154,20 +157,19 @@ class ClosedForm(March):
     @property
     def function(self) -> ca.Function:
         """Tensions (n_tendons,) -> poses (7, S + 1), 1 + q at `stretch_at` (1, K), for CasADi."""
-        T, steps = ca.MX.sym("T", self.arm.n_tendons), self._h.size
+        T, sizes = ca.MX.sym("T", self.arm.n_tendons), (self.mesh.steps, self._h.size)
         pull = ca.sparsify(ca.DM(self._maps.reshape(-1, T.numel()))) @ T
-        known = [ca.reshape(each, -1, steps) for each in (pull, ca.DM(self._data.T))]
-        march = built(_march, self._statics, self.scheme, True, self.machine_code, steps)
+        known = [ca.reshape(each, -1, self._h.size) for each in (pull, ca.DM(self._data.T))]
+        march = built(_march, self._statics, self.scheme, True, self.machine_code, *sizes)
         poses, strains = march(self._base, *known, ca.DM(self._h).T)
         along = ca.reshape(strains, 4, -1)[3, :]
-        poses = ca.horzcat(ca.DM(self._base), poses[:, : self.mesh.steps])
         return ca.Function("closed_form", [T], [poses, 1 + along])
 
     def run(self, tensions: Array) -> tuple[Array, Array]:
         """See March.run."""
         known = self._known(self._maps, self._data, tensions)
         poses, strains = self._march(self._base, *known, self._h)
-        return np.vstack([self._base, poses[: self.mesh.steps]]), strains.reshape(-1, 4)
+        return poses, strains.reshape(-1, 4)
 
     def _known(self, maps: Array, data: Array, tensions: Array) -> list[Array]:
         """Return flat what a step takes of cross-sections that have such maps and data."""
