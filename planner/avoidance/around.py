@@ -12,10 +12,10 @@ Arms that touch nothing are drawn at random: where to begin on the other side of
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
-from itertools import islice
+from itertools import chain, islice, tee
 
 import numpy as np
 
@@ -96,35 +96,37 @@ class Around:
         mode, T = result.statement.mode, np.ravel(result.tensions)
         optima = [(each.f, each.tensions) for each in search.met] or [(0.0, T)]
         others = ((0.0, guess) for guess in islice(search.guesses(), 1, None))
+        clear, again = tee((0.0, arm) for arm in islice(self._clear_arms(), _MOST))
         possible = mode == "nearest" or self.surroundings.allows(self.task.arm, self.task.targets)
-        if possible and (best := self._best(optima, mode) or self._best(others, mode)):
-            return best
-        clear = [(0.0, arm) for arm in self._clear_arms()]
-        best = self._best(clear, mode) if possible else None
+        best = self._best(mode, optima, others, clear) if possible else None
         if best is None and mode != "nearest":
-            best = self._best([*clear, (0.0, T)], "nearest")
+            best = self._best("nearest", chain(again, [(0.0, T)]))
         return best or result
 
-    def _clear_arms(self) -> list[Array]:
-        """Return tensions of drawn arms that touch nothing, the nearest to the targets first."""
-        drawn = ((T, self._lines(T)) for T in islice(drawn_arms(self.task), _LOOKED_AT))
-        near = ((T, line) for T, line in drawn if line is not None)
-        clear = (T for T, line in near if avoiding(line, self.surroundings, None)[1] >= 0)
-        return list(islice(clear, _MOST))
+    def _clear_arms(self) -> Iterator[Array]:
+        """Yield tensions of drawn arms that touch nothing, the nearest to the targets first."""
+        for T in islice(drawn_arms(self.task), _LOOKED_AT):
+            line = self._lines(T)
+            if line is not None and avoiding(line, self.surroundings, None)[1] >= 0:
+                yield T
 
-    def _best(self, starts: Iterable[tuple[float, Array]], mode: Mode) -> SearchResult | None:
-        """Return the best that is led around from enough starts, of which no objective is less.
+    def _best(self, mode: Mode, *sources: Iterable[tuple[float, Array]]) -> SearchResult | None:
+        """Return the best that is led around from the first starts of which any is.
 
-        Starts are what their objective is at least, and tensions.
+        From enough of these, of which no objective is less. Starts are what their objective is at
+        least, and tensions.
         """
-        done: list[tuple[float, SearchResult]] = []
-        for least, T in starts:
-            tell(f"around obstacles, {mode}", len(self.trials))
-            if len(done) >= AGREED or any(f < least for f, _ in done):
-                break
-            led = self._led(T, mode)
-            done += [] if led is None else [led]
-        return min(done, key=lambda pair: pair[0])[1] if done else None
+        for starts in sources:
+            done: list[tuple[float, SearchResult]] = []
+            for least, T in starts:
+                tell(f"around obstacles, {mode}", len(self.trials))
+                if len(done) >= AGREED or any(f < least for f, _ in done):
+                    break
+                led = self._led(T, mode)
+                done += [] if led is None else [led]
+            if done:
+                return min(done, key=lambda pair: pair[0])[1]
+        return None
 
     def _led(self, T: Array, mode: Mode) -> tuple[float, SearchResult] | None:
         """Return the plan that keeps clear to which tensions lead, with its objective."""

@@ -108,9 +108,7 @@ class Grasp:
     def best(self) -> Array:
         """The tangential forces along the bases (2 k,) in their cones that leave least."""
         x = self._conic(-1, np.inf)
-        z = np.zeros((self.most.size, 2)) if x is None else x[:-2].reshape(-1, 2)
-        sizes = np.maximum(np.linalg.norm(z, axis=1), 1e-300)
-        return np.asarray((z * np.clip(self.most / sizes, 0.0, 1.0)[:, None]).ravel())
+        return np.zeros(2 * self.most.size) if x is None else x[:-2]
 
     @property
     def least(self) -> Array:

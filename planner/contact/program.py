@@ -51,8 +51,10 @@ class Constraints:
     Attributes
     ----------
     point : Linearised
-    tensions, low, high : (n,)
-        Scaled, and their bounds.
+    tensions : (n,)
+        Scaled.
+    room : (2, n)
+        How far they are from their upper bounds, and from the lower ones.
     equal, unequal : (m, 1 + n)
         Residuals, and inequalities, met at 0 and above; then their derivatives. The first
         inequality is the margin of stability, where there is one.
@@ -66,8 +68,7 @@ class Constraints:
 
     point: Linearised
     tensions: Array
-    low: Array
-    high: Array
+    room: Array
     equal: Array
     unequal: Array
     grasp: Grasp
@@ -123,8 +124,7 @@ class Constraints:
         """
         n, k, size = self.tensions.size, self.tangential.size, self.cones[0][1].shape[1]
         T, f, (*_, t) = np.split(np.eye(size), [n, n + k])
-        above = np.minimum(self.high - self.tensions, radius)
-        bounds = np.append(above, np.minimum(self.tensions - self.low, radius))
+        bounds = np.minimum(self.room, radius).ravel()
         limits = (clarabel.NonnegativeConeT, np.vstack([-T, T]), bounds)
         H, cost = T.T @ hessian @ T + COST * f.T @ f, T.T @ self.tensions + penalty * t
         solution = conic_program(H, cost, [limits, *self.cones])
@@ -188,10 +188,10 @@ class TensionProgram:
         Linearised at tangential forces, or the best ones where others touch, or none are given.
         """
         allowed = self.task.allowed
-        limits = np.array(allowed.lower), np.array(allowed.upper)
+        lower, upper = np.array(allowed.lower), np.array(allowed.upper)
         # Steps are within limits to the rounding of the conic program.
-        T = np.clip(self.unit * tensions, *limits)
-        tensions, low, high = (each / self.unit for each in (T, *limits))
+        T = np.clip(self.unit * tensions, lower, upper)
+        tensions, room = T / self.unit, np.stack([upper - T, T - lower]) / self.unit
         point, by_tensions = self._beside(T, near)
         measured = self._measured(point)
         grasp, values = measured(0 * point.states)
@@ -207,7 +207,7 @@ class TensionProgram:
         f = tangential
         if f is None or f.size != 2 * grasp.most.size:
             f = grasp.best
-        return Constraints(point, tensions, low, high, equal, unequal, grasp, grasped[:, 1:], f)
+        return Constraints(point, tensions, room, equal, unequal, grasp, grasped[:, 1:], f)
 
     def _beside(self, tensions: Array, near: Linearised) -> tuple[Linearised, Array]:
         """Return the equilibrium next to another, and its states' derivatives by the tensions.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -30,19 +30,16 @@ _STRONG = 20.0
 
 
 def remarks(
-    targets: Iterable[Target], shape: Shape, limits: Limits, missed: bool, accuracy: float
+    targets: Sequence[Target], shape: Shape, limits: Limits, missed: bool, accuracy: float
 ) -> str:
     """Return sentences about the wraps that are missed, and about holds; empty if there are none.
 
     Each begins with a space. `missed` says whether a search that came to its end missed targets:
     of what is merely not certified, or not found in time, curvatures tell nothing.
     """
-    sentences = list[str]()
-    for target in targets:
-        if isinstance(target, Wrap) and missed:
-            sentences.append(_curvatures(target, shape, limits))
-        if isinstance(target, Hold):
-            sentences.append(_grip(target, shape, accuracy))
+    wraps = [target for target in targets if isinstance(target, Wrap) and missed]
+    sentences = [_curvatures(wrap, shape, limits) for wrap in wraps]
+    sentences += [_grip(hold, shape, accuracy) for hold in targets if isinstance(hold, Hold)]
     return "".join(f" {sentence}" for sentence in sentences if sentence)
 
 

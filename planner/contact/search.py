@@ -87,14 +87,26 @@ class ContactSearch:
         self.best: ContactOptimum | None = None
 
     def run(self) -> SearchResult:
-        """Return the best optimum from the guesses, or the best so far out of time."""
+        """Return the best optimum from the guesses, or the best so far out of time.
+
+        Where the search began where there is none.
+        """
         stopped = False
         try:
             self._slide() if rubs(self.task.scene) else self._search()
             check_time()
         except OutOfTime:
             stopped = True
-        return self._result(self.best or min(self.optima, key=_cost, default=None), stopped)
+        best = self.best or min(self.optima, key=_cost, default=None)
+        trials, exact = _trials(self.optima), best is not None and not best.violation
+        statement = self.task.statement.but(mode="exact" if exact else "nearest", refinement=FINE)
+        if best is None:
+            *before, last = self.begin or (self.task.allowed.lower,)
+            T = self.task.arm.by_section(np.array(last))
+            return SearchResult(statement, T, (), (), trials, stopped, load_path=tuple(before))
+        T, multipliers = self.task.arm.by_section(best.point.tensions), (best.lam_x, best.lam_g)
+        statement, way = statement.but(modes=len(best.lam_g)), best.load_path
+        return SearchResult(statement, T, *multipliers, trials, stopped, load_path=way)
 
     def _slide(self) -> None:
         """Find optima against friction, by what the targets take without.
@@ -160,18 +172,6 @@ class ContactSearch:
                     if bool(refined.violation) == bool(end.violation):
                         return replace(refined, load_path=way)
         raise UnsettledContactError(1.0, "the arm does not come to the optimum")
-
-    def _result(self, best: ContactOptimum | None, stopped: bool) -> SearchResult:
-        """Return what is told of the best; of where the search began where there is none."""
-        trials, exact = _trials(self.optima), best is not None and not best.violation
-        statement = self.task.statement.but(mode="exact" if exact else "nearest", refinement=FINE)
-        if best is None:
-            *before, last = self.begin or (self.task.allowed.lower,)
-            T = self.task.arm.by_section(np.array(last))
-            return SearchResult(statement, T, (), (), trials, stopped, load_path=tuple(before))
-        T, multipliers = self.task.arm.by_section(best.point.tensions), (best.lam_x, best.lam_g)
-        statement, way = statement.but(modes=len(best.lam_g)), best.load_path
-        return SearchResult(statement, T, *multipliers, trials, stopped, load_path=way)
 
 
 def optimality_of(task: Task, tensions: Array, shape: Shape, load_path: LoadPath = ()) -> float:
