@@ -48,7 +48,7 @@ class Limits:
         Raises InputError for negative numbers, NaN, a lower bound above the upper one or past all
         bounds, and a total below the sum of the lower bounds.
         """
-        high, low = _each(arm, "tension_max", upper), _each(arm, "tension_min", lower)
+        high, low = each_tendon(arm, "tension_max", upper), each_tendon(arm, "tension_min", lower)
         if not np.all(np.isfinite(low)):
             raise InputError("tension_min", lower, "finite numbers")
         most = _MOST * natural_tensions(arm)
@@ -74,8 +74,8 @@ class Limits:
         """
         if most is None and least is None:
             return self
-        high = _each(arm, "stroke_max", np.inf if most is None else most)
-        paid_out = high if least is None else _each(arm, "stroke_min", _negated(least))
+        high = each_tendon(arm, "stroke_max", np.inf if most is None else most)
+        paid_out = high if least is None else each_tendon(arm, "stroke_min", _negated(least))
         for name, bound in (("stroke_max", high), ("stroke_min", paid_out)):
             if name == "stroke_max" or least is not None:
                 warn_unusual(name, (bound / arm.length).tolist(), STROKE)
@@ -96,7 +96,8 @@ class Limits:
         return replace(self, upper=tuple(upper))
 
 
-def _each(arm: Arm, name: str, values: Any) -> Array:
+def each_tendon(arm: Arm, name: str, values: Any) -> Array:
+    """Return numbers (n_tendons,) of 0 or above; InputError for what is no such number."""
     if np.isscalar(values) or (isinstance(values, np.ndarray) and values.ndim == 0):
         number = float(numbers(name, values, "a number, or one for each tendon"))
         if not number >= 0:

@@ -20,7 +20,7 @@ from model.obstacles import numbers_of
 from model.obstacles.base import Convex
 from model.paths import Array
 from planner.avoidance.places import EXCHANGED, avoiding
-from planner.avoidance.rows import Avoidance, Place
+from planner.avoidance.rows import Place
 from planner.avoidance.surroundings import Surroundings
 from planner.trajectory.question import Question, Waypoint
 from planner.trajectory.time_law import Timed
@@ -48,51 +48,45 @@ def cleared(question: Question) -> list[Waypoint]:
     waypoints = Waypoints(question)
     for _ in range(EXCHANGED):
         corrected = _corrected(question, waypoints.waypoints, lines)
-        if corrected is None or not waypoints.solve(corrected):
+        # Those that keep clear are the same objects.
+        if corrected == waypoints.waypoints or not waypoints.solve(corrected):
             break
     return waypoints.waypoints
 
 
-def _corrected(question: Question, before: list[Waypoint], lines: Lines) -> list[Waypoint] | None:
+def _corrected(question: Question, before: list[Waypoint], lines: Lines) -> list[Waypoint]:
     """Return waypoints with inequalities where they, or the ways between, are too near."""
-    way = Timed.of(question, before)
+    way, waypoints = Timed.of(question, before), list[Waypoint]()
     (bound, when, _), starts = between(lines, way, question.surroundings), way.starts
-    fractions, too_near = (when - starts[:-1]) / np.diff(starts), bound < 0
-    inside = too_near & (fractions > _INSIDE) & (fractions < 1 - _INSIDE)
+    shares, too_near = (when - starts[:-1]) / np.diff(starts), bound < 0
+    inside = too_near & (shares > _INSIDE) & (shares < 1 - _INSIDE)
     beside = too_near | np.append(too_near[1:], False)
-    waypoints, changed = list[Waypoint](), bool(inside.any())
     for k, waypoint in enumerate(before):
         if inside[k]:
-            T = way.at(when[k : k + 1])[0]
-            rows = _updated(question, lines, T, float(when[k]), Avoidance(()))
-            waypoints.append(Waypoint((), T, rows, fractions[k] * waypoint.fraction))
-            waypoint = replace(waypoint, fraction=(1 - fractions[k]) * waypoint.fraction)
+            T, whole = way.at(when[k : k + 1])[0], waypoint.fraction
+            parting = Waypoint((), T, fraction=shares[k] * whole)
+            waypoints.append(_updated(question, lines, parting, float(when[k])))
+            waypoint = replace(waypoint, fraction=(1 - shares[k]) * whole)
         if beside[k]:
-            end = waypoint.tensions, float(starts[k + 1])
-            rows = _updated(question, lines, *end, waypoint.avoidance)
-            changed |= rows is not waypoint.avoidance
-            waypoint = replace(waypoint, avoidance=rows)
+            waypoint = _updated(question, lines, waypoint, float(starts[k + 1]))
         waypoints.append(waypoint)
-    return waypoints if changed else None
+    return waypoints
 
 
-def _updated(
-    question: Question, lines: Lines, T: Array, t: float, before: Avoidance | None
-) -> Avoidance | None:
-    """Return the inequalities of a waypoint at a time [s], with others where it is too near.
+def _updated(question: Question, lines: Lines, waypoint: Waypoint, t: float) -> Waypoint:
+    """Return a waypoint with further inequalities where it is too near at a time [s], or is new.
 
-    Without those of obstacles that have moved on. Where there are none yet but are to be, `before`
-    has no rows.
+    Without those of obstacles that have moved on.
     """
-    line, surroundings, is_new = lines(T), question.wider.at(t), before == Avoidance(())
-    if line is None or not (is_new or surroundings.in_the_way(line)):
-        return before
+    line, surroundings, before = lines(waypoint.tensions), question.wider.at(t), waypoint.avoidance
+    if line is None or (waypoint.stated and not surroundings.in_the_way(line)):
+        return waypoint
     if before is not None and question.wider.moving:
         convex = [one for one in surroundings.obstacles if isinstance(one, Convex)]
         numbers = {tuple(obstacle.tolist()) for obstacle in numbers_of(convex)}
         kept = (r for r in before.rows if isinstance(r.other, Place) or r.other in numbers)
         before = replace(before, rows=tuple(kept))
-    return avoiding(line, surroundings, before)[0]
+    return replace(waypoint, avoidance=avoiding(line, surroundings, before)[0])
 
 
 def between(lines: Lines, way: Timed, surroundings: Surroundings) -> tuple[Array, Array, float]:

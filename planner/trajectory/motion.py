@@ -72,7 +72,7 @@ def trajectory(
         [m], asked so often as `waypoints` says; or the name of a .csv file with columns x_m, y_m,
         z_m, and t_s if times are given.
     tension_max, tension_min, total_pull, stroke_max, stroke_min, stroke_zero, scene, accuracy,
-    compile, progress
+    compile, progress, time_limit
         As plan takes them.
     rate_max : float, or one for each tendon
         The fastest that tensions change [N/s].
@@ -89,8 +89,6 @@ def trajectory(
     obstacles, clearance, self_clearance
         What the arm keeps clear of, all the time; see plan. Obstacles may be Moving. In the least
         time it goes around them; that it waits for them is not tried.
-    time_limit : float
-        [s].
     quasi_static : bool
         Whether the tip is to accelerate by a tenth of gravity at most, so that inertia, which is
         left out, counts for little.
@@ -108,10 +106,8 @@ def trajectory(
     """
     scene = planned_scene(arm, scene)
     sequence, file_times = waypoints_of(arm, targets, waypoints)
-    strokes, accelerations = (
-        (stroke_max, stroke_min, stroke_zero),
-        (stroke_acceleration_max, tip_acceleration_max),
-    )
+    strokes = stroke_max, stroke_min, stroke_zero
+    accelerations = stroke_acceleration_max, tip_acceleration_max
     limits = checked_limits(arm, scene, tension_max, tension_min, total_pull, *strokes)
     rates = Rates.of(arm, rate_max, stroke_rate_max, *accelerations, quasi_static)
     instants = checked_times(file_times if times is None else times, len(sequence), rates)

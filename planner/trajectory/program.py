@@ -14,7 +14,6 @@ Jacobians and Hessians are block-diagonal but for the coupling, whose rows are l
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
@@ -22,7 +21,7 @@ import numpy as np
 
 from model.paths import Array
 from model.time_limit import check_time
-from planner.program.problem import Bounds, Problem, units
+from planner.program.problem import Problem, units
 from planner.program.program import Program
 from planner.solve.ipopt import TOGETHER, WARM, Solution, derivatives
 from planner.solve.side_by_side import Part, SideBySide, joined
@@ -32,30 +31,23 @@ Indices = tuple[int, ...]
 # Of effort over time, where time is made least; where effort is, of that over time beyond what is
 # given, an exact penalty.
 _WEIGHT = 3e-3
-# The least effort and time that count, and what durations of a guess have to spare, of the longest.
-_LEAST, _SPARE = 1e-3, 0.1
+# The least effort and time that count.
+_LEAST = 1e-3
 # From the optimum for other defects.
 _AGAIN = WARM | {"tol": 1e-8, "constr_viol_tol": 1e-9, "mu_init": 1e-8}
 
 
-@dataclass(frozen=True, eq=False)
-class Stop:
-    """A waypoint with the program of its own, the parameters and bounds of that."""
-
-    waypoint: Waypoint
-    problem: Problem
-    p: Array
-    bounds: Bounds
-
-
 class MotionProgram:
-    """One program of all waypoints, from a guess of the unknowns of each."""
+    """One program of all waypoints, each with a problem of its own."""
 
-    def __init__(self, question: Question, stops: Sequence[Stop], guess: Sequence[Array]) -> None:
+    def __init__(
+        self, question: Question, waypoints: Sequence[Waypoint], problems: Sequence[Problem]
+    ) -> None:
+        guess = [each.guess(w.tensions, True) for w, each in zip(waypoints, problems, strict=True)]
         # The target to which each waypoint leads.
-        group = np.cumsum([0, *(bool(stop.waypoint.targets) for stop in stops[:-1])])
-        fractions = np.array([stop.waypoint.fraction for stop in stops])
-        programs = tuple(stop.problem.program for stop in stops)
+        group = np.cumsum([0, *(bool(waypoint.targets) for waypoint in waypoints[:-1])])
+        fractions = np.array([waypoint.fraction for waypoint in waypoints])
+        programs = tuple(problem.program for problem in problems)
         places, start, rate = _limited(question, programs)
         values = [start, *(x[list(at)] for x, at in zip(guess, places, strict=True))]
         slowest = (np.abs(np.diff(values, axis=0)) / rate).max(axis=1, initial=0.0) / fractions
@@ -63,30 +55,30 @@ class MotionProgram:
         needed = least.copy()
         np.maximum.at(needed, group, slowest)
         unit = max(float(needed.max()), _LEAST)
-        pairs = zip(stops, guess, strict=True)
-        effort = float(sum(stop.problem.program.evaluate(x, stop.p).f for stop, x in pairs))
+        pairs = zip(problems, guess, strict=True)
+        effort = float(sum(of.program.evaluate(x, of.parameters()).f for of, x in pairs))
         penalty = max(effort, _LEAST) * unit / max(float(needed.sum()), _LEAST)
         weights = np.array([_WEIGHT, penalty]) / (1.0 if question.steps is None else _WEIGHT)
         self._numbers = [weights, start, rate * unit, fractions]
-        none = np.zeros(2 * rate.size * len(stops))
-        self._more = (least / unit, np.full(least.size, np.inf)), (none - np.inf, none)
-        self._guess = np.concatenate([*guess, needed / unit + _SPARE])
+        none = np.zeros(2 * rate.size * len(waypoints))
+        more = (least / unit, np.full(least.size, np.inf)), (none - np.inf, none)
+        self._bounds = joined([problem.bounds for problem in problems], *more)
+        self._guess = np.concatenate([*guess, needed / unit])
         self._stated = _stated(programs, tuple(group.tolist()), places)
 
     def solve(
-        self, stops: Sequence[Stop], before: Solution | None = None
+        self, each: Sequence[Array], before: Solution | None = None
     ) -> tuple[Solution, list[Array]]:
-        """Return the optimum, and the unknowns of each waypoint there.
+        """Return the optimum by the parameters of each waypoint, and the unknowns of each there.
 
-        Warm from that for other numbers of the waypoints if there is one.
+        Warm from that for other parameters if there is one.
         """
-        bounds = joined([stop.bounds for stop in stops], *self._more)
-        p = np.concatenate([*self._numbers, *(stop.p for stop in stops)])
+        p = np.concatenate([*self._numbers, *each])
         if before is None:
-            solution = self._stated.solve(TOGETHER, self._guess, p, bounds)
+            solution = self._stated.solve(TOGETHER, self._guess, p, self._bounds)
         else:
             multipliers = before.lam_x, before.lam_g
-            solution = self._stated.solve(_AGAIN, before.x, p, bounds, multipliers)
+            solution = self._stated.solve(_AGAIN, before.x, p, self._bounds, multipliers)
         check_time()
         return solution, self._stated.split(solution.x)[:-1]
 

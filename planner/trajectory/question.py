@@ -24,9 +24,10 @@ from model.time_limit import OutOfTime
 from model.units import STROKE, warn_unusual
 from planner.avoidance.rows import Avoidance, grid
 from planner.avoidance.surroundings import Surroundings
+from planner.contact.load_path import settled_along
 from planner.io.csv_files import load_waypoints
 from planner.plan import HeldPlan, Plan, plan
-from planner.program.limits import Limits
+from planner.program.limits import Limits, each_tendon
 from planner.question import check_targets
 from planner.targets import TipPosition
 from planner.targets.base import Target
@@ -76,11 +77,7 @@ class Rates:
         if quasi_static and tip is not None:
             allowed = "None beside quasi_static=True, which sets it"
             raise InputError("tip_acceleration_max", tip, allowed)
-        each = np.full(arm.n_tendons, np.inf)
-        if np.ndim(tension) > 0:
-            each = arm.flat(tension, "rate_max")
-        elif tension is not None:
-            each[:] = positive("rate_max", tension)
+        each = each_tendon(arm, "rate_max", np.inf if tension is None else tension)
         if not each.min() > 0:
             raise InputError("rate_max", each.tolist(), "numbers above 0 N/s")
         options = {
@@ -196,9 +193,15 @@ class Question:
         place = f"targets[{i}]" + (len(missed) > 1) * f" to [{i + len(missed) - 1}]"
         raise InputError(place, "out of reach", f"targets that can be met: {missed[0].outcome}")
 
-    def shape(self, T: Array, near: Shape | None = None) -> Shape:
-        """Return the settled shape under tensions (n_tendons,), near another if one is given."""
+    def shape(self, T: Array, near: Shape | None) -> Shape:
+        """Return the settled shape under tensions (n_tendons,), near another.
+
+        Where the motion begins there is none: from rest, or on the load path of its plan.
+        """
         fine = max(self.accuracy / 10, FINEST_ACCURACY)
+        if near is None:
+            path = self.begin.load_path if self.begin else ()
+            return settled_along(self.arm, path, T, self.scene, fine, self.machine_code)
         return settle(self.arm, T, self.scene, fine, compile=self.machine_code, near=near)
 
     def lines(self) -> Lines:

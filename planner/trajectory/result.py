@@ -16,6 +16,7 @@ from model.effects import Buoyancy
 from model.errors import InputError
 from model.loads import contacts
 from model.paths import Array
+from model.progress import reported
 from model.shape import Shape
 from model.stiffness import stiffness
 from model.text import Shown, plotted
@@ -24,7 +25,6 @@ from planner.io.files import write_named
 from planner.trajectory.certificate import SAMPLED, MotionCertificate, certify_motion
 from planner.trajectory.question import GRAVITY, QUASI_STATIC, Question
 from planner.trajectory.time_law import Timed
-from planner.trajectory.touching import shapes_along
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +80,14 @@ class Trajectory(Shown):
 
     @cached_property
     def _at_waypoints(self) -> tuple[Shape, ...]:
-        """The settled shapes at the waypoints, each near the one before."""
-        return shapes_along(self.question, self.way.tensions)
+        """The settled shapes at the waypoints, each near the one before.
+
+        `Shape.snaps` of each tells where an arm in contact jumps before it.
+        """
+        shapes = list[Shape]()
+        for T in reported("shapes", list(self.way.tensions)):
+            shapes.append(self.question.shape(T, shapes[-1] if shapes else None))
+        return tuple(shapes)
 
     @property
     def lengths(self) -> Array:

@@ -212,13 +212,12 @@ class Timed:
             group = np.searchsorted(met, np.arange(1, len(laws) + 1))
             spare = (steps / np.bincount(group, [law.x[-1] for law in laws]))[group]
             laws = [_slower(law, max(1.0, more)) for law, more in zip(laws, spare, strict=True)]
-        pairs = zip(stretches, laws, strict=False)
-        largest = np.array([stretch.largest(law) for stretch, law in pairs]).reshape(-1, 3)
+        largest = np.vstack([np.zeros(3), *map(Stretch.largest, stretches, laws)])
         starts = np.concatenate([[0.0], np.cumsum([law.x[-1] for law in laws])])
         times = [start + law.x[:-1] for start, law in zip(starts, laws, strict=False)]
         parts = [law.c + np.array([[0], [0], [k]]) for k, law in enumerate(laws)]
         progress = PPoly(np.hstack(parts), np.concatenate([*times, starts[-1:]]))
-        return cls(tensions, met, starts, progress, largest.max(axis=0, initial=0.0))
+        return cls(tensions, met, starts, progress, largest.max(axis=0))
 
     def at(self, t: Array) -> Array:
         """Return the tensions (M, n_tendons) at times (M,) [s]."""

@@ -14,11 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from model.errors import InputError
-from model.mesh import FINEST_ACCURACY
-from model.paths import Array
 from model.progress import reported
-from model.shape import Shape
-from planner.contact.load_path import from_rest, rubs, settled_along
+from planner.contact.load_path import from_rest, rubs
 from planner.plan import HeldPlan
 from planner.trajectory.question import Question, Waypoint
 
@@ -50,18 +47,3 @@ def planned_touching(question: Question) -> list[Waypoint]:
         each = [Waypoint((), np.array(T), fraction=1 / len(new)) for T in new]
         waypoints += [*each[:-1], replace(each[-1], targets=targets)]
     return waypoints
-
-
-def shapes_along(question: Question, tensions: Array) -> tuple[Shape, ...]:
-    """Return the shapes at tensions (N + 1, n_tendons), each near the one before.
-
-    The first from rest, or on the load path of the plan that the motion begins with. `Shape.snaps`
-    of each tells where the arm jumps before it.
-    """
-    fine = max(question.accuracy / 10, FINEST_ACCURACY)
-    path = question.begin.load_path if question.begin else ()
-    first = question.arm, path, tensions[0], question.scene, fine
-    shapes = [settled_along(*first, question.machine_code)]
-    for T in reported("shapes", list(tensions[1:])):
-        shapes.append(question.shape(T, shapes[-1]))
-    return tuple(shapes)

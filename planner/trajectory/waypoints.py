@@ -29,7 +29,7 @@ from planner.program.terms import pulling_tendons
 from planner.solve.ipopt import Candidate, solve
 from planner.solve.refine import CORRECTIONS, PART, defect, settled
 from planner.solve.warm_start import jump
-from planner.trajectory.program import MotionProgram, Stop
+from planner.trajectory.program import MotionProgram
 from planner.trajectory.question import Question, Waypoint
 
 # What the least stretch of the settled arm may be below that on a coarse mesh.
@@ -66,48 +66,45 @@ class Waypoints:
 
     def _optimum(self, statement: Statement) -> bool:
         """Move the waypoints to the optimum; return whether there is one, and the arm stands."""
-        stops = [self._stop(waypoint, statement) for waypoint in self.waypoints]
-        guess = [stop.problem.guess(stop.waypoint.tensions, True) for stop in stops]
-        program, solution = MotionProgram(self.question, stops, guess), None
+        problems = [self._problem(waypoint, statement) for waypoint in self.waypoints]
+        program = MotionProgram(self.question, self.waypoints, problems)
+        parameters, solution = [problem.parameters() for problem in problems], None
         for k in range(CORRECTIONS):
             tell("program over the waypoints", k, CORRECTIONS)
-            solution, unknowns = program.solve(stops, solution)
-            if not solution.met:
+            solution, unknowns = program.solve(parameters, solution)
+            if not solution.met or (not k and not all(map(Problem.stands, problems, unknowns))):
                 return False
-            pairs = list(zip(stops, unknowns, strict=True))
-            if not k and not all(stop.problem.stands(x) for stop, x in pairs):
-                return False
-            self.waypoints = [
-                replace(stop.waypoint, tensions=stop.problem.tensions(x)) for stop, x in pairs
-            ]
+            tensions = map(Problem.tensions, problems, unknowns)
+            pairs = zip(self.waypoints, tensions, strict=True)
+            self.waypoints = [replace(waypoint, tensions=T) for waypoint, T in pairs]
             # Where the arm does not settle the certificate says so.
             worst = 0.0
             with suppress(OctoplanError):
-                stops = [self._corrected(stop, x) for stop, x in pairs]
-                worst = max(map(_violation, stops, unknowns))
+                parameters = list(map(self._corrected, problems, unknowns))
+                worst = max(map(_violation, problems, unknowns, parameters))
             if worst <= self.question.accuracy / PART:
                 break
         return True
 
-    def _stop(self, waypoint: Waypoint, statement: Statement) -> Stop:
-        """Return a waypoint with its program; tendons that may not pull keep to their minima."""
+    def _problem(self, waypoint: Waypoint, statement: Statement) -> Problem:
+        """Return the problem of a waypoint; tendons that may not pull keep to their minima."""
         arm, scene, limits = self.question.arm, self.question.scene, self.question.limits
         definition = arm, scene, waypoint.stated, limits, statement
         problem = Problem(*definition, self.question.machine_code)
         lbx, ubx, lbg, ubg = (bound.copy() for bound in problem.bounds)
-        most = limits.restricted(pulling_tendons(arm, waypoint.stated)).upper
-        held = np.flatnonzero(np.array(most) <= limits.lower)
+        held = list(set(range(arm.n_tendons)) - pulling_tendons(arm, waypoint.stated))
         ubx[held] = lbx[held]
         names = np.repeat([row.name for row in problem.rows], [row.size for row in problem.rows])
         lbg[names == STRETCH] += _CRUSHED
-        return Stop(waypoint, problem, problem.parameters(), (lbx, ubx, lbg, ubg))
+        problem.bounds = lbx, ubx, lbg, ubg
+        return problem
 
-    def _corrected(self, stop: Stop, x: Array) -> Stop:
-        """Return a waypoint with the defect of its mesh, by the shape that settles."""
-        question, problem = self.question, stop.problem
+    def _corrected(self, problem: Problem, x: Array) -> Array:
+        """Return the parameters with the defect of the mesh, by the shape that settles."""
+        question = self.question
         at = question.arm, problem.tensions(x), question.scene, question.accuracy
         error = defect(problem, x, settled(*at, question.machine_code))
-        return replace(stop, p=problem.parameters(defect=error))
+        return problem.parameters(defect=error)
 
     def _alone(self, first: Plan) -> list[Waypoint]:
         """Return an optimum of each target by itself.
@@ -120,15 +117,17 @@ class Waypoints:
         waypoints = list[Waypoint]()
         optimum: Candidate | None = None
         for targets in question.targets:
-            stop = self._stop(replace(waypoint, targets=targets), self.statement)
-            if optimum and stop.problem.program is optimum.problem.program:
+            waypoint = replace(waypoint, targets=targets)
+            problem = self._problem(waypoint, self.statement)
+            if optimum and problem.program is optimum.problem.program:
                 x, multipliers = optimum.x, (optimum.lam_x, optimum.lam_g)
             else:
-                x, multipliers = stop.problem.guess(waypoint.tensions, True), None
-            optimum = solve(stop.problem, x, stop.p, stop.bounds, multipliers, "follow")
+                x, multipliers = problem.guess(waypoint.tensions, True), None
+            numbers = problem.parameters(), problem.bounds, multipliers
+            optimum = solve(problem, x, *numbers, "follow")
             if not optimum.met:
                 break
-            waypoint = replace(stop.waypoint, tensions=optimum.tensions)
+            waypoint = replace(waypoint, tensions=optimum.tensions)
             waypoints.append(waypoint)
         plans = {0: first} | {last: question.planned(last) if last else first}
         if waypoints[last:] and not jump(waypoints[last].tensions, plans[last].tensions):
@@ -139,8 +138,8 @@ class Waypoints:
         return [Waypoint(targets, np.ravel(p.tensions), p.avoidance) for targets, p in pairs]
 
 
-def _violation(stop: Stop, x: Array) -> float:
+def _violation(problem: Problem, x: Array, p: Array) -> float:
     """Return by how much rows besides equilibrium violate their bounds at most."""
-    rows = stop.problem.program.evaluate(x, stop.p).g[: stop.problem.n_outer]
-    low, high = (bounds[: rows.size] for bounds in stop.bounds[2:])
+    rows = problem.program.evaluate(x, p).g[: problem.n_outer]
+    low, high = (bounds[: rows.size] for bounds in problem.bounds[2:])
     return float(np.maximum(low - rows, rows - high).max(initial=0.0))
