@@ -105,17 +105,6 @@ class _Rows(NamedTuple):
         """Return these rows, then others."""
         return _Rows._make(np.concatenate(each) for each in zip(self, other, strict=True))
 
-    def halved(self) -> _Rows:
-        """Return the first halves in time, then the second ones."""
-        middle = (self.start + self.end) / 2
-        return self._replace(end=middle).joined(self._replace(start=middle))
-
-    def cut(self, column: Counts) -> _Rows:
-        """Return both halves of rows, each of the piece in a column (K,)."""
-        k, first, second = np.arange(column.size), self.high.copy(), self.low.copy()
-        first[k, column] = second[k, column] = (self.low + self.high)[k, column] / 2
-        return self._replace(high=first).joined(self._replace(low=second))
-
 
 def closest(way: Way, count: int, around: Around, enough: float = 0.0) -> Found:
     """Return how clear an arm stays on so many stretches.
@@ -127,15 +116,14 @@ def closest(way: Way, count: int, around: Around, enough: float = 0.0) -> Found:
     search = _Search(way, around, enough, result)
     pieces = np.zeros((count, 1 + (around.bodies is None)))
     rows = _Rows(np.arange(count), none, none + 1, pieces.astype(int), pieces, pieces + 1)
-    rows, part, parts = search.parts(rows)
-    rows = search.whole(rows, parts) if parts else rows
-    for level in range(_LEVELS):
+    for level in range(_LEVELS + 1):
         check_time()
         rows, part, parts = search.parts(rows)
         if parts is None:
             break
-        late, near = search.step(rows, part, parts, level == _LEVELS - 1)
-        rows = near.joined(late.halved())
+        rows = (
+            search.step(rows, part, parts, level == _LEVELS) if level else search.whole(rows, parts)
+        )
     return replace(result, bound=np.minimum(result.bound, result.seen))
 
 
@@ -153,38 +141,37 @@ class _Search:
 
         Without rows of stretches of which some arm has no equilibrium; None where none are left.
         """
-        ends = np.column_stack(rows[:3])
-        if not len(ends):
+        rows = rows.some(~np.isneginf(self.found.bound[rows.stretch]))
+        if not rows.stretch.size:
             return rows, rows.stretch, None
-        time, part = np.unique(ends, axis=0, return_inverse=True)
+        time, part = np.unique(np.column_stack(rows[:3]), axis=0, return_inverse=True)
         stretch, shares = time[:, 0].astype(int), time[:, 1 : 2 + self.way.moves]
         keys = np.column_stack([stretch.repeat(shares.shape[1]), shares.ravel()])
         arms, at = np.unique(keys, axis=0, return_inverse=True)
-        lines = self.way.lines(arms[:, 0].astype(int), arms[:, 1])
-        for (k, share), line in zip(arms, lines, strict=True):
-            if line is None:
-                self.found.bound[int(k)], self.found.share[int(k)] = -np.inf, share
-        there = ~np.isneginf(self.found.bound[rows.stretch])
-        if not there.all():
-            return self.parts(rows.some(there))
-        joined = Centreline.joined([line for line in lines if line is not None])
+        which = arms[:, 0].astype(int)
+        lines = self.way.lines(which, arms[:, 1])
+        there = [line for line in lines if line is not None]
+        if len(there) < len(lines):
+            gone = np.array([line is None for line in lines])
+            self.found.bound[which[gone]], self.found.share[which[gone]] = -np.inf, arms[gone, 1]
+            return self.parts(rows)
         spread = self.way.spread(stretch, *time[:, 1:].T)
-        return rows, part.ravel(), Parts.of(joined, at.reshape(shares.shape), spread)
+        parts = Parts.of(Centreline.joined(there), at.reshape(shares.shape), spread)
+        return rows, part.ravel(), parts
 
     def whole(self, rows: _Rows, parts: Parts) -> _Rows:
         """Return the elements of arms in each part, or the pairs of them that may meet."""
-        N = parts.elements
+        N = parts.turned.shape[2] - 1
         if self.around.bodies is not None:
             part, element = np.divmod(np.arange(len(parts.rows) * N), N)
             return rows.some(part)._replace(element=element[:, None])
         turn = parts.turned[:, :, None, 1:] - parts.turned[:, :, :-1, None]
         reach = turn.max(axis=1) + parts.turns_off[:, None] >= np.pi
-        reach |= ~parts.known[:, None, None]
-        part, *pair = np.nonzero(np.triu(reach, 1))
+        part, *pair = np.nonzero(np.triu(reach | ~parts.known[:, None, None], 1))
         return rows.some(part)._replace(element=np.column_stack(pair))
 
-    def step(self, rows: _Rows, part: Counts, parts: Parts, last: bool) -> tuple[_Rows, _Rows]:
-        """Return rows whose part is to be halved, and the halves of pieces of others."""
+    def step(self, rows: _Rows, part: Counts, parts: Parts, last: bool) -> _Rows:
+        """Return the rows to look at next: halves of parts in time, or of pieces."""
         columns = zip(rows.element.T, rows.low.T, rows.high.T, strict=True)
         pieces = [parts.pieces(part, *column) for column in columns]
         result, stretch, keep = self.found, rows.stretch, self.around.keep
@@ -193,22 +180,27 @@ class _Search:
         known = parts.known[part]
         near = (lower < np.minimum(self.enough, result.seen[stretch])) | ~known
         if near.any():
-            self._saw(rows.some(near), moved[near], [each[near] for each in pieces])
+            self._saw(rows.some(near), moved[near], [each.some(near) for each in pieces])
         seen = result.seen[stretch]
         least = np.where(seen < np.inf, seen, 0.0)
         slack = np.maximum(_CLOSE * parts.lines.arm.length, _RELATIVE * np.abs(least + keep))
         enough = np.minimum(self.enough, np.where(seen < np.inf, least - slack, np.inf))
         # Infinite bounds are of what cannot meet, whatever happens in between.
         open_ = ((lower < enough) & (lower < np.inf)) | ~known
-        done = ~open_ if not last and stretch.size <= _MOST else np.full(open_.size, True)
+        done = ~open_ | last | (stretch.size > _MOST)
         np.minimum.at(result.bound, stretch[done], np.where(known, lower, -np.inf)[done])
         sizes = np.column_stack([each.size for each in pieces])
         travel = np.max([each.travel for each in pieces], axis=0)
         np.maximum.at(result.step, stretch[done], travel[done] / 2)
         passing = np.linalg.norm(moved[:, -1] - moved[:, 0], axis=2).max(axis=1, initial=0.0)
         by_time = (travel + passing > sizes.max(axis=1)) | ~known
-        piece = ~done & ~by_time
-        return rows.some(~done & by_time), rows.some(piece).cut(sizes[piece].argmax(axis=1))
+        late, cut = rows.some(~done & by_time), rows.some(~done & ~by_time)
+        column = np.eye(sizes.shape[1], dtype=bool)[sizes[~done & ~by_time].argmax(axis=1)]
+        half, middle = (cut.low + cut.high) / 2, (late.start + late.end) / 2
+        cut = cut._replace(high=np.where(column, half, cut.high)).joined(
+            cut._replace(low=np.where(column, half, cut.low))
+        )
+        return cut.joined(late._replace(end=middle)).joined(late._replace(start=middle))
 
     def _lower(self, stretch: Counts, moved: Array, pieces: list[Pieces]) -> Array:
         """Return lower bounds of the distances (K,) [m] of pieces from bodies, or each other."""
@@ -216,16 +208,18 @@ class _Search:
         if bodies is None:
             return apart(*pieces)
         rest = moved.mean(axis=1)
-        d, g = bodies.at(one.middle[:, None] - rest)
+        middle = one.hull.mean(axis=1)[:, None]
+        d, g = bodies.at(middle - rest)
         change = np.full(d.shape, np.inf)
         for i, point in enumerate(np.swapaxes(one.hull, 0, 1)):
-            offset = (point - one.middle)[:, None] - (moved[:, i // 2] - rest)
+            offset = point[:, None] - middle - (moved[:, i // 2] - rest)
             change = np.minimum(change, bodies.change(g, offset))
         lower = d + change - one.wide[:, None]
         if self.around.uneven is not None:
             way = np.linalg.norm(moved[:, -1] - moved[:, 0], axis=2)
             lower -= self.around.uneven[stretch, None] * way
-        reach = one.most_turned[:, None] >= self.around.turns
+        turned = one.turned[:, :, 1].max(axis=1) + one.turns_off
+        reach = turned[:, None] >= self.around.turns
         return np.asarray(np.where(reach, lower, np.inf).min(axis=1, initial=np.inf))
 
     def _displacement(self, rows: _Rows, one: Pieces) -> Array:
@@ -261,17 +255,19 @@ class _Search:
         to = stretch[k]
         result.seen[to], result.body[to] = least[k], which[k]
         result.share[to] = np.column_stack([rows.start, rows.end])[k, instant[k]]
-        result.s[to, 0] = one.places[k, end[k]]
-        result.s[to, 1] = other.places[k, which[k] if bodies is None else end[k]]
+        result.s[to, 0] = one.s[k, end[k]]
+        result.s[to, 1] = other.s[k, which[k] if bodies is None else end[k]]
 
 
 def apart(one: Pieces, other: Pieces) -> Array:
     """Return lower bounds of the distances (K,) [m] of pairs of pieces, infinite if none meet.
 
-    By what parts their hulls along the direction between their middles.
+    By what parts their hulls along the direction between their middles. They meet only if the arm
+    may turn by half a turn from one to the other.
     """
-    way = one.middle - other.middle
+    way = one.hull.mean(axis=1) - other.hull.mean(axis=1)
     way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-300)
     near = np.einsum("ki,kti->kt", way, one.hull).min(axis=1)
     far = np.einsum("ki,kti->kt", way, other.hull).max(axis=1)
-    return np.where(one.may_meet(other), near - far - one.wide - other.wide, np.inf)
+    turn = (other.turned[:, :, 1] - one.turned[:, :, 0]).max(axis=1) + other.turns_off
+    return np.where(turn >= np.pi, near - far - one.wide - other.wide, np.inf)

@@ -50,25 +50,16 @@ class Lines:
 
     def __call__(self, tensions: Array) -> Centreline | None:
         """Return the centreline under tensions (n_tendons,); None without an equilibrium."""
-        return self.many(tensions[None])[0]
-
-    def many(self, tensions: Array) -> list[Centreline | None]:
-        """Return the centrelines under tensions (K, n_tendons); None without an equilibrium."""
         forward = self._forward
         if self.loaded:
-            states = [self._equilibrium(T) for T in tensions]
-            return [
-                None if each is None else Centreline.at_states(forward.system, each)
-                for each in states
-            ]
-        inner, at = slice(forward.mesh.steps * STAGES), (self.arm, self.scene, forward.mesh.s)
-        marched, law = [forward.run(T) for T in tensions], self.sections.law
-        return [
-            None
-            if np.isnan(poses[-1]).any()
-            else Centreline.at_strains(*at, poses, law, strains_of(law, strains[inner]))
-            for poses, strains in marched
-        ]
+            states = self._equilibrium(tensions)
+            return None if states is None else Centreline.at_states(forward.system, states)
+        poses, strains = forward.run(tensions)
+        if np.isnan(poses[-1]).any():
+            return None
+        law, inner = self.sections.law, strains[: forward.mesh.steps * STAGES]
+        at = self.arm, self.scene, forward.mesh.s
+        return Centreline.at_strains(*at, poses, law, strains_of(law, inner))
 
     def lengths(self, tensions: Array) -> Array:
         """Return the lengths of the tendons (n_tendons,) [m]; NaN without an equilibrium."""

@@ -68,8 +68,14 @@ def clearances(
 
     Distances are refined up to `enough` [m]: bounds above that may be far below the truth.
     """
-    kinds = [name for name in of if name != OBSTACLES or obstacles]
-    return {name: _closest(line, name, obstacles, enough) for name in kinds}
+    results = dict[str, Clearance]()
+    for kind in (name for name in of if name != OBSTACLES or obstacles):
+        result = closest(Still(line), 1, around(line.arm, kind, obstacles), enough)
+        seen, s = bool(result.seen[0] < np.inf), tuple(result.s[0].tolist())
+        what = f"{OBSTACLES}[{result.body[0]}]" if kind == OBSTACLES else kind
+        near = (what, s if kind == ITSELF else s[:1]) if seen else ("", ())
+        results[kind] = Clearance(float(result.bound[0]), *near)
+    return results
 
 
 def base_plane(arm: Arm) -> HalfSpace:
@@ -84,14 +90,3 @@ def around(arm: Arm, kind: str, obstacles: Sequence[Obstacle], keep: float = 0.0
     if kind == BASE:
         return Around(Bodies([base_plane(arm)]), keep, np.full(1, np.pi / 2))
     return Around(None, keep, np.zeros(0))
-
-
-def _closest(
-    line: Centreline, kind: str, obstacles: Sequence[Obstacle], enough: float
-) -> Clearance:
-    result = closest(Still(line), 1, around(line.arm, kind, obstacles), enough)
-    gap, (one, other) = float(result.bound[0]), result.s[0].tolist()
-    if result.seen[0] == np.inf:
-        return Clearance(gap)
-    named = f"{OBSTACLES}[{result.body[0]}]" if kind == OBSTACLES else kind
-    return Clearance(gap, named, (one, other) if kind == ITSELF else (one,))

@@ -19,7 +19,7 @@ So a piece during a part is in the convex hull of four points, widened by a leng
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,8 +30,46 @@ from model.equilibrium.newton import STAGES
 from model.paths import Array
 from model.transcription.collocation import gauss
 
-# The most of a section's stretch that it may be off by.
-_SHORT = 0.5
+
+class Pieces(NamedTuple):
+    """K pieces of an arm during parts of a motion, known where each part begins and ends.
+
+    Attributes
+    ----------
+    ends : (K, I, 2, 3)
+        Where they begin and end [m].
+    turned : (K, I, 2)
+        How far tangents have turned from the base to there, all in all [rad].
+    turns_off : (K,)
+        By how much more they may have turned in between [rad].
+    radii : (K, I, 3)
+        The arm's radius at both ends and in the middle [m]. Where it jumps the larger one of both
+        sides is that of the other piece.
+    wide : (K,)
+        How far the surface may be from the hull of the ends [m].
+    s : (K, 2)
+        Arc lengths of both ends [m].
+    size, travel : (K,)
+        About how long pieces are, and how far their ends travel during the part [m].
+    """
+
+    ends: Array
+    turned: Array
+    turns_off: Array
+    radii: Array
+    wide: Array
+    s: Array
+    size: Array
+    travel: Array
+
+    def some(self, which: Mask) -> Pieces:
+        """Return some of the pieces."""
+        return Pieces._make(each[which] for each in self)
+
+    @property
+    def hull(self) -> Array:
+        """The points (K, 2 I, 3) whose convex hull holds the lines between the ends [m]."""
+        return self.ends.reshape(len(self.ends), -1, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,159 +107,69 @@ class Parts:
         N, P = int(np.argmax(lines.s)), len(rows)
         turns = np.append(lines.sizes[1], 0.0).reshape(-1, N + 1)
         turned = np.cumsum(np.roll(turns, 1, axis=1) * (np.arange(N + 1) > 0), axis=1)[rows]
-        none, always = np.zeros((P, N)), np.ones(P, dtype=bool)
+        none = np.zeros((P, N))
         if spread is None:
-            return cls(lines, rows, always, turned, none, none, none + 1)
-
-        def at_stages(values: Array) -> Array:
-            """Return values of the lines by part, end, stage (P, I, N stages, 3)."""
-            by_line = values.reshape(-1, N + 1, STAGES, 3)[:, :-1]
-            return by_line.reshape(len(by_line), -1, 3)[rows]
+            return cls(lines, rows, np.ones(P, dtype=bool), turned, none, none, none + 1)
 
         def integrated(values: Array) -> Array:
-            """Return integrals over the elements (P, N) of values at stages (P, N stages)."""
+            """Return integrals over the elements (P, N) of values at their stages."""
             return np.asarray(
                 values.reshape(P, N, STAGES) @ gauss(STAGES).b * np.diff(lines.s[: N + 1])
             )
 
-        nu_at, kappa, nu = at_stages(lines.nu), integrated(spread.kappa), integrated(spread.nu)
-        turn, slide = (
-            integrated(np.linalg.norm(each[:, -1] - each[:, 0], axis=2))
-            for each in (at_stages(lines.kappa), nu_at)
+        # By part, end, element and stage (P, I, N, stages, 3).
+        kappa_at, nu_at = (
+            each.reshape(-1, N + 1, STAGES, 3)[rows, :-1] for each in (lines.kappa, lines.nu)
         )
-        long = integrated(np.linalg.norm(nu_at, axis=3).max(axis=1))
+        kappa, nu = integrated(spread.kappa), integrated(spread.nu)
+        turn, slide = (
+            integrated(np.linalg.norm(each[:, -1] - each[:, 0], axis=3))
+            for each in (kappa_at, nu_at)
+        )
+        long = integrated(np.linalg.norm(nu_at, axis=4).max(axis=1))
         swept, bent = np.cumsum(turn, axis=1), np.cumsum(kappa, axis=1)
         places = np.cumsum(1.5 * swept**2 * long + 2 * swept * slide, axis=1) / 8
         reach = np.cumsum(long + nu, axis=1)
         places += np.cumsum(nu, axis=1) + reach * bent
         places -= np.cumsum(kappa * (reach - long - nu), axis=1)
-        # The share of their stretch that sections may be shorter by.
-        short = spread.nu / np.maximum(nu_at[..., 0].min(axis=1), 1e-3)
-        short = short.reshape(P, N, STAGES).max(axis=2)
-        known = spread.known & (short < _SHORT).all(axis=1)
-        rubber = lines.scene.has(NeoHookean)
-        swell = 1 / np.sqrt(1 - rubber * np.minimum(short, _SHORT))
+        # What sections keep of their stretch at the least.
+        kept = 1 - spread.nu.reshape(P, N, STAGES) / np.maximum(nu_at[..., 0].min(axis=1), 1e-3)
+        kept = kept.min(axis=2)
+        known = spread.known & (kept > 0).all(axis=1)
+        rubber = known[:, None] & lines.scene.has(NeoHookean)
+        swell = 1 / np.sqrt(np.where(rubber, kept, 1.0))
         return cls(lines, rows, known, turned, bent, places, swell)
 
-    @property
-    def elements(self) -> int:
-        """How many elements an arm has."""
-        return int(self.swell.shape[1])
-
     def pieces(self, part: Counts, element: Counts, start: Array, end: Array) -> Pieces:
-        """Return pieces (K,) by their part, element, and the shares of it where they are."""
-        rows = self.rows[part] * (self.elements + 1) + element[:, None]
-        turned = self.turned[part, :, element][:, :, None]
-        if not start.any() and (end == 1).all():
-            u, (lengths, turns) = self.lines.poses[:, 4:], self.lines.sizes
-            ends = np.stack([u[rows], u[rows + 1]], axis=2)
-            turned = turned + np.stack([0 * turns[rows], turns[rows]], axis=2)
-            return Pieces(self, part, element, start, end, ends, turned, lengths[rows])
-        a, b = (np.repeat(share, rows.shape[1]) for share in (start, end))
-        arguments = np.tile(rows.ravel(), 2), np.append(0 * a, a), np.append(a, b)
-        at, long, swept = (np.split(each, 2) for each in self.lines.along(*arguments))
-        turned = turned + np.stack([swept[0], swept[0] + swept[1]], -1).reshape(*rows.shape, 2)
-        ends = np.stack(at, axis=1).reshape(*rows.shape, 2, 3)
-        return Pieces(self, part, element, start, end, ends, turned, long[1].reshape(rows.shape))
-
-
-@dataclass(frozen=True, eq=False)
-class Pieces:
-    """K pieces of an arm during parts of a motion.
-
-    Attributes
-    ----------
-    of : Parts
-    part, element : (K,)
-        What each is a piece of.
-    start, end : (K,)
-        Shares of the element, from 0 to 1, where it begins and ends.
-    ends : (K, I, 2, 3)
-        Where these are when the part begins and ends [m].
-    turned : (K, I, 2)
-        How far tangents have turned from the base to there, all in all [rad].
-    lengths : (K, I)
-        Of it then [m].
-    """
-
-    of: Parts
-    part: Counts
-    element: Counts
-    start: Array
-    end: Array
-    ends: Array
-    turned: Array
-    lengths: Array
-
-    def __getitem__(self, which: Mask | Counts) -> Pieces:
-        """Return some of the pieces."""
-        at = (self.part[which], self.element[which], self.start[which], self.end[which])
-        return Pieces(self.of, *at, self.ends[which], self.turned[which], self.lengths[which])
-
-    @property
-    def hull(self) -> Array:
-        """The points (K, 2 I, 3) whose convex hull holds the lines between the ends [m]."""
-        return self.ends.reshape(len(self.ends), -1, 3)
-
-    @cached_property
-    def middle(self) -> Array:
-        """A place in the middle (K, 3) [m]."""
-        return np.asarray(self.hull.mean(axis=1))
-
-    @property
-    def size(self) -> Array:
-        """About how long the pieces are (K,) [m]."""
-        return np.asarray(self.lengths.max(axis=1))
-
-    @property
-    def travel(self) -> Array:
-        """About how far the ends travel during the part (K,) [m]."""
-        way = np.linalg.norm(self.ends[:, -1] - self.ends[:, 0], axis=2).max(axis=1)
-        return np.asarray(way + self.of.goes_off[self.part, self.element])
-
-    @property
-    def most_turned(self) -> Array:
-        """How far the tangent may have turned at the end of each piece, at the most (K,) [rad]."""
-        return np.asarray(self.turned[:, :, 1].max(axis=1) + self._more_turned)
-
-    def may_meet(self, other: Pieces) -> Mask:
-        """Return whether the arm may turn by half a turn from these to other pieces (K,)."""
-        turn = (other.turned[:, :, 1] - self.turned[:, :, 0]).max(axis=1)
-        return np.asarray(turn + other._more_turned >= np.pi)
-
-    @property
-    def _more_turned(self) -> Array:
-        return np.asarray(self.of.turns_off[self.part, self.element])
-
-    @property
-    def radii(self) -> Array:
-        """The arm's radius (K, I, 3) at both ends of each piece and in its middle [m].
-
-        Where it jumps the larger one of both sides is that of the other piece.
-        """
-        rows = self.of.rows[self.part] * (self.of.elements + 1) + self.element[:, None]
-        shares = np.array([self.start, (self.start + self.end) / 2, self.end])
-        repeated = np.repeat(shares, rows.shape[1], axis=1)
-        result = self.of.lines.radius(np.tile(rows.ravel(), 3), repeated.ravel())
-        return np.moveaxis(result.reshape(3, *rows.shape), 0, 2)
-
-    @property
-    def wide(self) -> Array:
-        """How far the surface may be from the hull (K,) [m].
+        """Return pieces (K,) by their part, element, and the shares of it where they are.
 
         Along a piece the radius is a parabola, but for terms of third order.
         """
-        chord = np.linalg.norm(self.ends[:, :, 1] - self.ends[:, :, 0], axis=2)
-        sag = np.sqrt(np.maximum(self.lengths**2 - chord**2, 0.0)).max(axis=1) / 2
-        radii = self.radii
+        lines = self.lines
+        rows = self.rows[part] * self.turned.shape[2] + element[:, None]
+        shares = np.array([start, (start + end) / 2, end]).repeat(self.rows.shape[1], axis=1)
+        a, b = shares[0], shares[2]
+        if not start.any() and (end == 1).all():
+            u, (lengths, turns) = lines.poses[:, 4:], lines.sizes
+            ends, long = np.stack([u[rows], u[rows + 1]], axis=2), lengths[rows]
+            turned = np.stack([0 * turns[rows], turns[rows]], axis=2)
+        else:
+            arguments = np.tile(rows.ravel(), 2), np.append(0 * a, a), np.append(a, b)
+            at, lengths, turns = lines.along(*arguments)
+            ends = np.moveaxis(at.reshape(2, *rows.shape, 3), 0, 2)
+            long = lengths.reshape(2, *rows.shape)[1]
+            turned = np.moveaxis(turns.reshape(2, *rows.shape).cumsum(axis=0), 0, 2)
+        turned = turned + self.turned[part, :, element][:, :, None]
+        radii = lines.radius(np.tile(rows.ravel(), 3), shares.ravel())
+        radii = np.moveaxis(radii.reshape(3, *rows.shape), 0, 2)
+        off, chord = (
+            self.goes_off[part, element],
+            np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2),
+        )
+        sag = np.sqrt(np.maximum(long**2 - chord**2, 0.0)).max(axis=1) / 2
         bent = np.abs(radii[..., 0] - 2 * radii[..., 1] + radii[..., 2])
-        most = (radii.max(axis=2) + bent).max(axis=1)
-        at = self.part, self.element
-        return np.asarray(sag + most * self.of.swell[at] + self.of.goes_off[at])
-
-    @property
-    def places(self) -> Array:
-        """Arc lengths of both ends (K, 2) [m]."""
-        s, h = self.of.lines.s, np.diff(self.of.lines.s)
-        shares = np.column_stack([self.start, self.end])
-        return np.asarray(s[self.element, None] + shares * h[self.element, None])
+        wide = sag + (radii.max(axis=2) + bent).max(axis=1) * self.swell[part, element] + off
+        travel = np.linalg.norm(ends[:, -1] - ends[:, 0], axis=2).max(axis=1) + off
+        s = lines.s[element, None] + np.array([start, end]).T * np.diff(lines.s)[element, None]
+        turns_off = self.turns_off[part, element]
+        return Pieces(ends, turned, turns_off, radii, wide, s, long.max(axis=1), travel)

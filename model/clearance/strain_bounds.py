@@ -25,12 +25,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from model.clearance.intervals import Bounded, Interval
+from model.clearance.intervals import Bounded, times
 from model.cross_section.law import CrossSection, body_size
 from model.cross_section.sections import Sections
 from model.machine.compiled import built
 from model.paths import Array
-from model.stations import Counts
 
 Mask = NDArray[np.bool_]
 # The box around both ends, over their distance; strains that count as none, over 1 / radius and 1.
@@ -56,95 +55,79 @@ class Spread(NamedTuple):
     known: Mask
 
 
-def proven(sections: Sections, T: tuple[Array, Array], y: tuple[Array, Array]) -> Spread:
-    """Return the spread without loads between two tensions (P, n_tendons), with strains (P, N, 3).
+def proven(sections: Sections, T: Array, y: Array) -> Spread:
+    """Return the spread without loads between two tensions (2, P, n_tendons) with two strains.
 
-    Strains are curvatures about n and b [1/m] and the tangent's length, per unit reference length.
+    Strains (2, P, N, 3) are curvatures about n and b [1/m] and the tangent's length, per unit
+    reference length.
     """
-    n = 2 + sections.law.extension
-    start, end = (each[..., :n] for each in y)
+    y = y[..., : 2 + sections.law.extension]
     curvature = np.sqrt(sections.body[0] / sections.body[1])
-    unit = np.column_stack([curvature, curvature, np.ones(curvature.size)])[:, :n]
-    change = np.abs(end - start)
-    margin = unit * (_AROUND * (change / unit).max(axis=2, keepdims=True) + _NONE)
-    box = Interval(np.minimum(start, end) - margin, np.maximum(start, end) + margin)
+    unit = np.column_stack([curvature, curvature, np.ones(curvature.size)])[:, : y.shape[3]]
+    change = (np.abs(y[1] - y[0]) / unit).max(axis=2, keepdims=True)
+    margin = unit * (_AROUND * change + _NONE)
+    box = np.array([y.min(axis=0) - margin, y.max(axis=0) + margin])
     rate = _rates(sections, T, box)
-    stays = (start + rate.low >= box.low) & (start + rate.high <= box.high)
-    wide = np.where(np.isfinite(rate.radius), rate.radius, 0.0) / 2
-    nu = wide[..., 2] if n == 3 else np.zeros(wide.shape[:2])
-    known = np.all(stays, axis=(1, 2))
-    return Spread(np.hypot(wide[..., 0], wide[..., 1]), nu, np.asarray(known))
+    stays = (y[0] + rate[0] >= box[0]) & (y[0] + rate[1] <= box[1])
+    wide = np.where(np.isfinite(rate).all(axis=0), rate[1] - rate[0], 0.0) / 4
+    kappa, nu = np.hypot(wide[..., 0], wide[..., 1]), wide[..., 2:].sum(axis=2)
+    return Spread(kappa, nu, np.asarray(stays.all(axis=(1, 2))))
 
 
-def estimated(start: Array, halfway: Array, end: Array, length: float) -> Spread:
-    """Return the spread under loads by kappa and nu (P, N, 6) at both ends and halfway.
+def estimated(ends: Array, halfway: Array, length: float) -> Spread:
+    """Return the spread under loads by kappa and nu at both ends (2, P, N, 6) and halfway.
 
-    Of an arm of a `length` [m]; known where that is small beside the change, and the change small.
+    Of an arm of a `length` [m]; known where that is small beside the change, and the change small,
+    and strains halfway are numbers.
     """
-    bent = _FARTHER * np.abs(halfway - (start + end) / 2)
+    bent = _FARTHER * np.abs(halfway - ends.mean(axis=0))
     kappa, nu = (np.linalg.norm(each, axis=2) for each in np.split(bent, 2, axis=2))
-    change = np.linalg.norm((end - start)[..., :3], axis=2).mean(axis=1) * length
+    change = np.linalg.norm((ends[1] - ends[0])[..., :3], axis=2).mean(axis=1) * length
     known = kappa.mean(axis=1) * length <= _BENT * change + _NONE
     return Spread(kappa, nu, known & (change <= _TURN))
 
 
-def _rates(sections: Sections, T: tuple[Array, Array], box: Interval) -> Interval:
-    """Return bounds (P, N, n) of dy/dt over boxes (P, N, n), NaN where D may be singular."""
-    P, N, n = box.low.shape
+def _rates(sections: Sections, T: Array, box: Array) -> Array:
+    """Return bounds (2, P, N, n) of dy/dt over boxes of that shape; NaN where D may be singular."""
+    _, P, N, n = box.shape
     body, tendon = built(_functions, sections.law)
-    pulls = np.any(T[0] + T[1], axis=0)
-    used = np.flatnonzero(np.asarray(pulls)[sections.tendon])
-    place, which = sections.place[used], sections.tendon[used]
-
-    def rows(values: Array, over: Counts) -> Array:
-        return values[:, over].reshape(P * len(over), -1)
-
-    def fixed(values: Array) -> Interval:
-        tiled = np.tile(values.T, (P, 1))
-        return Interval(tiled, tiled)
-
-    everywhere = np.arange(N)
-    at_body = Interval(*(rows(each, everywhere) for each in box))
-    at_tendons = Interval(*(rows(each, place) for each in box))
-    D = body(at_body, fixed(sections.body))
-    wrench = tendon(at_tendons, fixed(sections.paths[:, used]))
-    a, b = (each[:, which].reshape(-1, 1) for each in T)
-    pull, change = Interval(np.minimum(a, b), np.maximum(a, b)), Interval(b - a, b - a)
-    into = (np.arange(P)[:, None] * N + place).ravel()
-    jacobian = [each.copy() for each in D]
-    right = [np.zeros((P * N, n)) for _ in D]
-    for k, each in enumerate(Interval(*(w[:, n:] for w in wrench)).times(pull)):
-        np.add.at(jacobian[k], into, each)
-    for k, each in enumerate(Interval(*(w[:, :n] for w in wrench)).times(change)):
-        np.add.at(right[k], into, each)
-    result = _solved(Interval(*(each.reshape(-1, n, n) for each in jacobian)), Interval(*right))
-    return Interval(*(-each.reshape(P, N, n) for each in result[::-1]))
+    used = np.flatnonzero(np.asarray(T.any(axis=(0, 1)))[sections.tendon])
+    place, pulls = sections.place[used], T[:, :, sections.tendon[used]]
+    at_tendons = box[:, :, place].reshape(2, -1, n), np.tile(sections.paths[:, used].T, (1, P, 1))
+    wrench, by_strains = np.split(tendon(*at_tendons), [n], axis=2)
+    change, pulls = (pulls[1] - pulls[0]).reshape(1, -1, 1), np.sort(pulls, axis=0)
+    rows = [times(wrench, change), times(by_strains, pulls.reshape(2, -1, 1))]
+    right = np.zeros((2, P * N, n))
+    D = body(box.reshape(2, -1, n), np.tile(sections.body.T, (1, P, 1)))
+    for sums, each in zip((right, D), rows, strict=True):
+        for k in range(2):
+            np.add.at(sums[k], (np.arange(P)[:, None] * N + place).ravel(), each[k])
+    return -_solved(D.reshape(2, -1, n, n), right)[::-1].reshape(box.shape)
 
 
-def _solved(D: Interval, right: Interval) -> Interval:
-    """Return bounds (K, n) of D^-1 right over matrices (K, n, n); NaN where one may be singular.
+def _solved(D: Array, right: Array) -> Array:
+    """Return bounds (2, K, n) of D^-1 right over matrices (2, K, n, n), right sides (2, K, n).
 
-    With C near the inverse of the middle of D, C D = I + E: D^-1 b is within (I - |E|)^-1 (|E| |x|
-    + r) of x, C times the middle of b, r the radius of C b. I - |E| is inverse positive if it maps
-    some positive vector to one: the solution for a positive right side is looked at for that.
+    NaN where a matrix may be singular. With C near the inverse of the middle of D, C D = I + E:
+    D^-1 b is within (I - |E|)^-1 (|E| |x| + r) of x, C times the middle of b, r the radius of C b.
+    I - |E| is inverse positive if it maps some positive vector to one: the solution for a positive
+    right side is looked at for that.
     """
-    finite = np.isfinite(D.radius.sum(axis=(1, 2))) & np.isfinite(right.radius.sum(axis=1))
-    good: Mask = np.asarray(finite)
-    n = right.low.shape[1]
-    middle = np.where(good[:, None, None], D.middle, np.eye(n))
-    good &= np.abs(np.linalg.det(middle)) > 0
-    C = np.linalg.inv(np.where(good[:, None, None], middle, np.eye(n)))
-    E = np.abs(C) @ np.where(good[:, None, None], D.radius, 0.0)
-    x = np.einsum("kij,kj->ki", C, np.where(good[:, None], right.middle, 0.0))
-    r = np.einsum("kij,kj->ki", np.abs(C), np.where(good[:, None], right.radius, 0.0))
+    n = right.shape[2]
+    good: Mask = np.isfinite(D.sum(axis=(0, 2, 3))) & np.isfinite(right.sum(axis=(0, 2)))
+    D, right = np.where(good[:, None, None], D, np.eye(n)), np.where(good[:, None], right, 0.0)
+    good &= np.linalg.det(D.mean(axis=0)) != 0
+    C = np.linalg.inv(np.where(good[:, None, None], D.mean(axis=0), np.eye(n)))
+    E = np.abs(C) @ (D[1] - D[0]) / 2
+    x = np.einsum("kij,kj->ki", C, right.mean(axis=0))
+    r = np.einsum("kij,kj->ki", np.abs(C), (right[1] - right[0]) / 2)
     size = np.einsum("kij,kj->ki", E, np.abs(x)) + r
     size += 1e-12 * np.abs(x) + 1e-300
-    within = np.eye(n) - E
-    good &= np.linalg.det(within) > 0
-    off = np.linalg.solve(np.where(good[:, None, None], within, np.eye(n)), size[..., None])[..., 0]
-    good &= off.min(axis=1) > 0
-    off = np.where(good[:, None], off, np.nan)
-    return Interval(x - off, x + off)
+    good &= np.linalg.det(np.eye(n) - E) > 0
+    within = np.eye(n) - np.where(good[:, None, None], E, 0.0)
+    off = np.linalg.solve(within, size[..., None])[..., 0]
+    off[~good | (off.min(axis=1) <= 0)] = np.nan
+    return np.array([x - off, x + off])
 
 
 def _functions(law: CrossSection) -> tuple[Bounded, Bounded]:

@@ -44,11 +44,9 @@ class Moving:
     def lines(self, stretch: Counts, share: Array) -> list[Centreline | None]:
         """Return the arms at shares (K,) of stretches (K,); None where one has no equilibrium."""
         keys = list(zip(stretch.tolist(), share.tolist(), strict=True))
-        new = sorted({key for key in keys if key not in self._known})
-        if new:
-            which, shares = np.array([i for i, _ in new]), np.array([u for _, u in new])
-            result = self._lines.many(self._tensions(which, shares))
-            self._known.update(zip(new, result, strict=True))
+        for key, T in zip(keys, self._tensions(stretch, share), strict=True):
+            if key not in self._known:
+                self._known[key] = self._lines(T)
         return [self._known[key] for key in keys]
 
     def spread(self, stretch: Counts, start: Array, end: Array) -> Spread:
@@ -56,23 +54,22 @@ class Moving:
 
         Proven without loads, estimated under loads; see model.clearance.strain_bounds.
         """
-        first, last = (_strains(self.lines(stretch, share)) for share in (start, end))
+        ends = np.array([_strains(self.lines(stretch, share)) for share in (start, end)])
         if not self._lines.loaded:
-            T = self._tensions(stretch, start), self._tensions(stretch, end)
-            return proven(self._lines.sections, T, (first[..., 1:4], last[..., 1:4]))
-        halfway = self.lines(stretch, (start + end) / 2)
-        there = np.array([each is not None for each in halfway])
-        pairs = zip(halfway, self.lines(stretch, start), strict=True)
-        filled = _strains([each or known for each, known in pairs])
-        result = estimated(first, filled, last, self._lines.arm.length)
-        return result._replace(known=result.known & there)
+            T = np.array([self._tensions(stretch, share) for share in (start, end)])
+            return proven(self._lines.sections, T, ends[..., 1:4])
+        halfway = _strains(self.lines(stretch, (start + end) / 2))
+        return estimated(ends, halfway, self._lines.arm.length)
 
 
 Way = Still | Moving
 
 
 def _strains(lines: list[Centreline | None]) -> Array:
-    """Return kappa and nu (K, N, 6) at the stages of arms."""
-    known = [line for line in lines if line is not None]
-    kappa, nu = (np.array([getattr(each, name) for each in known]) for name in ("kappa", "nu"))
-    return np.concatenate([kappa, nu], axis=3).reshape(len(known), -1, 6)
+    """Return kappa and nu (K, N, 6) at the stages of arms; NaN, or (K, 1, 6), without them."""
+    none = np.full((1, 6), np.nan)
+    rows = [
+        none if line is None else np.concatenate([line.kappa, line.nu], axis=2).reshape(-1, 6)
+        for line in lines
+    ]
+    return np.array(np.broadcast_arrays(*rows))

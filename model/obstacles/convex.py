@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 
 from model.errors import InputError
@@ -32,12 +30,6 @@ class Sphere(Convex):
     def numbers(self) -> Array:
         """See Convex.numbers: a point in a layer."""
         return rounded(np.array(self.center), np.eye(3), np.zeros(3), self.radius)
-
-    @property
-    def outline(self) -> tuple[Array, Array]:
-        """See Obstacle.outline."""
-        center = np.array(self.center)
-        return swept(center, center, self.radius)
 
 
 @value
@@ -68,11 +60,6 @@ class Capsule(Convex):
         half = np.array([np.linalg.norm(b - a) / 2, 0.0, 0.0])
         return rounded((a + b) / 2, axes_with(b - a), half, self.radius)
 
-    @property
-    def outline(self) -> tuple[Array, Array]:
-        """See Obstacle.outline."""
-        return swept(np.array(self.start), np.array(self.end), self.radius)
-
 
 @value
 class Box(Convex):
@@ -97,15 +84,6 @@ class Box(Convex):
         """See Convex.numbers."""
         half = np.array(self.size) / 2
         return rounded(np.array(self.center), np.array(self.frame), half)
-
-    @property
-    def outline(self) -> tuple[Array, Array]:
-        """See Obstacle.outline."""
-        signs = np.array(list(product((-1, 1), repeat=3)))
-        corners = np.array(self.center) + signs * np.array(self.size) / 2 @ np.array(self.frame).T
-        sides = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
-        triangles = [half for a, b, c, d in sides for half in ((a, b, c), (a, c, d))]
-        return corners, np.array(triangles)
 
 
 # How far from the point a figure shows the plane [m].
@@ -141,24 +119,3 @@ class HalfSpace(Convex):
         axes = axes_with(np.array(self.normal))
         corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * _SHOWN
         return np.array(self.point) + corners @ axes[:, 1:].T, np.array([(0, 1, 2), (0, 2, 3)])
-
-
-# Points of an outline around a round body, and along a quarter of its section.
-_AROUND, _ALONG = 24, 7
-
-
-def swept(start: Array, end: Array, radius: float) -> tuple[Array, Array]:
-    """Return points (N, 3) and triangles (M, 3) of a ball swept from start to end (3,) [m]."""
-    length = np.linalg.norm(end - start)
-    axes = axes_with(end - start) if length > 0 else np.eye(3)
-    half = np.linspace(0.0, np.pi / 2, _ALONG)
-    along = np.concatenate([-radius * np.cos(half), length + radius * np.sin(half)])
-    across = radius * np.concatenate([np.sin(half), np.cos(half)])
-    phi = np.arange(_AROUND) * 2 * np.pi / _AROUND
-    ring = axes[:, 1:] @ np.array([np.cos(phi), np.sin(phi)])
-    axis = start + along[:, None] * axes[:, 0]
-    points = (axis[:, None] + across[:, None, None] * ring.T).reshape(-1, 3)
-    i, j = np.divmod(np.arange(_AROUND * (along.size - 1)), _AROUND)
-    here, beside = i * _AROUND + j, i * _AROUND + (j + 1) % _AROUND
-    triangles = [(here, beside, beside + _AROUND), (here, beside + _AROUND, here + _AROUND)]
-    return points, np.concatenate([np.column_stack(three) for three in triangles])

@@ -92,13 +92,9 @@ class Mesh(Obstacle):
         return hash((len(self.faces), self.vertices[:8], self.faces[-8:]))
 
     def __repr__(self) -> str:
-        low, high = (np.round(bound, 4).tolist() for bound in self._bounds)
-        return f"Mesh({len(self.faces)} triangles, from {low} to {high} m)"
-
-    @property
-    def _bounds(self) -> tuple[Array, Array]:
         points = np.array(self.vertices)
-        return points.min(axis=0), points.max(axis=0)
+        low, high = (np.round(f(points, axis=0), 4).tolist() for f in (np.min, np.max))
+        return f"Mesh({len(self.faces)} triangles, from {low} to {high} m)"
 
     @property
     def outline(self) -> tuple[Array, Array]:
