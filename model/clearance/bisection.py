@@ -14,7 +14,7 @@ they are nearer along the arm than their own thickness, or apart.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -44,18 +44,19 @@ class Around:
         The least distance [m].
     turns : (B,)
         How far the arm has to have turned to come near [rad]: a right angle for the base plane.
-    moved : (S, 2, B, 3) or None
+    moved : (S, 2, B, 3)
         How far each body has moved where a stretch begins and where it ends [m], steadily in
-        between.
+        between; or (1, 2, B, 3) for all stretches.
     uneven : (S,)
-        How far the share of a stretch's tensions is at the most from the share of its time.
+        How far the share of a stretch's tensions is at the most from the share of its time; or
+        (1,) for all stretches.
     """
 
     bodies: Bodies | None
     keep: float
     turns: Array
-    moved: Array | None = None
-    uneven: Array | None = None
+    moved: Array
+    uneven: Array = field(default_factory=lambda: np.zeros(1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,21 +216,18 @@ class _Search:
             offset = point[:, None] - middle - (moved[:, i // 2] - rest)
             change = np.minimum(change, bodies.change(g, offset))
         lower = d + change - one.wide[:, None]
-        if self.around.uneven is not None:
-            way = np.linalg.norm(moved[:, -1] - moved[:, 0], axis=2)
-            lower -= self.around.uneven[stretch, None] * way
+        way = np.linalg.norm(moved[:, -1] - moved[:, 0], axis=2)
+        lower -= self.around.uneven[stretch % len(self.around.uneven), None] * way
         turned = one.turned[:, :, 1].max(axis=1) + one.turns_off
         reach = turned[:, None] >= self.around.turns
         return np.asarray(np.where(reach, lower, np.inf).min(axis=1, initial=np.inf))
 
     def _displacement(self, rows: _Rows, one: Pieces) -> Array:
         """Return how far bodies have moved (K, I, B, 3) where the parts of pieces begin and end."""
-        K, instants = one.ends.shape[:2]
-        if self.around.moved is None:
-            return np.zeros((K, instants, self.around.turns.size, 3))
-        first, last = (self.around.moved[rows.stretch, i] for i in (0, 1))
-        shares = np.column_stack([rows.start, rows.end])[:, :, None, None]
-        return np.asarray(first[:, None] + shares * (last - first)[:, None])
+        moved, instants = self.around.moved, one.ends.shape[1]
+        first, last = np.moveaxis(moved[rows.stretch % len(moved)], 1, 0)[:, :, None]
+        shares = np.column_stack([rows.start, rows.end])[:, :instants, None, None]
+        return np.asarray(first + shares * (last - first))
 
     def _saw(self, rows: _Rows, moved: Array, pieces: list[Pieces]) -> None:
         """Keep the least distances of the ends of pieces that are seen where parts begin or end."""
@@ -248,11 +246,10 @@ class _Search:
         at = flat.argmin(axis=1)
         least = flat[np.arange(at.size), at] - self.around.keep
         instant, end, which = np.unravel_index(at, gaps.shape[1:])
-        stretch = rows.stretch
         order = np.argsort(-least, kind="stable")
-        k = order[least[order] < result.seen[stretch[order]]]
+        k = order[least[order] < result.seen[rows.stretch[order]]]
         # The last that is put down is the least.
-        to = stretch[k]
+        to = rows.stretch[k]
         result.seen[to], result.body[to] = least[k], which[k]
         result.share[to] = np.column_stack([rows.start, rows.end])[k, instant[k]]
         result.s[to, 0] = one.s[k, end[k]]

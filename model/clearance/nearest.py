@@ -85,8 +85,8 @@ def base_plane(arm: Arm) -> HalfSpace:
 
 def around(arm: Arm, kind: str, obstacles: Sequence[Obstacle], keep: float = 0.0) -> Around:
     """Return what an arm is to keep clear of, by kind."""
-    if kind == OBSTACLES:
-        return Around(Bodies(obstacles), keep, np.zeros(len(obstacles)))
-    if kind == BASE:
-        return Around(Bodies([base_plane(arm)]), keep, np.full(1, np.pi / 2))
-    return Around(None, keep, np.zeros(0))
+    if kind == ITSELF:
+        return Around(None, keep, np.zeros(0), np.zeros((1, 2, 0, 3)))
+    bodies = Bodies(obstacles if kind == OBSTACLES else [base_plane(arm)])
+    turns = np.full(len(bodies), (kind == BASE) * np.pi / 2)
+    return Around(bodies, keep, turns, np.zeros((1, 2, len(bodies), 3)))

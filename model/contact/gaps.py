@@ -20,10 +20,10 @@ from model.transcription.touch import gap_along
 
 # What a gap may be below 0, over the arm's length; of slopes, and over the largest of forces, what
 # is rounding.
-THROUGH = 1e-9
+THROUGH = SAME
 # Gaps are sampled so often in each element; where one is least, among so many places in so many
 # intervals, each around the least of the one before.
-_SAMPLES, _AMONG, _NARROWED = 6, 9, 7
+_SAMPLES = 8
 
 
 def along(system: System, x: Array, s: Array, obstacles: Index) -> tuple[Array, Array, Array]:
@@ -81,13 +81,13 @@ def least_gaps(system: System, x: Array, places: Places = ()) -> list[tuple[int,
         least[(s >= place.start - same) & (s <= place.end + same), place.obstacle] = False
     k, j = np.nonzero(least)
     at, reach, gaps = s[k], reach[k], np.zeros((k.size, 1))
-    for _ in range(_NARROWED * bool(k.size)):
+    for _ in range(_SAMPLES * bool(k.size)):
         ends = np.maximum(at - reach, THROUGH * L), np.minimum(at + reach, L)
-        stations = np.linspace(*ends, _AMONG, axis=1)
-        gaps = along(system, x, stations.ravel(), np.repeat(j, _AMONG))[0][:, 0]
+        stations = np.linspace(*ends, _SAMPLES, axis=1)
+        gaps = along(system, x, stations.ravel(), np.repeat(j, _SAMPLES))[0][:, 0]
         gaps = gaps.reshape(stations.shape)
         at = stations[np.arange(k.size), gaps.argmin(axis=1)]
-        reach = (ends[1] - ends[0]) / (_AMONG - 1)
+        reach = (ends[1] - ends[0]) / (_SAMPLES - 1)
     low = gaps.min(axis=1) < -THROUGH * L
     return sorted(set(zip(j[low].tolist(), at[low].tolist(), strict=True)))
 
@@ -96,10 +96,12 @@ def check_outside(system: System, states: Array) -> None:
     """Raise InputError where the arm at rest, with states (n_states,), is inside of an obstacle."""
     (s, gap), bodies = gaps_along(system, states), contacts(system.scene)
     inside = np.flatnonzero(gap.min(axis=0) < -THROUGH * system.arm.length)
-    where = list[str]()
-    for j, k in zip(inside, gap[:, inside].argmin(axis=0), strict=True):
-        of = f" of {bodies[j].obstacle}" if where else ""
-        where.append(f"{-1e3 * gap[k, j]:.3g} mm inside{of} at s = {s[k]:.4g} m")
-    if where:
+    if inside.size:
+        deepest = gap[:, inside].argmin(axis=0)
+        of = ["", *(f" of {bodies[j].obstacle}" for j in inside[1:])]
+        where = [
+            f"{-1e3 * gap[k, j]:.3g} mm inside{body} at s = {s[k]:.4g} m"
+            for j, k, body in zip(inside, deepest, of, strict=True)
+        ]
         allowed = f"one that the arm at rest is clear of; it is {', and '.join(where)}"
         raise InputError("Contact.obstacle", bodies[inside[0]].obstacle, allowed)

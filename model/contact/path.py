@@ -93,40 +93,34 @@ def follow(start: Request, end: Request, near: Linearised, jumps: bool = True) -
     # Without a potential the least energy takes several programs: only the least steps are by it.
     conservative = LeastEnergy(base).conservative
 
-    def solve(factor: float, near: Linearised) -> Linearised | None:
-        to = start.towards(end, factor)
+    def solve(before: float, factor: float, near: Linearised, least: bool) -> Linearised | None:
+        to, there = start.towards(end, factor), None
         if rubs:
-            there = sharpened(replace(to, before=near), near, places_of(near.system))
-            return there if there is not None and close(near, there) else None
-        if to.winches is None:
+            to = replace(to, before=near)
+            there = sharpened(to, near, places_of(near.system))
+        elif to.winches is None:
             there = newton(near.system, to.tensions, to.load, near.states, complementary=True)
-            if there is not None and close(near, there) and not _passes(near, there):
-                return there
-            if not conservative:
-                return None
-        there = _least(to, near)
-        return there if there is not None and close(near, there) else None
-
-    def over(before: float, factor: float, near: Linearised) -> Linearised:
-        if rubs and not jumps:
-            raise SnapError(before, "it jumps")
-        to = start.towards(end, factor)
-        there = _slid(replace(to, before=near), near) if rubs else _least(to, near)
-        if there is None:
+            there = there if there is None or not _passes(near, there) else None
+        same = there is not None and close(near, there)
+        if not same and not rubs and (conservative or least or to.winches is not None):
+            there = _least(to, near)
+            same = there is not None and close(near, there)
+        if same or not least:
+            return there if same else None
+        if there is None and not rubs:
             raise UnsettledContactError(factor, "no least energy is found")
-        if rubs or not close(near, there):
-            if not jumps:
-                raise SnapError(before, "it jumps")
-            snaps.append(factor)
-        return there
+        if not jumps:
+            raise SnapError(before, "it jumps")
+        snaps.append(factor)
+        return _slid(to, near) if rubs else there
 
     if rubs:
-        path = stepped(solve, near, _WITH_FRICTION, over)
+        path = stepped(solve, near, _WITH_FRICTION)
         return Touching.of(path[-1][0], tuple(snaps), tuple(path))
     strains = carried_strains(near.system, near.system.strains(near.states), base)
     states = base.start(start.tensions, strains, start.load)
     free = Linearised(base, base.x(start.tensions, start.load, states))
-    rough, _ = stepped(solve, free, _STEPS, over)[-1]
+    rough, _ = stepped(solve, free, _STEPS)[-1]
     if end.winches is not None:
         left = end.winches.lacks(rough.lengths, rough.tensions)
         tensions = slackened(rough.tensions, left, end.winches, base.arm)
@@ -143,15 +137,13 @@ def close(one: Linearised, other: Linearised) -> bool:
 
 
 def stepped(
-    solve: Callable[[float, T], T | None],
-    start: T,
-    steps: tuple[float, float, float],
-    over: Callable[[float, float, T], T],
+    solve: Callable[[float, float, T, bool], T | None], start: T, steps: tuple[float, float, float]
 ) -> list[tuple[T, float]]:
     """Return solutions and load factors from a start at 0 to 1, each from the one before.
 
-    Steps, of which the first, the least and the longest are given, are cut where `solve` returns
-    None; where they are the least `over` leads from one load factor to the next.
+    `solve` takes the load factors before and after a step, the solution before, and whether the
+    step is the least. Steps, of which the first, the least and the longest are given, are cut
+    where it returns None; of the least it returns a solution, or raises.
     """
     path, (step, least, longest) = [(start, 0.0)], steps
     while path[-1][1] < 1:
@@ -159,12 +151,10 @@ def stepped(
         near, at = path[-1]
         tell("percent of tensions and loads", round(100 * at), 100)
         factor = min(1.0, at + step)
-        there = solve(factor, near)
-        if there is None and step > least:
+        there = solve(at, factor, near, step <= least)
+        if there is None:
             step /= 4
             continue
-        if there is None:
-            there, step = over(at, factor, near), least
         path, step = [*path, (there, factor)], min(2 * step, longest)
     return path
 
@@ -205,7 +195,11 @@ def _sharp(request: Request, rough: Linearised) -> Linearised:
     """
     for _ in range(EXCHANGES):
         check_time()
-        end = sharpened(request, rough, _at_forces(rough))
+        # Nodes that touch beside another lie on the obstacle.
+        touching = Touches.of(rough.system).points
+        force = forces(rough.system, rough.states)
+        places = read_off(rough.system, touching, touching[1:] & touching[:-1], force)
+        end = sharpened(request, rough, places)
         if end is not None and close(rough, end):
             mode, rough = unstable_mode(end), end
             if mode is None:
@@ -220,13 +214,6 @@ def _sharp(request: Request, rough: Linearised) -> Linearised:
             break
         rough = after
     raise UnsettledContactError(1.0, "where it touches is not found")
-
-
-def _at_forces(rough: Linearised) -> Places:
-    """Return places by forces at nodes, which lie on an obstacle where they are beside another."""
-    touching = Touches.of(rough.system).points
-    force = forces(rough.system, rough.states)
-    return read_off(rough.system, touching, touching[1:] & touching[:-1], force)
 
 
 def _nodes(rough: Linearised) -> Places:

@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 
 from model.centreline import Centreline
-from model.clearance.nearest import ITSELF, clearances
+from model.clearance.nearest import ITSELF, Clearance, clearances
 from model.contact.contacts import Touch
 from model.contact.gaps import THROUGH
 from model.contact.path import EXCHANGES, stepped
@@ -35,8 +35,8 @@ _STEPS = 1 / 4, 1 / 1024, 1 / 4
 _DEEP, _OTHER = 0.5, 0.03
 # Residuals of a root, scaled.
 _ROOT = 2e-10
-# Steps of differences: along the arm, over its length; of scaled unknowns.
-_ALONG, _DIFFERENCE = 1e-4, 1e-5
+# Steps of differences: along the arm, over its length, and of scaled unknowns.
+_ALONG = 1e-4
 # The sine of the angle between parts that cross.
 _CROSSING = 0.1
 
@@ -114,14 +114,9 @@ def loaded_by(scene: Scene, pairs: Sequence[Pair]) -> Scene:
     return Scene(*rest, *(PointLoad(s, tuple(f.tolist())) for s, f in sorted(forces.items())))
 
 
-def nearest_pair(shape: Shape) -> tuple[Pair | None, float]:
-    """Return the pair, without force, between which the gap is least, and that gap [m].
-
-    None, and infinite, where no parts of the arm can meet.
-    """
-    nearest = clearances(Centreline.of(shape), (), {ITSELF})[ITSELF]
-    pair = Pair(np.sort(nearest.s), np.zeros(3)) if nearest.s else None
-    return pair, nearest.gap
+def nearest(shape: Shape) -> Clearance:
+    """Return between which cross-sections the gap is least, none where no parts can meet."""
+    return clearances(Centreline.of(shape), (), {ITSELF})[ITSELF]
 
 
 # An equilibrium, and the pairs that are closed.
@@ -134,24 +129,21 @@ def pressed_on_itself(tensions: Array, scene: Scene, settle: Settle) -> Shape:
     Raises UnsettledContactError where none is found, and what `settle` does.
     """
 
-    def solve(factor: float, near: _State) -> _State | None:
+    def solve(before: float, factor: float, near: _State, least: bool) -> _State | None:
         with before_long(factor):
             there = _step(factor * tensions, scene, settle, near)
-            if there is not None and slips(*there):
-                sentence = "parts that press on each other slip past each other sideways; a little "
-                raise UnsettledContactError(
-                    factor, sentence + "tension across decides to which side"
-                )
+        if there is None and least:
+            raise UnsettledContactError(before, "where it presses on itself is not found")
+        if there is not None and slips(*there):
+            sentence = "parts that press on each other slip past each other sideways; a little "
+            raise UnsettledContactError(factor, sentence + "tension across decides to which side")
         return there
 
-    def over(before: float, factor: float, near: _State) -> _State:
-        raise UnsettledContactError(before, "where it presses on itself is not found")
-
     rest = settle(0 * tensions, scene, None)
-    if nearest_pair(rest)[1] < 0:
+    if nearest(rest).gap < 0:
         raise UnsettledContactError(0.0, "the arm without tensions is inside of itself")
     start: _State = rest, ()
-    shape, pairs = stepped(solve, start, _STEPS, over)[-1][0]
+    shape, pairs = stepped(solve, start, _STEPS)[-1][0]
     touches = list[Touch]()
     for pair in pairs:
         gap = Gap.at(shape, pair.s)
@@ -169,40 +161,39 @@ def _step(tensions: Array, scene: Scene, settle: Settle, state: _State) -> _Stat
     It is where parts that were apart may be deep in each other, or beyond.
     """
     (before, _), (near, pairs) = state, state
-    L, apart = before.arm.length, max(nearest_pair(before)[1], 0.0)
+    L, apart = before.arm.length, max(nearest(before).gap, 0.0)
     for _ in range(EXCHANGES):
         try:
-            solution = _closed(tensions, scene, settle, pairs, near)
+            near, pairs = _closed(tensions, scene, settle, pairs, near)
         except OctoplanError:
             return None
-        if solution is None:
-            return None
-        near, pairs = solution
-        s, (new, gap) = near.s[1:], nearest_pair(near)
+        s, new = near.s[1:], nearest(near)
         far = float(np.linalg.norm(near.position(s) - before.position(s), axis=1).max())
         deep = _DEEP * float(near.arm.outer_radius(s)[0].min())
-        if gap < -deep or far > max(L / 10, apart / 2 + deep):
+        if new.gap < -deep or far > max(L / 10, apart / 2 + deep):
             return None
         pressed = [float(pair.force @ Gap.at(near, pair.s).normal) for pair in pairs]
         if min(pressed, default=0.0) < 0:
             pairs = tuple(pair for k, pair in enumerate(pairs) if k != np.argmin(pressed))
             continue
-        known = new is None or any(np.abs(pair.s - new.s).max() < _OTHER * L for pair in pairs)
-        if new is None or known or Gap.at(near, new.s).size >= -THROUGH * L:
+        at = np.sort(new.s)
+        known = not new.s or any(np.abs(pair.s - at).max() < _OTHER * L for pair in pairs)
+        if known or Gap.at(near, at).size >= -THROUGH * L:
             return near, pairs
-        pairs = (*pairs, new)
+        pairs = (*pairs, Pair(at, np.zeros(3)))
     return None
 
 
 def _closed(
     tensions: Array, scene: Scene, settle: Settle, pairs: tuple[Pair, ...], near: Shape
-) -> _State | None:
-    """Return the equilibrium with pairs closed near a shape; None where there is no root.
+) -> _State:
+    """Return the equilibrium with pairs closed near a shape.
 
     Unknowns are forces, arc lengths of the nearer cross-sections, and the distances of the farther
     ones from the tip, scaled. Residuals are the gap along the normal of a pair and the force across
     it, and the gap's slopes: that by the farther arc length, which may be the tip's, is
-    complementary to the distance from there.
+    complementary to the distance from there. Raises UnsettledContactError where there is no root,
+    and what `settle` does.
     """
     if not pairs:
         return settle(tensions, scene, near), ()
@@ -223,15 +214,15 @@ def _closed(
             results += [*(across + gap.normal * gap.size / L), gap.slopes[0], slope]
         return np.array(results)
 
-    z = [[*(pair.force / unit), pair.s[0] / L, 1 - pair.s[1] / L] for pair in pairs]
-    end = scipy.optimize.root(
-        residual,
-        np.ravel(z),
-        jac=lambda z: np.asarray(scipy.optimize.approx_fprime(z, residual, _DIFFERENCE)),
-        options={"xtol": 1e-11, "factor": 0.1},
-    ).x.reshape(-1, 5)
-    end[:, 4] *= end[:, 4] > _ROOT
-    return last if np.abs(residual(end.ravel())).max() < _ROOT else None
+    def jacobian(z: Array) -> Array:
+        return np.asarray(scipy.optimize.approx_fprime(z, residual, _ALONG))
+
+    z = np.ravel([[*(pair.force / unit), pair.s[0] / L, 1 - pair.s[1] / L] for pair in pairs])
+    end = scipy.optimize.root(residual, z, jac=jacobian, options={"xtol": 1e-11, "factor": 0.1}).x
+    end[4::5] *= end[4::5] > _ROOT
+    if np.abs(residual(end)).max() >= _ROOT:
+        raise UnsettledContactError(1.0, "there is no root")
+    return last
 
 
 def slips(shape: Shape, pairs: Sequence[Pair]) -> bool:

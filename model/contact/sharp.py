@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from model.checks import SMALLEST
 from model.contact.gaps import THROUGH, along, least_gaps
 from model.contact.newton import STEPS, newton
 from model.contact.touches import (
@@ -24,7 +25,6 @@ from model.contact.touches import (
     read_off,
     resultants,
     second,
-    touches_at,
 )
 from model.effects import NeoHookean, Shear
 from model.equilibrium.linearised import Linearised
@@ -37,12 +37,10 @@ from model.transcription.touch import BEFORE
 from model.winches import Winches
 
 # How far off places may be, over the arm's length.
-_OFF = 1e-10
-# gap'' [1/m] that counts as flat.
-_FLAT = 1e-3
-# Over an element: how far from an end derivatives are taken, parts that are points, and what is
+_OFF = THROUGH / 10
+# Over an element: parts that are points, and how far from an end derivatives are taken; what is
 # near: half the length of a part that was a point, how far points move from corners at most.
-_ASIDE, _SHORT, _NEAR = 0.05, 0.02, 0.25
+_SHORT, _NEAR = 0.02, 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,23 +109,18 @@ def sharpened(request: Request, near: Linearised, places: Places) -> Linearised 
         point = with_places(request, near, places)
         if point is None:
             return None
-        after = _refined(request, point, places)
-        off = _apart(places, after)
-        if off == 0 or last / 2 < off < _NEAR * np.diff(point.system.mesh.s).max():
-            exchanged = _exchanged(request, point, places, off == 0)
-            if off == 0 and exchanged == places:
+        after, exchanged = _refined(request, point, places), places
+        # How far places move [m]; infinite where there are more or fewer.
+        same = len(after) == len(places)
+        off = float(np.abs(np.subtract(after, places)).max(initial=0.0)) if same else np.inf
+        settled = off <= _OFF * request.base.arm.length
+        if settled or last / 2 < off < _NEAR * np.diff(point.system.mesh.s).max():
+            exchanged = _exchanged(request, point, places, settled)
+            if settled and exchanged == places:
                 return point
-            after, off = (after, off) if exchanged == places else (exchanged, np.inf)
-        near, places, last = point, after, off
+        same = exchanged == places
+        near, places, last = (point, after, off) if same else (point, exchanged, np.inf)
     return None
-
-
-def _apart(places: Places, others: Places) -> float:
-    """Return how far places are from others [m]; infinite where there are more or fewer."""
-    if len(places) != len(others):
-        return np.inf
-    pairs = zip(places, others, strict=True)
-    return max((max(abs(a.start - b.start), abs(a.end - b.end)) for a, b in pairs), default=0.0)
 
 
 def with_places(of: Request, near: Linearised, places: Places) -> Linearised | None:
@@ -136,14 +129,20 @@ def with_places(of: Request, near: Linearised, places: Places) -> Linearised | N
     if mesh is None:
         return None
     system = of.on(mesh, any(place.lies for place in places))
-    touches = touches_at(system, places, of.base.scene.has(Shear))
+    touches, sheared = Touches.of(system), of.base.scene.has(Shear)
+    for place in places:
+        first, last, j = mesh.node(place.start), mesh.node(place.end), place.obstacle
+        # Parts of an arm that shears have no forces at their ends.
+        touches.held[[first, last], j] = not (place.lies and sheared)
+        touches.pressing[first : last + 1, j], touches.lies[first:last, j] = place.lies, 1
     free = [p for p in places if not p.lies and p.start not in of.corners]
     if free:
-        s, j = np.array([p.start for p in free]), np.array([p.obstacle for p in free])
-        nodes, curve = [mesh.node(p.start) for p in free], along(near.system, near.x, s, j)[0][:, 2]
-        touches.moves[nodes, j] = 1
+        which, s = np.array([p.obstacle for p in free]), np.array([p.start for p in free])
+        nodes, L = [mesh.node(p.start) for p in free], of.base.arm.length
+        curve = along(near.system, near.x, s, which)[0][:, 2]
+        touches.moves[nodes, which] = 1
         # Where the gap is no least one yet points move to lesser gaps.
-        touches.curve[nodes, j] = np.where(curve > _FLAT, curve, 1 / of.base.arm.length)
+        touches.curve[nodes, which] = np.where(curve > THROUGH**0.5 / L, curve, 1 / L)
     system = touches.on(system)
     return newton(system, of.tensions, of.load, _carried(of, near, system, touches))
 
@@ -168,19 +167,19 @@ def _carried(of: Request, near: Linearised, system: System, touches: Touches) ->
 
 
 def _refined(of: Request, point: Linearised, places: Places) -> Places:
-    """Return the places where an equilibrium says that they are; the same where they are right."""
+    """Return the places where an equilibrium says that they are."""
     refined, L = list[Place](), of.base.arm.length
     least = 0.0 if of.base.scene.has(Shear) else _SHORT * np.diff(point.system.mesh.s).max()
     for place in places:
+        j, start, end = place
         if place.lies:
-            shifts = [_end_shift(of, point, place, side) for side in (-1, 1)]
+            first, last = (_end_shift(of, point, place, side) for side in (-1, 1))
+            start, end = start + first, min(end + last, L)
         else:
-            shifts = [_point_shift(of, point, place)] * 2
-        first, last = (shift if abs(shift) > _OFF * L else 0.0 for shift in shifts)
-        start, end = place.start + first, min(place.end + last, L)
+            start = end = start + _point_shift(of, point, place)
         if end - start < least:
             start = end = (start + end) / 2
-        refined.append(Place(place.obstacle, start, end))
+        refined.append(Place(j, start, end))
     return _joined(refined, point.system.mesh)
 
 
@@ -191,7 +190,7 @@ def _point_shift(of: Request, point: Linearised, place: Place) -> float:
     shift = float(system.mesh.s[node] + second(system, point.states)[node, j]) - s
     if s in of.corners:
         _, slope, curve = along(system, point.x, np.array([s]), np.array([j]))[0][0]
-        shift = -min(slope / max(curve, _FLAT), _NEAR * h) * (slope > THROUGH)
+        shift = -min(slope / max(curve, SMALLEST), _NEAR * h) * (slope > THROUGH)
     shift = min(max(shift, -h / 2), h / 2)
     passed = [at - s for at in of.corners if 0 < (at - s) * np.sign(shift) < abs(shift)]
     return passed[0] if passed else shift
@@ -212,12 +211,12 @@ def _end_shift(of: Request, point: Linearised, place: Place, side: int) -> float
     # Values at a node are those on its base side.
     within = contacts(system.scene)[j].friction > 0 and not sheared
     stations = s + np.array(
-        [SAME * L * ((side > 0) != within), side * _ASIDE * h, side * 2 * _ASIDE * h]
+        [SAME * L * ((side > 0) != within), side * _SHORT * h, side * 2 * _SHORT * h]
     )
     gaps = along(system, point.x, stations, np.full(3, j))[0]
     # A part is too long where the free arm leaves with gap'' > 0, as if it were pulled there.
     leaves = side * gaps[:, 1] if sheared else gaps[:, 2]
-    rate = float(leaves[2] - leaves[1]) / (side * _ASIDE * h)
+    rate = float(leaves[2] - leaves[1]) / (side * _SHORT * h)
     f = float(leaves[0]) - rate * (stations[0] - s)
     most = min(0.8 * h, 0.35 * (place.end - place.start))
     return -side * float(np.sign(f)) * min(abs(f / rate) if rate else h, most)
@@ -246,9 +245,10 @@ def _touching(of: Request, point: Linearised, place: Place) -> Place:
     h = _NEAR * float(np.diff(system.mesh.s)[system.mesh.node(s) - 1])
     both = np.array([s, min(s + SAME * L, L)])
     (_, slope, curve), (_, after, _) = along(system, point.x, both, np.array([j, j]))[0]
+    bends = curve < 0 and s not in of.corners
     if of.base.scene.has(Shear):
-        return Place(j, s - h, min(s + h, L)) if slope - after > THROUGH else place
-    return place if curve >= 0 or s in of.corners else Place(j, s - h, min(s + h, L))
+        bends = slope - after > THROUGH
+    return Place(j, s - h, min(s + h, L)) if bends else place
 
 
 def _joined(places: list[Place], mesh: Mesh) -> Places:

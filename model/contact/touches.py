@@ -8,7 +8,7 @@ continuous, and the free arm leaves the obstacle with its curvature.
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,7 @@ Mask = NDArray[np.bool_]
 _BESIDE = 1e-6
 
 
-@dataclass(frozen=True, order=True)
-class Place:
+class Place(NamedTuple):
     """Where the arm touches an obstacle, by its number among the contacts of the scene.
 
     Attributes
@@ -53,14 +52,11 @@ class Touches:
 
     Attributes
     ----------
-    flags : (N + 1, K, 6)
+    flags : (N + 1, K, 5)
         All of these, by node and obstacle.
-    held : (N + 1, K)
-        1 for nodes with a force: points, at which it keeps the gap at 0, and ends of parts.
-    inside : (N + 1, K)
-        1 for nodes inside of parts, with pressure alone.
-    end : (N + 1, K)
-        1 for ends of parts, with force and pressure.
+    held, pressing : (N + 1, K)
+        1 for nodes with a force, and with a pressure: points have the first, at which it keeps the
+        gap at 0, nodes inside of parts the second, and ends of parts both.
     moves, curve : (N + 1, K)
         1 for points that may move along the arm, and gap'' [1/m] there, above 0.
     lies : (N + 1, K)
@@ -69,46 +65,42 @@ class Touches:
 
     def __init__(self, flags: Array) -> None:
         self.flags = flags
-        self.held, self.inside, self.end, self.moves, self.curve, self.lies = np.moveaxis(
-            flags, 2, 0
-        )
+        self.held, self.pressing, self.moves, self.curve, self.lies = np.moveaxis(flags, 2, 0)
 
     @classmethod
     def of(cls, system: System) -> Touches:
         """Return those that are set on a system."""
         form = system.of.form
-        flags = np.zeros((system.of.elements + 1, form.contacts, TOLD + 1))
-        flags[1:, :, :TOLD] = kernel_numbers(system, "touch")[:, :, -TOLD:]
+        flags = np.zeros((system.of.elements + 1, form.contacts, TOLD))
+        held, inside, end, *moves = np.moveaxis(kernel_numbers(system, "touch")[..., -TOLD:], 2, 0)
+        flags[1:, :, :-1] = np.stack([held, inside + end, *moves], axis=2)
         if form.pressed:
-            flags[:-1, :, TOLD] = kernel_numbers(system, "pressure")[:, :, -1]
+            flags[:-1, :, -1] = kernel_numbers(system, "pressure")[:, :, -1]
         return cls(flags)
 
     @property
     def points(self) -> Mask:
         """Whether nodes touch at points (N + 1, K)."""
-        return np.asarray(self.held > self.end)
+        return np.asarray(self.held > self.pressing)
 
     @property
     def touching(self) -> Mask:
         """Whether nodes touch (N + 1, K)."""
-        return np.asarray(self.held + self.inside > 0)
-
-    @property
-    def pressing(self) -> Array:
-        """1 for nodes with a pressure (N + 1, K)."""
-        return np.asarray(self.end + self.inside)
+        return np.asarray(self.held + self.pressing > 0)
 
     def on(self, system: System) -> System:
         """Return a system with these touches set."""
-        changed, form = copy.copy(system), system.of.form
-        kernel_numbers(changed, "touch")[:, :, -TOLD:] = self.flags[1:, :, :TOLD]
+        changed, form, end = copy.copy(system), system.of.form, self.held * self.pressing
+        flags = [self.held, self.pressing - end, end, self.moves, self.curve]
+        kernel_numbers(changed, "touch")[:, :, -TOLD:] = np.stack(flags, axis=2)[1:]
         if form.pressed:
             kernel_numbers(changed, "pressure")[:, :, -1] = self.lies[:-1]
         if form.contact_friction:
-            first = self.end * self.lies
-            flags = [self.held, self.inside, self.end - first, first, self.moves]
+            flags[2:4] = [end * (1 - self.lies), end * self.lies]
             rows = kernel_numbers(changed, "contact_friction")
-            rows[:, :, -BEFORE - FRICTION_TOLD : -BEFORE] = np.stack(flags, axis=2)[1:]
+            rows[:, :, -BEFORE - FRICTION_TOLD : -BEFORE] = np.stack(
+                [*flags[:4], self.moves], axis=2
+            )[1:]
         return changed
 
 
@@ -189,23 +181,6 @@ def mesh_with(base: System, fixed: Array, places: Places) -> Mesh | None:
         if (np.diff(k) >= least[1:]).all() and (k == nearest)[stay].all():
             return with_nodes(base.arm, np.interp(np.arange(nodes.size), k, wanted))
         nodes = np.interp(np.arange(2 * nodes.size - 1) / 2, np.arange(nodes.size), nodes)
-
-
-def touches_at(system: System, places: Places, sheared: bool) -> Touches:
-    """Return how the nodes of a system touch at places.
-
-    Parts of an arm that is `sheared` have no forces at their ends.
-    """
-    touches, mesh = Touches.of(system), system.mesh
-    for place in places:
-        first, last, j = mesh.node(place.start), mesh.node(place.end), place.obstacle
-        if not place.lies:
-            touches.held[first, j] = 1
-            continue
-        for flags in (touches.inside,) if sheared else (touches.held, touches.end):
-            flags[[first, last], j] = 1
-        touches.inside[first + 1 : last, j] = touches.lies[first:last, j] = 1
-    return touches
 
 
 def places_of(system: System) -> Places:

@@ -35,16 +35,27 @@ def check_closed(vertices: Array, faces: Faces) -> None:
     edges = np.vstack([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     key, back = edges @ [len(vertices), 1], edges @ [1, len(vertices)]
     _, counts = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
-    if (counts != 2).any():
-        value = f"{np.sum(counts != 2)} of {counts.size} edges with one triangle, or three"
-        message = "a closed (watertight) surface, two triangles at each edge: fill its holes"
-        raise InputError("Mesh.faces", value, message)
-    if not np.array_equal(np.sort(key), np.sort(back)):
-        message = "triangles whose corners all go round counter-clockwise, seen from outside"
-        raise InputError("Mesh.faces", "some turned over", message)
-    if volume(vertices, faces) <= 0:
-        message = "triangles turned outwards: corners counter-clockwise, seen from outside"
-        raise InputError("Mesh.faces", "turned inwards", message)
+    open_edges, round_corners = int((counts != 2).sum()), "counter-clockwise, seen from outside"
+    refused = (
+        (
+            open_edges > 0,
+            f"{open_edges} of {counts.size} edges with one triangle, or three",
+            "a closed (watertight) surface, two triangles at each edge: fill its holes",
+        ),
+        (
+            not np.array_equal(np.sort(key), np.sort(back)),
+            "some turned over",
+            f"triangles whose corners all go round {round_corners}",
+        ),
+        (
+            volume(vertices, faces) <= 0,
+            "turned inwards",
+            f"triangles turned outwards: corners {round_corners}",
+        ),
+    )
+    for is_refused, value, allowed in refused:
+        if is_refused:
+            raise InputError("Mesh.faces", value, allowed)
 
 
 def volume(vertices: Array, faces: Faces) -> float:
