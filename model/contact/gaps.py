@@ -21,9 +21,9 @@ from model.transcription.touch import gap_along
 # What a gap may be below 0, over the arm's length; of slopes, and over the largest of forces, what
 # is rounding.
 THROUGH = SAME
-# Gaps are sampled so often in each element; where one is least, among so many places in so many
+# Gaps are sampled so often in each element; where one is least, among so many places in as many
 # intervals, each around the least of the one before.
-_SAMPLES = 8
+_SAMPLES, _AMONG = 6, 9
 
 
 def along(system: System, x: Array, s: Array, obstacles: Index) -> tuple[Array, Array, Array]:
@@ -81,13 +81,13 @@ def least_gaps(system: System, x: Array, places: Places = ()) -> list[tuple[int,
         least[(s >= place.start - same) & (s <= place.end + same), place.obstacle] = False
     k, j = np.nonzero(least)
     at, reach, gaps = s[k], reach[k], np.zeros((k.size, 1))
-    for _ in range(_SAMPLES * bool(k.size)):
+    for _ in range(_AMONG * bool(k.size)):
         ends = np.maximum(at - reach, THROUGH * L), np.minimum(at + reach, L)
-        stations = np.linspace(*ends, _SAMPLES, axis=1)
-        gaps = along(system, x, stations.ravel(), np.repeat(j, _SAMPLES))[0][:, 0]
+        stations = np.linspace(*ends, _AMONG, axis=1)
+        gaps = along(system, x, stations.ravel(), np.repeat(j, _AMONG))[0][:, 0]
         gaps = gaps.reshape(stations.shape)
         at = stations[np.arange(k.size), gaps.argmin(axis=1)]
-        reach = (ends[1] - ends[0]) / (_SAMPLES - 1)
+        reach = (ends[1] - ends[0]) / (_AMONG - 1)
     low = gaps.min(axis=1) < -THROUGH * L
     return sorted(set(zip(j[low].tolist(), at[low].tolist(), strict=True)))
 
