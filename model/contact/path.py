@@ -38,7 +38,6 @@ from model.loads import contacts, without_friction
 from model.obstacles import distances, numbers_of
 from model.progress import tell
 from model.time_limit import check_time
-from model.transcription.system import System
 from model.winches import slackened
 
 # First, least and longest step in the load factor; with friction: where a point rolls, that is not
@@ -229,10 +228,8 @@ def _nodes(rough: Linearised) -> Places:
 
 def _slid(request: Request, near: Linearised) -> Linearised:
     """Return the equilibrium with friction near that which the arm without it snaps to."""
-    base = request.base
-    form = base.of.form.stages, True, base.of.form.machine_code
-    free = System(base.arm, without_friction(base.scene), base.mesh, *form)
-    smooth = replace(request, base=free, before=None)
+    smooth, scene = replace(request, before=None), without_friction(request.base.scene)
+    smooth = replace(smooth, base=smooth.on(request.base.mesh, scene=scene))
     rough = _least(smooth, near)
     there = None if rough is None else _sharp(smooth, rough)
     solution = there and sharpened(request, there, places_of(there.system))

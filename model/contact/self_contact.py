@@ -30,9 +30,6 @@ from model.time_limit import before_long, check_time
 
 # First, least and longest step in the load factor of the tensions.
 _STEPS = 1 / 4, 1 / 1024, 1 / 4
-# Penetration that is allowed when a pair begins, over the lesser radius; how far apart arc lengths
-# are another pair's, over the length.
-_DEEP, _OTHER = 0.5, 0.03
 # Residuals of a root, scaled.
 _ROOT = 2e-10
 # Steps of differences: along the arm, over its length, and of scaled unknowns.
@@ -169,7 +166,9 @@ def _step(tensions: Array, scene: Scene, settle: Settle, state: _State) -> _Stat
             return None
         s, new = near.s[1:], nearest(near)
         far = float(np.linalg.norm(near.position(s) - before.position(s), axis=1).max())
-        deep = _DEEP * float(near.arm.outer_radius(s)[0].min())
+        radius = float(near.arm.outer_radius(s)[0].min())
+        # A pair may begin by half the lesser radius inside of each other.
+        deep = radius / 2
         if new.gap < -deep or far > max(L / 10, apart / 2 + deep):
             return None
         pressed = [float(pair.force @ Gap.at(near, pair.s).normal) for pair in pairs]
@@ -177,7 +176,8 @@ def _step(tensions: Array, scene: Scene, settle: Settle, state: _State) -> _Stat
             pairs = tuple(pair for k, pair in enumerate(pairs) if k != np.argmin(pressed))
             continue
         at = np.sort(new.s)
-        known = not new.s or any(np.abs(pair.s - at).max() < _OTHER * L for pair in pairs)
+        # Pairs that are no farther apart along the arm than it is thick are one.
+        known = not new.s or any(np.abs(pair.s - at).max() < 2 * radius for pair in pairs)
         if known or Gap.at(near, at).size >= -THROUGH * L:
             return near, pairs
         pairs = (*pairs, Pair(at, np.zeros(3)))

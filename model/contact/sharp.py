@@ -32,6 +32,7 @@ from model.equilibrium.newton import carried_strains
 from model.loads import contacts
 from model.mesh import Mesh
 from model.paths import SAME, Array
+from model.scene import Scene
 from model.transcription.system import System
 from model.transcription.touch import BEFORE
 from model.winches import Winches
@@ -69,11 +70,11 @@ class Request:
     before: Linearised | None = None
     winches: Winches | None = None
 
-    def on(self, mesh: Mesh, pressed: bool = False) -> System:
-        """Return the equations on another mesh."""
+    def on(self, mesh: Mesh, pressed: bool = False, scene: Scene | None = None) -> System:
+        """Return the equations on another mesh, in another scene if one is given."""
         base = self.base
         form = base.of.form.stages, True, base.of.form.machine_code, pressed
-        system = System(base.arm, base.scene, mesh, *form)
+        system = System(base.arm, scene or base.scene, mesh, *form)
         if self.before is not None:
             were = self.before.at(mesh.s[1:])[0][:, 4:]
             kernel_numbers(system, "contact_friction")[:, :, -BEFORE:] = were[:, None]
