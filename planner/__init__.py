@@ -23,9 +23,8 @@ from planner.io.csv_files import save_shape
 from planner.io.saved_files import load_calibration, load_plan
 from planner.many import FailedPlan, plan_many
 from planner.plan import Plan, plan
-from planner.program.limits import Limits
 from planner.program.problem import Problem
-from planner.program.statement import Statement
+from planner.question import Limits, Statement
 from planner.solve.task import Trial
 from planner.sweeps.sweep import sweep
 from planner.trajectory.motion import trajectory

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from model.arm import Arm
 from model.errors import OctoplanError
 from model.loads import contacts
 from model.paths import Array
-from model.scene import Scene
 from model.shape import Shape
 from planner.avoidance.surroundings import NOTHING, Surroundings
 from planner.certificate import Certificate
@@ -22,13 +20,11 @@ from planner.contact.remarks import remarks
 from planner.measure import remark_on_slack, strokes
 from planner.mirror import mirror_images
 from planner.outcome import sentence
-from planner.program.limits import Limits
-from planner.program.optimality import Point
-from planner.program.problem import Problem, units
-from planner.program.program import STABILITY, STROKES
-from planner.program.statement import Mode, effort
+from planner.program.problem import Point, units
+from planner.program.program import STABILITY, STRETCH, STROKES
+from planner.question import Mode, effort
 from planner.solve.refine import defect, settled
-from planner.solve.task import SearchResult, Task
+from planner.solve.task import SearchResult, Task, agreed
 from planner.targets.base import Target
 
 
@@ -46,37 +42,20 @@ class Optimum(NamedTuple):
     residual: float
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Answer(SearchResult):
+@dataclass(frozen=True, eq=False)
+class Answer(SearchResult, Task):
     """Tensions for a target. Numbers only; shape, certificate and outcome are derived from them.
 
-    An answer whose tensions are changed (dataclasses.replace) is checked afresh.
-
-    Attributes
-    ----------
-    arm, scene, targets, limits
-        The question; SearchResult has the solution.
-    accuracy : float
-        What residuals and tip errors are held to, over the arm's length.
-    machine_code : bool
-        Whether compiled kernels are used, for the search and what is derived; not compared.
-    surroundings : Surroundings
-        What the arm was to keep clear of.
+    Task has the question, SearchResult the solution, and `surroundings` is what the arm was to keep
+    clear of. An answer whose tensions are changed (dataclasses.replace) is checked afresh.
     """
 
-    arm: Arm
-    scene: Scene
-    targets: tuple[Target, ...]
-    limits: Limits
-    accuracy: float
-    machine_code: bool = field(default=False, compare=False)
     surroundings: Surroundings = NOTHING
 
     @classmethod
     def of(cls, task: Task, result: SearchResult, **more: Any) -> Self:
         """Return the answer to a task from the result of its search; `more` are further fields."""
-        shared = ("arm", "scene", "targets", "limits", "accuracy", "machine_code")
-        return cls(**{name: getattr(task, name) for name in shared}, **vars(result), **more)
+        return cls(**vars(task) | vars(result) | more)
 
     @cached_property
     def shape(self) -> Shape:
@@ -105,7 +84,7 @@ class Answer(SearchResult):
     def certificate(self) -> Certificate:
         """The check of the tensions by another integrator; see planner.certificate."""
         T = np.ravel(self.tensions)
-        return certify(self.task, T, lambda: self.shape, self._kkt(), self.surroundings)
+        return certify(self, T, lambda: self.shape, self._kkt(), self.surroundings)
 
     @property
     def mode(self) -> Mode:
@@ -127,11 +106,11 @@ class Answer(SearchResult):
         """What happened, what holds it, and what to try: a sentence."""
         said = sentence(self)
         if self.jump:
-            more = f"left the branch of the plan before: tensions jump by {100 * self.jump:.0f} %"
-            said = f"{said.removesuffix('.')}; {more}."
+            said = said.removesuffix(".") + "; left the branch of the plan before: "
+            said += f"tensions jump by {100 * self.jump:.0f} %."
         if self.lost:
-            more = f"an optimum {100 * self.lost:.0f} % cheaper on the coarse mesh"
-            said = f"{said} {more.capitalize()} was lost on finer ones: ask for more starts."
+            said += f" An optimum {100 * self.lost:.0f} % cheaper on the coarse mesh was lost on "
+            said += "finer ones: ask for more starts."
         if self.mirror_images:
             planes = ", ".join(f"{math.degrees(angle):.3g} deg" for angle, _ in self.mirror_images)
             said = f"{said} Its mirror image across the plane at {planes} from n costs the same."
@@ -153,33 +132,32 @@ class Answer(SearchResult):
         touches = self.surroundings or contacts(self.scene)
         if touches or self.mode != "exact" or not self.reached:
             return ()
-        images = mirror_images(self.task, self.shape)
+        images = mirror_images(self, self.shape)
         return tuple((angle, self.arm.by_section(T)) for angle, T in images)
 
     def holding(self) -> list[str]:
         """Return the names of the limits that hold the tensions back, hardest first."""
         if not self.lam_x:
             return []
-        T, lam, limits = np.ravel(self.tensions), np.array(self.lam_x), self.task.allowed
-        near = 1e-6 * units(self.arm, limits)
-        active = []
-        for j, upper in enumerate(self.limits.upper):
-            if limits.upper[j] == upper and T[j] >= upper - near[j] and lam[j] > 1e-9:
-                name = f"{self.arm.tendon_name(j)} at its maximum of {upper:g} N"
-                active.append((float(lam[j]), name))
-        if np.ravel(self._rows("stretch")).min(initial=0.0) < -1e-9:
-            active.append((np.inf, "the body, which would be crushed (1 + q at its least)"))
-        if np.ravel(self._rows(STABILITY)).min(initial=0.0) < -1e-9:
-            least = self.statement.least
-            active.append((np.inf, f"stability, at its margin of {least:g}"))
-        if np.ravel(self._rows("inequality")).min(initial=0.0) < -1e-9 and self.surroundings:
-            active.append((0.0, "what the arm is to keep clear of"))
-        if self.limits.strokes is not None:
-            lam_strokes = np.ravel(self._rows(STROKES))
-            for j in np.flatnonzero(np.abs(lam_strokes) > 1e-9).tolist():
-                end = self.limits.strokes[int(lam_strokes[j] < 0)][j]
-                name = f"the stroke of {self.arm.tendon_name(j)}, at {1e3 * end:g} mm"
-                active.append((abs(float(lam_strokes[j])), name))
+        T, lam, limits = np.ravel(self.tensions), np.array(self.lam_x), self.allowed
+        near, upper = 1e-6 * units(self.arm, limits), np.array(self.limits.upper)
+        holds = (np.array(limits.upper) == upper) & (upper - near <= T) & (lam[: T.size] > 1e-9)
+        active = [
+            (lam[j], f"{self.arm.tendon_name(j)} at its maximum of {upper[j]:g} N")
+            for j in np.flatnonzero(holds).tolist()
+        ]
+        kinds = (
+            (STRETCH, np.inf, "the body, which would be crushed (1 + q at its least)"),
+            (STABILITY, np.inf, f"stability, at its margin of {self.statement.least:g}"),
+            ("clear", 0.0, "what the arm is to keep clear of"),
+        )
+        for kind, weight, name in kinds:
+            if self._rows(kind).min(initial=0.0) < -1e-9:
+                active.append((weight, name))
+        lam, ends = self._rows(STROKES), np.array(self.limits.strokes)
+        for j in np.flatnonzero(np.abs(lam) > 1e-9).tolist():
+            end = 1e3 * ends[int(lam[j] < 0), j]
+            active.append((abs(lam[j]), f"the stroke of {self.arm.tendon_name(j)}, at {end:g} mm"))
         total = self.limits.total
         if total is not None and T.sum() >= total * (1 - 1e-6):
             active.append((np.inf, f"the total pull at its maximum of {total:g} N"))
@@ -191,21 +169,18 @@ class Answer(SearchResult):
         return self.targets if self.avoidance is None else (*self.targets, self.avoidance)
 
     @property
-    def task(self) -> Task:
-        """The question as it was stated to the search."""
-        question = (self.arm, self.targets, self.scene, self.limits, self.statement, self.accuracy)
-        return Task(*question, self.machine_code)
-
-    def problem(self) -> Problem:
-        """Return the program that it is the optimum of."""
-        return replace(self.task, targets=self.stated).problem(self.statement)
+    def agreed(self) -> int:
+        """How many starts ended at the best objective, to a thousandth."""
+        return agreed(self.starts)
 
     def _rows(self, name: str) -> Array:
         """Return the multipliers of the constraints of a name."""
-        rows = self.problem().program.outer_rows
-        names = np.concatenate([[row.name] * row.size for row in rows])
-        lam_g = np.array(self.lam_g)[: names.size]
-        return lam_g[names == name] if lam_g.size == names.size else np.zeros(0)
+        problem, lam_g = self.problem(), np.array(self.lam_g)
+        # Files of earlier versions have the multipliers of equilibrium last.
+        if lam_g.size < problem.n_outer:
+            return np.zeros(0)
+        at = np.flatnonzero(problem.program.rows[: problem.n_outer] == name)
+        return np.asarray(lam_g[at])
 
     @cached_property
     def optimum(self) -> Optimum | None:
@@ -215,7 +190,6 @@ class Answer(SearchResult):
         """
         problem = self.problem()
         n, m = problem.n_free, problem.n_outer
-        # Files of earlier versions have the multipliers of equilibrium last.
         lam_x, lam_g = np.array(self.lam_x)[:n], np.array(self.lam_g)[:m]
         if lam_x.size != n or lam_g.size != m:
             return None
@@ -234,12 +208,12 @@ class Answer(SearchResult):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Answer):
             return NotImplemented
+        names = [f.name for f in fields(self) if f.compare]
         return all(
-            np.array_equal(getattr(self, f.name), getattr(other, f.name))
-            if f.name == "tensions"
-            else getattr(self, f.name) == getattr(other, f.name)
-            for f in fields(self)
-            if f.compare
+            np.array_equal(getattr(self, n), getattr(other, n))
+            if n == "tensions"
+            else getattr(self, n) == getattr(other, n)
+            for n in names
         )
 
     __hash__ = None  # type: ignore[assignment]

@@ -23,10 +23,6 @@ MOST_LOADS = 3.0
 COMPLEMENTARY = 1e-8
 
 
-def _without_loads() -> float | None:
-    return None
-
-
 @dataclass(frozen=True)
 class Certificate(Shown):
     """The results of a plan's check. Lengths are over the arm's length, angles in rad.
@@ -70,7 +66,7 @@ class Certificate(Shown):
     gaps_asked: Mapping[str, float] = field(default_factory=dict)
     least_gaps: Mapping[str, float] = field(default_factory=dict)
     clearances_of: Callable[[], Mapping[str, Clearance]] = field(default=dict, compare=False)
-    load_factor_of: Callable[[], float | None] = field(default=_without_loads, compare=False)
+    load_factor_of: Callable[[], float | None] = field(default=lambda: None, compare=False)
     units: Mapping[str, str] = field(default_factory=dict)
     strokes: float = 0.0
     complementarity: float | None = None
@@ -90,8 +86,10 @@ class Certificate(Shown):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what travels by pickle: the numbers, in place of what computes them."""
-        numbers = {"clearances": self.clearances, "load_factor": self.load_factor}
-        return vars(self) | numbers | {"clearances_of": dict, "load_factor_of": _without_loads}
+        numbers = vars(self) | {"clearances": self.clearances, "load_factor": self.load_factor}
+        return {
+            name: numbers[name] for name in numbers.keys() - {"clearances_of", "load_factor_of"}
+        }
 
     @property
     def gaps(self) -> Mapping[str, float]:

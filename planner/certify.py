@@ -11,7 +11,6 @@ import numpy as np
 from model.centreline import Centreline
 from model.clearance import KINDS, Clearance, clearances
 from model.equilibrium.integration import SCHEME
-from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import LEAST_STEP, STAGES, Collocation, Followed, follow_on
 from model.equilibrium.stability import stability
 from model.equilibrium.verification import verified
@@ -27,19 +26,11 @@ from planner.avoidance.surroundings import NOTHING, Surroundings
 from planner.certificate import MOST_LOADS, Certificate
 from planner.contact.grasp import Grasp
 from planner.measure import compliances_along, measure, strokes
-from planner.program.limits import Limits
 from planner.program.terms import stations_of, terms_of
+from planner.question import Limits
 from planner.solve.refine import sharper
 from planner.solve.task import Task
 from planner.targets.hold import WRENCH, Hold
-
-# It begins from a mesh this much coarser than the shape's and than the coarsest: what wrenches lack
-# there is corrected to first order. Where that leaves the tip's pose farther off than so many times
-# its accuracy, from that of the shape.
-_COARSER, _CLOSE = 2, 10
-# Where along the arm gaps are looked at.
-_LOOKS = 2001
-_LATE = "the time limit was reached before it was verified"
 
 
 def certify(
@@ -64,7 +55,9 @@ def certify(
         if least_gaps:
             gaps |= clearances(line(), surroundings.obstacles, least_gaps)
     except (OctoplanError, OutOfTime) as reason:
-        why = _LATE if isinstance(reason, OutOfTime) else str(reason)
+        why = str(reason)
+        if isinstance(reason, OutOfTime):
+            why = "the time limit was reached before it was verified"
         return Certificate(bounds=excess, scheme=scheme, tolerance=tolerance, problem=why)
     equality, soft_residual, inequality = measure(
         arm, targets, poses, compliances_along(arm, targets, shape)
@@ -116,10 +109,15 @@ Checked = tuple[Array, Array, float, float, Callable[[], Centreline]]
 
 
 def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> Checked:
-    """Return what initial value integration makes of a shape."""
+    """Return what initial value integration makes of a shape.
+
+    It begins from a mesh half as fine as the shape's: what wrenches lack there is corrected to
+    first order. Where that leaves the tip's pose farther off than ten times its accuracy, from that
+    of the shape.
+    """
     arm, scene, touching = shape.arm, shape.scene, bool(contacts(shape.scene))
-    coarser = max(_COARSER, shape.refinement // _COARSER)
-    meshes = {shape.refinement} if touching else {min(shape.refinement, coarser), shape.refinement}
+    coarser = min(shape.refinement, max(2, shape.refinement // 2))
+    meshes = {shape.refinement} if touching else {coarser, shape.refinement}
     scale = np.repeat([1.0, arm.length], [4, 3])
     for mesh in sorted(meshes):
         form = (STAGES, mesh, stations, is_loaded(scene), shape.machine_code)
@@ -127,7 +125,7 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
         check, system = verified(equilibrium, accuracy), equilibrium.system
         poses = system.poses(check.point.states)
         gap = np.abs(poses[-1] - shape.poses(arm.length)) / scale
-        if gap.max() <= _CLOSE * accuracy:
+        if gap.max() <= 10 * accuracy:
             break
     places = [system.mesh.node(s) for s in stations]
     line = partial(Centreline.at_states, system, check.point.states)
@@ -136,16 +134,10 @@ def _integrated(shape: Shape, stations: tuple[float, ...], accuracy: float) -> C
     return poses[places], poses[-1, 4:], check.error, least, line
 
 
-def _rough(shape: Shape) -> Linearised:
-    """Return the equilibrium of a shape on the coarsest mesh."""
-    form = (STAGES, 1, (), True, shape.machine_code)
-    return Collocation(shape.arm, shape.scene, *form).solve(shape.tensions, shape.known)
-
-
 def _violation(shape: Shape, line: Centreline) -> float:
     """Return by how much gap >= 0 [m], force >= 0 [N] and their product = 0 [N m] are missed."""
     bodies = numbers_of([contact.obstacle for contact in contacts(shape.scene)])
-    s = np.linspace(0.0, shape.arm.length, _LOOKS)[1:]
+    s = np.linspace(0.0, shape.arm.length, 2001)[1:]
     places, radii = line.at(s)
     worst = float((radii[:, None] - distances(bodies, places)[0]).max(initial=-np.inf))
     for touch in shape.contacts:
@@ -162,5 +154,7 @@ def _load_factor(shape: Shape) -> float | None:
     """
     if not is_loaded(shape.scene) or contacts(shape.scene):
         return None
-    end = follow_on(Followed(_rough(shape), 1.0, ""), MOST_LOADS, LEAST_STEP)
+    coarsest = Collocation(shape.arm, shape.scene, STAGES, 1, (), True, shape.machine_code)
+    begin = Followed(coarsest.solve(shape.tensions, shape.known), 1.0, "")
+    end = follow_on(begin, MOST_LOADS, LEAST_STEP)
     return end.load if end.why else np.inf

@@ -16,8 +16,7 @@ from model.scene import Scene
 from model.shape import Shape
 from planner.certificate import Certificate
 from planner.plan import Plan, plan
-from planner.program.statement import Statement
-from planner.question import checked_limits, planned_scene
+from planner.question import Statement, checked_limits, planned_scene
 from planner.solve.task import SearchResult, Task
 from planner.targets.base import Target
 
@@ -51,10 +50,7 @@ class FailedPlan(Plan):
         """As many times nan as there are tendons."""
         return np.full_like(self.tensions, np.nan)
 
-    @property
-    def strokes(self) -> Array:
-        """As many times nan as there are tendons."""
-        return np.full_like(self.tensions, np.nan)
+    strokes = lengths
 
     @property
     def certificate(self) -> Certificate:

@@ -17,8 +17,6 @@ from planner.program.terms import target_numbers, terms_of
 from planner.targets.base import Target
 from planner.targets.stiffness import MinimumStiffness
 
-_STIFF_ACCURACY = 1e-8
-
 
 def measure(
     arm: Arm, targets: tuple[Target, ...], poses: Array, compliances: Sequence[Array]
@@ -52,7 +50,7 @@ def compliances_along(
             shape.tensions,
             shape.scene,
             request.hold,
-            accuracy=_STIFF_ACCURACY,
+            accuracy=1e-8,
             tendon_EA=request.tendon_EA,
             release=release,
             compile=shape.machine_code,

@@ -19,8 +19,8 @@ from model.paths import Array
 from model.settle import settle
 from model.shape import Shape
 from planner.measure import measure
-from planner.program.limits import Limits
 from planner.program.terms import compliance_requests, stations_of
+from planner.question import Limits
 from planner.solve.task import Task
 from planner.targets.base import Target
 

@@ -19,26 +19,32 @@ def _happened(plan: Any) -> str:
     certificate, count = plan.certificate, len(plan.starts)
     if certificate.problem:
         return f"Not certified: {certificate.problem}"
-    plural = "es" * (count > 1)
-    tried = f"{count} initial guess{plural} tried, {plan.agreed} led to the best optimum"
+    guesses = "initial guesses" if count > 1 else "initial guess"
+    tried = f"{count} {guesses} tried, {plan.agreed} led to the best optimum"
     if certificate.passed:
         bears = f"stability {certificate.stability:.3g}, {certificate.bears}; "
         cost = f"effort {plan.effort:.4g} N; {bears if certificate.bears else ''}"
         return f"Reached{_success(plan)}; {cost}{tried}"
     if certificate.strokes > certificate.tolerance:
-        nearest = f"the nearest one found passes them by {_size(plan, certificate.strokes)}"
-        return f"Not reached: no shape within the limits of strokes is found; {nearest}; {tried}"
+        over = _size(plan, certificate.strokes)
+        return (
+            "Not reached: no shape within the limits of strokes is found; the nearest one found "
+            f"passes them by {over}; {tried}"
+        )
     if plan.mode != "exact" and not certificate.attained:
         nearest = "attainable shape" if _is_nearest(plan) else "shape found"
         return f"Not reached: the nearest {nearest} is off in {_gaps(plan)}; {_held(plan)}; {tried}"
     if certificate.too_near:
-        advice = "move it or the target, raise the limits or ask for less clearance"
-        return f"Not clear: {certificate.nearest}; no way around it was found: {advice} ({tried})"
+        return (
+            f"Not clear: {certificate.nearest}; no way around it was found: move it or the target, "
+            f"raise the limits or ask for less clearance ({tried})"
+        )
     least = certificate.stability_margin
     if 0 <= certificate.stability < least - STABILITY_TOLERANCE:
-        stability = f"stability {certificate.stability:.3g}, asked {least:g}"
-        advice = "raise the limits or ask for a lower margin"
-        return f"Not stable enough: {stability}; {advice} ({tried})"
+        return (
+            f"Not stable enough: stability {certificate.stability:.3g}, asked {least:g}; "
+            f"raise the limits or ask for a lower margin ({tried})"
+        )
     failures = "; ".join(certificate.failures)
     return f"Not certified: {failures}; ask for a finer accuracy or more starts ({tried})"
 
@@ -49,8 +55,8 @@ def _is_nearest(plan: Any) -> bool:
     At least two initial guesses have to lead to it. Searches in contact do not tell, nor those that
     were stopped, or met the targets by unstable shapes.
     """
-    told = plan.certificate.complementarity is None and not plan.stopped and not plan.unstable
-    return bool(told and plan.agreed > 1)
+    is_told = plan.certificate.complementarity is None and not plan.stopped and not plan.unstable
+    return bool(is_told and plan.agreed > 1)
 
 
 def _success(plan: Any) -> str:

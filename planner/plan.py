@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -44,9 +44,8 @@ from planner.io.files import to_json, write_named
 from planner.io.saved_records import plan_record
 from planner.program.problem import Problem
 from planner.program.program import STABILITY
-from planner.program.statement import Solver, Statement, check_norm, check_solver
 from planner.program.terms import compliance_requests
-from planner.question import check_targets, checked_limits, planned_scene
+from planner.question import Norm, Solver, Statement, check_targets, checked_limits, planned_scene
 from planner.solve.search import Search
 from planner.solve.task import SearchResult, Task
 from planner.solve.warm_start import jump, warm_start
@@ -134,9 +133,9 @@ class HeldPlan(Plan):
         leans = "It keeps clear of what it may lean on; leaning was not tried."
         return f"{super().outcome} {leans}" if self.beside and self.reached else super().outcome
 
-    def problem(self) -> Problem:
-        """See Answer.problem: that of the arm without contacts, where it keeps clear of them."""
-        return self.beside.problem() if self.beside else super().problem()
+    def problem(self, statement: Statement | None = None) -> Problem:
+        """See Task.problem: that of the arm without contacts, where it keeps clear of them."""
+        return self.beside.problem(statement) if self.beside else super().problem(statement)
 
     def _rows(self, name: str) -> Array:
         """See Answer._rows: where it leans stability alone holds beside limits of tensions."""
@@ -147,7 +146,7 @@ class HeldPlan(Plan):
     def _kkt(self) -> float:
         if self.beside:
             return self.beside._kkt()
-        return optimality_of(self.task, np.ravel(self.tensions), self.shape, self.load_path)
+        return optimality_of(self, np.ravel(self.tensions), self.shape, self.load_path)
 
 
 @with_progress
@@ -259,33 +258,46 @@ def plan(
     strokes = (stroke_max, stroke_min, stroke_zero)
     limits = checked_limits(arm, scene, tension_max, tension_min, total_pull, *strokes)
     is_limited = limits.total is not None
-    if compliance_requests(targets) and not (is_limited or np.all(np.isfinite(limits.upper))):
-        raise InputError("tension_max", np.inf, "finite limits where a stiffness is wanted")
-    if form not in (None, "condensed", "multiple-shooting"):
-        raise InputError(
-            "form",
-            form,
-            "condensed, multiple-shooting; it is deprecated and has no effect",
-        )
+    endless = not is_limited and bool(np.isinf(limits.upper).any())
+    forms, norms = ("condensed", "multiple-shooting"), "2 (least squares), 1 (least total pull)"
+    refused = (
+        (
+            endless and compliance_requests(targets),
+            ("tension_max", np.inf, "finite limits where a stiffness is wanted"),
+        ),
+        (solver not in get_args(Solver), ("solver", solver, ", ".join(get_args(Solver)))),
+        (str(norm) not in get_args(Norm), ("norm", norm, f"{norms} or inf (least maximum)")),
+        (
+            form not in (None, *forms),
+            ("form", form, f"{', '.join(forms)}; it is deprecated and has no effect"),
+        ),
+        (
+            starts is not None and (type(starts) is not int or starts < 1),
+            ("starts", starts, "a whole number from 1"),
+        ),
+    )
+    for is_wrong, what in refused:
+        if is_wrong:
+            raise InputError(*what)
     if form is not None:
-        warn(
-            "form has no effect: there is one program; solver= tells what solves it",
-            DeprecationWarning,
-        )
-    if starts is not None and (type(starts) is not int or starts < 1):
-        raise InputError("starts", starts, "a whole number from 1")
+        advice = "solver= tells what solves it"
+        warn(f"form has no effect: there is one program; {advice}", DeprecationWarning)
     margin = BRINK if is_loaded(scene) and not contacts(scene) else 0.0
     if stability_margin is not None:
         margin = within("stability_margin", stability_margin, 0.0, 1.0)
-    statement = Statement(
-        check_solver(solver),
-        check_norm(norm),
-        limited=is_limited,
-        margin=margin,
-        wound=limits.strokes is not None,
+    kept = {"limited": is_limited, "margin": margin, "wound": limits.strokes is not None}
+    statement = Statement(solver, str(norm), **kept)  # type: ignore[arg-type]
+    task = Task(
+        arm,
+        targets,
+        scene,
+        limits,
+        statement,
+        checked_accuracy(accuracy),
+        machine_code=checked_compile(compile),
+        guesses=starts,
+        best_margin=stability_margin is None,
     )
-    more = checked_accuracy(accuracy), checked_compile(compile), starts, stability_margin is None
-    task = Task(arm, targets, scene, limits, statement, *more)
     obstacles = check_obstacles(obstacles) + beside(targets, scene)
     around = surroundings(arm, targets, obstacles, clearance, self_clearance)
     check_contact(task, bool(around))
@@ -326,16 +338,14 @@ def _planned(task: Task, around: Surroundings, near: Plan | None) -> Plan:
 
 def searched(task: Task, around: Surroundings, near: Answer | None) -> SearchResult:
     """Return what a plan that is near leads to, or the best from all starts."""
-    if near is None:
-        return Around(task, around).run() if around else Search(task).run()
-    if near.avoidance is not None and near.surroundings == around:
+    if near is not None and near.avoidance is not None and near.surroundings == around:
         # Among the same obstacles: by the inequalities of its program, if that keeps clear.
         kept = warm_start(near, replace(task, targets=near.avoidance.beside(task.targets)))
         if kept is not None and not kept.stopped and not kept.jump:
             line = line_of(task, np.ravel(kept.tensions))
             if line is not None and not around.in_the_way(line):
                 return kept
-    result = warm_start(near, task)
+    result = None if near is None else warm_start(near, task)
     left = result is None
     if around and not (result and result.stopped):
         led = Around(task, around)
@@ -343,6 +353,6 @@ def searched(task: Task, around: Surroundings, near: Answer | None) -> SearchRes
         left = led.searched
     elif result is None:
         result = Search(task).run()
-    if not left or result.stopped or result.statement.mode != "exact":
-        return result
-    return replace(result, jump=jump(near.tensions, result.tensions))
+    if near is not None and left and not result.stopped and result.statement.mode == "exact":
+        return replace(result, jump=jump(near.tensions, result.tensions))
+    return result

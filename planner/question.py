@@ -1,22 +1,210 @@
-"""Checks of a planning question: scene, limits and targets."""
+"""A planning question: how it is stated, what the tendons may do, and checks of what is asked."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from msgspec import Meta
 
 from model.arm import Arm
+from model.checks import LARGEST, finite_array, numbers
 from model.effects import PrintedStatics
 from model.errors import InputError
+from model.mesh import FINEST
+from model.paths import Array
+from model.quantities import Count
 from model.scene import Scene
 from model.settle import checked_scene, settle
 from model.shape import Shape
-from planner.program.limits import Limits
+from model.units import STROKE, warn_unusual
 from planner.program.terms import pulling_tendons
 from planner.targets.base import Target
+
+Norm = Literal["2", "1", "inf"]
+Solver = Literal["auto", "ipopt", "fatrop"]
+Mode = Literal["exact", "closest", "nearest"]
+
+
+def effort(tensions: Array, norm: Norm) -> Array:
+    """Return the norms (...) of tensions (..., n_tendons) [N]."""
+    return np.asarray(np.linalg.norm(tensions, float(norm), axis=-1))
+
+
+@dataclass(frozen=True)
+class Statement:
+    """The choices that the program's functions depend on.
+
+    Attributes
+    ----------
+    solver : "auto", "ipopt" or "fatrop"
+        What is to solve it; of a plan, what did.
+    norm : "2", "1" or "inf"
+        What effort is.
+    mode : "exact", "closest" or "nearest"
+        How the targets are read, see planner.program.program.
+    limited : bool
+        Whether the total pull has a limit.
+    refinement : int
+        Of the mesh, whose elements have three Gauss stages.
+    margin : float
+        The least stability that is accepted, see planner.certificate.
+    modes : int
+        How many of the least stable modes are held to it; none where stability is only checked.
+    floor : float
+        What these are held to at least: an arm that is about to yield does not settle.
+    wound : bool
+        Whether strokes have limits: then the lengths of the tendons are unknowns.
+    iterations : int
+        Of a plan, how many its solution took on the last mesh.
+    """
+
+    solver: Solver = "ipopt"
+    norm: Norm = "2"
+    mode: Mode = "exact"
+    limited: bool = False
+    refinement: Annotated[int, Meta(ge=1, le=FINEST)] = 4
+    margin: float = 0.0
+    modes: Annotated[int, Meta(ge=0, le=1)] = 0
+    floor: float = 1e-2
+    wound: bool = False
+    iterations: Count = 0
+
+    @property
+    def least(self) -> float:
+        """The stability that modes are held to."""
+        return max(self.margin, self.floor)
+
+    def but(self, **changes: Any) -> Statement:
+        """Return the statement with some choices changed."""
+        return replace(self, **changes)
+
+
+_ROWS = (list, tuple, np.ndarray)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Bounds on the tensions, and on what winches take in.
+
+    Attributes
+    ----------
+    upper, lower : (n_tendons,)
+        [N]; upper may be infinite.
+    total : float or None
+        The most that all tendons together may pull [N].
+    strokes : ((n_tendons,), (n_tendons,)) or None
+        The least and the most that is taken in of each tendon from where winches are zeroed [m].
+    stroke_zero : (n_tendons,) or None
+        Lengths of the tendons there [m]; None where that is the straight arm at rest.
+    """
+
+    upper: tuple[float, ...]
+    lower: tuple[float, ...]
+    total: float | None = None
+    strokes: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    stroke_zero: tuple[float, ...] | None = None
+
+    @classmethod
+    def of(cls, arm: Arm, upper: Any, lower: Any = 0.0, total: float | None = None) -> Limits:
+        """Return limits for an arm from a number for all tendons, or one for each.
+
+        Raises InputError for negative numbers, NaN, a lower bound above the upper one or past all
+        bounds, and a total below the sum of the lower bounds.
+        """
+        high, low = each_tendon(arm, "tension_max", upper), each_tendon(arm, "tension_min", lower)
+        if np.isinf(low).any():
+            raise InputError("tension_min", lower, "finite numbers")
+        # Minima above a million times what bends the arm crush any arm, and digits are lost.
+        times = "up to {:g} N, 1e+06 times what bends the arm by 1 rad"
+        bounds = (1e6 * natural_tensions(arm), times), (high, "up to its maximum, {:g} N")
+        for most, allowed in bounds:
+            for j in np.flatnonzero(low > most)[:1].tolist():
+                name = f"tension_min[{j}] ({arm.tendon_name(j)})"
+                raise InputError(name, float(low[j]), allowed.format(most[j]))
+        if total is not None and float(finite_array("total_pull", total, ())) < low.sum():
+            raise InputError("total_pull", total, f"{low.sum():g} N, the sum of minima, or above")
+        return cls(tuple(high.tolist()), tuple(low.tolist()), total)
+
+    def with_strokes(self, arm: Arm, most: Any, least: Any = None) -> Limits:
+        """Return the limits with those of strokes, as `plan` takes them; None for no limits.
+
+        Raises InputError for a most below or a least above 0, where the arm rests.
+        """
+        if most is None and least is None:
+            return self
+        high = each_tendon(arm, "stroke_max", np.inf if most is None else most)
+        warn_unusual("stroke_max", (high / arm.length).tolist(), STROKE)
+        paid_out = high
+        if least is not None:
+            paid_out = each_tendon(arm, "stroke_min", _negated(least))
+            warn_unusual("stroke_min", (paid_out / arm.length).tolist(), STROKE)
+        return replace(self, strokes=(tuple((-paid_out).tolist()), tuple(high.tolist())))
+
+    @property
+    def keywords(self) -> dict[str, Any]:
+        """The limits as keywords of `plan`."""
+        least, most = self.strokes or (None, None)
+        return {
+            "tension_min": np.array(self.lower),
+            "tension_max": np.array(self.upper),
+            "total_pull": self.total,
+            "stroke_min": least,
+            "stroke_max": most,
+            "stroke_zero": "straight" if self.stroke_zero is None else self.stroke_zero,
+        }
+
+    def restricted(self, tendons: frozenset[int]) -> Limits:
+        """Return the limits with all other tendons held at their lower bounds."""
+        upper = [u if j in tendons else self.lower[j] for j, u in enumerate(self.upper)]
+        return replace(self, upper=tuple(upper))
+
+
+def each_tendon(arm: Arm, name: str, values: Any) -> Array:
+    """Return numbers (n_tendons,) of 0 or above; InputError for what is no such number."""
+    if not isinstance(values, _ROWS) or (isinstance(values, np.ndarray) and not values.ndim):
+        number = float(numbers(name, values, "a number, or one for each tendon"))
+        if not number >= 0:
+            raise InputError(name, values, "0 or a number above it")
+        return np.full(arm.n_tendons, number)
+    flat = arm.flat(_finite(values), name)
+    return np.where(flat >= LARGEST, np.inf, flat)
+
+
+def _negated(least: Any) -> Array:
+    """Return how much may be paid out, of the least strokes, which are 0 or below."""
+    allowed = "0 or a number below it, or one for each tendon"
+    values = numbers("stroke_min", least, allowed)
+    if not np.all(values <= 0):
+        raise InputError("stroke_min", least, allowed)
+    return np.asarray(np.abs(values))
+
+
+def _finite(values: Any) -> Any:
+    """Return numbers in rows with the largest one for infinity; the arm judges all else."""
+    if isinstance(values, _ROWS):
+        return [_finite(value) for value in values]
+    return LARGEST if isinstance(values, float) and values == np.inf else values
+
+
+@lru_cache(maxsize=64)
+def natural_tensions(arm: Arm) -> Array:
+    """Return for each tendon about the tension that bends the arm by 1 rad on its own [N].
+
+    From the integral of y / EJ to its anchorage: the linear part of the closed form.
+    """
+    result = list[float]()
+    for i, path in arm.offset_paths:
+        end = arm.sections[i].at
+        s = np.linspace(0.0, end, 201)
+        y, R = np.abs(path.evaluate(s, end)[0]), arm.radius.evaluate(s, arm.length)[0]
+        EA = arm.material.E * np.pi * R**2
+        bend, shorten = np.trapezoid([4 * y / (EA * R**2), 1 / EA], s)
+        result.append(1 / max(float(bend), float(shorten) / arm.length))
+    return np.array(result)[list(arm.offset_of)]
 
 
 def planned_scene(arm: Arm, scene: Scene | None) -> Scene:

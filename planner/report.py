@@ -143,9 +143,9 @@ def switch_table(switches: tuple[Switch, ...], accuracy: float) -> str:
         if switch.problem:
             change = factor = "-"
             notes.append(f"{switch.effect}: {switch.problem}")
-        enabled, matters = ("yes" if is_so else "no" for is_so in (switch.enabled, switch.matters))
         counts = f"{switch.states_added:+}", f"{switch.unknowns_added:+}", f"x {more:.2g}"
-        rows.append([switch.effect, enabled, change, *counts, factor, matters])
+        ends = ["yes" if is_so else "no" for is_so in (switch.enabled, switch.matters)]
+        rows.append([switch.effect, ends[0], change, *counts, factor, ends[1]])
     return "\n".join([*columns(rows), "", *notes])
 
 

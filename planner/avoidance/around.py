@@ -28,8 +28,8 @@ from model.time_limit import OutOfTime
 from planner.avoidance.places import EXCHANGED, avoiding
 from planner.avoidance.rows import Avoidance, grid
 from planner.avoidance.surroundings import Surroundings
-from planner.initial_guess.guesses import drawn_arms
-from planner.program.statement import Mode
+from planner.question import Mode
+from planner.solve.guesses import drawn_arms
 from planner.solve.ipopt import Candidate
 from planner.solve.refine import refine, settled
 from planner.solve.search import AGREED, Search

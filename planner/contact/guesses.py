@@ -8,8 +8,7 @@ from itertools import chain
 import numpy as np
 
 from model.paths import Array
-from planner.initial_guess.guesses import initial_guesses
-from planner.initial_guess.many_arms import BendCoordinates, many_places
+from planner.solve.guesses import BendCoordinates, initial_guesses, many_places
 from planner.solve.task import Task
 from planner.targets.hold import Hold
 

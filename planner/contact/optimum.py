@@ -14,7 +14,7 @@ from model.paths import Array
 from model.time_limit import check_time
 from planner.contact.load_path import LoadPath
 from planner.contact.program import Constraints, TensionProgram
-from planner.program.limits import natural_tensions
+from planner.question import natural_tensions
 
 # Steps at most, also those that fail; the first trust region, in tensions that bend by 1 rad.
 _STEPS, _RADIUS = 60, 0.25

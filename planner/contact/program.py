@@ -35,8 +35,8 @@ from model.time_limit import check_time
 from model.transcription.layout import POSE
 from planner.contact.grasp import COST, Cone, Grasp, conic_program
 from planner.contact.load_path import LoadPath, rubs
-from planner.program.limits import natural_tensions
 from planner.program.terms import stations_of, target_numbers, terms_of
+from planner.question import natural_tensions
 from planner.solve.task import Task
 from planner.targets.hold import Hold
 

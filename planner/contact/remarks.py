@@ -18,7 +18,7 @@ from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from planner.contact.grasp import Grasp
-from planner.program.limits import Limits, natural_tensions
+from planner.question import Limits, natural_tensions
 from planner.targets.base import Target
 from planner.targets.hold import LEVER, Hold
 from planner.targets.wrap import Wrap

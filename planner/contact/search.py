@@ -116,11 +116,11 @@ class ContactSearch:
         """
         assert self.begin is not None
         # From where it begins, and from rest where that leads nowhere.
-        smooth = replace(self.task, scene=without_friction(self.task.scene), starts=2)
+        smooth = replace(self.task, scene=without_friction(self.task.scene), guesses=2)
         free = np.ravel(ContactSearch(smooth, self.begin).run().tensions)
         program = TensionProgram(self.task, FINE, load_path=self.begin)
         assert program.begin is not None
-        for factor in _SLID[: self.task.starts]:
+        for factor in _SLID[: self.task.guesses]:
             T = program.begin.tensions
             start = np.maximum(T + factor * (free - T), self.task.allowed.lower)
             with suppress(OctoplanError):
@@ -138,7 +138,7 @@ class ContactSearch:
         least = self.task.statement.least
         coarse, fine = (TensionProgram(self.task, mesh, least) for mesh in (COARSE, FINE))
         nearby = [] if self.begin is None else [self.begin]
-        needed = np.inf if self.task.starts else AGREED + bool(coarse.holds)
+        needed = np.inf if self.task.guesses else AGREED + bool(coarse.holds)
         from_rest = ((tuple(T.tolist()),) for T in guesses(self.task, coarse.holds))
         for tried, load_path in enumerate(chain(nearby, from_rest), 1):
             tell("initial guesses", tried - 1, self.task.most)

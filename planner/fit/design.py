@@ -20,9 +20,8 @@ from planner.fit.designed import Design, worth
 from planner.fit.making import Making, Objective, Reach, checked_objective
 from planner.fit.unknowns import Parameters, Unknown
 from planner.plan import Plan, plan
-from planner.program.limits import Limits
 from planner.program.terms import terms_of
-from planner.question import check_targets
+from planner.question import Limits, check_targets
 
 
 @with_progress

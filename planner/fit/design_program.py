@@ -30,10 +30,9 @@ from model.time_limit import check_time
 from model.transcription.system import System, neighbour
 from planner.fit.making import Making, Objective, Reach
 from planner.fit.unknowns import Parameters
-from planner.program.limits import Limits
 from planner.program.problem import Bounds, Problem, units
-from planner.program.statement import Statement
 from planner.program.terms import stations_of
+from planner.question import Limits, Statement
 from planner.solve.ipopt import TOGETHER, WARM, Solution
 from planner.solve.side_by_side import Part, SideBySide, joined
 from planner.targets.base import Target
@@ -212,7 +211,7 @@ class Stated(SideBySide):
             return parts, Part(ca.MX(0), ca.MX(K, 1), values[-1], J, ca.MX(K, K))
 
         sizes = [problem.program.size for problem in of.problems]
-        rows = [sum(row.size for row in problem.rows) for problem in of.problems]
+        rows = [problem.program.rows.size for problem in of.problems]
         super().__init__(sizes, rows, K, room, 0, state)
 
 
@@ -232,7 +231,7 @@ def _part(
     """
     of, p, K = problem.program, problem.parameters(), by_z.size2()
     whole = ca.Function("scale", [of.p], [of.scale])(p)
-    scale = ca.DM(p[of.parts.row_scale])
+    scale = ca.DM(p[of.parts["row_scale"]])
     arguments, m, equations = [of.x, of.p], of.outer.numel(), of.equations.in_numbers()
     first = [of.f, of.gradient, of.outer, of.outer_jacobian]
     f, gradient, outer, outer_J = ca.Function("outer", arguments, first)(x, ca.DM(p))

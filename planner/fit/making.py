@@ -11,7 +11,7 @@ from model.errors import InputError
 from model.paths import Array
 from model.quantities import ArcLength, Direction
 from model.value import value
-from planner.program.limits import Limits
+from planner.question import Limits
 from planner.targets import Softest, Stiffest
 from planner.targets.base import Target, Terms, View
 

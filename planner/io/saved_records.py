@@ -32,7 +32,7 @@ from planner.io.records import (
     records,
 )
 from planner.io.tables import Number, exact, exact_choices, struct
-from planner.program.limits import Limits
+from planner.question import Limits
 from planner.solve.task import SearchResult
 
 WRITE |= dict.fromkeys((Avoidance, Apart, Place))

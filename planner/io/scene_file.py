@@ -31,8 +31,7 @@ from planner.io.scene_tables import (
     StiffnessTable,
     whole,
 )
-from planner.program.limits import Limits
-from planner.question import check_targets
+from planner.question import Limits, check_targets
 from planner.targets import Target
 
 R = TypeVar("R")

@@ -32,7 +32,7 @@ from model.settle import settle
 from model.shape import Shape
 from model.time_limit import limited
 from planner.live.goal import Goal
-from planner.program.limits import Limits, natural_tensions
+from planner.question import Limits, natural_tensions
 
 # What is drawn is as accurate as a pixel or so, over the arm's length: nearer than that the arm is
 # there. So much counts also the tension that bends the arm by 1 rad, beside what is missed.

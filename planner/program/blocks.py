@@ -4,8 +4,7 @@ Behind the tensions, and what the objective adds to them, a program has the load
 then blocks: the states of the arm, and one for each further capability. A block has as many
 equations as unknowns, so that these follow from the tensions. It is a structure without numbers:
 
-    size, is_linear           how many unknowns it has, and as many equations; whether these are
-                              linear in them
+    size                      how many unknowns it has, and as many equations
     terms(place, start, row)  the terms of its equations, the first of which is at `row`; its
                               unknowns begin at `start`, those of the layout are at `place` (n_x,)
     numbers(at, along)        the numbers (n_c, N) of each term for the equations of an arm, by the
@@ -37,36 +36,6 @@ from planner.targets.base import ComplianceRequest
 
 
 @dataclass(frozen=True)
-class Stations:
-    """Where on a mesh targets look at an arm: a structure, without numbers.
-
-    Attributes
-    ----------
-    nodes : tuple of int
-        Nodes of the poses that targets see.
-    slim : tuple of (int, int)
-        The element in each segment with tendons at one of whose ends, 0 or 1, the body is slimmest
-        and 1 + q least; none without extension.
-    """
-
-    nodes: tuple[int, ...]
-    slim: tuple[tuple[int, int], ...]
-
-    @classmethod
-    def of(cls, at: System, places: tuple[float, ...]) -> Stations:
-        """Return the stations at arc lengths [m]."""
-        mesh, slim = at.mesh, []
-        radius = at.arm.radius.evaluate(mesh.s, at.arm.length)[0]
-        for count in np.unique(mesh.active[mesh.active > 0]):
-            inside = np.flatnonzero(mesh.active == count)
-            ends = np.stack([radius[inside], radius[inside + 1]])
-            end, k = np.unravel_index(int(np.argmin(ends)), ends.shape)
-            slim.append((int(inside[k]), int(end)))
-        extends = at.of.form.law.extension
-        return cls(tuple(mesh.node(s) for s in places), tuple(slim) if extends else ())
-
-
-@dataclass(frozen=True, eq=False)
 class States:
     """The states of an arm, with the equations of equilibrium.
 
@@ -76,13 +45,27 @@ class States:
     Attributes
     ----------
     of : Layout
-    stations : Stations
+    nodes : tuple of int
+        Nodes of the poses that targets see.
+    slim : tuple of (int, int)
+        The element in each segment with tendons at one of whose ends, 0 or 1, the body is slimmest
+        and 1 + q least; none without extension.
     """
 
     of: Layout
-    stations: Stations
+    nodes: tuple[int, ...]
+    slim: tuple[tuple[int, int], ...]
 
-    is_linear = False
+    @classmethod
+    def seen(cls, at: System, stations: tuple[float, ...]) -> States:
+        """Return the states of an arm that targets see at arc lengths [m]."""
+        mesh, slim = at.mesh, list[tuple[int, int]]()
+        radius = at.arm.radius.evaluate(mesh.s, at.arm.length)[0]
+        for count in np.unique(mesh.active[mesh.active > 0]) if at.of.form.law.extension else ():
+            inside = np.flatnonzero(mesh.active == count)
+            k, end = divmod(int(radius[inside[:, None] + [0, 1]].argmin()), 2)
+            slim.append((int(inside[k]), end))
+        return cls(at.of, tuple(mesh.node(s) for s in stations), tuple(slim))
 
     @property
     def size(self) -> int:
@@ -120,13 +103,13 @@ class States:
 
     def poses(self, states: ca.MX) -> ca.MX:
         """Return the poses (7, K) at the stations, of states in SI."""
-        places = self.of.nodes[list(self.stations.nodes), :POSE]
+        places = self.of.nodes[list(self.nodes), :POSE]
         return ca.reshape(states[places.ravel().tolist()], POSE, len(places))
 
     def stretches(self, states: ca.MX) -> ca.MX:
         """Return 1 + q where it is least in each segment, by the polynomials through the stages."""
         law, m, stretches = self.of.form.law, self.of.form.stages, [ca.MX(0, 1)]
-        for element, end in self.stations.slim:
+        for element, end in self.slim:
             places = self.of.stages[element * m : (element + 1) * m, 2 + law.torsion]
             weights = ca.DM(gauss(m).at(float(end)))
             stretches.append(ca.dot(weights, states[places.tolist()]) + 1 - law.along_at_rest)
@@ -161,25 +144,16 @@ class Responses:
     request: ComplianceRequest
     first: int
 
-    is_linear = True
-
     @property
     def size(self) -> int:
         """See planner.program.blocks."""
         return self.request.width * self.states.of.n_x
 
-    @property
-    def directions(self) -> range:
-        """Which of the directions of all targets are its own."""
-        return range(self.first, self.first + self.request.width)
-
     def terms(self, place: Places, start: int, row: int) -> list[Term]:
         """See planner.program.blocks."""
-        terms = list[Term]()
-        for k in range(self.request.width):
-            shift = k * self.states.of.n_x
-            terms += self._response(place, start + shift, row + shift)
-        return terms
+        shifts = np.arange(self.request.width) * self.states.of.n_x
+        each = (self._response(place, start + shift, row + shift) for shift in shifts.tolist())
+        return [term for terms in each for term in terms]
 
     def _response(self, place: Places, start: int, row: int) -> list[Term]:
         """Return the terms of one response: of equilibrium, of the tensions, of the load factor."""
@@ -200,7 +174,7 @@ class Responses:
     def numbers(self, at: System, along: Array) -> list[Array]:
         """See planner.program.blocks."""
         columns, of, of_terms = list[Array](), self.states.of, numbers_of_terms(at)
-        for k in self.directions:
+        for k in range(self.first, self.first + self.request.width):
             for term, numbers in zip(of.equations.terms, of_terms, strict=True):
                 change = np.zeros_like(numbers)
                 if term.kernel.name == "element":
@@ -263,8 +237,6 @@ class LeastMode:
 
     states: States
 
-    is_linear = False
-
     @property
     def size(self) -> int:
         """See planner.program.blocks."""
@@ -274,10 +246,7 @@ class LeastMode:
         """See planner.program.blocks."""
         of, terms = self.states.of, list[Term]()
         for term in of.equations.terms:
-            is_state = term.unknowns >= of.first
-            if not np.all(is_state == is_state[:, :1]):
-                raise AssertionError("tensions and states in one row of a term")
-            rows = tuple(np.flatnonzero(is_state[:, 0]).tolist())
+            rows = tuple(np.flatnonzero(term.unknowns[:, 0] >= of.first).tolist())
             change = start + term.unknowns[list(rows)] - of.first
             unknowns = np.vstack([place[term.unknowns], change])
             terms.append(Term(mode(term.kernel, rows), unknowns, row + term.rows))
@@ -327,8 +296,6 @@ class TendonLengths:
     """The lengths of the tendons, counted in the arm's, for limits of strokes and their rates."""
 
     of: Layout
-
-    is_linear = True
 
     @property
     def size(self) -> int:

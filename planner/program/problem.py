@@ -1,11 +1,24 @@
-"""A planning problem: a program with the numbers of an arm, a scene, targets and limits."""
+"""A planning problem: a program with the numbers of an arm, a scene, targets and limits.
+
+And whether a point of it is an optimum: multipliers, residuals of the first-order conditions. With
+unknowns (a, S), a before the states, equations of equilibrium c(a, S) = 0 with a square and regular
+Jacobian c_S, a function r of both has, along the equilibrium, the derivative
+
+    dr/da = r_a + mu^T c_a,    c_S^T mu = -r_S.
+
+So the states are eliminated of the objective and of all other constraints; and with multipliers lam
+of the latter those of the equations are mu of the Lagrangian.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from contextlib import suppress
 from functools import lru_cache
 
 import numpy as np
+from numpy.linalg import norm
+from scipy.optimize import lsq_linear
 
 from model.arm import Arm
 from model.equilibrium.linearised import Linearised
@@ -16,10 +29,8 @@ from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
 from model.winches import rest_lengths
-from planner.program.blocks import Stations, unit_force
-from planner.program.limits import Limits, natural_tensions
+from planner.program.blocks import States, unit_force
 from planner.program.program import STABILITY, STROKES, Program, factorised, program
-from planner.program.statement import Statement
 from planner.program.terms import (
     Same,
     compliance_requests,
@@ -27,6 +38,7 @@ from planner.program.terms import (
     structure_of,
     target_numbers,
 )
+from planner.question import Limits, Statement, natural_tensions
 from planner.targets.base import Target
 
 Bounds = tuple[Array, Array, Array, Array]
@@ -34,10 +46,8 @@ Bounds = tuple[Array, Array, Array, Array]
 # and in the end, where it keeps shapes away from points that they could meet by half the default
 # accuracy; with less of it the effort is lost in the solver's tolerance.
 SEARCHED, REGULARISATION = 1e-7, 3e-11
-# Over what bends the arm by some rad: maxima below this fraction do nothing, those above are none.
-_NOTHING, _NO_LIMIT = 1e-7, 1e12
-# How far inside of its element an end is looked at, over L: at anchorages strains jump.
-_INSIDE = 1e-9
+# Constraints and bounds that are as near are active, in scaled units.
+_ACTIVE = 1e-7
 
 
 class Problem:
@@ -59,9 +69,8 @@ class Problem:
         The same equations of equilibrium without targets.
     scale, row_scale : (n,)
         What one unit of each unknown of the blocks, and of each equation, is worth.
-    rows, n_free, n_outer
-        What the rows of the constraints are, in order; how many unknowns come before the states,
-        and how many constraints before the equations of equilibrium.
+    n_free, n_outer
+        How many unknowns come before the states, and constraints before the equations.
     directions : (3, k)
         Of the responses.
     bounds : tuple of arrays
@@ -81,13 +90,12 @@ class Problem:
         self.statement = (statement or Statement()).but(iterations=0, solver="ipopt")
         self.machine_code, self.unit = machine_code, units(arm, limits)
         self.stations, self.requests = stations_of(arm, targets), compliance_requests(targets)
-        structure = structure_of(arm, targets)
-        stated = self.statement.but(margin=0.0, floor=0.0)
-        question = (arm, scene, structure, Same(targets), stated, machine_code)
-        self.program, self.forward, self.scale, self.row_scale = of, *_ = _built(*question)
-        self.rows, self.n_free, self.n_outer = of.rows, of.n_free, of.outer.numel()
+        key = structure_of(arm, targets), self.statement.but(margin=0.0, floor=0.0)
+        built = _built(arm, scene, key, Same((targets, self.statement)), machine_code)
+        self.program, self.forward, self.scale, self.row_scale = of, *_ = built
+        self.n_free, self.n_outer = of.n_free, of.outer.numel()
         numbers = target_numbers(arm, targets)
-        each = of.terms.directions.call([numbers[of.parts.targets]])
+        each = of.terms.directions.call([numbers[of.parts["targets"]]])
         self.directions = np.hstack([np.zeros((3, 0)), *(np.array(D) for D in each)])
         weights = np.array([self.unit.max(), limits.total or 0.0, REGULARISATION])
         equations = of.numbers(self.forward.system, self.directions)
@@ -110,28 +118,25 @@ class Problem:
         And for a defect of the mesh, none by default; see planner.solve.refine.
         """
         p = self._p.copy()
-        p[self.program.parts.weights.stop - 1] = weight
+        p[self.program.parts["weights"].stop - 1] = weight
         if defect is not None:
-            p[self.program.parts.defect] = defect
+            p[self.program.parts["defect"]] = defect
         return p
 
     def _bounds(self) -> Bounds:
         """Return lower and upper bounds of unknowns and constraints."""
-        unit, limits = self.unit, self.limits
+        unit, limits, of = self.unit, self.limits, self.program
         lower, upper = np.array(limits.lower), np.array(limits.upper)
         upper = np.where(_does_nothing(self.arm, upper), lower, upper)
-        upper = np.where(upper < _NO_LIMIT * unit, upper, np.inf)
-        free = np.full(self.program.size - unit.size, np.inf)
+        # Solvers take what is as far for no bound.
+        upper = np.where(upper < 1e12 * unit, upper, np.inf)
+        free = np.full(of.size - unit.size, np.inf)
         lbx, ubx = np.concatenate([lower / unit, -free]), np.concatenate([upper / unit, free])
         lbx[self.n_free] = ubx[self.n_free] = 1.0
-        floors = {STABILITY: self.statement.least}
-        lbg = np.concatenate([np.full(r.size, floors.get(r.name, r.lower)) for r in self.rows])
-        ubg = np.concatenate([np.full(r.size, r.upper) for r in self.rows])
+        lbg, ubg = np.where(of.rows == STABILITY, self.statement.least, of.lower), of.upper.copy()
         if limits.strokes is not None:
-            at = [r.name == STROKES for r in self.rows for _ in range(r.size)]
-            least, most = (np.array(bound) for bound in limits.strokes)
-            rest = np.array(limits.stroke_zero or rest_lengths(self.arm))
-            lbg[at], ubg[at] = (rest - most) / self.arm.length, (rest - least) / self.arm.length
+            rest, at = np.array(limits.stroke_zero or rest_lengths(self.arm)), of.rows == STROKES
+            ubg[at], lbg[at] = (rest - np.array(limits.strokes)) / self.arm.length
         for bound in (lbx, ubx, lbg, ubg):
             bound.setflags(write=False)
         return lbx, ubx, lbg, ubg
@@ -154,15 +159,14 @@ class Problem:
         where tensions leave a cross-section no equilibrium, or the arm no stiffness.
         """
         free = self.free(tensions)
-        try:
+        with suppress(OctoplanError, np.linalg.LinAlgError):
             states = self.forward.without_loads(tensions)
             if soon and is_loaded(self.scene):
                 with suppress(OctoplanError, np.linalg.LinAlgError):
                     equilibrium = newton(self.forward.system, tensions, 1.0, states)
                     states = states if equilibrium is None else equilibrium.states
             return self.closed(free, states)
-        except (OctoplanError, np.linalg.LinAlgError):
-            return self.closed(free, self.forward.without_loads(np.zeros(self.arm.n_tendons)))
+        return self.closed(free, self.forward.without_loads(np.zeros(self.arm.n_tendons)))
 
     def settled(self, tensions: Array, near: Linearised | None = None) -> Array:
         """Return the unknowns for tensions in equilibrium, near one of another mesh if any is.
@@ -172,35 +176,29 @@ class Problem:
         states = self.forward.solve(tensions, near).states
         return self.closed(self.free(tensions), states)
 
-    def carried(self, x: Array, of: Problem) -> Array:
-        """Return the unknowns of this mesh for unknowns x of the same problem on another."""
-        states = self.forward.carried(of.tensions(x), of.linearised(x))
-        return self.closed(x[: of.n_free], states)
-
     def closed(self, a: Array, states: Array, numbers: Array | None = None) -> Array:
         """Return all unknowns for those before the states, and states of the arm (n_states,).
 
         Responses, modes and lengths are what their equations make of these; slacks are the
         violations of their inequalities. By other `numbers` of the equations, if any are given.
         """
-        p = self._p
+        p = self._p.copy()
         if numbers is not None:
-            p = p.copy()
-            p[self.program.parts.numbers] = numbers
+            p[self.program.parts["numbers"]] = numbers
         program, x = self.program, np.zeros(self.program.size)
         x[: self.n_free], x[self.n_free] = a, 1.0
         x[program.places[program.states]] = states / self.scale[: states.size]
         linear = program.linear
         if linear.size:
-            point, rows = program.evaluate(x, p), self.n_outer + linear - self.n_free - 1
-            own = point.jacobian.tocsr()[rows].tocsc()[:, linear]
-            x[linear] = -factorised(own).solve(point.g[rows])
+            _, _, g, J = program.evaluate(x, p)
+            rows = self.n_outer + linear - self.n_free - 1
+            x[linear] = -factorised(J.tocsr()[rows].tocsc()[:, linear]).solve(g[rows])
         for mode in program.modes:
             at, begin = program.places[mode], self.n_free + 1
             x[at] = mode.at(self.linearised(x)) / self.scale[at.start - begin : at.stop - begin]
         if program.n_slack:
-            slack = np.maximum(-program.evaluate(x, p).g[program.slack_rows], 0.0)
-            x[self.n_free - program.n_slack : self.n_free] += slack
+            missed = -program.evaluate(x, p)[2][program.slack_rows]
+            x[self.n_free - program.n_slack : self.n_free] += np.maximum(missed, 0.0)
         return x
 
     def linearised(self, x: Array) -> Linearised:
@@ -216,8 +214,9 @@ class Problem:
     @property
     def slim_at(self) -> Array:
         """Arc lengths at which stretches are measured, inside of their elements [m]."""
-        slim = np.array(self.program.states.stations.slim, dtype=int).reshape(-1, 2)
-        inside = self.arm.length * _INSIDE * (1 - 2 * slim[:, 1])
+        slim = np.array(self.program.states.slim, dtype=int).reshape(-1, 2)
+        # At anchorages strains jump.
+        inside = 1e-9 * self.arm.length * (1 - 2 * slim[:, 1])
         return np.asarray(self.forward.mesh.s[slim.sum(axis=1)] + inside)
 
     def stands(self, x: Array, margin: float = 0.0) -> bool:
@@ -239,22 +238,80 @@ def units(arm: Arm, limits: Limits) -> Array:
 
 def _does_nothing(arm: Arm, upper: Array) -> Array:
     """Return which maxima are so low that what they allow is lost in what is met."""
-    return np.asarray(upper <= _NOTHING * 5 * natural_tensions(arm))
+    return np.asarray(upper <= 5e-7 * natural_tensions(arm))
 
 
 @lru_cache(maxsize=24)
 def _built(
-    arm: Arm,
-    scene: Scene,
-    structure: tuple[object, ...],
-    targets: Same,
-    statement: Statement,
-    machine_code: bool,
+    arm: Arm, scene: Scene, key: Hashable, question: Same, machine_code: bool
 ) -> tuple[Program, Collocation, Array, Array]:
     """Return what is the same for all targets of one structure, and all limits."""
-    stations, requests = stations_of(arm, targets.value), compliance_requests(targets.value)
-    loaded = is_loaded(scene) or bool(requests)
-    forward = Collocation(arm, scene, STAGES, statement.refinement, stations, loaded, machine_code)
-    at = forward.system
-    of = program(arm, targets.value, statement, at.of, Stations.of(at, stations))
-    return of, forward, *of.scales(at)
+    targets, statement = question.value
+    loaded, at = is_loaded(scene) or bool(compliance_requests(targets)), stations_of(arm, targets)
+    forward = Collocation(arm, scene, STAGES, statement.refinement, at, loaded, machine_code)
+    of = program(arm, targets, statement, States.seen(forward.system, at))
+    return of, forward, *of.scales(forward.system)
+
+
+class Point:
+    """Unknowns x in equilibrium, and the first-order conditions there.
+
+    Multipliers lam_x and lam_g are of CasADi's signs, below 0 at a lower bound; those (n_free,) of
+    the unknowns before the states count, and those (n_outer,) of the constraints besides
+    equilibrium. Bounds are the problem's, unless others are given.
+    """
+
+    def __init__(self, problem: Problem, x: Array, p: Array, bounds: Bounds | None = None) -> None:
+        self.x, self._n, self._m = x, problem.n_free, problem.n_outer
+        _, self._gradient, g, self._jacobian = problem.program.evaluate(x, p)
+        inner = self._jacobian[self._m :].tocsc()
+        self._factors = factorised(inner[:, self._n + 1 :])
+        values = np.append(x[: self._n], g[: self._m])
+        lbx, ubx, lbg, ubg = bounds or problem.bounds
+        # How far unknowns before the states and constraints are above and below their bounds.
+        self._above = values - np.append(lbx[: self._n], lbg[: self._m])
+        self._below = np.append(ubx[: self._n], ubg[: self._m]) - values
+        # Derivatives by a, along the equilibrium, of the objective and of each constraint.
+        rows = np.vstack([self._gradient, self._jacobian[: self._m].toarray()])
+        mu = self._factors.solve(np.ascontiguousarray(-rows[:, self._n + 1 :].T), "T")
+        self._reduced = rows[:, : self._n] + (inner[:, : self._n].T @ mu).T
+
+    def extended(self, lam_x: Array, lam_g: Array) -> tuple[Array, Array]:
+        """Return the multipliers of all unknowns and constraints from those besides equilibrium."""
+        lam_x, lam_g = lam_x[: self._n], lam_g[: self._m]
+        slope = self._gradient + self._jacobian[: self._m].T @ lam_g
+        of_states = self._factors.solve(-slope[self._n + 1 :], "T")
+        return np.append(lam_x, np.zeros(self.x.size - self._n)), np.append(lam_g, of_states)
+
+    def slope(self, lam_g: Array) -> Array:
+        """Return the Lagrangian's gradient in a (n_free,), without the multipliers of bounds."""
+        return np.asarray(self._reduced[0] + lam_g[: self._m] @ self._reduced[1:])
+
+    def multipliers(self) -> tuple[Array, Array, Array]:
+        """Return lam_x and lam_g that leave least of the Lagrangian's gradient, and the rest.
+
+        Where constraints depend on each other there are many such; 0 of what is not active.
+        """
+        low, high = self._above <= _ACTIVE, self._below <= _ACTIVE
+        active, lam = np.flatnonzero(low | high), np.zeros(low.size)
+        rows = np.vstack([np.eye(self._n), self._reduced[1:]])[active]
+        ends = np.where(low[active], -np.inf, 0.0), np.where(high[active], np.inf, 0.0)
+        if active.size:
+            lam[active] = lsq_linear(rows.T, -self._reduced[0], ends, "bvls").x
+        return lam[: self._n], lam[self._n :], self._reduced[0] + rows.T @ lam[active]
+
+    def residual(self, lam_x: Array, lam_g: Array) -> float:
+        """Return how far the point is from the first-order conditions, scaled.
+
+        The largest of: a component of the Lagrangian's gradient; a violation of a constraint or a
+        bound; the product of a multiplier and the distance to its bound. NaN counts as infinite.
+        """
+        lam_x, lam_g = lam_x[: self._n], lam_g[: self._m]
+        lam, rest = np.append(lam_x, lam_g), self.slope(lam_g) + lam_x
+        # Multipliers of 0 leave no scale.
+        scale = 1e-2 + norm(self._gradient[: self._n], np.inf) + norm(np.append(lam_g, 0.0), np.inf)
+        # No multiplier counts with a bound that is farther than a thousand units.
+        room = np.minimum(np.abs(np.where(lam < 0, self._above, self._below)), 1e3)
+        violation = np.maximum(-np.minimum(self._above, self._below), 0.0)
+        worst = float(norm(np.concatenate([rest / scale, violation, lam * room / scale]), np.inf))
+        return worst if np.isfinite(worst) else np.inf

@@ -22,10 +22,8 @@ are three readings of them, tried in this order:
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate, pairwise
-from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -38,11 +36,10 @@ from model.machine.buffered import Buffered
 from model.paths import Array
 from model.stations import base_pose
 from model.transcription.equations import Equations
-from model.transcription.layout import POSE, Layout
+from model.transcription.layout import POSE
 from model.transcription.system import System
 from planner.avoidance.rows import avoidance_of
-from planner.program.blocks import Block, LeastMode, Responses, States, Stations, TendonLengths
-from planner.program.statement import Statement
+from planner.program.blocks import Block, LeastMode, Responses, States, TendonLengths
 from planner.program.terms import (
     HIGH_PRIORITY,
     LOW_PRIORITY,
@@ -52,60 +49,11 @@ from planner.program.terms import (
     structure_of,
     terms_of,
 )
+from planner.question import Statement
 from planner.targets.base import Target
 
 STABILITY, STROKES, STRETCH = "stability", "strokes", "stretch"
 LEAST_STRETCH = 1e-3
-
-
-@dataclass(frozen=True)
-class Rows:
-    """The rows of one kind of constraint."""
-
-    name: str
-    size: int
-    lower: float = 0.0
-    upper: float = np.inf
-
-
-class Parts(NamedTuple):
-    """Where the parts of the parameters are.
-
-    Attributes
-    ----------
-    targets, gaps, weights : slice
-        Numbers of the targets; of what keeps the arm clear; reference tension, limit of the total
-        pull and weight of effort.
-    unit : slice
-        What one unit of each tension is worth [N].
-    force : slice
-        Of the responses.
-    numbers : slice
-        Of the equations.
-    scale, row_scale : slice
-        What one unit of each unknown of the blocks, and of each equation, is worth.
-    defect : slice
-        By how much what is measured on the mesh is off, see planner.solve.refine.
-    """
-
-    targets: slice
-    gaps: slice
-    weights: slice
-    unit: slice
-    force: slice
-    numbers: slice
-    scale: slice
-    row_scale: slice
-    defect: slice
-
-
-class Evaluated(NamedTuple):
-    """A program at a point: the rows of equilibrium come last."""
-
-    f: float
-    gradient: Array
-    g: Array
-    jacobian: csc_array
 
 
 def factorised(matrix: csc_array) -> SuperLU:
@@ -128,13 +76,22 @@ class Program:
         the last, are slacks.
     n_equations : int
         How many equations of the blocks there are; they come last.
-    rows, outer_rows : tuple of Rows
-        What the rows of the constraints are, in order; and those besides equations.
+    parts : dict of slice
+        Where the parts of the parameters are: numbers of the `targets`; `gaps`, of what keeps the
+        arm clear; `weights`, reference tension, limit of the total pull and weight of effort;
+        `unit`, what one unit of each tension is worth [N]; `force` of the responses; `numbers` of
+        the equations; `scale` and `row_scale`, what one unit of each unknown of the blocks, and of
+        each equation, is worth; `defect`, by how much what is measured on the mesh is off, see
+        planner.solve.refine.
+    rows : (n_rows,) of str
+        What kind of constraint each row is; `lower` and `upper` are their bounds.
+    n_equalities : int
+        How many rows, the first, are equalities of the targets.
     slack_rows : list of int
         The rows of the inequalities with a slack.
     states, responses, modes, lengths
         The blocks; `places` are the slices of their unknowns, `linear` the places of the unknowns
-        of those whose equations are linear in them.
+        of responses and lengths, in which their equations are linear.
     terms : TargetTerms
         Of all targets but those that keep the arm clear.
     measured : tuple of int
@@ -152,60 +109,60 @@ class Program:
     """
 
     def __init__(
-        self,
-        arm: Arm,
-        targets: tuple[Target, ...],
-        statement: Statement,
-        of: Layout,
-        stations: Stations,
+        self, arm: Arm, targets: tuple[Target, ...], statement: Statement, states: States
     ) -> None:
-        avoidance = avoidance_of(targets)
+        avoidance, of = avoidance_of(targets), states.of
         # Without what keeps the arm clear, whose gaps see all stations.
         own = tuple(target for target in targets if target is not avoidance)
         self.terms = terms_of(arm, own)
-        self._number(targets, statement, of, stations)
+        self._number(targets, statement, states)
         # CasADi cannot differentiate compiled kernels.
         gaps = avoidance.gaps(arm, stations_of(arm, targets), False) if avoidance else None
         _, numbers, compliances = map(self.terms.function.numel_in, range(3))
         modes, wound = len(self.modes), of.n_tendons * len(self.lengths)
-        poses, stretches = POSE * len(stations.nodes), len(stations.slim)
+        poses, stretches = POSE * len(states.nodes), len(states.slim)
         self.measured = poses, stretches, compliances, modes, wound
-        sizes = (1, self.equations.n_p, self.n_equations, self.n_equations, sum(self.measured))
-        before = numbers, gaps.n_p if gaps else 0, 3, of.n_tendons
-        ends = list(accumulate([*before, *sizes], initial=0))
-        self.parts = Parts(*(slice(a, b) for a, b in pairwise(ends)))
+        sizes = {
+            "targets": numbers,
+            "gaps": gaps.n_p if gaps else 0,
+            "weights": 3,
+            "unit": of.n_tendons,
+            "force": 1,
+            "numbers": self.equations.n_p,
+            "scale": self.n_equations,
+            "row_scale": self.n_equations,
+            "defect": sum(self.measured),
+        }
+        ends = list(accumulate(sizes.values(), initial=0))
+        self.parts = dict(zip(sizes, map(slice, ends, ends[1:]), strict=False))
         self.x, self.p = ca.MX.sym("x", self.size), ca.MX.sym("p", ends[-1])
-        unit = self.p[self.parts.unit], ca.MX.ones(self.n_free - of.n_tendons + 1)
-        self.scale = ca.vertcat(*unit, self.p[self.parts.scale])
-        self.f, self.outer, rows = self._stated(arm, targets, own, statement, gaps)
-        self.slack_rows = [rows[0].size + row for row in self._soft]
-        self.outer_rows = (*rows, Rows(STABILITY, modes), Rows(STROKES, wound, -np.inf))
-        self.rows = (*self.outer_rows, Rows("equilibrium", self.n_equations, 0.0, 0.0))
+        unit = self.p[self.parts["unit"]], ca.MX.ones(self.n_free - of.n_tendons + 1)
+        self.scale = ca.vertcat(*unit, self.p[self.parts["scale"]])
+        self._state(arm, targets, own, statement, gaps)
         self._differentiate()
 
-    def _number(
-        self, targets: tuple[Target, ...], statement: Statement, of: Layout, stations: Stations
-    ) -> None:
+    def _number(self, targets: tuple[Target, ...], statement: Statement, states: States) -> None:
         """Number the unknowns, block by block, and state the equations of the blocks."""
+        of, requests, self.states = states.of, compliance_requests(targets), states
         # Inequalities have no slack, or those of low priority do, or all.
         kept = {"exact": (), "closest": (LOW_PRIORITY,), "nearest": (LOW_PRIORITY, HIGH_PRIORITY)}
         has_slack = np.isin(self.terms.inequality_weights, kept[statement.mode])
         self._soft = np.flatnonzero(has_slack).tolist()
         self.n_slack = len(self._soft)
         self.n_free = of.n_tendons + (statement.norm == "inf") + self.n_slack
-        self.states, requests = States(of, stations), compliance_requests(targets)
         firsts = accumulate((request.width for request in requests), initial=0)
         pairs = zip(requests, firsts, strict=False)
-        self.responses = [Responses(self.states, request, first) for request, first in pairs]
-        self.modes = [LeastMode(self.states) for _ in range(statement.modes)]
+        self.responses = [Responses(states, request, first) for request, first in pairs]
+        self.modes = [LeastMode(states) for _ in range(statement.modes)]
         self.lengths = [TendonLengths(of)] * statement.wound
-        blocks: list[Block] = [self.states, *self.responses, *self.modes, *self.lengths]
+        blocks: list[Block] = [states, *self.responses, *self.modes, *self.lengths]
         first = self.n_free + 1
         ends = list(accumulate((block.size for block in blocks), initial=first))
         slices = [slice(a, b) for a, b in pairwise(ends)]
         self.places = dict(zip(blocks, slices, strict=True))
-        linear = [np.r_[at] for block, at in self.places.items() if block.is_linear]
-        self.linear = np.concatenate([np.zeros(0, np.int64), *linear])
+        linear: list[Block] = [*self.responses, *self.lengths]
+        at = [np.r_[self.places[block]] for block in linear]
+        self.linear = np.concatenate([np.zeros(0, np.int64), *at])
         self.size, self.n_equations = ends[-1], ends[-1] - first
         before = np.r_[: of.n_tendons, first - 1 : first + of.n_states]
         terms = [
@@ -215,69 +172,75 @@ class Program:
         ]
         self.equations = Equations(self.size, self.n_equations, terms, of.form.machine_code)
 
-    def _stated(
+    def _state(
         self,
         arm: Arm,
         targets: tuple[Target, ...],
         own: tuple[Target, ...],
         statement: Statement,
         gaps: Equations | None,
-    ) -> tuple[ca.MX, ca.MX, tuple[Rows, ...]]:
-        """Return the objective, the constraints besides the equations, and the targets' rows."""
+    ) -> None:
+        """State the objective and the constraints besides the equations, and the bounds of all."""
         x, p, parts, terms, mode = self.x, self.p, self.parts, self.terms, statement.mode
         measured, none = self._what_is_measured(), ca.MX(0, 1)
         self.measure = Buffered(ca.Function("measured", [x, p], [ca.densify(measured)]))
         ends = np.cumsum([0, *self.measured]).tolist()
-        poses, stretches, compliances, *limited = ca.vertsplit(measured + p[parts.defect], ends)
+        of_settled = ca.vertsplit(measured + p[parts["defect"]], ends)
+        poses, stretches, compliances, modes, lengths = of_settled
         whole = ca.vertcat(ca.DM(base_pose(arm)), poses)
-        clear = gaps.value.function(whole, p[parts.gaps]) / arm.length if gaps else none
+        clear = gaps.value.function(whole, p[parts["gaps"]]) / arm.length if gaps else none
         places = stations_of(arm, targets)
         seen = ca.reshape(poses, POSE, -1)[:, [places.index(s) for s in stations_of(arm, own)]]
-        met, missed, inequality, least = terms.function(seen, p[parts.targets], compliances)
+        met, missed, inequality, least = terms.function(seen, p[parts["targets"]], compliances)
         for row, place in terms.shares(own):
             inequality[row] = 1 - compliances[place]
-        cuts = [0, parts.unit.stop - parts.unit.start, self.n_free - self.n_slack, self.n_free]
+        cuts = [0, self.states.of.n_tendons, self.n_free - self.n_slack, self.n_free]
         tensions, peak, slacks = ca.vertsplit(x[: self.n_free], cuts)
         soft, weights = self._soft, ca.DM(terms.inequality_weights[self._soft])
         inequality += ca.DM.eye(inequality.numel())[:, soft] @ slacks
         if mode == "nearest":
             slacks = ca.vertcat(ca.DM(terms.equality_weights) * met, weights * slacks)
-        reference, total, weight = ca.vertsplit(p[parts.weights])
-        pull = tensions * p[parts.unit] / reference
+        reference, total, weight = ca.vertsplit(p[parts["weights"]])
+        pull = tensions * p[parts["unit"]] / reference
         effort = {"2": ca.sumsqr(pull) / 2, "1": ca.sum1(pull), "inf": peak}[statement.norm]
         aim = ca.sum1(least) + weight * effort if least.numel() else effort
         missing = ca.sumsqr(ca.vertcat(missed, slacks)) / 2 + weight * aim
-        constraints: dict[str, ca.MX] = {
-            "equality": {"exact": ca.vertcat(met, missed), "closest": met, "nearest": none}[mode],
-            "inequality": inequality,
-            "clear": clear,
-            STRETCH: stretches,
-            "total pull": total / reference - ca.sum1(pull) if statement.limited else none,
-            "peak": peak - pull if peak.numel() else none,
-        }
-        bounds = {"equality": (0.0, 0.0), STRETCH: (LEAST_STRETCH, np.inf)}
-        rows = tuple(
-            Rows(name, g.numel(), *bounds.get(name, ())) for name, g in constraints.items()
+        equality = {"exact": ca.vertcat(met, missed), "closest": met, "nearest": none}[mode]
+        left = total / reference - ca.sum1(pull)
+        constraints = (
+            ("equality", equality, 0.0, 0.0),
+            ("inequality", inequality, 0.0, np.inf),
+            ("clear", clear, 0.0, np.inf),
+            (STRETCH, stretches, LEAST_STRETCH, np.inf),
+            ("total pull", left if statement.limited else none, 0.0, np.inf),
+            ("peak", peak - pull if peak.numel() else none, 0.0, np.inf),
+            (STABILITY, modes, 0.0, np.inf),
+            (STROKES, lengths, -np.inf, np.inf),
+            ("equilibrium", ca.MX(self.n_equations, 1), 0.0, 0.0),
         )
-        outer = ca.vertcat(*constraints.values(), *limited)
-        return aim if mode == "exact" else missing, outer, rows
+        names, values, *ends = zip(*constraints, strict=True)
+        sizes = [value.numel() for value in values]
+        self.rows, self.lower, self.upper = (np.repeat(each, sizes) for each in (names, *ends))
+        self.n_equalities = sizes[0]
+        self.slack_rows = [sizes[0] + row for row in soft]
+        self.outer, self.f = ca.vertcat(*values[:-1]), aim if mode == "exact" else missing
 
     def _what_is_measured(self) -> ca.MX:
         """Return what is measured, one below the other: see `measured`."""
         values = {block: self.x[at] * self.scale[at] for block, at in self.places.items()}
-        directions = self.terms.directions.call([self.p[self.parts.targets]])
+        directions = self.terms.directions.call([self.p[self.parts["targets"]]])
         states = values[self.states]
         measured = [ca.vec(self.states.poses(states)), self.states.stretches(states)]
         for responses, D in zip(self.responses, directions, strict=True):
             displaced = responses.displaced(values[responses])
-            measured.append(ca.vec(D.T @ displaced / self.p[self.parts.force]))
+            measured.append(ca.vec(D.T @ displaced / self.p[self.parts["force"]]))
         measured += [self.x[self.places[mode]][-1] for mode in self.modes]
         return ca.vertcat(*measured, *(self.x[self.places[lengths]] for lengths in self.lengths))
 
     def _differentiate(self) -> None:
         """Put the constraints together, and the derivatives: the blocks' come from kernels."""
         x, p, m = self.x, self.p, self.outer.numel()
-        scale, row_scale, numbers = self.scale, p[self.parts.row_scale], p[self.parts.numbers]
+        scale, row_scale, numbers = self.scale, p[self.parts["row_scale"]], p[self.parts["numbers"]]
         self.sigma, self.outer_lam = ca.MX.sym("sigma"), ca.MX.sym("lam", m)
         self.lam = ca.MX.sym("lam", m + self.n_equations)
         self.gradient = ca.densify(ca.gradient(self.f, x))
@@ -313,26 +276,24 @@ class Program:
         unknowns, rows = zip(*(block.scales(at) for block in self.places), strict=True)
         return np.concatenate(unknowns), np.concatenate(rows)
 
-    def evaluate(self, x: Array, p: Array) -> Evaluated:
-        """Return objective and constraints at unknowns x, with derivatives."""
+    def evaluate(self, x: Array, p: Array) -> tuple[Array, Array, Array, csc_array]:
+        """Return objective (1,), its gradient, constraints and their Jacobian at unknowns x.
+
+        The rows of equilibrium come last.
+        """
         f, gradient, g, nonzeros = (value.ravel() for value in self._function(x, p))
-        J = csc_array((nonzeros, *self._nonzeros), shape=(g.size, x.size))
-        return Evaluated(float(f[0]), gradient, g, J)
+        return f, gradient, g, csc_array((nonzeros, *self._nonzeros), shape=(g.size, x.size))
 
 
-def program(
-    arm: Arm, targets: tuple[Target, ...], statement: Statement, of: Layout, seen: Stations
-) -> Program:
+def program(arm: Arm, targets: tuple[Target, ...], statement: Statement, states: States) -> Program:
     """Return the program of a structure, built once for all arms and numbers that have it."""
-    structure = structure_of(arm, targets)
     # What targets take of an arm besides its shape.
     skeleton = (arm.length, arm.base_frame, arm.base_position, arm.tendons, arm.anchorages)
-    no_numbers = {"refinement": 0, "margin": 0.0, "floor": 0.0, "solver": "ipopt", "iterations": 0}
-    stated = statement.but(**no_numbers)
-    return _built((skeleton, structure, stated), of, seen, Same((arm, targets, statement)))
+    stated = statement.norm, statement.mode, statement.limited, statement.modes, statement.wound
+    key = skeleton, structure_of(arm, targets), stated, states
+    return _built(key, Same((arm, targets, statement, states)))
 
 
 @lru_cache(maxsize=16)
-def _built(key: Hashable, of: Layout, seen: Stations, value: Same) -> Program:
-    arm, targets, statement = value.value
-    return Program(arm, targets, statement, of, seen)
+def _built(key: Hashable, question: Same) -> Program:
+    return Program(*question.value)

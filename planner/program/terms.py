@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -15,17 +16,11 @@ from model.paths import Array
 from planner.targets.base import ComplianceRequest, Target, View
 
 
+@dataclass(frozen=True)
 class Same:
     """A value that a cache takes for equal to all others: its structure is compared instead."""
 
-    def __init__(self, value: Any) -> None:
-        self.value = value
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Same)
-
-    def __hash__(self) -> int:
-        return 0
+    value: Any = field(compare=False)
 
 
 HIGH_PRIORITY, LOW_PRIORITY = 1e2, 3e-4
@@ -41,8 +36,7 @@ def stations_of(arm: Arm, targets: tuple[Target, ...]) -> tuple[float, ...]:
 
 def compliance_requests(targets: tuple[Target, ...]) -> tuple[ComplianceRequest, ...]:
     """Return the looks at the tip's compliance of the targets that have one, in their order."""
-    requests = (target.compliance_request() for target in targets)
-    return tuple(request for request in requests if request is not None)
+    return tuple(filter(None, (target.compliance_request() for target in targets)))
 
 
 def target_numbers(arm: Arm, targets: tuple[Target, ...]) -> Array:
@@ -85,11 +79,11 @@ class TargetTerms:
     """
 
     def __init__(self, arm: Arm, targets: tuple[Target, ...]) -> None:
-        self.requests = compliance_requests(targets)
-        stations, requests = stations_of(arm, targets), [t.compliance_request() for t in targets]
+        self.requests, stations = compliance_requests(targets), stations_of(arm, targets)
+        requests = [target.compliance_request() for target in targets]
         numbers = [ca.MX.sym("p", target.parameters(arm).size) for target in targets]
         poses = ca.MX.sym("poses", 7, len(stations))
-        seen = {s: poses[:, i] for i, s in enumerate(stations)}
+        seen = dict(zip(stations, ca.horzsplit(poses), strict=True)) if stations else {}
         compliances = [ca.MX.sym("compliance", r.width, r.width) if r else None for r in requests]
         parts = zip(targets, numbers, compliances, strict=True)
         self._terms = [target.terms(View(arm, seen, C), p) for target, p, C in parts]
@@ -102,8 +96,7 @@ class TargetTerms:
         ]
         arguments = [poses, ca.vertcat(*numbers), flat]
         self.function = ca.Function("terms", arguments, stacks)
-        dense = [ca.densify(stack) for stack in stacks]
-        self.dense = Buffered(ca.Function("terms", arguments, dense))
+        self.dense = Buffered(ca.Function("terms", arguments, list(map(ca.densify, stacks))))
         triples = zip(targets, numbers, requests, strict=True)
         directions = [target.directions(p) for target, p, request in triples if request]
         self.directions = ca.Function("directions", [ca.vertcat(*numbers)], directions)
@@ -124,8 +117,7 @@ class TargetTerms:
             weights |= dict.fromkeys(term.low_priority, LOW_PRIORITY)
             weights |= dict.fromkeys(term.hard, HARD)
         self.equality_weights = np.array([factors.get(name, 1.0) for name in self.names[0]])
-        priorities = [weights.get(name, HIGH_PRIORITY) for name in self.names[2]]
-        self.inequality_weights = np.array(priorities)
+        self.inequality_weights = np.array([weights.get(n, HIGH_PRIORITY) for n in self.names[2]])
         self.units = {name: unit for term in self._terms for name, unit in term.units.items()}
 
     def shares(self, targets: tuple[Target, ...]) -> list[tuple[int, int]]:

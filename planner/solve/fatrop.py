@@ -85,44 +85,64 @@ class Stages:
         beyond = np.where(place < self.same + POSE, self.width, self.step - POSE)
         return stage * self.width + place + np.where(self.stage[unknowns] > stage, beyond, 0)
 
-    def _tied(self) -> ca.DM:
-        """Return the matrix of the rows that tie copies, and the load factor last."""
-        j, k = (index.ravel() for index in np.meshgrid(self._ties, np.arange(self.count)))
-        copy = np.where(j < self.same, j, j + self.step - POSE) + k * self.width
-        places = np.concatenate([(k + 1) * self.width + j, copy, [self.same - 1]])
-        rows = np.concatenate([np.arange(k.size), np.arange(k.size), [k.size]])
-        values = ca.DM(np.repeat([1.0, -1.0, 1.0], [k.size, k.size, 1]))
-        size = k.size + 1, self.unknown.size
-        return ca.DM.triplet(rows.tolist(), places.tolist(), values, *size)
-
     def _solver(self, of: Program) -> Buffered:
         """Return fatrop, of z, parameters and bounds; multipliers to begin with are of no use."""
-        n, rows, tied = self.unknown.size, self.order.tolist(), self._tied()
-        z, p, sigma, lam = ca.MX.sym("z", n), of.p, of.sigma, ca.MX.sym("lam", len(rows))
+        n, rows, p, sigma = self.unknown.size, self.order.tolist(), of.p, of.sigma
+        z, lam = ca.MX.sym("z", n), ca.MX.sym("lam", len(rows))
         program = ca.Function(
             "program", [of.x, p, sigma, of.lam], [of.f, of.gradient, of.g, of.jacobian, of.hessian]
         )
         weights = lam[np.argsort(self.order)[: of.lam.numel()].tolist()]
         arguments = z[self.origin.tolist()], p, MAGNIFIED * sigma, weights
-        f, gradient, g, J, H = program.call(arguments, True, False)
+        f, slope, g, J, H = program.call(arguments, True, False)
+        slope = _placed(MAGNIFIED * slope, self.origin, 0 * self.origin, (n, 1))
         row, column = np.array(J.row()), np.array(J.sparsity().get_col())
-        J = _placed(J, row, self._seen(column, self._of_row[row]), (row.max() + 1, n))
+        J = _placed(J, row, self._seen(column, self._of_row[row]), (of.rows.size, n))
         row, column = np.array(H.row()), np.array(H.sparsity().get_col())
         pair = np.sort(self.stage[[row, column]], axis=0)
         first = np.maximum(np.where(pair[0] < 0, pair[1], pair[0]), 0)
         H = _placed(H, self._seen(row, first), self._seen(column, first), (n, n))
-        at = self.origin.tolist()
-        chosen = ca.DM(ca.Sparsity.triplet(len(at), n, list(range(len(at))), at), 1.0)
-        equal = [r.lower == r.upper for r in of.rows for _ in range(r.size)]
-        equal += [True] * (len(rows) - len(equal))
-        return _fatrop(
-            {"x": z, "p": p, "f": MAGNIFIED * f, "g": ca.vertcat(g, tied @ z)[rows]},
-            (sigma, lam),
-            # What is handed over by its nonzeros has to be dense.
-            (ca.densify(MAGNIFIED * (chosen.T @ gradient)), ca.vertcat(J, tied)[rows, :]),
-            H,
-            [equal[row] for row in rows],
-        )
+        # Rows that tie copies, and the load factor last.
+        j, k = (index.ravel() for index in np.meshgrid(self._ties, np.arange(self.count)))
+        copy = k * self.width + np.where(j < self.same, j, j + self.step - POSE)
+        tied = z[((k + 1) * self.width + j).tolist()] - z[copy.tolist()]
+        tied = ca.vertcat(tied, z[self.same - 1])
+        f, g = MAGNIFIED * f, ca.vertcat(g, tied)[rows]
+        # What is handed over by its nonzeros has to be dense.
+        slope, J = ca.densify(slope), ca.vertcat(J, ca.jacobian(tied, z))[rows, :]
+        gradient = sigma * slope + J.T @ lam
+        # Derivatives, which it finds where CasADi keeps its own: how many of the symbols they take.
+        symbols = {"x": z, "p": p, "lam_f": sigma, "lam_g": lam}
+        results = {
+            "nlp_grad_f": (2, {"grad_f_x": slope}),
+            "nlp_jac_g": (2, {"g": g, "jac_g_x": J}),
+            "nlp_hess_l": (4, {"grad_gamma_x": gradient, "hess_gamma_x_x": H}),
+            "nlp_grad": (
+                4,
+                {
+                    "f": f,
+                    "g": g,
+                    "grad_gamma_x": gradient,
+                    "grad_gamma_p": ca.MX.zeros(p.numel()),
+                },
+            ),
+        }
+        derivatives = dict[str, ca.Function]()
+        for name, (count, values) in results.items():
+            at = dict(list(symbols.items())[:count])
+            derivatives[name] = ca.Function(name, at | values, list(at), list(values))
+        equal = np.append(of.lower == of.upper, np.full(tied.numel(), True))
+        options: dict[str, Any] = {
+            "structure_detection": "auto",
+            "equality": equal[rows].tolist(),
+            "cache": derivatives,
+            "print_time": False,
+            "error_on_fail": False,
+            "show_eval_warnings": False,
+            "calc_lam_p": False,
+            "fatrop": _OPTIONS,
+        }
+        return Buffered(ca.nlpsol("fatrop", "fatrop", {"x": z, "p": p, "f": f, "g": g}, options))
 
 
 def _placed(matrix: ca.MX, rows: Places, columns: Places, size: tuple[int, int]) -> ca.MX:
@@ -131,53 +151,8 @@ def _placed(matrix: ca.MX, rows: Places, columns: Places, size: tuple[int, int])
     return ca.MX(places, matrix.nz[index])
 
 
-@lru_cache(maxsize=16)
-def stages(program: Program) -> Stages:
-    """Return a program stage by stage, built once."""
-    return Stages(program)
-
-
-def _fatrop(
-    nlp: dict[str, ca.MX],
-    weights: tuple[ca.MX, ca.MX],
-    first: tuple[ca.MX, ca.MX],
-    H: ca.MX,
-    equality: list[bool],
-) -> Buffered:
-    """Return fatrop for a program with its own derivatives, which it finds where CasADi keeps its.
-
-    They are the gradient, the Jacobian and the Lagrangian's Hessian, of the weights of objective
-    and rows.
-    """
-    (x, p, f, g), (sigma, lam), (slope, J) = nlp.values(), weights, first
-    at, all_of = [x, p], [x, p, sigma, lam]
-    gradient = sigma * slope + J.T @ lam
-    names, every = ["x", "p"], ["x", "p", "lam_f", "lam_g"]
-    derivatives = {
-        "nlp_grad_f": ca.Function("nlp_grad_f", at, [slope], names, ["grad_f_x"]),
-        "nlp_jac_g": ca.Function("nlp_jac_g", at, [g, J], names, ["g", "jac_g_x"]),
-        "nlp_hess_l": ca.Function(
-            "nlp_hess_l", all_of, [gradient, H], every, ["grad_gamma_x", "hess_gamma_x_x"]
-        ),
-        "nlp_grad": ca.Function(
-            "nlp_grad",
-            all_of,
-            [f, g, gradient, ca.MX.zeros(p.numel())],
-            every,
-            ["f", "g", "grad_gamma_x", "grad_gamma_p"],
-        ),
-    }
-    options: dict[str, Any] = {
-        "structure_detection": "auto",
-        "equality": equality,
-        "cache": derivatives,
-        "print_time": False,
-        "error_on_fail": False,
-        "show_eval_warnings": False,
-        "calc_lam_p": False,
-        "fatrop": _OPTIONS,
-    }
-    return Buffered(ca.nlpsol("fatrop", "fatrop", nlp, options))
+# Programs stage by stage, built once.
+stages = lru_cache(maxsize=16)(Stages)
 
 
 def solve(problem: Problem, x: Array, p: Array) -> Candidate | None:
@@ -194,11 +169,9 @@ def solve(problem: Problem, x: Array, p: Array) -> Candidate | None:
     rows = [np.concatenate([each, tied])[of.order] for each in (lbg, ubg)]
     none = np.zeros(low.size), np.zeros(of.order.size)
     result = of.solver(x[of.unknown], p, low, high, *rows, *none)
-    z, f, g, lam_x, lam_g, _ = (value.ravel() for value in result)
+    z, f, _, lam_x, lam_g, _ = (value.ravel() for value in result)
     stats, back = of.solver.stats(), np.argsort(of.order)[: lbg.size]
-    met = bool(stats["success"]) and bool(np.isfinite(z).all())
-    why = "the iteration limit was reached"
+    met, count = bool(stats["success"] and np.isfinite(z).all()), int(stats["iter_count"])
     lam_x = np.concatenate([lam_x[:n], np.zeros(x.size - n)]) / MAGNIFIED
-    values = z[of.origin], lam_x, lam_g[back] / MAGNIFIED, float(f[0]) / MAGNIFIED, g[back]
-    count, reason = int(stats["iter_count"]), "" if met else why
-    return Candidate(*values, met, reason, count, "fatrop", problem=problem)
+    values = z[of.origin], lam_x, lam_g[back] / MAGNIFIED, float(f[0]) / MAGNIFIED
+    return Candidate(*values, met, count, "fatrop", problem=problem)

@@ -12,8 +12,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any, Literal
-from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
@@ -24,7 +24,7 @@ from model.progress import logged
 from model.time_limit import OutOfTime, check_time
 from planner.program.problem import Bounds, Problem
 from planner.program.program import Program
-from planner.program.statement import Solver, Statement
+from planner.question import Solver, Statement
 
 
 class Watch(ca.Callback):
@@ -50,18 +50,12 @@ class Watch(ca.Callback):
         """Return that none of them is wanted."""
         return ca.Sparsity(0, 0)
 
-    def has_eval_buffer(self) -> bool:
-        """Return that no matrices are made for a call."""
-        return True
-
-    def eval_buffer(self, arg: Any, res: Any) -> int:
-        """Say whether to stop."""
-        stops = True
+    def eval(self, arg: Any) -> list[ca.DM]:
+        """Return whether to stop."""
         with suppress(OutOfTime):
             check_time()
-            stops = self.interrupted and _is_main()
-        np.frombuffer(res[0])[0] = float(stops)
-        return 0
+            return [ca.DM(self.interrupted and _is_main())]
+        return [ca.DM(1)]
 
     @contextmanager
     def held(self) -> Iterator[None]:
@@ -153,19 +147,11 @@ _LEAST: dict[Purpose, Options] = {
     "near": WARM | _SMALL,
     "polish": _FOR["polish"] | _SMALL,
 }
-STOPPED = {
-    "Infeasible_Problem_Detected": "no tensions within the limits meet the target near this guess",
-    "Maximum_Iterations_Exceeded": "the iteration limit was reached",
-    "Restoration_Failed": "no way back to the constraints was found",
-    "Invalid_Number_Detected": "a number that is not finite came up",
-    "User_Requested_Stop": "the time limit was reached",
-    "Invalid_Option": "the solver was given an option it does not have",
-}
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A point that the solver stopped at: numbers, and why it stopped.
+    """A point that the solver stopped at, in numbers.
 
     `met` says that the solver believes in the point, all numbers of which are finite; that is a
     hint, never a verdict.
@@ -175,16 +161,14 @@ class Solution:
     lam_x: Array
     lam_g: Array
     f: float
-    g: Array
     met: bool
-    reason: str
     iterations: int
     solver: Solver = "ipopt"
 
     @property
     def is_finite(self) -> bool:
         """Whether every number is finite."""
-        return bool(np.isfinite(np.hstack([self.x, self.g, self.lam_x, self.lam_g])).all())
+        return bool(np.isfinite(np.hstack([self.x, self.f, self.lam_x, self.lam_g])).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,25 +187,8 @@ class Candidate(Solution):
         """The tensions (n_tendons,) [N]."""
         return self.problem.tensions(self.x)
 
-    @property
-    def multipliers(self) -> tuple[Array, Array]:
-        """Those of the unknowns before the states, and of the constraints besides equilibrium."""
-        return self.lam_x[: self.problem.n_free], self.lam_g[: self.problem.n_outer]
-
 
 _WATCH = Watch()
-_solvers: WeakKeyDictionary[Program, dict[tuple[Purpose, bool], Buffered]] = WeakKeyDictionary()
-
-
-def solver(problem: Problem, purpose: Purpose, talks: bool = False) -> Buffered:
-    """Return ipopt for a problem's program and a purpose, built once."""
-    program = problem.program
-    built = _solvers.setdefault(program, {})
-    if (purpose, talks) not in built:
-        options = (_FOR if problem.statement.mode == "exact" else _LEAST)[purpose]
-        relaxed = _relaxed(program, program.outer_rows[0].size)
-        built[purpose, talks] = nlp_solver(*relaxed, options, talks)
-    return built[purpose, talks]
 
 
 def nlp_solver(
@@ -248,12 +215,14 @@ def nlp_solver(
     return Buffered(ca.nlpsol("ipopt", "ipopt", nlp, options))
 
 
-def _relaxed(of: Program, m: int) -> tuple[dict[str, ca.MX], dict[str, ca.Function]]:
-    """Return a program whose first m rows may be missed by RELAXED t, and its derivatives.
+@lru_cache(maxsize=32)
+def solver(of: Program, purpose: Purpose, is_exact: bool, talks: bool = False) -> Buffered:
+    """Return ipopt for a program and a purpose, built once.
 
-    Unknowns are those of the program, then t (m,).
+    The equalities, its first m rows, may be missed by RELAXED t; unknowns are those of the program,
+    then t (m,).
     """
-    n, k, p, sigma, lam = of.x.numel(), of.g.numel(), of.p, of.sigma, of.lam
+    n, m, k, p, sigma, lam = of.size, of.n_equalities, of.rows.size, of.p, of.sigma, of.lam
     values = [of.f, of.gradient, of.g, of.jacobian, ca.triu(of.hessian)]
     program = ca.Function("program", [of.x, p, sigma, lam], values)
     x = ca.MX.sym("x", n + m)
@@ -262,13 +231,8 @@ def _relaxed(of: Program, m: int) -> tuple[dict[str, ca.MX], dict[str, ca.Functi
     f, g = f + ca.sumsqr(t) / 2, g - slack @ t
     first = ca.vertcat(gradient, t), ca.horzcat(jacobian, -slack)
     second = ca.diagcat(hessian, sigma * ca.DM.eye(m))
-    return {"x": x, "p": p, "f": f, "g": g}, named((x, p, sigma, lam), *first, second)
-
-
-def derivatives(of: Program) -> dict[str, ca.Function]:
-    """Return a program's own derivatives in the form that nlpsol takes them."""
-    symbols = (of.x, of.p, of.sigma, of.lam)
-    return named(symbols, of.gradient, of.jacobian, ca.triu(of.hessian))
+    nlp, derivatives = {"x": x, "p": p, "f": f, "g": g}, named((x, p, sigma, lam), *first, second)
+    return nlp_solver(nlp, derivatives, (_FOR if is_exact else _LEAST)[purpose], talks)
 
 
 def named(
@@ -304,19 +268,17 @@ def solve(
     Within the problem's bounds, unless others are given.
     """
     lbx, ubx, lbg, ubg = bounds or problem.bounds
-    n, m = x.size, problem.program.outer_rows[0].size
+    n, none = x.size, np.zeros(problem.program.n_equalities)
     lam_x, lam_g = multipliers or (np.zeros(n), np.zeros(lbg.size))
-    none, t = np.zeros(m), -RELAXED * lam_g[:m]
+    begin = np.append(x, -RELAXED * lam_g[: none.size])
     relaxed = np.append(lbx, none - np.inf), np.append(ubx, none + np.inf), lbg, ubg
-    run = solver(problem, purpose, LOG.isEnabledFor(logging.DEBUG))
-    end = solved(run, np.append(x, t), p, relaxed, (np.append(lam_x, none), lam_g))
-    t = end.x[n:]
-    f, g = end.f - float(t @ t) / 2, end.g + RELAXED * np.pad(t, (0, end.g.size - m))
-    met, reason = end.met, end.reason
-    if np.abs(g[:m]).max(initial=0.0) > MISSED:
-        met, reason = False, STOPPED["Infeasible_Problem_Detected"]
-    values = end.x[:n], end.lam_x[:n], end.lam_g, f, g
-    return Candidate(*values, met, reason, end.iterations, problem=problem)
+    exact, talks = problem.statement.mode == "exact", LOG.isEnabledFor(logging.DEBUG)
+    run = solver(problem.program, purpose, exact, talks)
+    end = solved(run, begin, p, relaxed, (np.append(lam_x, none), lam_g))
+    x, t = np.split(end.x, [n])
+    met = end.met and bool(RELAXED * np.abs(t).max(initial=0.0) <= MISSED)
+    f = end.f - float(t @ t) / 2
+    return Candidate(x, end.lam_x[:n], end.lam_g, f, met, end.iterations, problem=problem)
 
 
 def solved(
@@ -330,11 +292,9 @@ def solved(
     multipliers = multipliers or (np.zeros(bounds[0].size), np.zeros(bounds[2].size))
     # To stderr goes that there are more equations than unknowns, as where a plane holds an arm.
     with _WATCH.held(), logged(LOG, stdout=LOG.isEnabledFor(logging.DEBUG)):
-        x, f, g, lam_x, lam_g, _ = (value.ravel() for value in run(x, p, *bounds, *multipliers))
-    stats = run.stats()
-    status = stats["return_status"]
-    met, count = status in ("Solve_Succeeded", "Solved_To_Acceptable_Level"), stats["iter_count"]
-    reason = STOPPED.get(status, status.replace("_", " ").lower())
-    LOG.debug("%s after %d iterations", "met" if met else f"not met: {reason}", count)
-    end = Solution(x, lam_x, lam_g, float(f[0]), g, met, reason, int(count))
+        x, f, _, lam_x, lam_g, _ = (value.ravel() for value in run(x, p, *bounds, *multipliers))
+    status, count = run.stats()["return_status"], int(run.stats()["iter_count"])
+    met = status in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+    LOG.debug("%s after %d iterations", "met" if met else f"not met: {status}", count)
+    end = Solution(x, lam_x, lam_g, float(f[0]), met, count)
     return end if end.is_finite else replace(end, met=False)

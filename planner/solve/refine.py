@@ -32,8 +32,7 @@ from model.time_limit import check_time
 from planner.certificate import KKT_TOLERANCE
 from planner.measure import compliances_along
 from planner.program.blocks import unit_force
-from planner.program.optimality import Point
-from planner.program.problem import Bounds, Problem
+from planner.program.problem import Bounds, Point, Problem
 from planner.solve.ipopt import MAGNIFIED, Candidate, Purpose, solve
 
 # Corrections and meshes that are tried; the part of the accuracy that a defect may be off by, and
@@ -44,8 +43,6 @@ CORRECTIONS, PART = 8, 3
 COARSE, _ELSEWHERE = 1e-3, 0.1
 # Least stretches above this need no correction.
 _FAR = 0.1
-# How often bounds that turn out not to hold are let go, and what gradient is left at an optimum.
-_RELEASED, _OPTIMAL = 4, 1e-9
 
 
 def refine(
@@ -70,23 +67,28 @@ def _refined(candidate: Candidate, accuracy: float, corrected: Array | None) -> 
     for correction in range(CORRECTIONS):
         check_time()
         problem = candidate.problem
-        question = problem.arm, candidate.tensions, problem.scene, accuracy, problem.machine_code
-        near = None if correction else _as_shape(candidate)
+        arm, scene, T, sharp = problem.arm, problem.scene, candidate.tensions, sharper(accuracy)
+        compiled, begins = problem.machine_code, not correction and is_loaded(scene)
         try:
-            shape = settled(*question, near)
+            if begins:
+                of = problem.linearised(candidate.x)
+                near = Shape(arm, scene, np.inf, of, problem.statement.refinement)
+                shape = settle(arm, T, scene, sharp, compile=compiled, near=near)
+            else:
+                shape = settled(arm, T, scene, accuracy, compiled)
         except CollapsedError as crushed:
             corrected = _stretched(problem, candidate.x, crushed)
         else:
             error = defect(problem, candidate.x, shape)
             if corrected is not None and _defect_size(problem, error - corrected) <= enough:
-                if near is not None:
+                if begins:
                     continue
                 last = candidate
                 if problem.statement.mode == "exact":
                     return last
                 # The defect enters the gradient of least squares.
                 point = Point(problem, candidate.x, problem.parameters(defect=error))
-                if point.residual(*candidate.multipliers) <= KKT_TOLERANCE / PART:
+                if point.residual(candidate.lam_x, candidate.lam_g) <= KKT_TOLERANCE / PART:
                     return last
             rough = _defect_size(problem, error)
             if not rough <= _ELSEWHERE:
@@ -103,15 +105,6 @@ def _refined(candidate: Candidate, accuracy: float, corrected: Array | None) -> 
     return last
 
 
-def _as_shape(candidate: Candidate) -> Shape | None:
-    """Return the shape of a candidate on its mesh; None without loads, where none is needed."""
-    problem = candidate.problem
-    if not is_loaded(problem.scene):
-        return None
-    of = problem.linearised(candidate.x)
-    return Shape(problem.arm, problem.scene, np.inf, of, problem.statement.refinement)
-
-
 def _on_finer_mesh(candidate: Candidate, rough: float) -> Candidate | None:
     """Return a candidate on a mesh whose defect is small, in equilibrium there.
 
@@ -126,7 +119,7 @@ def _on_finer_mesh(candidate: Candidate, rough: float) -> Candidate | None:
     problem = before.but(before.statement.but(refinement=finer))
     x = problem.settled(candidate.tensions, before.linearised(candidate.x))
     point = Point(problem, x, problem.parameters())
-    lam_x, lam_g = point.extended(*candidate.multipliers)
+    lam_x, lam_g = point.extended(candidate.lam_x, candidate.lam_g)
     return replace(candidate, problem=problem, x=x, lam_x=lam_x, lam_g=lam_g)
 
 
@@ -147,7 +140,7 @@ def polish(
     at_low, at_high = x - lbx[:n] < -pull, ubx[:n] - x < pull
     even = lbx[:n] == ubx[:n]
     purpose: Purpose = "polish"
-    for _ in range(_RELEASED):
+    for _ in range(4):
         low, high = lbx.copy(), ubx.copy()
         high[:n] = np.where(at_low, lbx[:n], ubx[:n])
         low[:n] = np.where(at_high & ~at_low, ubx[:n], lbx[:n])
@@ -163,9 +156,9 @@ def polish(
             continue
         point = Point(problem, trial.x, p, (lbx, ubx, lbg, ubg))
         lam_x, lam_g, rest = point.multipliers()
-        optimal = bool(np.abs(rest).max() <= _OPTIMAL)
+        optimal = bool(np.abs(rest).max() <= KKT_TOLERANCE / 1000)
         if not optimal:
-            lam_x, lam_g = (lam.copy() for lam in trial.multipliers)
+            lam_x, lam_g = trial.lam_x.copy(), trial.lam_g
             held = at_low | at_high | even
             lam_x[:n] = np.where(held, -point.slope(lam_g)[:n], lam_x[:n])
         wrong = ~even & ((at_low & (lam_x[:n] > 0)) | (at_high & (lam_x[:n] < 0)))
@@ -219,23 +212,14 @@ def _defect_size(problem: Problem, defect: Array) -> float:
     return float(np.abs(defect / np.concatenate(worth)).max(initial=0.0))
 
 
-def settled(
-    arm: Arm,
-    tensions: Array,
-    scene: Scene,
-    accuracy: float,
-    machine_code: bool,
-    near: Shape | None = None,
-) -> Shape:
+def settled(arm: Arm, tensions: Array, scene: Scene, accuracy: float, machine_code: bool) -> Shape:
     """Return the shape of a plan of an accuracy, two digits more accurate; raises what settle does.
 
-    From rest, or near another shape. The error of a shape is that of the tip's place, over the
-    arm's length. Its frame, which targets measure too, may be off by thirty times as much.
+    The error of a shape is that of the tip's place, over the arm's length. Its frame, which targets
+    measure too, may be off by thirty times as much.
     """
-    flat, sharp = np.ravel(tensions), sharper(accuracy)
-    if near is not None:
-        return settle(arm, flat, scene, sharp, compile=machine_code, near=near)
-    return _settled(arm, tuple(flat.tolist()), scene, sharp, machine_code)
+    flat = tuple(np.ravel(tensions).tolist())
+    return _settled(arm, flat, scene, sharper(accuracy), machine_code)
 
 
 def sharper(accuracy: float) -> float:

@@ -11,9 +11,9 @@ unknowns, held to a margin.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from heapq import heapify, heappop, heappush
-from itertools import chain, count, islice, tee
+from itertools import chain, islice, tee
 from operator import attrgetter
 
 import numpy as np
@@ -23,12 +23,12 @@ from model.loads import is_loaded
 from model.paths import Array
 from model.progress import tell
 from model.time_limit import OutOfTime, check_time
-from planner.initial_guess.guesses import POINT, conditions, drawn_arms, initial_guesses
 from planner.program.problem import SEARCHED, Problem
-from planner.program.statement import Mode
 from planner.program.terms import LOW_PRIORITY, terms_of
+from planner.question import Mode
 from planner.solve.fatrop import solve as by_stages
-from planner.solve.ipopt import Candidate, solve
+from planner.solve.guesses import POINT, conditions, drawn_arms, initial_guesses
+from planner.solve.ipopt import MISSED, Candidate, solve
 from planner.solve.refine import COARSE, refine
 from planner.solve.task import SearchResult, Task, Trial, agreed
 
@@ -37,13 +37,9 @@ from planner.solve.task import SearchResult, Task, Trial, agreed
 # Of guesses that come by effort, so many and one that lead to dearer optima are enough, too; and so
 # many from which the targets are not met before slacks tell how near they can be had.
 AGREED = 2
-# Least squares that are so small are met but for the effort in them.
-_MET = 1e-6
-# Optima that are held to the stability margin, and what they are held to, where the arm comes to
-# another shape from rest.
-_HELD, _FLOORS = 4, (0.01, 0.1, 0.3)
-# Scaled unknowns of one optimum differ by no more.
-_SAME = 1e-4
+# What unstable optima are held to, one after the other, where the arm comes to another shape from
+# rest; the first is what any are held to by default.
+_FLOORS = (0.01, 0.1, 0.3)
 _PHASES: dict[Mode, str] = {
     "exact": "trials that meet the targets",
     "closest": "trials as near as the limits allow",
@@ -77,17 +73,16 @@ class _Reading:
     lost: list[Candidate] = field(default_factory=list)
 
     @property
-    def least(self) -> float:
-        """The least objective of all optima, infinite without any."""
-        return min((optimum.f for optimum in [*self.met, *self.unstable]), default=np.inf)
+    def optima(self) -> list[Candidate]:
+        """All of the coarse mesh, by their objectives."""
+        return sorted([*self.met, *self.unstable], key=attrgetter("f"))
 
 
 class Search:
     """One planning question and the steps that answer it."""
 
     def __init__(self, task: Task) -> None:
-        self.task = task
-        self._now = _Reading("exact", iter(()))
+        self.task, self._now = task, _Reading("exact", iter(()))
         self._last: Candidate | None = None
         self._count = conditions(task.arm, task.targets)
         self._source = initial_guesses(task, is_loaded(task.scene))
@@ -120,16 +115,15 @@ class Search:
         modes: list[Mode] = ["exact"] * self.task.can_be_exact
         modes += ["closest"] * bool(terms.names[1] or LOW_PRIORITY in terms.inequality_weights)
         for mode in [*modes, "nearest"]:
-            near = self._now = _Reading(mode, self.guesses(len(missed.trials) if missed else 0))
-            hasty = mode == "exact" and self.task.starts is None
+            near = self._now = _Reading(mode, self.guesses(len(missed.trials) if missed else 1))
+            hasty = mode == "exact" and self.task.guesses is None
             self._try(AGREED + 1 if hasty else None, until_met=missed is not None)
-            if hasty and near.least == np.inf:
+            if hasty and not near.optima:
                 missed = near
                 continue
             readings = [near]
-            if missed is not None and near.least <= _MET:
-                nearest = min([*near.met, *near.unstable], key=attrgetter("f"))
-                missed.guesses = chain([nearest.tensions], missed.guesses)
+            if missed is not None and self._all_but_met():
+                missed.guesses = chain([near.optima[0].tensions], missed.guesses)
                 readings, missed = [missed, near], None
             for self._now in readings:
                 result = self._finished()
@@ -149,37 +143,34 @@ class Search:
         while True:
             self._try()
             reading = self._now
-            near = reading.mode != "exact" and any(each.f <= _MET for each in reading.unstable)
-            result = self._best(_MET if near and self.task.best_margin else np.inf)
+            near = reading.mode != "exact" and any(each.f <= MISSED for each in reading.unstable)
+            result = self._best(MISSED if near and self.task.best_margin else np.inf)
             if result is not None or near or not reading.met:
                 break
             reading.lost, reading.met = [*reading.lost, *reading.met], []
             reading.trials = [replace(trial, met=False) for trial in reading.trials]
-        if result is None and reading.unstable and self.task.best_margin:
-            return self._without_margin()
-        return result
-
-    def _without_margin(self) -> SearchResult | None:
-        """Return the best optimum that is stable at all, where its margin cannot be had."""
+        if result is not None or not reading.unstable or not self.task.best_margin:
+            return result
+        # The best that is stable at all.
         stated = self.task.statement.but(margin=0.0)
         self.task = replace(self.task, statement=stated, best_margin=False)
-        optima, reading = [*self._now.met, *self._now.unstable], self._now
         self._now = replace(reading, met=[], unstable=[])
-        for optimum in optima:
+        for optimum in reading.optima:
             stated = optimum.problem.statement.but(margin=0.0)
             self._sort(replace(optimum, problem=optimum.problem.but(stated)))
         return self._best()
 
-    def guesses(self, tried: int = 0) -> Iterator[Array]:
+    def guesses(self, tried: int = 1) -> Iterator[Array]:
         """Yield initial guesses, tensions (n_tendons,) [N], as many as are tried at most.
 
         After the likeliest those beyond some that were tried before: another reading of the targets
         seldom leads farther from these.
         """
-        self._source, *again = tee(self._source, 4)
-        first, new, before = (islice(each, self.task.most) for each in again)
-        tried = max(tried, 1)
-        return chain(islice(first, 1), islice(new, tried, None), islice(before, 1, tried))
+        self._source, again = tee(self._source)
+        before = list(islice(again, tried))
+        yield from before[:1]
+        yield from islice(again, self.task.most - tried)
+        yield from before[1:]
 
     def _try(self, most: int | None = None, until_met: bool = False) -> None:
         """Solve from guesses until enough of them agree, or from so many.
@@ -188,17 +179,20 @@ class Search:
         """
         reading, problem = self._now, self.task.problem(self.task.coarse(self._now.mode))
         for T in islice(reading.guesses, most):
-            if self._enough() or (until_met and reading.least <= _MET):
+            if self._enough() or (until_met and self._all_but_met()):
                 return
             tell(_PHASES[reading.mode], len(reading.trials), self.task.most)
             self._keep(self.solve(problem, T))
 
+    def _all_but_met(self) -> bool:
+        """Return whether least squares of the targets come to nothing."""
+        return any(optimum.f <= MISSED for optimum in self._now.optima)
+
     def solve(self, problem: Problem, T: Array) -> Candidate:
         """Return what tensions (n_tendons,) [N] lead to in a program of the task's."""
-        candidate = None
         x, p = problem.guess(T), problem.parameters(SEARCHED)
-        if self.task.statement.solver == "fatrop":
-            candidate = by_stages(problem, x, p)
+        staged = self.task.statement.solver == "fatrop"
+        candidate = by_stages(problem, x, p) if staged else None
         if candidate is None or not candidate.met:
             candidate = solve(problem, x, p)
         check_time()
@@ -213,10 +207,11 @@ class Search:
 
     def _sort(self, optimum: Candidate) -> None:
         """Keep an optimum with those that are as stable as they have to be, or with the others."""
-        met, unstable, margin = self._now.met, self._now.unstable, self.task.statement.margin
-        if not any(_is_same(optimum, other) for other in (*met, *unstable)):
-            stable = optimum.problem.stands(optimum.x, margin - COARSE * (margin > 0))
-            (met if stable else unstable).append(optimum)
+        x, margin = optimum.x, self.task.statement.margin
+        others = [other.x[: x.size] - x[: other.x.size] for other in self._now.optima]
+        if all(np.abs(apart).max() > 1e-4 for apart in others):
+            stable = optimum.problem.stands(x, margin - COARSE * (margin > 0))
+            (self._now.met if stable else self._now.unstable).append(optimum)
 
     def from_tensions(self, mode: Mode, T: Array) -> Candidate | None:
         """Return the optimum that tensions lead to, as stable as it has to be."""
@@ -224,16 +219,14 @@ class Search:
 
     def exchanged(self, optimum: Candidate) -> Candidate | None:
         """Return the optimum near one of the same targets, among other inequalities."""
-        before = optimum.problem
-        problem = before.but(targets=self.task.targets)
-        own = np.split(optimum.lam_g, np.cumsum([row.size for row in before.rows])[:-1])
-        pairs = zip(own, problem.rows, strict=True)
-        lam_g = [lam if lam.size == row.size else np.zeros(row.size) for lam, row in pairs]
-        multipliers = optimum.lam_x, np.concatenate(lam_g)
-        p = problem.parameters(SEARCHED)
-        return self._from(
-            before.statement.mode, solve(problem, optimum.x, p, None, multipliers, "near")
-        )
+        before, problem = optimum.problem, optimum.problem.but(targets=self.task.targets)
+        old, rows = before.program.rows, problem.program.rows
+        lam_g = np.zeros(rows.size)
+        for kind in np.unique(old):
+            if np.sum(old == kind) == np.sum(rows == kind):
+                lam_g[rows == kind] = optimum.lam_g[old == kind]
+        start = optimum.x, problem.parameters(SEARCHED), None, (optimum.lam_x, lam_g)
+        return self._from(before.statement.mode, solve(problem, *start, "near"))
 
     def _from(self, mode: Mode, candidate: Candidate) -> Candidate | None:
         """Return a candidate if it is an optimum, held to its stability where need be."""
@@ -249,11 +242,11 @@ class Search:
         The latter of guesses that come by effort, where the targets are met: how near a shape comes
         has nothing to do with their order.
         """
-        if self.task.starts is not None:
+        if self.task.guesses is not None:
             return False
         trials, mode, by_effort = self.trials, self._now.mode, self._count > POINT
         efforts = [trial.objective for trial in trials if trial.met]
-        missed = mode == "nearest" or (mode == "closest" and min(efforts, default=np.inf) > _MET)
+        missed = mode == "nearest" or (mode == "closest" and min(efforts, default=np.inf) > MISSED)
         astray = not by_effort and len(trials) >= 2 * len(efforts)
         hard = missed or astray or (self._count >= POINT and mode == "exact")
         since = len(efforts) - 1 - int(np.argmin(efforts)) if efforts and by_effort else 0
@@ -264,14 +257,14 @@ class Search:
 
         Unstable ones are held to stability, which makes them dearer, when no other is cheaper.
         """
-        number, lost = count(), np.inf
+        lost, queue = np.inf, list[tuple[float, Candidate | None, Iterator[Candidate]]]()
+        queue += [(each.f, each, iter(())) for each in self._now.met]
         unstable = {float(f"{each.f:.3g}"): each for each in self._now.unstable}
-        stable = [(each.f, next(number), each, iter(())) for each in self._now.met]
-        cheapest = [unstable[f] for f in sorted(unstable)[:_HELD]]
-        queue = [*stable, *((each.f, next(number), None, self._held(each)) for each in cheapest)]
-        heapify(queue)
-        while queue and queue[0][0] <= limit:
-            f, _, optimum, others = heappop(queue)
+        queue += [(f, None, self._held(unstable[f])) for f in sorted(unstable)[:4]]
+        while queue:
+            f, optimum, others = queue.pop(min(range(len(queue)), key=lambda i: queue[i][0]))
+            if f > limit:
+                return None
             fine = None if optimum is None else refine(optimum, self.task.accuracy)
             if fine is not None:
                 cheaper = 1 - float(np.sqrt(lost / fine.f)) if lost < fine.f else 0.0
@@ -279,9 +272,7 @@ class Search:
                 return SearchResult.at(fine, self.trials, lost=cheaper)
             if optimum in self._now.met:
                 lost = min(lost, f)
-            held = next(others, None)
-            if held is not None:
-                heappush(queue, (held.f, next(number), held, others))
+            queue += [(held.f, held, others) for held in islice(others, 1)]
         return None
 
     def _held(self, optimum: Candidate) -> Iterator[Candidate]:
@@ -290,17 +281,16 @@ class Search:
         Up to where there is none, or where another mode than the one held is less stable.
         """
         before = optimum.problem
-        for floor in sorted({max(floor, self.task.statement.margin) for floor in _FLOORS}):
-            problem = before.but(before.statement.but(modes=1, floor=floor))
-            try:
-                x = problem.carried(optimum.x, before)
-            except (OctoplanError, np.linalg.LinAlgError):
-                return
-            held = solve(problem, x, problem.parameters(SEARCHED))
-            check_time()
-            if not held.met or not problem.stands(held.x, floor - COARSE * floor):
-                return
-            yield held
+        a, states = optimum.x[: before.n_free], before.linearised(optimum.x).states
+        with suppress(OctoplanError, np.linalg.LinAlgError):
+            for floor in sorted({max(floor, self.task.statement.margin) for floor in _FLOORS}):
+                problem = before.but(before.statement.but(modes=1, floor=floor))
+                x = problem.closed(a, states)
+                held = solve(problem, x, problem.parameters(SEARCHED))
+                check_time()
+                if not held.met or not problem.stands(held.x, floor - COARSE * floor):
+                    return
+                yield held
 
     def _so_far(self, stopped: bool = True) -> SearchResult:
         """Return the best that was seen: of optima that of least effort, else what came last."""
@@ -310,9 +300,3 @@ class Search:
             statement = self.task.coarse("nearest")
             return SearchResult(statement, self.task.arm.by_section(T), (), (), (), stopped)
         return SearchResult.at(best, self.trials, stopped=stopped)
-
-
-def _is_same(one: Candidate, other: Candidate) -> bool:
-    """Return whether two candidates are one."""
-    n = min(one.x.size, other.x.size)
-    return bool(np.abs(one.x[:n] - other.x[:n]).max() <= _SAME)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,10 +14,9 @@ from model.paths import Array
 from model.quantities import Count
 from model.scene import Scene
 from planner.avoidance.rows import Avoidance, avoidance_of
-from planner.program.limits import Limits
 from planner.program.problem import Problem
-from planner.program.statement import Mode, Statement
 from planner.program.terms import pulling_tendons, terms_of
+from planner.question import Limits, Mode, Statement
 from planner.solve.ipopt import Candidate
 from planner.targets.base import Target
 
@@ -40,7 +38,7 @@ class Task:
         What residuals are held to, over the arm's length.
     machine_code : bool
         Whether to work by compiled kernels.
-    starts : int or None
+    guesses : int or None
         Initial guesses that are tried, as far as so many differ; unless given, until enough of them
         agree, `MOST` at most.
     best_margin : bool
@@ -53,28 +51,33 @@ class Task:
     limits: Limits
     statement: Statement
     accuracy: float
-    machine_code: bool = False
-    starts: int | None = None
-    best_margin: bool = False
+    machine_code: bool = field(default=False, kw_only=True, compare=False)
+    guesses: int | None = field(default=None, kw_only=True, compare=False)
+    best_margin: bool = field(default=False, kw_only=True, compare=False)
 
     @property
     def most(self) -> int:
         """How many initial guesses are made at most."""
-        return MOST if self.starts is None else self.starts
+        return MOST if self.guesses is None else self.guesses
+
+    @property
+    def stated(self) -> tuple[Target, ...]:
+        """The targets of the program."""
+        return self.targets
 
     @property
     def bare(self) -> Scene:
         """The scene in the paper's balance and without loads, where strains are closed forms."""
         return Scene(*(effect for effect in self.scene.effects if isinstance(effect, Extension)))
 
-    @cached_property
+    @property
     def allowed(self) -> Limits:
         """The limits, with tendons that a target does not let pull held at their minima."""
         return self.limits.restricted(pulling_tendons(self.arm, self.targets))
 
-    def problem(self, statement: Statement) -> Problem:
-        """Return the program by a statement."""
-        question = (self.arm, self.scene, self.targets, self.allowed, statement)
+    def problem(self, statement: Statement | None = None) -> Problem:
+        """Return the program by a statement, its own unless given."""
+        question = (self.arm, self.scene, self.stated, self.allowed, statement or self.statement)
         return Problem(*question, self.machine_code)
 
     def coarse(self, mode: Mode) -> Statement:
@@ -151,21 +154,11 @@ class SearchResult:
     @classmethod
     def at(cls, end: Candidate, trials: Sequence[Trial], **more: Any) -> SearchResult:
         """Return the result of a search that ends at a candidate, after trials."""
-        problem, (lam_x, lam_g) = end.problem, end.multipliers
-        return SearchResult(
-            end.statement,
-            problem.arm.by_section(end.tensions),
-            tuple(lam_x.tolist()),
-            tuple(lam_g.tolist()),
-            tuple(trials),
-            avoidance=avoidance_of(problem.targets),
-            **more,
-        )
-
-    @property
-    def agreed(self) -> int:
-        """How many starts ended at the best objective, to a thousandth."""
-        return agreed(self.starts)
+        problem, T = end.problem, end.problem.arm.by_section(end.tensions)
+        lam_x = tuple(end.lam_x[: problem.n_free].tolist())
+        lam_g = tuple(end.lam_g[: problem.n_outer].tolist())
+        more["avoidance"] = avoidance_of(problem.targets)
+        return SearchResult(end.statement, T, lam_x, lam_g, tuple(trials), **more)
 
 
 def agreed(starts: Sequence[Trial]) -> int:

@@ -17,7 +17,6 @@ from model.paths import Array
 from model.time_limit import OutOfTime, check_time
 from planner.answer import Answer, Optimum
 from planner.certificate import STABILITY_TOLERANCE
-from planner.program.problem import Bounds
 from planner.solve.ipopt import Candidate
 from planner.solve.refine import PART, polish, refine
 from planner.solve.task import SearchResult, Task, Trial
@@ -44,7 +43,7 @@ def warm_start(near: Answer, task: Task) -> SearchResult | None:
         return None
     try:
         start = near.optimum
-        continued = None if start is None else _continued(start, near, task)
+        continued = start and _continued(start, near, task)
         if start is None or continued is None:
             return None
         optimum, apart = continued
@@ -77,18 +76,12 @@ def _continued(origin: Optimum, near: Answer, task: Task) -> tuple[Candidate, fl
     And by how much the tensions jump, 0 where they change little by little.
     """
     problem, n = task.problem(near.statement), task.arm.n_tendons
-    values = origin.x, origin.lam_x, origin.lam_g, 0.0, np.zeros(0), True, "", 0
-    start = Candidate(*values, problem=problem)
+    start = Candidate(origin.x, origin.lam_x, origin.lam_g, 0.0, True, 0, problem=problem)
     before = problem.but(targets=near.stated)
     first, last = (each.parameters(defect=origin.defect) for each in (before, problem))
     lbx, ubx, lbg, ubg = problem.bounds
     rise, unit = np.zeros(lbx.size), problem.unit
     rise[:n] = (np.array(problem.limits.lower) - near.limits.lower) / unit
-
-    def at(fraction: float) -> tuple[Array, Bounds]:
-        left = (1 - fraction) * rise
-        upper = np.where(lbx == ubx, ubx - left, ubx)
-        return first + fraction * (last - first), (lbx - left, upper, lbg, ubg)
 
     def stepped(step: float, most: float) -> Candidate | None:
         """Follow by steps whose tensions change by no more than `most`; None where that ends."""
@@ -96,7 +89,8 @@ def _continued(origin: Optimum, near: Answer, task: Task) -> tuple[Candidate, fl
         while fraction < 1:
             check_time()
             trial = min(1.0, fraction + step)
-            p, bounds = at(trial)
+            p, left = first + trial * (last - first), (1 - trial) * rise
+            bounds = lbx - left, np.where(lbx == ubx, ubx - left, ubx), lbg, ubg
             following = polish(current, p, bounds, warm=True)
             apart = float(np.linalg.norm((following.x - current.x)[:n] * unit))
             if following.met and apart <= most:

@@ -14,7 +14,7 @@ from model.shape import Shape
 from model.text import Shown, told
 from planner.certificate import Certificate
 from planner.certify import certify, tension_excess
-from planner.program.statement import Statement
+from planner.question import Statement
 from planner.solve.task import Task
 from planner.targets.base import Target
 from planner.trajectory.clear import between

@@ -23,7 +23,7 @@ from model.paths import Array
 from model.time_limit import check_time
 from planner.program.problem import Problem, units
 from planner.program.program import Program
-from planner.solve.ipopt import TOGETHER, WARM, Solution, derivatives
+from planner.solve.ipopt import TOGETHER, WARM, Solution, named
 from planner.solve.side_by_side import Part, SideBySide, joined
 from planner.trajectory.question import Question, Waypoint
 
@@ -56,7 +56,8 @@ class MotionProgram:
         np.maximum.at(needed, group, slowest)
         unit = max(float(needed.max()), _LEAST)
         pairs = zip(problems, guess, strict=True)
-        effort = float(sum(of.program.evaluate(x, of.parameters()).f for of, x in pairs))
+        efforts = [of.program.evaluate(x, of.parameters())[0] for of, x in pairs]
+        effort = float(np.sum(efforts))
         penalty = max(effort, _LEAST) * unit / max(float(needed.sum()), _LEAST)
         weights = np.array([_WEIGHT, penalty]) / (1.0 if question.steps is None else _WEIGHT)
         self._numbers = [weights, start, rate * unit, fractions]
@@ -112,7 +113,7 @@ def _stated(
     places in the unknowns of each waypoint; the waypoints' fractions, and their parameters.
     """
     N, M, m = len(programs), group[-1] + 1, len(places[0])
-    rows = [sum(row.size for row in program.rows) for program in programs]
+    rows = [program.rows.size for program in programs]
     of = {program: _functions(program) for program in programs}
     n_p = [2, m, m, N, *(program.p.numel() for program in programs)]
 
@@ -142,4 +143,6 @@ def _functions(program: Program) -> dict[str, ca.Function]:
     """Return a waypoint's program as functions: values and derivatives."""
     at = [program.x, program.p]
     values = {name: ca.Function(name, at, [getattr(program, name)]) for name in "fg"}
-    return values | derivatives(program)
+    symbols = (program.x, program.p, program.sigma, program.lam)
+    H = ca.triu(program.hessian)
+    return values | named(symbols, program.gradient, program.jacobian, H)

@@ -27,8 +27,7 @@ from planner.avoidance.surroundings import Surroundings
 from planner.contact.load_path import settled_along
 from planner.io.csv_files import load_waypoints
 from planner.plan import HeldPlan, Plan, plan
-from planner.program.limits import Limits, each_tendon
-from planner.question import check_targets
+from planner.question import Limits, check_targets, each_tendon
 from planner.targets import TipPosition
 from planner.targets.base import Target
 

@@ -24,8 +24,8 @@ from model.progress import reported, tell
 from planner.plan import Plan
 from planner.program.problem import Problem
 from planner.program.program import STRETCH
-from planner.program.statement import Statement
 from planner.program.terms import pulling_tendons
+from planner.question import Statement
 from planner.solve.ipopt import Candidate, solve
 from planner.solve.refine import CORRECTIONS, PART, defect, settled
 from planner.solve.warm_start import jump
@@ -94,8 +94,7 @@ class Waypoints:
         lbx, ubx, lbg, ubg = (bound.copy() for bound in problem.bounds)
         held = list(set(range(arm.n_tendons)) - pulling_tendons(arm, waypoint.stated))
         ubx[held] = lbx[held]
-        names = np.repeat([row.name for row in problem.rows], [row.size for row in problem.rows])
-        lbg[names == STRETCH] += _CRUSHED
+        lbg[problem.program.rows == STRETCH] += _CRUSHED
         problem.bounds = lbx, ubx, lbg, ubg
         return problem
 
@@ -140,6 +139,6 @@ class Waypoints:
 
 def _violation(problem: Problem, x: Array, p: Array) -> float:
     """Return by how much rows besides equilibrium violate their bounds at most."""
-    rows = problem.program.evaluate(x, p).g[: problem.n_outer]
+    rows = problem.program.evaluate(x, p)[2][: problem.n_outer]
     low, high = (bounds[: rows.size] for bounds in problem.bounds[2:])
     return float(np.maximum(low - rows, rows - high).max(initial=0.0))

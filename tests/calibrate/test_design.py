@@ -18,7 +18,7 @@ from planner.cli import main
 from planner.fit.design_program import DesignProgram, Targets
 from planner.fit.making import Objective
 from planner.fit.unknowns import Parameters
-from planner.program.limits import Limits
+from planner.question import Limits
 from planner.targets import Backbone, Stiffest, TipPosition
 from tests.differences import fourth_order
 

@@ -10,8 +10,7 @@ from model.effects import Contact, ExactTendons, Extension
 from model.obstacles import Capsule
 from planner.contact.program import TensionProgram
 from planner.contact.search import FINE
-from planner.program.limits import Limits
-from planner.program.statement import Statement
+from planner.question import Limits, Statement
 from planner.solve.task import Task
 from planner.targets import Hold, TipPosition
 from tests.contact.cases import bar

@@ -20,8 +20,7 @@ from planner.avoidance.places import avoiding
 from planner.avoidance.rows import cubic, element_of, grid
 from planner.avoidance.surroundings import Surroundings
 from planner.io.scene_file import read
-from planner.program.limits import Limits
-from planner.program.statement import Statement
+from planner.question import Limits, Statement
 from planner.solve.task import Task
 from planner.targets import BendingPlane, TipPosition
 from tests.oracles import Array
@@ -111,6 +110,7 @@ def test_where_nothing_leads_around_the_nearest_shape_keeps_clear() -> None:
     assert p.mode == "nearest"
     assert p.outcome.startswith("Not reached")
     assert "obstacles are in the way" in p.outcome
+    assert "what the arm is to keep clear of" in p.holding()
     assert p.certificate.gaps["obstacles"] >= 0
 
 

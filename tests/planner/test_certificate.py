@@ -130,7 +130,7 @@ def test_a_shape_on_the_brink_is_warned_of(load_factor: float | None, why: str) 
 def test_the_tip_of_a_shape_is_held_against_that_of_the_check() -> None:
     tensions = 2 * PLAN.tensions
     rough, sharp = (settle(ARM, tensions, PAPER, own) for own in (1e-2, 1e-11))
-    found = certify(PLAN.task, tensions.ravel(), lambda: rough, 0.0)
+    found = certify(PLAN, tensions.ravel(), lambda: rough, 0.0)
     apart = np.linalg.norm(rough.tip - sharp.tip) / ARM.length
     assert apart > 1e-6
     assert found.agreement == pytest.approx(apart, rel=1e-2)

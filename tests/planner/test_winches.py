@@ -16,7 +16,7 @@ from planner import load_plan, plan, stiffness
 from planner.cli import main
 from planner.io.scene_file import load
 from planner.measure import length_error
-from planner.program.limits import Limits
+from planner.question import Limits
 from planner.targets import TipPosition
 from planner.trajectory.question import Rates
 

@@ -1,1 +1,0 @@
-"""Initial guesses of a search: tensions of curled arms and fits to the targets."""

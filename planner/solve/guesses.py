@@ -1,0 +1,253 @@
+"""Initial guesses: tensions fitted to the targets, the straight arm, drawn arms that are near.
+
+Arms are drawn by the bends of their sections and looked at all together, on the coarsest mesh, in a
+scene without loads whose strains are closed forms. Where a target prescribes turns, directions or
+several points, each section's bend is as good as given, but not in closed form: tendons of the
+sections beyond bend a section too, and an arm may wind up in many ways. So those that are nearest
+to what is wanted are driven to it by least squares. What is met in several ways is met by several
+of them. For a point, which arms meet in many ways that go over into each other, the straight arm
+and drawn ones do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from model.arm import Arm
+from model.effects import Extension
+from model.forward import explicit_map, schemes_of
+from model.machine.buffered import Mapped
+from model.paths import Array
+from model.scene import Scene
+from model.time_limit import check_time
+from planner.program.problem import units
+from planner.program.terms import (
+    TargetTerms,
+    pulling_tendons,
+    stations_of,
+    target_numbers,
+    terms_of,
+)
+from planner.question import Limits, natural_tensions
+from planner.solve.task import Task
+from planner.targets.base import Target
+
+# How many conditions a point is, which arms meet in many ways.
+POINT = 3
+# Arms that are drawn; drawn to be fitted; and those of these that are fitted, in so many steps.
+_DRAWN, _TO_FIT, _FITTED, _STEPS = 200, 4000, 60, 10
+# Residuals that are less are met, but for the errors of the mesh.
+_MET = 3e-3
+# Guesses differ by more than this part of their tensions: fitted ones, drawn ones.
+_APART, _FAR_APART = 0.1, 0.5
+# Drawn arms before the straight one, and before those with so many times the pull: what an arm may
+# take with its loads of what bends it without.
+_FIRST, _STRONGER = 3, 3.0
+# Bends at the base and at the tip, in units of what bends the arm by about 1 rad. A slender tip
+# takes many: it saturates. The best plans for poses and fetches of a slender arm are between these.
+_LEAST, _MOST = (0.5, 0.2), (60.0, 4.0)
+# No shape is farther off; what is no number is.
+_FAR = 1e3
+
+
+def initial_guesses(task: Task, loaded: bool = False) -> Iterator[Array]:
+    """Yield tensions (n_tendons,) [N] within limits: fitted ones, drawn ones, the straight arm's.
+
+    Fitted ones come by effort. Drawn ones come by how near they are to what the targets want. Of an
+    arm that is `loaded` some come again with more pull.
+    """
+    limits, count = task.allowed, conditions(task.arm, task.targets)
+    # All tendons pull a little, inside of the limits.
+    straight = np.clip(5e-3 * units(task.arm, limits), limits.lower, limits.upper)
+    if count > POINT:
+        yield from fitted(task)
+    # A bend in a plane is met by arms that wind round once more, too, and more cheaply by those
+    # next to the straight one.
+    if count < POINT:
+        yield straight
+    for k, T in enumerate(drawn_arms(task)):
+        yield T
+        if k == _FIRST and count >= POINT:
+            yield straight
+        if k >= _FIRST and loaded:
+            yield np.clip(_STRONGER * T, limits.lower, limits.upper)
+
+
+def conditions(arm: Arm, targets: tuple[Target, ...]) -> float:
+    """Return how many numbers are to be met; infinite where others are to be kept above 0."""
+    terms = terms_of(arm, targets)
+    return np.inf if terms.names[2] else terms.count
+
+
+def drawn_arms(task: Task) -> Iterator[Array]:
+    """Yield drawn tensions that differ: by nearness and effort, and by nearness alone, in turn.
+
+    Without a look at the time, of which they take little.
+    """
+    unit = units(task.arm, task.allowed)
+    bends = BendCoordinates(task.arm, pulling_tendons(task.arm, task.targets), task.allowed)
+    drawn = bends.tensions(bends.draw(_DRAWN))
+    distance = np.linalg.norm(residuals(task, drawn), axis=1)
+    # What a unit of tension counts beside how near an arm is.
+    cheap = distance + 0.2 * np.linalg.norm(drawn / unit, axis=1)
+    orders = np.argsort([cheap, distance], axis=1, kind="stable")
+    yield from _distinct(drawn[np.ravel(orders, "F")], unit, _FAR_APART)
+
+
+def fitted(task: Task) -> Iterator[Array]:
+    """Yield tensions (n_tendons,) fitted to targets: the cheapest that meet them first.
+
+    Then those that come nearest. Where sections shorten, how hard all tendons of a section pull is
+    fitted beside its bends.
+    """
+    bends = BendCoordinates(task.arm, pulling_tendons(task.arm, task.targets), task.allowed)
+
+    def gaps(points: Array) -> Array:
+        return residuals(task, bends.tensions(points))
+
+    points = bends.draw(_TO_FIT)
+    points = points[np.argsort(np.linalg.norm(gaps(points), axis=1), kind="stable")[:_FITTED]]
+    if task.scene.has(Extension):
+        points = np.hstack([points, np.zeros((len(points), bends.width // 2))])
+    points, residual = least_squares(gaps, points)
+    T, met = bends.tensions(points), residual < _MET
+    T = T[np.lexsort([np.where(met, np.linalg.norm(T, axis=1), residual), ~met])]
+    yield from _distinct(T, np.ones(task.arm.n_tendons), _APART)
+
+
+def _distinct(tensions: Iterable[Array], unit: Array, part: float) -> Iterator[Array]:
+    """Yield those of tensions that differ from all that were yielded by a part of their size."""
+    taken = np.zeros((0, unit.size))
+    for T in tensions:
+        apart = np.linalg.norm((taken - T) / unit, axis=1)
+        if np.all(apart > part * np.linalg.norm(T / unit)):
+            taken = np.vstack([taken, T])
+            yield T
+
+
+def least_squares(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Array]:
+    """Return points (m, n) of least squares of gaps near U, and the norms there (m,).
+
+    Gaps are a function of points (m, n) -> (m, k). All that do not meet them yet take the steps of
+    Levenberg and Marquardt's method side by side; derivatives at a point come in one call with its
+    gaps.
+    """
+    U, damping = U.copy(), np.full(len(U), 1e-2)
+    r, J = _linearised(gaps, U)
+    for _ in range(_STEPS):
+        check_time()
+        far = np.flatnonzero(np.linalg.norm(r, axis=1) >= _MET)
+        if not far.size:
+            break
+        normal = J[far] @ J[far].transpose(0, 2, 1)
+        # Less than rounding does not keep a system from being singular.
+        least = damping[far] + 1e-12 * np.trace(normal, axis1=1, axis2=2)
+        normal += least[:, None, None] * np.eye(U.shape[1])
+        step = -np.linalg.solve(normal, J[far] @ r[far, :, None])[:, :, 0]
+        trial = U[far] + np.clip(step, -1, 1) * (1 + np.abs(U[far]))
+        r_trial, J_trial = _linearised(gaps, trial)
+        better = np.linalg.norm(r_trial, axis=1) < np.linalg.norm(r[far], axis=1)
+        taken = far[better]
+        U[taken], r[taken], J[taken] = trial[better], r_trial[better], J_trial[better]
+        damping[far] = np.maximum(damping[far] * np.where(better, 0.2, 8.0), 1e-8)
+    return U, np.linalg.norm(r, axis=1)
+
+
+def _linearised(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Array]:
+    """Return gaps (m, k) and their derivatives (m, n, k) by U (m, n), by scaled differences."""
+    (m, n), difference = U.shape, 1e-4
+    shifts = np.vstack([np.zeros(n), difference * np.eye(n)])
+    shifted = U[:, None, :] + shifts * (1 + np.abs(U))[:, None, :]
+    values = gaps(shifted.reshape(-1, n)).reshape(m, n + 1, -1)
+    return values[:, 0].copy(), (values[:, 1:] - values[:, :1]) / difference
+
+
+def residuals(task: Task, tensions: Array) -> Array:
+    """Return the residuals of tensions (m, n_tendons) [N] in the scene without its loads (m, k).
+
+    Those of the targets, violations of inequalities, and last by how much the arm is crushed.
+    Stiffness is left out: compliances are taken to be those that are wanted.
+    """
+    arm, scene, targets = task.arm, task.bare, task.targets
+    scheme, at = "magnus4" if "magnus4" in schemes_of(scene) else "rk4", stations_of(arm, targets)
+    forward = explicit_map(arm, scene, scheme, 1, at, task.machine_code)
+    numbers = np.tile(target_numbers(arm, targets), (len(tensions), 1))
+    poses, stretch = forward.many(tensions, [forward.mesh.node(s) for s in at])
+    (gaps,) = _residuals_of(terms_of(arm, targets))(poses.reshape(len(tensions), -1), numbers)
+    crushed = 10 * np.maximum(0.05 - stretch, 0.0)
+    gaps = np.hstack([gaps, crushed[:, None]])
+    return np.asarray(np.clip(np.nan_to_num(gaps, nan=_FAR), -_FAR, _FAR))
+
+
+@lru_cache(maxsize=16)
+def _residuals_of(terms: TargetTerms) -> Mapped:
+    """Return (poses (7 K,), target numbers) -> residuals (k,), as one list of instructions."""
+    poses, numbers = (ca.MX.sym("given", *terms.function.size_in(i)) for i in range(2))
+    wanted = ca.vertcat(ca.DM(0, 1), *(ca.vec(ca.DM.eye(each.width)) for each in terms.requests))
+    equality, soft_residual, inequality, _ = terms.function(poses, numbers, wanted)
+    gaps = ca.densify(ca.vertcat(equality, soft_residual, ca.fmin(inequality, 0)))
+    function = ca.Function("gaps", [poses, numbers], [gaps])
+    arguments = function.sx_in()
+    return Mapped(ca.Function("gaps", arguments, function.call(arguments), {"cse": True}))
+
+
+def many_places(arm: Arm, scene: Scene, tensions: Array, machine_code: bool) -> tuple[Array, Array]:
+    """Return places (m, K, 3) of an arm under tensions (m, n_tendons), and radii (K,) there [m]."""
+    scheme = "magnus4" if "magnus4" in schemes_of(scene) else "rk4"
+    forward = explicit_map(arm, scene, scheme, 4, (), machine_code)
+    poses, _ = forward.many(tensions, range(1, forward.mesh.steps + 1))
+    return poses[..., 4:], arm.radius.evaluate(forward.mesh.s[1:], arm.length)[0]
+
+
+class BendCoordinates:
+    """The pulls of the sections as a function of their bends, and of how hard they are squeezed.
+
+    Sections are those with tendons that may pull, tip first; `width` is how many bends there are,
+    two of each.
+    """
+
+    def __init__(self, arm: Arm, tendons: frozenset[int], limits: Limits) -> None:
+        self._limits = limits
+        phi, unit = np.array([angle for _, angle in arm.tendons]), natural_tensions(arm)
+        section, pulls = np.array([i for i, _ in arm.tendons]), np.array(sorted(tendons))
+        sections = np.unique(section[pulls])
+        self.width = 2 * sections.size
+        of_section = np.isin(np.arange(arm.n_tendons), pulls) & (section == sections[:, None])
+        # Tensions (2 n, 2, n_tendons) that bend each section by about 1 rad along an axis, there
+        # and back: the tendons on that side share the pull as the law of section 6.1 has it for
+        # four of them.
+        axes = np.array([[0.0, np.pi], [np.pi / 2, -np.pi / 2]])
+        sides = np.exp(1j * (phi - axes[:, :, None]))
+        shares = of_section[:, None, None] * np.maximum(sides.real, 0.0)
+        reach = np.abs((shares * sides).sum(axis=-1, keepdims=True))
+        self._sides = (shares * unit / np.where(reach > 0, reach, 1.0)).reshape(-1, 2, phi.size)
+        # Tensions (n, n_tendons) by which all tendons of a section pull.
+        self._squeezes = of_section * unit
+
+    def tensions(self, bends: Array) -> Array:
+        """Return tensions (m, n_tendons) of bends (m, 2 n), within the limits.
+
+        Of bends and squeezes if they are (m, 3 n).
+        """
+        bends, squeezes = bends[:, : self.width], bends[:, self.width :]
+        T = np.maximum(bends, 0) @ self._sides[:, 0] + np.maximum(-bends, 0) @ self._sides[:, 1]
+        if squeezes.size:
+            T += np.maximum(squeezes, 0) @ self._squeezes
+        T, low = np.clip(T, self._limits.lower, self._limits.upper), np.array(self._limits.lower)
+        if self._limits.total is not None:
+            most = max(self._limits.total - float(low.sum()), 0.0)
+            T = low + (T - low) * (most / (T - low).sum(axis=1).clip(max(most, 1e-300)))[:, None]
+        return np.asarray(T)
+
+    def draw(self, count: int) -> Array:
+        """Return bends (count, 2 n) in all directions, as many small as large; always the same."""
+        rng, n = np.random.default_rng(0), self.width // 2
+        low, high = np.geomspace(*_LEAST, n), np.geomspace(*_MOST, n)
+        size = low * (high / low) ** rng.uniform(size=(count, n))
+        angle = rng.uniform(0, 2 * np.pi, size=(count, n))
+        bends = np.stack([size * np.cos(angle), size * np.sin(angle)], axis=2)
+        return np.asarray(bends.reshape(count, -1))
