@@ -75,10 +75,12 @@ class Sections:
     ----------
     place, tendon : (P,)
         Cross-section and tendon of each crossing of a tendon through a cross-section.
+    stations : Stations
+        Their numbers.
     body : (n, N)
         What the law takes of the body.
     paths : (4, P)
-        Offset, its derivative, cosine and sine of the angle at each crossing.
+        Offset along n and b, and its derivative, at each crossing.
     machine_code : bool
         Whether the law's kernels are compiled.
     """
@@ -93,16 +95,17 @@ class Sections:
         machine_code: bool = False,
     ) -> None:
         self.law, self.s, self.machine_code = law, s, machine_code
-        self._arm, self._scene, self._at = arm, scene, stations(arm, s, active)
-        self.place, self.tendon = np.nonzero(crossing(arm, self._at))
-        self.body = body_numbers(arm, scene, self._at)
-        self.paths = tendon_paths(arm, self._at, self.place, self.tendon)
+        self._arm, self._scene = arm, scene
+        self.stations = stations(arm, s, active)
+        self.place, self.tendon = np.nonzero(crossing(arm, self.stations))
+        self.body = body_numbers(arm, scene, self.stations)
+        self.paths = tendon_paths(arm, self.stations, self.place, self.tendon)
 
     @cached_property
     def _closed(self) -> tuple[ClosedStatics, Array, Array]:
         """The statics without loads, maps from tensions to pull, and data."""
         arm, statics = self._arm, closed_statics(self._scene, self._arm)
-        return statics, statics.pulls(arm, self._at), statics.data(arm.material, self._at)
+        return statics, statics.pulls(arm, self.stations), statics.data(arm.material, self.stations)
 
     def strains(self, tensions: Array) -> Array:
         """Return the strains (N, n) without loads under tensions (n_tendons,).
@@ -153,7 +156,7 @@ class Sections:
 
         At strains v and their rates (N, n).
         """
-        change = tendon_path_rates(self._arm, self._at, self.place, self.tendon)
+        change = tendon_path_rates(self._arm, self.stations, self.place, self.tendon)
         arguments = (v[self.place], rate[self.place], self.paths.T, change.T)
         result = self._kernel(_turning, *arguments)
         return result[:, 0], result[:, 1:]

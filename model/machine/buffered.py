@@ -68,21 +68,18 @@ class Mapped:
 
     def __call__(self, *value: Array) -> list[Array]:
         """Return the results (N, n_out) of arguments (N, n_in) or (N,)."""
-        count = len(value[0])
-        by_columns = self._machine_code or count > self._most
-        if count and by_columns and self.columns is not None:
-            some = [v if len(v) in (1, count) else _repeated(v, count) for v in value]
-            results = self.columns(*(v.reshape(len(v), -1).T for v in some))
+        count, most = len(value[0]), self._most
+        by_columns = count and (self._machine_code or count > most) and self.columns is not None
+        fit = (1, count) if by_columns else (count,)
+        rows = [v if len(v) in fit else v[np.arange(count) % len(v)] for v in value]
+        if by_columns and self.columns:
+            results = self.columns(*(v.reshape(len(v), -1).T for v in rows))
             return [np.ascontiguousarray(result.T) for result in results]
-        rows = [v if len(v) == count else _repeated(v, count) for v in value]
-        if 0 < count <= self._most:
+        if 0 < count <= most:
             outcome = self._sized(count)(*[v.ravel() for v in rows])
             return [result.reshape(count, -1) for result in outcome]
         sizes = [self._function.numel_out(i) for i in range(self._function.n_out())]
-        parts = [
-            self(*(v[start : start + self._most] for v in rows))
-            for start in range(0, count, self._most)
-        ]
+        parts = [self(*(v[i : i + most] for v in rows)) for i in range(0, count, most)]
         columns = zip(*parts, strict=True) if parts else ([np.zeros((0, n))] for n in sizes)
         return [np.concatenate(column) for column in columns]
 
@@ -95,11 +92,6 @@ class Mapped:
 
     def _of(self, size: int) -> Buffered:
         return Buffered(self._function if size == 1 else self._function.map(size))
-
-
-def _repeated(rows: Array, count: int) -> Array:
-    """Return so many rows, of fewer that are taken again and again."""
-    return rows[np.arange(count) % len(rows)]
 
 
 def mapped(function: ca.Function, machine_code: bool = False) -> Mapped:

@@ -114,7 +114,7 @@ class Columns:
             for i in range(0, N, _AT_ONCE):
                 part = slice(i, i + _AT_ONCE)
                 some = [each if each.shape[1] == 1 else each[:, part] for each in columns]
-                self._interpret_steps(steps, some, [result[:, part] for result in results])
+                self._interpret(steps, some, [result[:, part] for result in results])
             return [
                 result[-most * size :] for result, size in zip(results, self._sizes, strict=True)
             ]
@@ -125,32 +125,27 @@ class Columns:
         self._run(N, steps, every, self._same(*(each.shape[1] < N for each in columns)), *at)
         return results
 
-    def _interpret_steps(self, steps: int, columns: list[Array], results: list[Array]) -> None:
-        """Fill in the results of some sets, step by step."""
-        state, *others = columns
-        for k in range(steps):
-            sizes = zip(others, self._sizes_in[1:], strict=True)
-            values = [each[k * size : (k + 1) * size] for each, size in sizes]
-            now = zip(results, self._sizes, strict=True)
-            after = [each[k * size : (k + 1) * size] for each, size in now]
-            self._interpret([state, *values], after)
-            state = after[0]
-
-    def _interpret(self, columns: Sequence[Array], results: Sequence[Array]) -> None:
-        """Fill in the results of some sets, one operation after the other."""
+    def _interpret(self, steps: int, columns: list[Array], results: list[Array]) -> None:
+        """Fill in the results of some sets, step by step, one operation after the other."""
         work = np.empty((self._n_registers, results[0].shape[1]))
-        registers = [*work]
-        with np.errstate(all="ignore"):
-            for op, read, to, value in self._lines:
-                if op == ca.OP_INPUT:
-                    registers[to[0]] = columns[read[0]][read[1]]
-                elif op == ca.OP_OUTPUT:
-                    results[to[0]][to[1]] = registers[read[0]]
-                elif op == ca.OP_CONST:
-                    registers[to[0]] = np.float64(value)
-                else:
-                    arguments = (registers[i] for i in read)
-                    registers[to[0]] = OPERATIONS[op].numpy(*arguments, work[to[0]])
+        registers, state = [*work], columns[0]
+        for k in range(steps):
+            inputs, outputs = (
+                [each[k * size : (k + 1) * size] for each, size in zip(rows, sizes, strict=True)]
+                for rows, sizes in ((columns, self._sizes_in), (results, self._sizes))
+            )
+            inputs[0], state = state, outputs[0]
+            with np.errstate(all="ignore"):
+                for op, read, to, value in self._lines:
+                    if op == ca.OP_INPUT:
+                        registers[to[0]] = inputs[read[0]][read[1]]
+                    elif op == ca.OP_OUTPUT:
+                        outputs[to[0]][to[1]] = registers[read[0]]
+                    elif op == ca.OP_CONST:
+                        registers[to[0]] = np.float64(value)
+                    else:
+                        arguments = (registers[i] for i in read)
+                        registers[to[0]] = OPERATIONS[op].numpy(*arguments, work[to[0]])
 
 
 def written(function: ca.Function) -> str:

@@ -6,13 +6,13 @@ States S are an arm's unknowns but for tensions and load factor; see model.trans
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import replace
-from functools import cached_property, lru_cache, partial
+from functools import lru_cache, partial
 from typing import Any
 
 import casadi as ca
 import numpy as np
+from scipy.sparse import csr_array
 
 from model.arm import Arm
 from model.cross_section import cross_section_of
@@ -45,6 +45,8 @@ class System:
         Numbers of the tendons' lengths.
     s : (N stages,)
         Arc lengths of the stages [m].
+    sections : Sections
+        The cross-sections there; tendons cross them in the order of the layout's crossings.
     """
 
     def __init__(
@@ -74,7 +76,9 @@ class System:
         at = [mesh.node(section.at) for section in arm.sections]
         off = tuple(mesh.node(s) for s in levers(scene)[0].tolist())
         self.of = layout(form, tuple(at[i] for i, _ in arm.tendons), mesh.steps, off)
-        self.p, self.length_numbers, self.s = numbers(arm, scene, mesh, self.of)
+        self.s, weights, active = mesh.points(stages)
+        self.sections = Sections(arm, scene, form.law, self.s, active, machine_code)
+        self.p, self.length_numbers = numbers(arm, scene, mesh, self.of, self.sections, weights)
 
     def __reduce__(self) -> tuple[Any, ...]:
         form = self.of.form
@@ -85,12 +89,6 @@ class System:
         result = object.__new__(System)
         vars(result).update(vars(self), p=self.p.copy())
         return result
-
-    @cached_property
-    def sections(self) -> Sections:
-        """The cross-sections at the stages."""
-        form, active = self.of.form, np.repeat(self.mesh.active, self.of.form.stages)
-        return Sections(self.arm, self.scene, form.law, self.s, active, form.machine_code)
 
     @property
     def base(self) -> Array:
@@ -119,35 +117,24 @@ class System:
 
     def length_jacobian(self, x: Array) -> Array:
         """Return the derivatives of the lengths against the states (n_tendons, n_states)."""
-        values = np.zeros((self.of.n_tendons, self.of.n_x))
-        nonzeros = self.of.lengths.jacobian(x, self.length_numbers)
-        values[self.of.lengths.jacobian.triplet] = nonzeros
-        return values[:, self.of.first :]
+        of, lengths = self.of, self.of.lengths
+        nonzeros = lengths.jacobian(x, self.length_numbers)
+        whole = csr_array((nonzeros, lengths.jacobian.triplet), (of.n_tendons, of.n_x))
+        return np.asarray(whole.toarray()[:, of.first :])
 
     def by_wrench(self, x: Array, node: int) -> Array:
         """Return how residuals change with a dead force and moment at a node (n_states, 6).
 
         They enter as numbers of the elements on its base side and of the node beyond the last one.
         """
-        still, results = self.residual(x), []
-        for component in range(6):
-            p = self.p.copy()
-            elements = p[self.of.equations.numbers_of("element")].reshape(self.mesh.steps, -1)
-            if component < 3:
-                elements[:node, 1 + component] += 1.0
-            elif node < self.mesh.steps:
-                elements[node - 1, 1 + component] += 1.0
-            else:
-                p[self.of.equations.numbers_of("tip")][3 + component] += 1.0
-            results.append(self.of.equations.value(x, p) - still)
-        return np.stack(results, axis=1)
-
-    def pushed(self, force: Array) -> System:
-        """Return the same equations with a dead force (3,) [N] more at the tip."""
-        other = copy(self)
-        elements = other.p[self.of.equations.numbers_of("element")].reshape(self.mesh.steps, -1)
-        elements[:, 1:4] += force
-        return other
+        steps, numbers_of = self.mesh.steps, self.of.equations.numbers_of
+        change = np.zeros((self.p.size, 6))
+        elements = change[numbers_of("element")].reshape(steps, -1, 6)
+        elements[:node, 1:4, :3] = np.eye(3)
+        moment = elements[node - 1, 4:7] if node < steps else change[numbers_of("tip")][6:9]
+        moment[:, 3:] = np.eye(3)
+        values = [self.of.equations.value(x, self.p + each) for each in change.T]
+        return np.stack(values, axis=1) - self.residual(x)[:, None]
 
     def poses(self, states: Array) -> Array:
         """Return the poses at the nodes (N + 1, 7), from base to tip."""
