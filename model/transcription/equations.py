@@ -43,11 +43,6 @@ class Term:
         """How often the kernel is repeated."""
         return int(self.unknowns.shape[1])
 
-    @property
-    def n_numbers(self) -> int:
-        """How many numbers all repetitions have together."""
-        return int(self.kernel.c.numel() * self.count)
-
 
 class Equations:
     """The sum of terms: residuals g (n_g,) of unknowns x (n_x,) and numbers p (n_p,).
@@ -68,7 +63,7 @@ class Equations:
     def __init__(self, n_x: int, n_g: int, terms: list[Term], machine_code: bool = False) -> None:
         self.machine_code = machine_code
         self.n_x, self.n_g, self.terms = n_x, n_g, [term for term in terms if term.count]
-        ends = np.cumsum([0, *(term.n_numbers for term in self.terms)])
+        ends = np.cumsum([0, *(term.kernel.c.numel() * term.count for term in self.terms)])
         self.slices = [slice(a, b) for a, b in pairwise(ends.tolist())]
         self.n_p = int(ends[-1])
         names = (term.kernel.name for term in self.terms)
@@ -106,10 +101,8 @@ class Sum:
     @property
     def places(self) -> ca.Sparsity:
         """Where the nonzeros are."""
-        height, width = self._shape
         rows, columns = self.triplet
-        ends = np.searchsorted(columns, np.arange(width + 1))
-        return ca.Sparsity(height, width, ends.tolist(), rows.tolist())
+        return ca.Sparsity.triplet(*self._shape, rows.tolist(), columns.tolist())
 
     @property
     def triplet(self) -> tuple[Places, Places]:

@@ -24,12 +24,14 @@ from model.machine.buffered import Buffered, mapped
 from model.machine.compiled import built, kernel
 from model.mesh import Mesh, graded, landmarks, mesh_through
 from model.paths import Array
-from model.rotations import matrices
 from model.scene import Scene
 from model.transcription.collocation import gauss
 from model.transcription.element import Form, element
 from model.transcription.layout import POSE, layout
 from model.transcription.numbers import numbers
+
+# Kernels of what acts at nodes, by which moments and forces differ on both sides of these.
+_AT_NODES = ("lever", "touch", "contact_friction")
 
 
 class System:
@@ -142,30 +144,18 @@ class System:
 
     def wrenches_beyond(self, x: Array) -> Array:
         """Return moments, and forces that are unknown, on the tip side of the nodes (N + 1, w)."""
-        of = self.of
-        states = x[of.first :]
-        result = states[of.nodes[:, POSE : POSE + of.form.wrench]]
-        if of.levers:
-            nodes = list(of.levers)
-            value, frames = levers(self.scene)[1], matrices(states[of.nodes[nodes, :4]])
-            arms = np.einsum("nij,nj->ni", frames, value[:, :3])
-            moments = x[of.n_tendons] * np.cross(arms, value[:, 3:])
-            np.subtract.at(result[:, :3], nodes, moments)
-        return np.asarray(result - self.touched(x) if of.form.contacts else result)
+        states, of = x[self.of.first :].copy(), self.of
+        for term in of.equations.terms:
+            if term.kernel.name in _AT_NODES:
+                # Rows stand where the states do whose balance they are part of.
+                np.add.at(states, term.rows, self.rows_of(term.kernel.name, x).T)
+        return states[of.nodes[:, POSE : POSE + of.form.wrench]]
 
     def rows_of(self, name: str, x: Array) -> Array:
         """Return the residuals (N, n_r) of all that a kernel is repeated for, by its name."""
         (term,) = [term for term in self.of.equations.terms if term.kernel.name == name]
         c = self.p[self.of.equations.numbers_of(name)].reshape(term.count, -1)
         return mapped(term.kernel.value, self.of.form.machine_code)(x[term.unknowns].T, c)[0]
-
-    def touched(self, x: Array) -> Array:
-        """Return the moment and force that contact adds at each node (N + 1, 6)."""
-        values = np.zeros((self.mesh.steps + 1, 6))
-        for name in ["touch"] + ["contact_friction"] * self.of.form.contact_friction:
-            rows = self.rows_of(name, x)[:, :6]
-            values[1:] -= rows.reshape(self.mesh.steps, -1, 6).sum(axis=1)
-        return values
 
     def strains(self, states: Array) -> Array:
         """Return the strains at the stages (N stages, strains)."""
