@@ -9,8 +9,6 @@ import casadi as ca
 
 from model.cross_section.law import CrossSection, Name, join, less_rest, offset, split
 
-_T = (1.0, 0.0, 0.0)
-
 
 @dataclass(frozen=True)
 class PaperSection(CrossSection):
@@ -58,7 +56,7 @@ class PaperSection(CrossSection):
     def tangent(self, v: ca.SX, path: ca.SX) -> ca.SX:
         """See CrossSection.tangent: c = t + Y' + omega x Y."""
         Y, Y_rate = offset(path)
-        return ca.SX(_T) + Y_rate + ca.cross(split(self, v)[0], Y)
+        return ca.SX([1, 0, 0]) + Y_rate + ca.cross(split(self, v)[0], Y)
 
     def run(self, v: ca.SX, path: ca.SX) -> ca.SX:
         """See CrossSection.run: u_c' of eq. (6), which is not quite the tangent of the balance."""

@@ -4,6 +4,9 @@
 #include <math.h>
 
 #define LANES LANES_
+/* Constants as Python writes them. */
+#define nan NAN
+#define inf INFINITY
 typedef double lanes __attribute__((vector_size(8 * LANES)));
 typedef lanes unaligned __attribute__((aligned(8)));
 typedef long long mask __attribute__((vector_size(8 * LANES)));

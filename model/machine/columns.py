@@ -8,7 +8,6 @@ in a vector, the same operations in the same order give the same digits several 
 from __future__ import annotations
 
 import ctypes
-import math
 from collections.abc import Callable, Sequence
 from importlib.resources import files
 from typing import Any, NamedTuple
@@ -160,7 +159,7 @@ def written(function: ca.Function) -> str:
         elif op == ca.OP_OUTPUT:
             lines.append(f"  r[{begins_out[to[0]] + to[1]}]=a{read[0]};")
         elif op == ca.OP_CONST:
-            lines.append(f"  a{to[0]}=all({_literal(value)});")
+            lines.append(f"  a{to[0]}=all({value!r});")
         else:
             lines.append(f"  a{to[0]}={OPERATIONS[op].c.format(*(f'a{i}' for i in read))};")
     registers = ", ".join(f"a{i}" for i in range(function.sz_w()))
@@ -178,7 +177,3 @@ def written(function: ca.Function) -> str:
     for name, part in parts.items():
         source = source.replace(name, str(part))
     return source
-
-
-def _literal(value: float) -> str:
-    return "NAN" if math.isnan(value) else repr(value).replace("inf", "INFINITY")

@@ -74,7 +74,8 @@ def rotation_vectors(kappa: list[ca.SX], h: ca.SX, name: Name = ca.densify) -> l
     method = gauss(m)
 
     def bracket(a: ca.SX, b: ca.SX) -> ca.SX:
-        return name(_bracket(a, b))
+        # That of rotations of a frame that turns in itself.
+        return name(ca.cross(b, a))
 
     k = [name(weighted_sum(method.powers[p], kappa)) for p in range(m)]
     if m > 3:
@@ -101,11 +102,6 @@ def _fifth(
     third = bracket(k[0], brackets[0, 2]) / 360 - bracket(k[1], brackets[0, 1]) / 240
     fifth: ca.SX = h**3 * (third + h * bracket(k[0], twice) / 720)
     return fifth
-
-
-def _bracket(a: ca.SX, b: ca.SX) -> ca.SX:
-    """Return the bracket of rotations of a frame that turns in itself."""
-    return ca.cross(b, a)
 
 
 def weighted_sum(weights: Array, values: list[ca.SX]) -> ca.SX:

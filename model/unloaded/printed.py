@@ -35,8 +35,6 @@ from model.stations import (
 )
 from model.unloaded.marched import March
 
-_N = 10
-
 
 def strain_rate(
     strain: ca.SX, sums: ca.SX, sums_rate: ca.SX, body: ca.SX, body_rate: ca.SX
@@ -84,7 +82,7 @@ def _across(extension: bool, scheme: RungeKutta) -> ca.Function:
 
     x after a step, x on the node's base side, and 1 + q at both of these, the node first.
     """
-    x, outer, h = ca.SX.sym("x", _N), ca.SX.sym("outer", 6), ca.SX.sym("h")
+    x, outer, h = ca.SX.sym("x", 10), ca.SX.sym("outer", 6), ca.SX.sym("h")
     d = ca.SX.sym("d", 18, len(scheme.samples))
     first, last = d[:, 0], d[:, -1]
     start = ca.vertcat(x[:7], x[7:] + strain_jump(outer, first[:6], first[12:15]))
