@@ -173,8 +173,10 @@ class _Search:
 
     def step(self, rows: _Rows, part: Counts, parts: Parts, last: bool) -> _Rows:
         """Return the rows to look at next: halves of parts in time, or of pieces."""
-        columns = zip(rows.element.T, rows.low.T, rows.high.T, strict=True)
-        pieces = [parts.pieces(part, *column) for column in columns]
+        pieces = [
+            parts.pieces(part, *column)
+            for column in zip(rows.element.T, rows.low.T, rows.high.T, strict=True)
+        ]
         result, stretch, keep = self.found, rows.stretch, self.around.keep
         moved = self._displacement(rows, pieces[0])
         lower = self._lower(stretch, moved, pieces) - keep

@@ -81,11 +81,18 @@ class Lines:
     def _equilibrium(self, tensions: Array) -> Array | None:
         """Return the states (n_states,) under tensions (n_tendons,); None without an equilibrium.
 
-        Near those of other tensions, and from rest where it is not there.
+        Near those under the two nearest tensions, in proportion between these, and from rest where
+        it is not there.
         """
         forward, point = self._forward, None
         if self._states:
-            point = newton(forward.system, tensions, 1.0, self._guess(tensions))
+            far = np.linalg.norm(self._tensions - tensions, axis=1)
+            a, b = np.argsort(far, kind="stable")[:2][[0, -1]]
+            way = self._tensions[b] - self._tensions[a]
+            share = (tensions - self._tensions[a]) @ way / max(float(way @ way), 1e-300)
+            change = self._states[b] - self._states[a]
+            guess = self._states[a] + min(max(share, 0.0), 1.0) * change
+            point = newton(forward.system, tensions, 1.0, guess)
         if point is None:
             try:
                 point = forward.from_rest(tensions)
@@ -94,11 +101,3 @@ class Lines:
         self._tensions = np.vstack([self._tensions, tensions])
         self._states.append(point.states)
         return self._states[-1]
-
-    def _guess(self, T: Array) -> Array:
-        """Return states by those under the two nearest tensions, in proportion between these."""
-        a, b = np.argsort(np.linalg.norm(self._tensions - T, axis=1), kind="stable")[:2][[0, -1]]
-        way = self._tensions[b] - self._tensions[a]
-        share = (T - self._tensions[a]) @ way / max(float(way @ way), 1e-300)
-        first, last = self._states[a], self._states[b]
-        return np.asarray(first + min(max(share, 0.0), 1.0) * (last - first))

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import minimum_filter1d
 
 from model.centreline import Centreline
-from model.contact.touches import Mask, Places
+from model.contact.touches import Places
 from model.equilibrium.integration import poses_and_strains
 from model.equilibrium.linearised import Index
 from model.errors import InputError
@@ -61,12 +62,6 @@ def gaps_along(system: System, states: Array, samples: int = _SAMPLES) -> tuple[
     return s, distances(bodies, points)[0] - line.radius(element, fraction)[:, None]
 
 
-def are_least(gaps: Array) -> Mask:
-    """Return which gaps (n, K) are no larger than those beside them."""
-    wide = np.pad(gaps, ((1, 1), (0, 0)), constant_values=np.inf)
-    return np.asarray((gaps <= wide[:-2]) & (gaps <= wide[2:]))
-
-
 def least_gaps(system: System, x: Array, places: Places = ()) -> list[tuple[int, float]]:
     """Return obstacle and arc length [m] where gaps are least, and below 0.
 
@@ -76,7 +71,11 @@ def least_gaps(system: System, x: Array, places: Places = ()) -> list[tuple[int,
     s, gap = gaps_along(system, x[system.of.first :])
     apart = np.diff(s, prepend=0.0)
     reach = np.maximum(apart, np.append(apart[1:], 0.0))
-    least, same, L = are_least(gap) & (gap < reach[:, None]), SAME * s[-1], system.arm.length
+    least, same, L = (
+        (gap <= minimum_filter1d(gap, 3, 0)) & (gap < reach[:, None]),
+        SAME * s[-1],
+        system.arm.length,
+    )
     for place in places:
         least[(s >= place.start - same) & (s <= place.end + same), place.obstacle] = False
     k, j = np.nonzero(least)

@@ -9,8 +9,9 @@ from __future__ import annotations
 import copy
 
 import numpy as np
+from scipy.ndimage import minimum_filter1d
 
-from model.contact.gaps import are_least, gaps_along
+from model.contact.gaps import gaps_along
 from model.contact.touches import Touches, forces, kernel_numbers
 from model.effects import NeoHookean
 from model.equilibrium.linearised import Linearised
@@ -64,7 +65,10 @@ def newton(
 def _active(system: System, states: Array) -> System:
     """Return equations with nodes that touch: those that press, and the deepest inside."""
     gap, touches = gaps_along(system, states, 1)[1], Touches.of(system)
-    presses, deepest = forces(system, states)[1:] > 0, (gap < 0) & are_least(gap)
+    presses, deepest = (
+        forces(system, states)[1:] > 0,
+        (gap < 0) & (gap <= minimum_filter1d(gap, 3, 0)),
+    )
     touches.held[1:] = np.where(touches.points[1:], presses, deepest)
     return touches.on(system)
 
