@@ -182,9 +182,8 @@ class Arm(Shown):
     @property
     def tendons_by_section(self) -> list[tuple[float, list[str]]]:
         """Arc length of each anchorage [m], tip first, and the names of its tendons."""
-        parts = [self.tendons_of(i + 1) for i in range(len(self.sections))]
-        names = [[self.tendon_name(j) for j in tendons] for tendons in parts]
-        return list(zip(self.anchorages, names, strict=True))
+        names = iter(self.tendon_names)
+        return [(each.at, [next(names) for _ in each.angles]) for each in self.sections]
 
     def __repr__(self) -> str:
         m, sections = (
@@ -214,14 +213,13 @@ class Arm(Shown):
 
     @property
     def tendon_names(self) -> list[str]:
-        """The names of all tendons, in tendon order."""
-        return list(map(self.tendon_name, range(self.n_tendons)))
+        """The paper's names of all tendons, T_ij: section i and place j in it, both from 1."""
+        counts = enumerate((len(section.angles) for section in self.sections), 1)
+        return [f"T_{i}{',' * (j > 9)}{j}" for i, count in counts for j in range(1, count + 1)]
 
     def tendon_name(self, index: int) -> str:
-        """Return the paper's name of a tendon, T_ij: section i and place j in it, both from 1."""
-        section = self.tendons[index][0]
-        place = index - self.tendons_of(section + 1)[0] + 1
-        return f"T_{section + 1}{place}" if place <= 9 else f"T_{section + 1},{place}"
+        """Return the name of a tendon, see tendon_names."""
+        return self.tendon_names[index]
 
     def tendons_of(self, section: int) -> tuple[int, ...]:
         """Return the indices of the tendons of a section, numbered from 1 at the tip."""

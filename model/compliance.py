@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,7 +40,11 @@ def compliance_of(shape: Shape, at: float, accuracy: float) -> tuple[Response, i
         scaled = [point.pose_wrench / np.outer(size, size) for point in (now, before)]
         return float(np.abs(scaled[0] - scaled[1]).max() / np.abs(scaled[0]).max())
 
-    pair = _first_pair(shape, accuracy)
+    # The first two refinements are by the error that settling was left with.
+    harder = (_HARDER * shape.error / accuracy) ** (1 / (2 * STAGES))
+    wanted = min(max(shape.refinement * harder, 2), FINEST / 2)
+    fine = next(r for r in REFINEMENTS if r >= wanted)
+    pair = max(r for r in REFINEMENTS if r <= fine / 2), fine
     order = convergence_order(shape.scene, 2 * STAGES, derivatives=True)
     return refined(pair, accuracy, order, lambda mesh: sensitivities(shape, at, mesh), gap)
 
@@ -51,26 +54,13 @@ def sensitivities(shape: Shape, at: float, refinement: int) -> Response:
     places = () if at == shape.arm.length else (at,)
     maps = maps_of(shape.arm, shape.scene, None, shape.machine_code)
     forward = maps.on(refinement, places)
-    return _at_node(forward.solve(shape.tensions, shape.known), forward.mesh.node(at))
+    return at_node(forward.solve(shape.tensions, shape.known), forward.mesh.node(at))
 
 
-def at_nodes(shape: Shape, nodes: Sequence[int]) -> list[Response]:
-    """Return the sensitivities of a shape at nodes of its own mesh."""
-    return [_at_node(shape.equilibrium, node) for node in nodes]
-
-
-def _at_node(point: Equilibrium, node: int) -> Response:
-    return (
-        MarchDerivative(point, node) if isinstance(point, Marched) else Sensitivities(point, node)
-    )
-
-
-def _first_pair(shape: Shape, accuracy: float) -> tuple[int, int]:
-    """Return the two refinements to begin with, by the error that settling was left with."""
-    harder = (_HARDER * shape.error / accuracy) ** (1 / (2 * STAGES))
-    wanted = min(max(shape.refinement * harder, 2), FINEST / 2)
-    fine = next(r for r in REFINEMENTS if r >= wanted)
-    return max(r for r in REFINEMENTS if r <= fine / 2), fine
+def at_node(point: Equilibrium, node: int) -> Response:
+    """Return the sensitivities of an equilibrium at a node of its mesh."""
+    kind = MarchDerivative if isinstance(point, Marched) else Sensitivities
+    return kind(point, node)  # type: ignore[arg-type]
 
 
 def section_stiffness(shape: Shape, s: Array) -> Array:

@@ -30,7 +30,7 @@ import casadi as ca
 import numpy as np
 
 from model.cross_section.energy import EnergySection, ExactSection
-from model.cross_section.law import CrossSection, reported, strains_of
+from model.cross_section.law import reported, strains_of
 from model.cross_section.sections import body_numbers
 from model.effects import NeoHookean
 from model.loads import beyond, contacts, is_conservative, levers
@@ -103,7 +103,9 @@ class LeastEnergy:
     def __init__(self, system: System) -> None:
         self.system, arm, scene, mesh = system, system.arm, system.scene, system.mesh
         form, m, L = system.of.form, system.of.form.stages, arm.length
-        law = form.law if isinstance(form.law, EnergySection) else _with_energy(form.law)
+        law = form.law
+        if not isinstance(law, EnergySection):
+            law = ExactSection(law.extension, law.torsion, law.shear, law.curved)
         self.of = of = layout(
             Form(law, m, loaded=False), system.of.ends, mesh.steps, system.of.levers
         )
@@ -260,10 +262,6 @@ class LeastEnergy:
         pulled = np.maximum(F * lam[poses : poses + nT], 0.0)
         pressed = np.maximum(-F * lam[poses + nT :], 0.0).reshape(of.elements, K)
         return replace(near, x=x, tensions=tensions + pulled, forces=pressed)
-
-
-def _with_energy(law: CrossSection) -> EnergySection:
-    return ExactSection(law.extension, law.torsion, law.shear, law.curved)
 
 
 @lru_cache(maxsize=32)

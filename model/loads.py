@@ -24,7 +24,7 @@ from model.effects import (
     Weight,
 )
 from model.errors import InputError
-from model.paths import SAME, Array, Path
+from model.paths import SAME, Array
 from model.scene import Scene
 from model.units import length_text
 
@@ -223,17 +223,20 @@ def _crossings(arm: Arm, others: list[float]) -> list[float]:
         y = path.evaluate(s, end)[0]
         for i in np.flatnonzero(y[:-1] * y[1:] < 0):
             ends, tiny = (s[i], s[i + 1]), np.finfo(float).tiny
-            results.append(scipy.optimize.brentq(_value, *ends, args=(path, end), xtol=tiny))
+            results.append(
+                scipy.optimize.brentq(
+                    lambda x, y, span: y.evaluate(np.array([x]), span)[0][0],
+                    *ends,
+                    args=(path, end),
+                    xtol=tiny,
+                )
+            )
         results += s[1:-1][y[1:-1] == 0].tolist() if y.any() else []
     kept: list[float] = []
     for place in sorted(results):
         if all(abs(place - other) > SAME * arm.length for other in [*others, *kept]):
             kept.append(place)
     return kept
-
-
-def _value(s: float, path: Path, end: float) -> float:
-    return float(path.evaluate(np.array([s]), end)[0][0])
 
 
 def _heaviest(arm: Arm, scene: Scene, s: Array) -> Array:

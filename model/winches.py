@@ -80,9 +80,8 @@ class Winches:
             value = f"{left[j]:g} m and a tension of {T[j]:g} N" if both else None
             allowed = "a length or a tension for each tendon, None or nan in place of the other"
             raise InputError(field, value, allowed)
-        if tendon_EA is None:
-            return cls(held, left, T, outside=not_negative("tendon_outside", outside))
-        return cls(held, left, T, checked_EA(tendon_EA), not_negative("tendon_outside", outside))
+        EA = np.inf if tendon_EA is None else checked_EA(tendon_EA)
+        return cls(held, left, T, EA, not_negative("tendon_outside", outside))
 
     def lacks(self, lengths: Array, tensions: Array) -> Array:
         """Return what is left of each tendon beyond its path (n_tendons,); below 0 it lacks."""
@@ -172,10 +171,9 @@ def slackened(tensions: Array, left: Array, winches: Winches, arm: Arm) -> Array
 _TINY = 1e-14
 # What rounding leaves of lengths, over the arm's length.
 ROUNDING = 3e-14
-# Combinations that are felt by less than this share of what others are, are not felt well.
-_WELL = 1e-8
-# A residual as small says that inequalities exclude each other.
-_APART = 1e-9
+# Combinations of tensions that change lengths by less than these shares of what others do are not
+# felt well, and not felt.
+_WELL, FELT = 1e-8, 1e-9
 # What is left that no tensions change, over rounding and as a share of all that is left, where one
 # of the tendons has to slacken.
 _KEPT, _MOSTLY = 10.0, 0.1
@@ -237,14 +235,10 @@ def _least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
     E = np.vstack([idle, -result / size])
     f = np.eye(len(E))[-1]
     r = E @ scipy.optimize.nnls(E, f)[0] - f
-    if np.linalg.norm(r) <= _APART:
+    if np.linalg.norm(r) <= FELT:  # inequalities exclude each other
         return result, well
     raised = result + idle.T @ (r[:-1] / (r @ r) * size)  # the last of r is -r.r, but for rounding
     return np.where(np.abs(raised) <= _TINY * size, 0.0, raised), well
-
-
-# Combinations of tensions that change lengths by less than this share of what others do.
-FELT = 1e-9
 
 
 def unfelt(M: Array) -> Array:

@@ -127,19 +127,16 @@ def stability(point: Linearised) -> float:
     is not symmetric the least real part. 0 where the arm is about to buckle.
     """
     if not is_loaded(point.system.scene):
-        return _by_sections(point)
+        # No wrench couples the cross-sections: each has a Hessian of its own.
+        at = point.system.sections
+        v, pulls = point.system.strains(point.states), point.tensions[at.tendon]
+        jacobian, root = at.balance(v, pulls).jacobian, np.sqrt(_at_rest(at.law, at.body).T)
+        scaled = jacobian / root[:, :, None] / root[:, None, :]
+        return float(np.linalg.eigvals(scaled).real.min())
     try:
         return float(_least(point, 1, _CLOSE)[0][0].real)
     except (SingularError, np.linalg.LinAlgError):
         return 0.0
-
-
-def _by_sections(point: Linearised) -> float:
-    """Return the stability without loads, where no wrench couples the cross-sections."""
-    at = point.system.sections
-    v, pulls = point.system.strains(point.states), point.tensions[at.tendon]
-    jacobian, root = at.balance(v, pulls).jacobian, np.sqrt(_at_rest(at.law, at.body).T)
-    return float(np.linalg.eigvals(jacobian / root[:, :, None] / root[:, None, :]).real.min())
 
 
 def least_modes(point: Linearised, count: int) -> tuple[Array, Array]:
@@ -216,7 +213,10 @@ def _least(
     stiffness. Where loads have no potential eigenvalues may be complex, and more are looked at.
     With `transposed` modes are those of the transpose.
     """
-    below, shifted = _shifted(point, rest_stiffness(point.system)[1])
+    below, shifted, stiff = 0.0, point, rest_stiffness(point.system)[1]
+    while not stands(shifted) and below > _LOWEST:
+        below = min(4 * below, -1.0)
+        shifted = _less_stiff(point, below, stiff)
     more = 0 if is_conservative(point.system.scene) else _MORE
     values, bends = _reciprocals(shifted, count + more, "LM", tolerance, transposed)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -255,15 +255,6 @@ def _reciprocals(
     except ArpackNoConvergence:
         values, vectors = np.linalg.eig(inverse(np.eye(n)))
     return values, (vectors.T / after).T
-
-
-def _shifted(point: Linearised, stiff: Array) -> tuple[float, Linearised]:
-    """Return a number below all eigenvalues, and the equations with so much less stiffness."""
-    below, shifted = 0.0, point
-    while not stands(shifted) and below > _LOWEST:
-        below = min(4 * below, -1.0)
-        shifted = _less_stiff(point, below, stiff)
-    return below, shifted
 
 
 def _less_stiff(point: Linearised, by: float, stiff: Array) -> Linearised:

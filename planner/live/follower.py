@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from model.arm import Arm
-from model.compliance import at_nodes
+from model.compliance import at_node
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import STAGES, Collocation, newton
 from model.equilibrium.stability import stability_slope, stands
@@ -156,7 +156,7 @@ class Follower:
         gaps, ways = self._clear(shape)
         at, which = np.nonzero(gaps > 0)
         nodes = [int(np.abs(shape.s - goal.s).argmin()), *(at + 1).tolist()]
-        moved = [each.pose_tension for each in at_nodes(shape, nodes)]
+        moved = [at_node(shape.equilibrium, node).pose_tension for node in nodes]
         keep = [way @ each[:3] for way, each in zip(ways[at, which], moved[1:], strict=True)]
         rows = [goal.jacobian(shape, moved[0]), *(row[None] / shape.arm.length for row in keep)]
         return _Rows(np.vstack(rows), goal.residual(shape), gaps[at, which])
