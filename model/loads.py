@@ -162,9 +162,18 @@ def places(arm: Arm, scene: Scene) -> tuple[float, ...]:
 def growth(arm: Arm, scene: Scene, s: Array) -> Array:
     """Return how fast solutions of the bent arm may grow or decay at s (N,), per length [1/m].
 
-    (F / EJ)^(1/2) under a force F, of which a bound is taken.
+    (F / EJ)^(1/2) under a force F, of which a bound is taken: all that acts beyond.
     """
-    R, force = arm.radius.evaluate(s, arm.length)[0], _heaviest(arm, scene, s)
+    R, tip = arm.radius.evaluate(s, arm.length)[0], scene.find(TipLoad)
+    current = scene.find(Current)
+    force = _size(heaviness(arm, scene)) * volume(arm, s)
+    force += _size(tip.force) if tip else 0.0
+    for load in acting(scene):
+        force += _size(load.force) * (s <= load.s)
+    if current:
+        drag = min(current.density * current.coefficient * R.max(), _STEEPEST)
+        # The last place may be beyond the tip by rounding.
+        force += drag * _size(current.velocity) ** 2 * np.maximum(arm.length - s, 0.0)
     EA = arm.material.E * np.pi * R**2
     longer = 1 + force / EA * scene.has(Extension)
     return np.asarray(np.minimum(longer * np.sqrt(force / (EA * R**2 / 4)), _STEEPEST))
@@ -239,20 +248,6 @@ def _crossings(arm: Arm, others: list[float]) -> list[float]:
     return kept
 
 
-def _heaviest(arm: Arm, scene: Scene, s: Array) -> Array:
-    """Return a bound of the force beyond s (N,) [N]; capped for loads out of this world."""
-    tip, current = scene.find(TipLoad), scene.find(Current)
-    force = _size(heaviness(arm, scene)) * volume(arm, s)
-    force += _size(tip.force) if tip else 0.0
-    for load in acting(scene):
-        force += _size(load.force) * (s <= load.s)
-    if current:
-        R = arm.radius.evaluate(s, arm.length)[0].max()
-        drag = min(current.density * current.coefficient * R, _STEEPEST)
-        # The last place may be beyond the tip by rounding.
-        force += drag * _size(current.velocity) ** 2 * np.maximum(arm.length - s, 0.0)
-    return np.asarray(force)
-
-
 def _size(vector: Any) -> float:
+    """Return the size of a vector, capped for loads out of this world."""
     return float(np.linalg.norm(np.clip(vector, -_STEEPEST, _STEEPEST)))

@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from contextvars import ContextVar, Token
 from dataclasses import dataclass, field
 from functools import wraps
@@ -157,32 +157,23 @@ def logged(log: logging.Logger, stdout: bool = False) -> Iterator[None]:
 
     What other threads write goes where it went.
     """
-    said = io.StringIO()
-    try:
-        with ExitStack() as held:
-            for name in ("stderr", "stdout")[: 1 + stdout]:
-                held.enter_context(_apart(name, said))
-            yield
-    finally:
-        if said.getvalue():
-            log.debug(said.getvalue().strip())
-
-
-@contextmanager
-def _apart(name: str, said: io.StringIO) -> Iterator[None]:
-    """Let this thread write to `said` in place of a standard stream."""
+    said, names = io.StringIO(), ("stderr", "stdout")[: 1 + stdout]
+    kept = [vars(_kept).setdefault(name, []) for name in names]
     with _CHANGING:
-        if not _depth[name]:
-            setattr(sys, name, _Split(name, getattr(sys, name)))
-        _depth[name] += 1
-    kept = vars(_kept).setdefault(name, [])
-    kept.append(said)
+        for name, each in zip(names, kept, strict=True):
+            if not _depth[name]:
+                setattr(sys, name, _Split(name, getattr(sys, name)))
+            _depth[name] += 1
+            each.append(said)
     try:
         yield
     finally:
-        kept.pop()
         with _CHANGING:
-            _depth[name] -= 1
-            stream = getattr(sys, name)
-            if not _depth[name] and isinstance(stream, _Split):
-                setattr(sys, name, stream.before)
+            for name, each in zip(names, kept, strict=True):
+                each.pop()
+                _depth[name] -= 1
+                stream = getattr(sys, name)
+                if not _depth[name] and isinstance(stream, _Split):
+                    setattr(sys, name, stream.before)
+        if said.getvalue():
+            log.debug(said.getvalue().strip())

@@ -25,8 +25,12 @@ class OutOfTime(Exception):  # noqa: N818  (a signal between loops, not an error
 @contextmanager
 def time_limit(seconds: float | None) -> Iterator[None]:
     """Let what is inside go on for so long, no longer than limits further out; None is no limit."""
-    with until(math.inf if seconds is None else time.monotonic() + seconds):
+    limit = math.inf if seconds is None else time.monotonic() + seconds
+    token = _end.set(min(limit, _end.get()))
+    try:
         yield
+    finally:
+        _end.reset(token)
 
 
 @contextmanager
@@ -51,18 +55,8 @@ def shorten(seconds: float) -> None:
 
 
 def end() -> float:
-    """Return the time of `time.monotonic` at which the limit is reached; inf without one."""
+    """Return the time of `time.monotonic`, of all processes, when it is reached; inf for never."""
     return _end.get()
-
-
-@contextmanager
-def until(end: float) -> Iterator[None]:
-    """As time_limit, up to a time that may be another process's `end`."""
-    token = _end.set(min(end, _end.get()))
-    try:
-        yield
-    finally:
-        _end.reset(token)
 
 
 @contextmanager

@@ -22,8 +22,9 @@ from model.arm import Arm
 from model.checks import positive
 from model.errors import InputError, OctoplanError, needed
 from model.progress import tell, with_progress
-from model.time_limit import check_time, until
+from model.time_limit import check_time
 from model.time_limit import end as end_of_limit
+from model.time_limit import time_limit as within
 from planner.io.files import versions
 from planner.sweeps.definition import Sweep, load_sweep, sweep_of
 from planner.sweeps.points import Job, Point, Rows, computed
@@ -125,7 +126,7 @@ def _one(
     """
     if versions() != wanted:
         raise VersionsError(versions(), wanted)
-    with until(end):
+    with within(end - time.monotonic()):
         return chunk, computed(job, points)
 
 
