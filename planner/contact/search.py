@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
@@ -18,11 +18,11 @@ from model.paths import Array
 from model.progress import tell
 from model.shape import Shape
 from model.time_limit import OutOfTime, check_time
-from planner.contact.guesses import guesses
 from planner.contact.load_path import ON_THE_PATH, LoadPath, rubs, settled_along
 from planner.contact.optimum import ContactOptimum, conditions, optimum
 from planner.contact.program import TensionProgram
 from planner.program.terms import compliance_requests
+from planner.solve.guesses import BendCoordinates, initial_guesses, many_places
 from planner.solve.search import AGREED
 from planner.solve.task import SearchResult, Task, Trial, agreed
 from planner.targets.hold import Hold
@@ -33,6 +33,8 @@ COARSE = 1
 FINE = 2 * COARSE
 # What is taken of the way to tensions without friction, and beyond.
 _SLID = (1.0, 1.5, 2.5)
+# Arms that are drawn where something is held.
+_DRAWN = 3000
 
 
 def check_contact(task: Task, avoids: bool) -> None:
@@ -172,6 +174,35 @@ class ContactSearch:
                     if bool(refined.violation) == bool(end.violation):
                         return replace(refined, load_path=way)
         raise UnsettledContactError(1.0, "the arm does not come to the optimum")
+
+
+def guesses(task: Task, holds: Sequence[Hold]) -> Iterable[Array]:
+    """Return tensions (n_tendons,) [N], the likeliest first."""
+    reaching = (_reaching(task, hold) for hold in holds)
+    return chain.from_iterable(reaching) if holds else initial_guesses(task)
+
+
+def _reaching(task: Task, hold: Hold) -> list[Array]:
+    """Return tensions of arms without loads that free would reach into what is held.
+
+    First those that would be pressed apart from it along what balances the wrench, within the cone
+    of friction; of these the least tensions first.
+    """
+    arm, body = task.arm, hold.obstacle
+    tendons = frozenset(j for j in range(arm.n_tendons) if task.allowed.upper[j] > 0)
+    bends = BendCoordinates(arm, tendons, task.allowed)
+    tensions = bends.tensions(bends.draw(_DRAWN))
+    points, radius = many_places(arm, task.bare, tensions, task.machine_code)
+    gap = body.distance(points.reshape(-1, 3)).reshape(points.shape[:2]) - radius
+    gap[np.isnan(gap)] = np.inf
+    deepest = gap.argmin(axis=1)
+    reach = np.flatnonzero(gap.min(axis=1) < 0)
+    force = np.array(hold.wrench[:3])
+    force /= max(float(np.linalg.norm(force)), 1e-300)
+    against = body.gradient(points[reach, deepest[reach]]) @ force if reach.size else np.zeros(0)
+    within = np.minimum(against, 1 / np.hypot(1.0, hold.friction)).round(1)
+    effort = np.linalg.norm(tensions[reach], axis=1)
+    return [tensions[i] for i in reach[np.lexsort((effort, -within))]]
 
 
 def optimality_of(task: Task, tensions: Array, shape: Shape, load_path: LoadPath = ()) -> float:

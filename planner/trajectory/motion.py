@@ -27,7 +27,7 @@ from planner.trajectory.question import (
 )
 from planner.trajectory.result import Trajectory
 from planner.trajectory.time_law import Timed
-from planner.trajectory.touching import planned_touching
+from planner.trajectory.waypoints import planned_touching
 
 
 @with_progress

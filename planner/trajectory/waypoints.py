@@ -6,6 +6,11 @@ path has left the better branch, and each target is planned. The mesh is coarse.
 measure on it is off from that of the settled arm by a defect, which changes little from one optimum
 to the next: bounds are shifted by it, and the program is solved again, warm, until the settled arm
 meets them (deferred correction).
+
+Which of several equilibria an arm in contact is in depends on how it came there: then waypoints
+are planned one after another, each for the least effort to which tensions lead from the one before.
+A plan that is come to by further tensions has these as waypoints. Friction acts against the way
+from the waypoint before, which is straight in the tensions.
 """
 
 from __future__ import annotations
@@ -17,11 +22,12 @@ from dataclasses import replace
 import numpy as np
 
 from model.effects import Extension
-from model.errors import OctoplanError
+from model.errors import InputError, OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
 from model.progress import reported, tell
-from planner.plan import Plan
+from planner.contact.load_path import from_rest, rubs
+from planner.plan import HeldPlan, Plan
 from planner.program.problem import Problem
 from planner.program.program import STRETCH
 from planner.program.terms import pulling_tendons
@@ -128,12 +134,11 @@ class Waypoints:
                 break
             waypoint = replace(waypoint, tensions=optimum.tensions)
             waypoints.append(waypoint)
-        plans = {0: first} | {last: question.planned(last) if last else first}
-        if waypoints[last:] and not jump(waypoints[last].tensions, plans[last].tensions):
+        best = question.planned(last) if last else first
+        if waypoints[last:] and not jump(waypoints[last].tensions, best.tensions):
             return waypoints
-        for k in reported("plans of waypoints", range(1, last)):
-            plans[k] = question.planned(k)
-        pairs = ((targets, plans[k]) for k, targets in enumerate(question.targets))
+        between = map(question.planned, reported("plans of waypoints", range(1, last)))
+        pairs = zip(question.targets, [first, *between, best], strict=False)
         return [Waypoint(targets, np.ravel(p.tensions), p.avoidance) for targets, p in pairs]
 
 
@@ -142,3 +147,32 @@ def _violation(problem: Problem, x: Array, p: Array) -> float:
     rows = problem.program.evaluate(x, p)[2][: problem.n_outer]
     low, high = (bounds[: rows.size] for bounds in problem.bounds[2:])
     return float(np.maximum(low - rows, rows - high).max(initial=0.0))
+
+
+def planned_touching(question: Question) -> list[Waypoint]:
+    """Return the waypoints: the targets, and what plans for these are come to by.
+
+    Raises InputError for what is not stated of motions in contact.
+    """
+    of_places = np.isfinite(question.rates.of_places)
+    if question.surroundings:
+        allowed = "none in a scene with contact: there they are effects"
+        raise InputError("obstacles", "given", allowed)
+    if of_places.any():
+        name = "stroke_rate_max" if of_places[:2].any() else "tip_acceleration_max"
+        raise InputError(name, "given", "rate_max or times in a scene with contact")
+    if rubs(question.scene) and question.begin is None:
+        if not np.array_equal(question.start, question.limits.lower):
+            allowed = "with friction of contacts the plan that the arm moves from, or none"
+            raise InputError("start", question.start.tolist(), allowed)
+        from_rest(question.arm, question.start, question.scene, "start")
+    near, waypoints = question.begin, list[Waypoint]()
+    for k, targets in enumerate(reported("waypoints", list(question.targets))):
+        before = () if near is None else (*near.load_path, tuple(np.ravel(near.tensions).tolist()))
+        planned = question.planned(k, near)
+        assert isinstance(planned, HeldPlan)
+        follows, near = planned.load_path[: len(before)] == before, planned
+        new = [*planned.load_path[len(before) * follows :], np.ravel(planned.tensions)]
+        each = [Waypoint((), np.array(T), fraction=1 / len(new)) for T in new]
+        waypoints += [*each[:-1], replace(each[-1], targets=targets)]
+    return waypoints
