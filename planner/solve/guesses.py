@@ -42,8 +42,9 @@ POINT = 3
 _DRAWN, _TO_FIT, _FITTED, _STEPS = 200, 4000, 60, 10
 # Residuals that are less are met, but for the errors of the mesh.
 _MET = 3e-3
-# Guesses differ by more than this part of their tensions: fitted ones, drawn ones.
-_APART, _FAR_APART = 0.1, 0.5
+# Guesses differ by more than this part: fitted ones of the largest of their tensions, drawn ones of
+# the root of the sum of squares.
+_APART, _FAR_APART = 0.05, 0.5
 # Drawn arms before the straight one, and before those with so many times the pull: what an arm may
 # take with its loads of what bends it without.
 _FIRST, _STRONGER = 3, 3.0
@@ -116,15 +117,17 @@ def fitted(task: Task) -> Iterator[Array]:
     points, residual = least_squares(gaps, points)
     T, met = bends.tensions(points), residual < _MET
     T = T[np.lexsort([np.where(met, np.linalg.norm(T, axis=1), residual), ~met])]
-    yield from _distinct(T, np.ones(task.arm.n_tendons), _APART)
+    yield from _distinct(T, np.ones(task.arm.n_tendons), _APART, np.inf)
 
 
-def _distinct(tensions: Iterable[Array], unit: Array, part: float) -> Iterator[Array]:
-    """Yield those of tensions that differ from all that were yielded by a part of their size."""
+def _distinct(
+    tensions: Iterable[Array], unit: Array, part: float, norm: float = 2
+) -> Iterator[Array]:
+    """Yield those of tensions that differ from all that were yielded by a part of their norm."""
     taken = np.zeros((0, unit.size))
     for T in tensions:
-        apart = np.linalg.norm((taken - T) / unit, axis=1)
-        if np.all(apart > part * np.linalg.norm(T / unit)):
+        apart = np.linalg.norm((taken - T) / unit, norm, axis=1)
+        if np.all(apart > part * np.linalg.norm(T / unit, norm)):
             taken = np.vstack([taken, T])
             yield T
 
