@@ -124,7 +124,8 @@ def stability(point: Linearised) -> float:
     """Return the least eigenvalue of the scaled Hessian of the energy; below 0 it is unstable.
 
     With contacts closed, of the directions in which the arm can move with them. Of a Hessian that
-    is not symmetric the least real part. 0 where the arm is about to buckle.
+    is not symmetric the least real part, of which no more than the sign may be certain: without
+    NeoHookean its eigenvalues magnify rounding 1e13 times. 0 where the arm is about to buckle.
     """
     if not is_loaded(point.system.scene):
         # No wrench couples the cross-sections: each has a Hessian of its own.
@@ -213,11 +214,13 @@ def _least(
     stiffness. Where loads have no potential eigenvalues may be complex, and more are looked at.
     With `transposed` modes are those of the transpose.
     """
+    more = 0 if is_conservative(point.system.scene) else _MORE
+    if more and point.near:  # of an unsymmetric matrix eigenvalues may magnify any error
+        point = Linearised(point.system, point.x)
     below, shifted, stiff = 0.0, point, rest_stiffness(point.system)[1]
     while not stands(shifted) and below > _LOWEST:
         below = min(4 * below, -1.0)
         shifted = _less_stiff(point, below, stiff)
-    more = 0 if is_conservative(point.system.scene) else _MORE
     values, bends = _reciprocals(shifted, count + more, "LM", tolerance, transposed)
     with np.errstate(divide="ignore", invalid="ignore"):
         values = np.where(np.abs(values) > _ZERO * np.abs(values).max(), 1 / values, np.inf)

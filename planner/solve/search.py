@@ -40,6 +40,8 @@ AGREED = 2
 # What unstable optima are held to, one after the other, where the arm comes to another shape from
 # rest; the first is what any are held to by default.
 _FLOORS = (0.01, 0.1, 0.3)
+# How many modes are held one after the other.
+_MODES = 3
 _PHASES: dict[Mode, str] = {
     "exact": "trials that meet the targets",
     "closest": "trials as near as the limits allow",
@@ -278,19 +280,24 @@ class Search:
     def _held(self, optimum: Candidate) -> Iterator[Candidate]:
         """Yield the optimum near an unstable one whose least mode is held to more and more.
 
-        Up to where there is none, or where another mode than the one held is less stable.
+        Up to where there is none. Where another mode is less stable then, that one is held next.
         """
-        before = optimum.problem
-        a, states = optimum.x[: before.n_free], before.linearised(optimum.x).states
         with suppress(OctoplanError, np.linalg.LinAlgError):
             for floor in sorted({max(floor, self.task.statement.margin) for floor in _FLOORS}):
-                problem = before.but(before.statement.but(modes=1, floor=floor))
-                x = problem.closed(a, states)
-                held = solve(problem, x, problem.parameters(SEARCHED))
-                check_time()
-                if not held.met or not problem.stands(held.x, floor - COARSE * floor):
+                for _ in range(_MODES):
+                    before = optimum.problem
+                    problem = before.but(before.statement.but(modes=1, floor=floor))
+                    states = before.linearised(optimum.x).states
+                    x = problem.closed(optimum.x[: before.n_free], states)
+                    optimum = solve(problem, x, problem.parameters(SEARCHED))
+                    check_time()
+                    if not optimum.met:
+                        return
+                    if problem.stands(optimum.x, floor - COARSE * floor):
+                        yield optimum
+                        break
+                else:
                     return
-                yield held
 
     def _so_far(self, stopped: bool = True) -> SearchResult:
         """Return the best that was seen: of optima that of least effort, else what came last."""

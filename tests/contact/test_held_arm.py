@@ -27,7 +27,7 @@ SCENES = {
 }
 
 
-@pytest.mark.quick("exact")
+@pytest.mark.quick("silicone")
 @pytest.mark.parametrize("name", SCENES)
 def test_gap_and_force_are_complementary(name: str) -> None:
     shape = settle(ARM, TENSIONS, SCENES[name])
