@@ -6,13 +6,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from model.centreline import Centreline
 from model.contact.gaps import along
 from model.contact.touches import Touches, frictions, resultants, second
 from model.equilibrium.linearised import Linearised
 from model.loads import contacts
 from model.obstacles import numbers_of
 from model.obstacles.base import Convex, pair_distances
-from model.paths import SAME, Array
+from model.paths import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,20 +66,23 @@ def touches_of(
     are `shifted` along the arm from their nodes.
     """
     system, states = point.system, point.states
-    touches, bodies, length = Touches.of(system), contacts(system.scene), system.arm.length
+    touches, bodies = Touches.of(system), contacts(system.scene)
     nodes, numbers = np.nonzero(touches.touching)
     if not nodes.size:
         return ()
     s = system.mesh.s[nodes]
     places, values = system.poses(states)[nodes, 4:], second(system, states)[nodes, numbers]
     # Strains may jump at a node, and with them the radius of a body that swells.
-    before_it, _, tangent = along(system, point.x, s, numbers)
-    beyond = along(system, point.x, np.minimum(s + SAME * length, length), numbers)[0]
-    gaps = np.minimum(before_it[:, 0], beyond[:, 0])
+    line, sides = Centreline.at_states(system, states), np.stack([nodes - 1, nodes])
+    element = np.clip(sides, 0, system.mesh.steps - 1)
+    radii = [line.radius(k, (nodes > k).astype(float)) for k in element]
+    obstacles = numbers_of([bodies[j].obstacle for j in numbers])
+    gaps = pair_distances(obstacles, places)[0] - np.maximum(*radii)
     if shifted:
+        tangent = along(system, point.x, s, numbers)[2]
         places += (values * touches.moves[nodes, numbers])[:, None] * tangent
     slipped = 0 * places if before is None else places - before.at(s)[0][:, 4:]
-    distance, normals = pair_distances(numbers_of([bodies[j].obstacle for j in numbers]), places)
+    distance, normals = pair_distances(obstacles, places)
     pressed, tangential = resultants(system, states), frictions(system, states)
     read_off = []
     for i, (k, j) in enumerate(zip(nodes, numbers, strict=True)):
