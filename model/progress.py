@@ -26,7 +26,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 _log = logging.getLogger(__name__)
-_line: ContextVar[progress_line | None] = ContextVar("line", default=None)
+_line: ContextVar[ProgressLine | None] = ContextVar("line", default=None)
 # After how many seconds a line is shown, and how often the time that has passed is written anew.
 DELAY, _EVERY = 2.0, 0.5
 
@@ -43,7 +43,7 @@ def with_progress(function: Callable[P, T]) -> Callable[P, T]:
         progress = kwargs.get("progress")
         if progress is None and _line.get() is not None:
             return function(*args, **kwargs)
-        with progress_line(progress):
+        with ProgressLine(progress):
             return function(*args, **kwargs)
 
     return call
@@ -62,12 +62,12 @@ def reported(what: str, items: Sequence[T]) -> Iterator[T]:
     """Yield items and tell how many are done; what is told for the sake of one is not heard."""
     for i, item in enumerate(items):
         tell(what, i, len(items))
-        with progress_line(False):
+        with ProgressLine(False):
             yield item
 
 
 @dataclass(eq=False)
-class progress_line:  # noqa: N801  (it stands behind `with`)
+class ProgressLine:
     """Show how far things are inside a `with` block; see with_progress. Raises InputError.
 
     A line of tqdm's on stderr, in notebooks on stdout: the phase and the time that has passed. A
@@ -79,7 +79,7 @@ class progress_line:  # noqa: N801  (it stands behind `with`)
     text: str = ""
     clock: threading.Thread | None = None
     closed: threading.Event = field(init=False)
-    token: Token[progress_line | None] = field(init=False)
+    token: Token[ProgressLine | None] = field(init=False)
 
     def __enter__(self) -> None:
         if not (self.progress is None or isinstance(self.progress, bool)):

@@ -21,7 +21,7 @@ from cyclopts.validators import Number
 from model import InputError, OctoplanError, UnitWarning
 from model.errors import CompilerError, MissingExtraError, TimeLimitError, shortened
 from model.machine.compiled import Compile
-from model.progress import progress_line, tell
+from model.progress import ProgressLine, tell
 from model.time_limit import OutOfTime, shorten, time_limit
 from octoplan.command_line import COMMANDS, app, printed
 from planner.io.files import to_json, why, write_together
@@ -209,7 +209,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         command, options = parse(sys.argv[1:] if argv is None else argv)
         with time_limit(None if options.time_limit is None else options.time_limit + GRACE):
-            with _warned(), _logged() if options.verbose else progress_line():
+            with _warned(), _logged() if options.verbose else ProgressLine():
                 tell("working")
                 output = command()
             if not isinstance(output, Output):

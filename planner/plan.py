@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from model.shape import Shape
 from model.text import Shown, parts_of, plotted, told
 from model.time_limit import OutOfTime
 from model.time_limit import time_limit as limited_to
-from model.units import warn
 from planner.answer import Answer
 from planner.avoidance.around import Around, line_of
 from planner.avoidance.surroundings import Surroundings, surroundings
@@ -44,8 +43,14 @@ from planner.io.files import to_json, write_named
 from planner.io.saved_records import plan_record
 from planner.program.problem import Problem
 from planner.program.program import STABILITY
-from planner.program.terms import compliance_requests
-from planner.question import Norm, Solver, Statement, check_targets, checked_limits, planned_scene
+from planner.question import (
+    Solver,
+    Statement,
+    check_targets,
+    checked_limits,
+    planned_scene,
+    stated,
+)
 from planner.solve.search import Search
 from planner.solve.task import SearchResult, Task
 from planner.solve.warm_start import jump, warm_start
@@ -257,36 +262,10 @@ def plan(
     seconds = None if time_limit is None else positive("time_limit", time_limit)
     strokes = (stroke_max, stroke_min, stroke_zero)
     limits = checked_limits(arm, scene, tension_max, tension_min, total_pull, *strokes)
-    is_limited = limits.total is not None
-    endless = not is_limited and bool(np.isinf(limits.upper).any())
-    forms, norms = ("condensed", "multiple-shooting"), "2 (least squares), 1 (least total pull)"
-    refused = (
-        (
-            endless and compliance_requests(targets),
-            ("tension_max", np.inf, "finite limits where a stiffness is wanted"),
-        ),
-        (solver not in get_args(Solver), ("solver", solver, ", ".join(get_args(Solver)))),
-        (str(norm) not in get_args(Norm), ("norm", norm, f"{norms} or inf (least maximum)")),
-        (
-            form not in (None, *forms),
-            ("form", form, f"{', '.join(forms)}; it is deprecated and has no effect"),
-        ),
-        (
-            starts is not None and (type(starts) is not int or starts < 1),
-            ("starts", starts, "a whole number from 1"),
-        ),
-    )
-    for is_wrong, what in refused:
-        if is_wrong:
-            raise InputError(*what)
-    if form is not None:
-        advice = "solver= tells what solves it"
-        warn(f"form has no effect: there is one program; {advice}", DeprecationWarning)
     margin = BRINK if is_loaded(scene) and not contacts(scene) else 0.0
     if stability_margin is not None:
         margin = within("stability_margin", stability_margin, 0.0, 1.0)
-    kept = {"limited": is_limited, "margin": margin, "wound": limits.strokes is not None}
-    statement = Statement(solver, str(norm), **kept)  # type: ignore[arg-type]
+    statement = stated(targets, limits, solver, norm, form, starts).but(margin=margin)
     task = Task(
         arm,
         targets,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from msgspec import Meta
@@ -20,8 +20,8 @@ from model.quantities import Count
 from model.scene import Scene
 from model.settle import checked_scene, settle
 from model.shape import Shape
-from model.units import STROKE, warn_unusual
-from planner.program.terms import pulling_tendons
+from model.units import STROKE, warn, warn_unusual
+from planner.program.terms import compliance_requests, pulling_tendons
 from planner.targets.base import Target
 
 Norm = Literal["2", "1", "inf"]
@@ -257,6 +257,36 @@ def _zeroed_at(arm: Arm, scene: Scene, zero: Any) -> tuple[float, ...] | None:
     if flat.min() <= 0:
         raise InputError("stroke_zero", zero, "lengths above 0 [m]")
     return tuple(flat.tolist())
+
+
+def stated(
+    targets: tuple[Target, ...], limits: Limits, solver: Any, norm: Any, form: Any, starts: Any
+) -> Statement:
+    """Return the statement that arguments of plan ask for; InputError for what is not allowed."""
+    endless = limits.total is None and bool(np.isinf(limits.upper).any())
+    forms, whole = (None, "condensed", "multiple-shooting"), type(starts) is int and starts >= 1
+    solvers, norms = get_args(Solver), "2 (least squares), 1 (least total pull) or inf"
+    checks = (
+        (
+            not (endless and compliance_requests(targets)),
+            ("tension_max", np.inf, "finite limits where a stiffness is wanted"),
+        ),
+        (solver in solvers, ("solver", solver, ", ".join(solvers))),
+        (str(norm) in get_args(Norm), ("norm", norm, f"{norms} (least maximum)")),
+        (
+            form in forms,
+            ("form", form, f"{', '.join(forms[1:])}; it is deprecated and has no effect"),
+        ),
+        (starts is None or whole, ("starts", starts, "a whole number from 1")),
+    )
+    for is_allowed, what in checks:
+        if not is_allowed:
+            raise InputError(*what)
+    if form is not None:
+        advice = "solver= tells what solves it"
+        warn(f"form has no effect: there is one program; {advice}", DeprecationWarning)
+    is_limited, wound = limits.total is not None, limits.strokes is not None
+    return Statement(solver, str(norm), limited=is_limited, wound=wound)  # type: ignore[arg-type]
 
 
 def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, ...]:

@@ -11,7 +11,6 @@ unknowns, held to a margin.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice, tee
 from operator import attrgetter
@@ -282,22 +281,17 @@ class Search:
 
         Up to where there is none. Where another mode is less stable then, that one is held next.
         """
-        with suppress(OctoplanError, np.linalg.LinAlgError):
-            for floor in sorted({max(floor, self.task.statement.margin) for floor in _FLOORS}):
-                for _ in range(_MODES):
-                    before = optimum.problem
-                    problem = before.but(before.statement.but(modes=1, floor=floor))
-                    states = before.linearised(optimum.x).states
-                    x = problem.closed(optimum.x[: before.n_free], states)
-                    optimum = solve(problem, x, problem.parameters(SEARCHED))
-                    check_time()
-                    if not optimum.met:
-                        return
-                    if problem.stands(optimum.x, floor - COARSE * floor):
-                        yield optimum
-                        break
-                else:
+        for floor in sorted({max(floor, self.task.statement.margin) for floor in _FLOORS}):
+            for _ in range(_MODES):
+                held = _held_to(optimum, floor)
+                if held is None:
                     return
+                optimum = held
+                if held.problem.stands(held.x, floor - COARSE * floor):
+                    break
+            else:
+                return
+            yield optimum
 
     def _so_far(self, stopped: bool = True) -> SearchResult:
         """Return the best that was seen: of optima that of least effort, else what came last."""
@@ -307,3 +301,17 @@ class Search:
             statement = self.task.coarse("nearest")
             return SearchResult(statement, self.task.arm.by_section(T), (), (), (), stopped)
         return SearchResult.at(best, self.trials, stopped=stopped)
+
+
+def _held_to(optimum: Candidate, floor: float) -> Candidate | None:
+    """Return the optimum near another whose least stable mode is held to a floor, None if none."""
+    before = optimum.problem
+    problem = before.but(before.statement.but(modes=1, floor=floor))
+    try:
+        states = before.linearised(optimum.x).states
+        x = problem.closed(optimum.x[: before.n_free], states)
+    except (OctoplanError, np.linalg.LinAlgError):
+        return None
+    held = solve(problem, x, problem.parameters(SEARCHED))
+    check_time()
+    return held if held.met else None

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model import InputError, OctoplanError, settle_many
-from model.progress import progress_line
+from model.progress import ProgressLine
 from model.scene import Scene
 from model.time_limit import check_time, limited
 from planner.io.calls import planned, settled, stiff
@@ -172,7 +172,7 @@ def unchanged(original: Any, again: Any, new: Any) -> Any:
 
 def computed(job: Job, points: Sequence[Point]) -> Rows:
     """Return what is computed at points; one that fails is a row that says so."""
-    with progress_line(False):
+    with ProgressLine(False):
         if job.together:
             return _together(job, points)
         rows = [_row(job, point) for point in points]

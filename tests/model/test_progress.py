@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from model import InputError, settle
-from model.progress import progress_line, reported, tell, with_progress
+from model.progress import ProgressLine, reported, tell, with_progress
 from octoplan import calibrate, design, plan, sweep, trajectory
 from planner.cli import main
 
@@ -88,7 +88,7 @@ def test_nothing_is_shown_where_nobody_looks_nor_soon_nor_if_unwanted(
     screen: Any, tty: bool, delay: float, progress: bool | None
 ) -> None:
     shown, threads = screen(tty, delay), threading.active_count()
-    with progress_line(progress):
+    with ProgressLine(progress):
         tell("first")
         time.sleep(0.05)
         tell("second")
@@ -103,7 +103,7 @@ def test_a_line_is_shown_on_a_terminal_that_does_not_tell_its_size(
     reader, writer = os.openpty()  # of no rows and no columns
     with os.fdopen(writer, "w") as terminal, monkeypatch.context() as patch:
         patch.setattr("sys.stderr", terminal)
-        with progress_line():
+        with ProgressLine():
             tell("sections settled", 1, 3)
             seen = b""
             while b"sections settled: 1 of 3" not in seen:
@@ -129,7 +129,7 @@ shell = types.SimpleNamespace(config={"IPKernelApp": {}})
 sys.modules["IPython"] = types.SimpleNamespace(get_ipython=lambda: shell)
 import model.progress as progress, time
 progress.DELAY = 0.0
-with progress.progress_line():
+with progress.ProgressLine():
     progress.tell("seen in notebooks")
     time.sleep(0.2)
 """
