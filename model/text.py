@@ -140,6 +140,18 @@ class Shown:
         return f'<img src="data:image/png;base64,{png}" style="max-width: 100%"/>{text}'
 
 
+class Told(Shown):
+    """What is read by what is told of it: all where it is printed, the first part where named."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        return str(next(parts_of(self)))
+
+    def __str__(self) -> str:
+        return told(self)
+
+
 def _shown_as(value: Any) -> _Way:
     kinds = type(value).__mro__
     if _later and not any(kind in _shown for kind in kinds):

@@ -22,7 +22,7 @@ from model.paths import Array
 from model.progress import with_progress
 from model.scene import Scene
 from model.shape import Shape
-from model.text import Shown, parts_of, plotted, told
+from model.text import Told, plotted
 from model.time_limit import OutOfTime
 from model.time_limit import time_limit as limited_to
 from planner.answer import Answer
@@ -58,8 +58,8 @@ from planner.targets.base import Target
 from planner.targets.hold import Hold
 
 
-@dataclass(frozen=True, eq=False)
-class Plan(Answer, Shown):
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Told, Answer):
     """Tensions for a target, see Answer; and what is made of them."""
 
     def co_contract(self, level: float) -> Plan:
@@ -91,12 +91,6 @@ class Plan(Answer, Shown):
         be written, and for targets, effects and paths that are not the project's own.
         """
         return write_named(path, ".json", to_json(plan_record(self)))
-
-    def __repr__(self) -> str:
-        return str(next(parts_of(self)))
-
-    def __str__(self) -> str:
-        return told(self)
 
     def plot(self, ax: Any = None) -> Any:
         """Draw the arm in 3-D with its tendons, tensions and target; see planner.plots.plan."""

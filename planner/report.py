@@ -102,7 +102,8 @@ def _scene(scene: Scene) -> Iterator[Part]:
 
 
 def _trajectory(motion: Trajectory) -> Iterator[Part]:
-    yield f"{motion.outcome}\n\ntensions [N]"
+    yield motion.outcome
+    yield "\ntensions [N]"
     pairs = zip(motion.times, motion.flat, strict=True)
     rows = ([f"{t:.4g}", *(f"{x:.4f}" for x in T)] for t, T in pairs)
     yield [["t [s]", *motion.arm.tendon_names], *rows]

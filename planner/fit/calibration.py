@@ -22,7 +22,7 @@ import scipy
 from model import InputError
 from model.paths import Array
 from model.progress import reported
-from model.text import Shown
+from model.text import Told
 from planner.fit.fitted import Fitted
 from planner.fit.least_squares import fit
 from planner.fit.measured import MIDLINE, Measured, Point
@@ -151,8 +151,8 @@ class Candidate(NamedTuple):
     shrink: tuple[float, ...]
 
 
-@dataclass(frozen=True)
-class Calibration(Fitted, Shown):
+@dataclass(frozen=True, repr=False)
+class Calibration(Told, Fitted):
     """A calibrated arm; see Fitted for what it holds."""
 
     def predict(

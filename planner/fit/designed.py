@@ -10,7 +10,7 @@ import numpy as np
 from model import Arm, InputError, Scene, settle
 from model.paths import Array
 from model.stiffness import stiffness
-from model.text import Shown, counted
+from model.text import Told, counted
 from planner.fit.design_program import DesignProgram
 from planner.fit.making import Making, Objective, Reach
 from planner.fit.unknowns import AT_BOUND, WORSE, Parameters, Unknown
@@ -18,8 +18,8 @@ from planner.plan import Plan
 from planner.targets import Softest, Stiffest
 
 
-@dataclass(frozen=True)
-class Design(Shown):
+@dataclass(frozen=True, repr=False)
+class Design(Told):
     """A designed arm; see planner.fit.design_program for what it is best at.
 
     Attributes

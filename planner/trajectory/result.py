@@ -19,7 +19,7 @@ from model.paths import Array
 from model.progress import reported
 from model.shape import Shape
 from model.stiffness import stiffness
-from model.text import Shown, plotted
+from model.text import Told, plotted
 from planner.io.csv_files import motion_csv
 from planner.io.files import write_named
 from planner.trajectory.certificate import SAMPLED, MotionCertificate, certify_motion
@@ -27,8 +27,8 @@ from planner.trajectory.question import GRAVITY, QUASI_STATIC, Question
 from planner.trajectory.time_law import Timed
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory(Shown):
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Told):
     """Tensions over time. Numbers only.
 
     Attributes

@@ -85,6 +85,9 @@ def test_a_motion_is_a_figure_and_a_table() -> None:
     assert figure_in(shown).startswith(b"\x89PNG")
     assert shown.count("<tr>") >= len(motion.times)
     assert "rate of tension over limit" in shown
+    assert repr(motion) == motion.outcome
+    assert str(motion).startswith(f"{motion.outcome}\n\ntensions [N]\n")
+    assert str(motion).endswith(str(motion.certificate))
 
 
 def test_shapes_draw_themselves_in_axes_too() -> None:
