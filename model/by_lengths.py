@@ -45,7 +45,7 @@ from model.winches import ROUNDING, Winches, least, slackened
 _STAGES = 2
 # Newton steps; that one is the last which changes tensions by no more than this share, or which
 # will leave no more than this share of rounding, as its error goes by the square.
-_STEPS, _LAST, _SQUARE = 30, 1e-5, 0.1
+_STEPS, _LAST, _SQUARE = 30, 1e-6, 0.1
 # What is left of tendons that are slack, and what taut ones may be off, over the arm's length; on
 # meshes that are not the last one all.
 _NEARLY = 1e-9

@@ -33,8 +33,9 @@ from model.winches import Winches, pulls, rest_lengths, unfelt
 
 # What is left of a tendon, over the arm's length, from which on it is slack.
 _LEFT = 1e-10
-# What part in a combination of tensions that lengths do not feel counts.
-_PART = 1e-3
+# From what part on in a combination of tensions that lengths do not feel a tendon is one of it:
+# above rounding, as tensions of the others do not stay where such a combination changes.
+_PART = 1e-6
 
 
 @dataclass(frozen=True, eq=False)

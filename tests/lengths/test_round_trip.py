@@ -114,6 +114,25 @@ def check_least(given: Shape, back: Shape) -> None:
     assert off.max() <= 1e-12 * arm.length
 
 
+# Tendons that pull otherwise by a ten-thousandth of what antagonists of another section do were told
+# as determined; lengths of a last step were 7e-12 L off.
+@pytest.mark.parametrize(
+    "T",
+    [
+        [0.087, 0.068, 0.0174, 0.0121, 0.358, 0.62, 0.701, 0, 0.251, 0.779, 1.126, 1.176],
+        [0.0449, 0, 0.0462, 0.0228, 0.267, 0.693, 0.235, 0.472, 0, 0, 0, 0],
+        [0, 0.0801, 0.0817, 0, 0, 0, 0.14, 0, 1.456, 1.494, 1.395, 1.66],
+    ],
+)
+def test_all_tensions_that_lengths_do_not_determine_are_told(T: list[float]) -> None:
+    arm, scene = Arm.from_paper("table-4"), PAPER["paper"]
+    given = settle(arm, T, scene, 1e-9)
+    back = settle(arm, scene=scene, lengths=given.tendon_lengths + 1e-3 * (np.array(T) == 0))
+    firm = [j for j in range(12) if arm.tendon_name(j) not in back.undetermined]
+    assert np.abs(back.tensions - T)[firm].max() <= 1e-6
+    check_least(given, back)
+
+
 # A tendon as long as its winch leaves it but for a billionth kept the one against it from its own
 # length; a step that ended where a tendon slackened counted as the last.
 @pytest.mark.parametrize(
