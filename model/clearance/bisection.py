@@ -1,10 +1,10 @@
 """How clear an arm stays on its way: bounds that are halved until they verify it, or refute it.
 
-The way comes in stretches along which tensions change steadily; a shape at rest is a stretch that
-takes no time. Each stretch is cut into parts short enough to know how far strains are from straight
-lines, and the arm into pieces. Distances of convex bodies are nowhere below tangent planes, others
-fall no faster than a point goes, and two hulls are apart by what parts them along some direction:
-where such a bound is not good enough, the part or the piece is halved, whichever is longer.
+The way comes in stretches along which tensions change steadily; an arm at rest is one that takes no
+time. Each stretch is cut into parts short enough to know how far strains are from straight lines,
+and the arm into pieces. Distances of convex bodies are nowhere below tangent planes, others fall no
+faster than a point goes, and two hulls are apart by what parts them along some direction: where
+such a bound is not good enough, the part or the piece is halved, whichever is longer.
 
 Behind the base plane only pieces can come whose tangent has turned by a right angle from the base.
 Two pieces meet only if the arm has turned by half a turn between them: with less the distance of
@@ -14,16 +14,18 @@ they are nearer along the arm than their own thickness, or apart.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from model.centreline import Centreline, Counts
+from model.clearance.lines import Moving
 from model.clearance.pieces import Parts, Pieces
 from model.clearance.strain_bounds import Mask
-from model.clearance.way import Way
-from model.obstacles.bodies import Bodies
+from model.obstacles import Obstacle
+from model.obstacles.base import distances_from
 from model.paths import Array
 from model.time_limit import check_time
 
@@ -38,7 +40,7 @@ class Around:
 
     Attributes
     ----------
-    bodies : Bodies
+    bodies : sequence of Obstacle
         None where the arm is to keep clear of itself.
     keep : float
         The least distance [m].
@@ -52,7 +54,7 @@ class Around:
         (1,) for all stretches.
     """
 
-    bodies: Bodies | None
+    bodies: Sequence[Obstacle] | None
     keep: float
     turns: Array
     moved: Array
@@ -102,13 +104,9 @@ class _Rows(NamedTuple):
         """Return some of the rows."""
         return _Rows._make(each[which] for each in self)
 
-    def joined(self, other: _Rows) -> _Rows:
-        """Return these rows, then others."""
-        return _Rows._make(np.concatenate(each) for each in zip(self, other, strict=True))
 
-
-def closest(way: Way, count: int, around: Around, enough: float = 0.0) -> Found:
-    """Return how clear an arm stays on so many stretches.
+def closest(way: Centreline | Moving, count: int, around: Around, enough: float = 0.0) -> Found:
+    """Return how clear an arm stays on so many stretches; on one at rest.
 
     Bounds are refined until they are `enough` [m] beyond what is to be kept, or close to the truth.
     """
@@ -132,7 +130,7 @@ def closest(way: Way, count: int, around: Around, enough: float = 0.0) -> Found:
 class _Search:
     """The search for the least distances; `found` is what it knows so far."""
 
-    way: Way
+    way: Centreline | Moving
     around: Around
     enough: float
     found: Found
@@ -145,9 +143,11 @@ class _Search:
         rows = rows.some(~np.isneginf(self.found.bound[rows.stretch]))
         if not rows.stretch.size:
             return rows, rows.stretch, None
+        if isinstance(self.way, Centreline):
+            return rows, 0 * rows.stretch, Parts.of(self.way, np.zeros((1, 1), dtype=int), None)
         time, part = np.unique(np.column_stack(rows[:3]), axis=0, return_inverse=True)
-        stretch, shares = time[:, 0].astype(int), time[:, 1 : 2 + self.way.moves]
-        keys = np.column_stack([stretch.repeat(shares.shape[1]), shares.ravel()])
+        stretch, start, end = time[:, 0].astype(int), time[:, 1], time[:, 2]
+        keys = np.column_stack([stretch.repeat(2), time[:, 1:].ravel()])
         arms, at = np.unique(keys, axis=0, return_inverse=True)
         which = arms[:, 0].astype(int)
         lines = self.way.lines(which, arms[:, 1])
@@ -156,9 +156,8 @@ class _Search:
             gone = np.array([line is None for line in lines])
             self.found.bound[which[gone]], self.found.share[which[gone]] = -np.inf, arms[gone, 1]
             return self.parts(rows)
-        spread = self.way.spread(stretch, *time[:, 1:].T)
-        parts = Parts.of(Centreline.joined(there), at.reshape(shares.shape), spread)
-        return rows, part.ravel(), parts
+        spread = self.way.spread(stretch, start, end)
+        return rows, part.ravel(), Parts.of(Centreline.joined(there), at.reshape(-1, 2), spread)
 
     def whole(self, rows: _Rows, parts: Parts) -> _Rows:
         """Return the elements of arms in each part, or the pairs of them that may meet."""
@@ -173,14 +172,11 @@ class _Search:
 
     def step(self, rows: _Rows, part: Counts, parts: Parts, last: bool) -> _Rows:
         """Return the rows to look at next: halves of parts in time, or of pieces."""
-        pieces = [
-            parts.pieces(part, *column)
-            for column in zip(rows.element.T, rows.low.T, rows.high.T, strict=True)
-        ]
+        columns = zip(rows.element.T, rows.low.T, rows.high.T, strict=True)
+        pieces = [parts.pieces(part, *column) for column in columns]
         result, stretch, keep = self.found, rows.stretch, self.around.keep
-        moved = self._displacement(rows, pieces[0])
+        moved, known = self._displacement(rows, pieces[0]), parts.known[part]
         lower = self._lower(stretch, moved, pieces) - keep
-        known = parts.known[part]
         near = (lower < np.minimum(self.enough, result.seen[stretch])) | ~known
         if near.any():
             self._saw(rows.some(near), moved[near], [each.some(near) for each in pieces])
@@ -198,31 +194,37 @@ class _Search:
         passing = np.linalg.norm(moved[:, -1] - moved[:, 0], axis=2).max(axis=1, initial=0.0)
         by_time = (travel + passing > sizes.max(axis=1)) | ~known
         late, cut = rows.some(~done & by_time), rows.some(~done & ~by_time)
-        column = np.eye(sizes.shape[1], dtype=bool)[sizes[~done & ~by_time].argmax(axis=1)]
+        longest = np.eye(sizes.shape[1], dtype=bool)[sizes[~done & ~by_time].argmax(axis=1)]
         half, middle = (cut.low + cut.high) / 2, (late.start + late.end) / 2
-        cut = cut._replace(high=np.where(column, half, cut.high)).joined(
-            cut._replace(low=np.where(column, half, cut.low))
+        halves = (
+            cut._replace(high=np.where(longest, half, cut.high)),
+            cut._replace(low=np.where(longest, half, cut.low)),
+            late._replace(end=middle),
+            late._replace(start=middle),
         )
-        return cut.joined(late._replace(end=middle)).joined(late._replace(start=middle))
+        return _Rows._make(map(np.concatenate, zip(*halves, strict=True)))
 
     def _lower(self, stretch: Counts, moved: Array, pieces: list[Pieces]) -> Array:
         """Return lower bounds of the distances (K,) [m] of pieces from bodies, or each other."""
         bodies, one = self.around.bodies, pieces[0]
         if bodies is None:
             return apart(*pieces)
-        rest = moved.mean(axis=1)
-        middle = one.hull.mean(axis=1)[:, None]
-        d, g = bodies.at(middle - rest)
+        rest, middle = moved.mean(axis=1), one.hull.mean(axis=1)[:, None]
+        d, g = distances_from(bodies, middle - rest)
+        convex = np.array([body.is_convex for body in bodies], dtype=bool)
         change = np.full(d.shape, np.inf)
         for i, point in enumerate(np.swapaxes(one.hull, 0, 1)):
             offset = point[:, None] - middle - (moved[:, i // 2] - rest)
-            change = np.minimum(change, bodies.change(g, offset))
-        lower = d + change - one.wide[:, None]
+            # That of other bodies falls no faster than a point goes.
+            along = np.einsum("kbi,kbi->kb", g, offset)
+            off = np.where(convex, along, -np.linalg.norm(offset, axis=2))
+            change = np.minimum(change, off)
         way = np.linalg.norm(moved[:, -1] - moved[:, 0], axis=2)
-        lower -= self.around.uneven[stretch % len(self.around.uneven), None] * way
+        uneven = self.around.uneven[stretch % len(self.around.uneven), None] * way
         turned = one.turned[:, :, 1].max(axis=1) + one.turns_off
         reach = turned[:, None] >= self.around.turns
-        return np.asarray(np.where(reach, lower, np.inf).min(axis=1, initial=np.inf))
+        lower = np.where(reach, d + change - one.wide[:, None] - uneven, np.inf)
+        return np.asarray(lower.min(axis=1, initial=np.inf))
 
     def _displacement(self, rows: _Rows, one: Pieces) -> Array:
         """Return how far bodies have moved (K, I, B, 3) where the parts of pieces begin and end."""
@@ -236,7 +238,7 @@ class _Search:
         result, bodies = self.found, self.around.bodies
         one, other = pieces[0], pieces[-1]
         if bodies is not None:
-            d = bodies.at(one.ends[:, :, :, None] - moved[:, :, None])[0]
+            d = distances_from(bodies, one.ends[:, :, :, None] - moved[:, :, None])[0]
             d = np.where(one.turned[..., None] >= self.around.turns, d, np.inf)
             gaps = d - one.radii[:, :, ::2, None]
         else:

@@ -1,14 +1,16 @@
-"""The centrelines of an arm under one set of tensions after another, on one mesh."""
+"""The centrelines of an arm under one set of tensions after another, and on its way."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from model.arm import Arm
-from model.centreline import Centreline
+from model.centreline import Centreline, Counts
+from model.clearance.strain_bounds import Spread, estimated, proven
 from model.cross_section import cross_section_of
 from model.cross_section.law import strains_of
 from model.cross_section.sections import Sections
@@ -21,6 +23,8 @@ from model.paths import Array
 from model.scene import Scene
 from model.unloaded.marched import tendon_lengths
 
+# Which stretches (K,) and shares of them (K,) -> tensions (K, n_tendons), on a straight line each.
+Tensions = Callable[[Counts, Array], Array]
 # Closed forms whose nodes in a step are the stages of an element.
 _SCHEME = "magnus6"
 
@@ -101,3 +105,41 @@ class Lines:
         self._tensions = np.vstack([self._tensions, tensions])
         self._states.append(point.states)
         return self._states[-1]
+
+
+class Moving:
+    """The way of an arm whose tensions change steadily on each of its stretches."""
+
+    def __init__(self, lines: Lines, tensions: Tensions) -> None:
+        self._lines, self._tensions = lines, tensions
+        self._known: dict[tuple[int, float], Centreline | None] = {}
+
+    def lines(self, stretch: Counts, share: Array) -> list[Centreline | None]:
+        """Return the arms at shares (K,) of stretches (K,); None where one has no equilibrium."""
+        keys = list(zip(stretch.tolist(), share.tolist(), strict=True))
+        for key, T in zip(keys, self._tensions(stretch, share), strict=True):
+            if key not in self._known:
+                self._known[key] = self._lines(T)
+        return [self._known[key] for key in keys]
+
+    def spread(self, stretch: Counts, start: Array, end: Array) -> Spread:
+        """Return how far strains are from straight lines from shares (P,) to others.
+
+        Proven without loads, estimated under loads; see model.clearance.strain_bounds.
+        """
+        ends = np.array([_strains(self.lines(stretch, share)) for share in (start, end)])
+        if not self._lines.loaded:
+            T = np.array([self._tensions(stretch, share) for share in (start, end)])
+            return proven(self._lines.sections, T, ends[..., 1:4])
+        halfway = _strains(self.lines(stretch, (start + end) / 2))
+        return estimated(ends, halfway, self._lines.arm.length)
+
+
+def _strains(lines: list[Centreline | None]) -> Array:
+    """Return kappa and nu (K, N, 6) at the stages of arms; NaN, or (K, 1, 6), without them."""
+    none = np.full((1, 6), np.nan)
+    rows = [
+        none if line is None else np.concatenate([line.kappa, line.nu], axis=2).reshape(-1, 6)
+        for line in lines
+    ]
+    return np.array(np.broadcast_arrays(*rows))

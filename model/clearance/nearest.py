@@ -14,9 +14,7 @@ import numpy as np
 from model.arm import Arm
 from model.centreline import Centreline, Settled
 from model.clearance.bisection import Around, closest
-from model.clearance.way import Still
 from model.obstacles import HalfSpace, Obstacle, check_obstacles
-from model.obstacles.bodies import Bodies
 
 OBSTACLES, BASE, ITSELF = "obstacles", "the far side of its base plane", "itself"
 KINDS = frozenset({OBSTACLES, BASE, ITSELF})
@@ -70,7 +68,7 @@ def clearances(
     """
     results = dict[str, Clearance]()
     for kind in (name for name in of if name != OBSTACLES or obstacles):
-        result = closest(Still(line), 1, around(line.arm, kind, obstacles), enough)
+        result = closest(line, 1, around(line.arm, kind, obstacles), enough)
         seen, s = bool(result.seen[0] < np.inf), tuple(result.s[0].tolist())
         what = f"{OBSTACLES}[{result.body[0]}]" if kind == OBSTACLES else kind
         near = (what, s if kind == ITSELF else s[:1]) if seen else ("", ())
@@ -87,6 +85,6 @@ def around(arm: Arm, kind: str, obstacles: Sequence[Obstacle], keep: float = 0.0
     """Return what an arm is to keep clear of, by kind."""
     if kind == ITSELF:
         return Around(None, keep, np.zeros(0), np.zeros((1, 2, 0, 3)))
-    bodies = Bodies(obstacles if kind == OBSTACLES else [base_plane(arm)])
+    bodies = obstacles if kind == OBSTACLES else [base_plane(arm)]
     turns = np.full(len(bodies), (kind == BASE) * np.pi / 2)
     return Around(bodies, keep, turns, np.zeros((1, 2, len(bodies), 3)))

@@ -121,8 +121,7 @@ class Convex(Obstacle):
 
     def at(self, points: Array) -> tuple[Array, Array]:
         """See Obstacle.at."""
-        result, gradient = distances(self.numbers[None], points)
-        return result[:, 0], gradient[:, 0]
+        return pair_distances(self.numbers[None], points)
 
     def nearest_part(self, point: Array) -> Array:
         """See Obstacle.nearest_part: itself."""
@@ -148,13 +147,32 @@ def distances(bodies: Array, points: Array) -> tuple[Array, Array]:
 
     From bodies by their numbers (M, 17).
     """
-    n, m = len(points), len(bodies)
-    result, gradient = pair_distances(np.tile(bodies, (n, 1)), np.repeat(points, m, axis=0))
-    return result.reshape(n, m), gradient.reshape(n, m, 3)
+    m = len(bodies)
+    result, gradient = pair_distances(bodies, np.repeat(points, m, axis=0))
+    return result.reshape(-1, m), gradient.reshape(-1, m, 3)
+
+
+def distances_from(obstacles: Sequence[Obstacle], points: Array) -> tuple[Array, Array]:
+    """Return signed distances (..., M) [m] from M obstacles, and their gradients (..., M, 3).
+
+    Of points (..., M, 3) [m], one for each obstacle; of (..., 1, 3) all obstacles have the same.
+    """
+    each = np.broadcast_to(points, (*points.shape[:-2], len(obstacles), 3))
+    result, gradients = np.zeros(each.shape[:-1]), np.zeros(each.shape)
+    for i, obstacle in enumerate(obstacles):
+        d, g = obstacle.at(each[..., i, :].reshape(-1, 3))
+        result[..., i], gradients[..., i, :] = (
+            d.reshape(each.shape[:-2]),
+            g.reshape(points[..., 0, :].shape),
+        )
+    return result, gradients
 
 
 def pair_distances(bodies: Array, points: Array) -> tuple[Array, Array]:
-    """Return signed distances (N,) [m] and gradients (N, 3), each of a point (N, 3) and a body."""
+    """Return signed distances (N,) [m] and gradients (N, 3), each of a point (N, 3) and a body.
+
+    Fewer bodies are taken again and again.
+    """
     distance, gradient = mapped(signed_distance())(points, bodies)
     return distance.ravel(), gradient
 
@@ -195,8 +213,7 @@ def rounded(
 def axes_with(direction: Array) -> Array:
     """Return a right-handed orthonormal frame (3, 3) whose first column is a direction."""
     t = direction / np.linalg.norm(direction)
-    least = np.eye(3)[np.argmin(np.abs(t))]
-    n = np.cross(t, least)
+    n = np.cross(t, np.eye(3)[np.argmin(np.abs(t))])
     n /= np.linalg.norm(n)
     return np.column_stack([t, n, np.cross(t, n)])
 

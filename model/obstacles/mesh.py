@@ -42,8 +42,8 @@ class Mesh(Obstacle):
     def __post_init__(self) -> None:
         vertices, faces = np.array(self.vertices), np.array(self.faces)
         if faces.min() < 0 or faces.max() >= len(vertices):
+            worst = faces.flat[np.abs(faces - (len(vertices) - 1) / 2).argmax()]
             message = f"numbers of vertices, from 0 to {len(vertices) - 1}"
-            worst = faces.min() if faces.min() < 0 else faces.max()
             raise InputError("Mesh.faces", int(worst), message)
         check_closed(vertices, faces)
         warn_unusual("the mesh", [float(np.ptp(vertices, axis=0).max())], WIDTH)

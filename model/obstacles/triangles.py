@@ -15,14 +15,11 @@ import scipy
 from numpy.typing import NDArray
 
 from model.errors import InputError, needed
-from model.paths import Array
+from model.paths import SAME, Array
 
 Faces = NDArray[np.int64]
 # Of sizes, what counts as 0.
 _TINY = 1e-12
-# How far triangles of a convex body may be inside of its hull, over its size; the most that are
-# looked at.
-_FLAT, _MANY = 1e-7, 5000
 
 
 def check_closed(vertices: Array, faces: Faces) -> None:
@@ -92,13 +89,9 @@ class Triangles:
 
     @cached_property
     def is_convex(self) -> bool:
-        """Whether the body is convex, to rounding; not looked at where there are very many."""
-        if len(self.faces) > _MANY:
-            return False
+        """Whether the body is convex: it fills its hull, to rounding."""
         hull = scipy.spatial.ConvexHull(self.vertices)
-        middles = self.vertices[self.faces].mean(axis=1)
-        depth = (middles @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
-        return bool(depth.min() >= -_FLAT * np.ptp(self.vertices, axis=0).max())
+        return volume(self.vertices, self.faces) >= (1 - SAME) * float(hull.volume)
 
     @property
     def box(self) -> tuple[Array, Array, Array]:

@@ -9,8 +9,7 @@ from scipy.ndimage import minimum_filter
 
 from model.centreline import Centreline
 from model.clearance.nearest import base_plane
-from model.obstacles.base import Convex
-from model.obstacles.bodies import Bodies
+from model.obstacles.base import Convex, distances_from
 from model.paths import Array
 from model.rotations import matrices
 from planner.avoidance.rows import Apart, Avoidance, Place, cubic, element_of, grid
@@ -54,7 +53,7 @@ def _minima(line: Centreline, surroundings: Surroundings) -> Iterator[tuple[floa
     s, bodies = np.linspace(0.0, line.arm.length, _POINTS), list(surroundings.obstacles)
     (points, radius), turned = line.at(s), line.turned(s)
     bodies += [base_plane(line.arm)] * surroundings.of_itself
-    gaps = Bodies(bodies).at(points[:, None])[0] - radius[:, None]
+    gaps = distances_from(bodies, points[:, None])[0] - radius[:, None]
     gaps[0] = np.inf  # the base stays where it is
     gaps[turned < np.pi / 2, len(surroundings.obstacles) :] = np.inf
     most = surroundings.clearance + _WATCHED * line.arm.length

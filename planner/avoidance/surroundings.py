@@ -15,7 +15,7 @@ from model.clearance import clearances
 from model.clearance.nearest import BASE, ITSELF, OBSTACLES
 from model.errors import InputError
 from model.obstacles import Moving, Obstacle, check_obstacles
-from model.obstacles.bodies import Bodies
+from model.obstacles.base import distances_from
 from model.paths import Array
 from planner.targets.base import Target
 
@@ -113,7 +113,7 @@ def surroundings(
     allowed = "an obstacle away from the target, or a target away from the obstacle"
     tips = (("the tip at its target", place, arm.length, allowed) for place in _tips(arm, targets))
     for name, place, s, allowed in (base, *tips):
-        gaps = Bodies(still).at(place[None])[0] - _radius(arm, s) - checked.clearance
+        gaps = distances_from(still, place[None])[0] - _radius(arm, s) - checked.clearance
         for i in np.flatnonzero(gaps < 0):
             sentence = f"{allowed}: {name} would be {-1e3 * gaps[i]:.3g} mm too near"
             raise InputError(f"obstacles[{i}]", still[i], sentence)

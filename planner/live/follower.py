@@ -25,7 +25,7 @@ from model.errors import OctoplanError, SingularError
 from model.forward import by_collocation
 from model.loads import contacts, is_loaded
 from model.obstacles import Obstacle
-from model.obstacles.bodies import Bodies
+from model.obstacles.base import distances_from
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
@@ -96,7 +96,6 @@ class Follower:
         # What bends the arm by 1 rad. One unit for all of effort, which is what plans make least.
         self._natural = natural_tensions(arm)
         self._unit = float(self._natural.mean())
-        self._bodies = Bodies(around[0]) if around[0] else None
         # What each tendon alone bends the arm by in a step is up to `_reach`, 1 rad at most.
         self._machine_code, self._reach, self.brink = machine_code, 1.0, False
         # The stability, and its derivatives by tensions (n_tendons,) [1/N]; unless it is held.
@@ -228,11 +227,11 @@ class Follower:
 
         (nodes, obstacles), and the directions away from them (nodes, obstacles, 3).
         """
-        if self._bodies is None:
+        if not self.around[0]:
             return np.zeros((0, 0)), np.zeros((0, 0, 3))
         arm, s = shape.arm, shape.s[1:]
         radius = arm.radius.evaluate(s, arm.length)[0]
-        gap, way = self._bodies.at(shape.states[1:, None, 4:7])
+        gap, way = distances_from(self.around[0], shape.states[1:, None, 4:7])
         return (self.around[1] + radius[:, None] - gap) / arm.length, way
 
 

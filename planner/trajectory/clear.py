@@ -12,9 +12,8 @@ import numpy as np
 
 from model.centreline import Counts
 from model.clearance.bisection import closest
-from model.clearance.lines import Lines
+from model.clearance.lines import Lines, Moving
 from model.clearance.nearest import BASE, ITSELF, OBSTACLES, around
-from model.clearance.way import Moving
 from model.errors import InputError
 from model.obstacles import numbers_of
 from model.obstacles.base import Convex

@@ -9,13 +9,11 @@ from numpy.typing import NDArray
 from model import Arm, Scene
 from model.centreline import Centreline
 from model.clearance.bisection import Around, closest
-from model.clearance.lines import Lines
+from model.clearance.lines import Lines, Moving
 from model.clearance.nearest import BASE, ITSELF, around
-from model.clearance.way import Moving
 from model.effects import Buoyancy, ExactTendons, Extension, Weight
 from model.loads import is_loaded
 from model.obstacles import Box, Capsule, Obstacle, Sphere
-from model.obstacles.bodies import Bodies
 from tests.model.cases import paper_tensions
 from tests.oracles import Array
 
@@ -70,7 +68,7 @@ def _check(scene: Scene, rng: np.random.Generator, count: int, instants: int) ->
     def tensions(which: NDArray[np.int64], share: Array) -> Array:
         return np.asarray(start[which] + share[:, None] * (end - start)[which])
 
-    of_bodies = Around(Bodies(obstacles), KEEP, np.zeros(3), moved)
+    of_bodies = Around(obstacles, KEEP, np.zeros(3), moved)
     others = [around(ARM, kind, (), KEEP) for kind in (BASE, ITSELF)]
     found = [closest(Moving(lines, tensions), count, own) for own in (of_bodies, *others)]
     least = np.argmin([own.bound for own in found], axis=0), np.arange(count)
