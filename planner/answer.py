@@ -1,8 +1,12 @@
-"""An answer: tensions for a target, with shape, certificate and outcome derived from them."""
+"""An answer: tensions for a target, with shape, certificate and outcome derived from them.
+
+The outcome is a sentence: what happened, what holds it, and what to try.
+"""
 
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, NamedTuple, Self
@@ -14,18 +18,16 @@ from model.loads import contacts
 from model.paths import Array
 from model.shape import Shape
 from planner.avoidance.surroundings import NOTHING, Surroundings
-from planner.certificate import Certificate
-from planner.certify import certify
+from planner.certificate import Certificate, certify
 from planner.contact.remarks import remarks
 from planner.measure import remark_on_slack, strokes
 from planner.mirror import mirror_images
-from planner.outcome import sentence
-from planner.program.problem import Point, units
+from planner.program.problem import STABILITY_TOLERANCE, Point, units
 from planner.program.program import STABILITY, STRETCH, STROKES
 from planner.question import Mode, effort
 from planner.solve.refine import defect, settled
 from planner.solve.task import SearchResult, Task, agreed
-from planner.targets.base import Target
+from planner.targets.base import OVER_WANTED, Target
 
 
 class Optimum(NamedTuple):
@@ -174,13 +176,10 @@ class Answer(SearchResult, Task):
         return agreed(self.starts)
 
     def _rows(self, name: str) -> Array:
-        """Return the multipliers of the constraints of a name."""
-        problem, lam_g = self.problem(), np.array(self.lam_g)
+        """Return the multipliers of the constraints of a name, as far as there are any."""
         # Files of earlier versions have the multipliers of equilibrium last.
-        if lam_g.size < problem.n_outer:
-            return np.zeros(0)
-        at = np.flatnonzero(problem.program.rows[: problem.n_outer] == name)
-        return np.asarray(lam_g[at])
+        lam, rows = np.array(self.lam_g), self.problem().program.rows
+        return np.asarray(lam[rows[: lam.size] == name])
 
     @cached_property
     def optimum(self) -> Optimum | None:
@@ -189,18 +188,16 @@ class Answer(SearchResult, Task):
         None where they do not settle, and where the multipliers are of another program.
         """
         problem = self.problem()
-        n, m = problem.n_free, problem.n_outer
-        lam_x, lam_g = np.array(self.lam_x)[:n], np.array(self.lam_g)[:m]
-        if lam_x.size != n or lam_g.size != m:
+        lam_x, lam_g = np.array(self.lam_x), np.array(self.lam_g)
+        if lam_x.size < problem.n_free or lam_g.size < problem.n_outer:
             return None
-        try:
+        with suppress(OctoplanError, np.linalg.LinAlgError):
             x = problem.settled(np.ravel(self.tensions), self.shape.known)
             error = defect(problem, x, self.shape)
             point = Point(problem, x, problem.parameters(defect=error))
-        except (OctoplanError, np.linalg.LinAlgError):
-            return None
-        residual = point.residual(lam_x, lam_g)
-        return Optimum(x, *point.extended(lam_x, lam_g), error, residual)
+            lam = point.extended(lam_x, lam_g)
+            return Optimum(x, *lam, error, point.residual(lam_x, lam_g))
+        return None
 
     def _kkt(self) -> float:
         return np.inf if self.optimum is None else self.optimum.residual
@@ -217,3 +214,113 @@ class Answer(SearchResult, Task):
         )
 
     __hash__ = None  # type: ignore[assignment]
+
+
+def sentence(plan: Any) -> str:
+    """Return the outcome of a plan (see Answer) as a sentence, with its certificate's warnings."""
+    beware = "".join(f" Beware: {warning}." for warning in plan.certificate.warnings)
+    return f"{_happened(plan)}.{beware}"
+
+
+def _happened(plan: Any) -> str:
+    certificate, count = plan.certificate, len(plan.starts)
+    if certificate.problem:
+        return f"Not certified: {certificate.problem}"
+    guesses = "initial guesses" if count > 1 else "initial guess"
+    tried = f"{count} {guesses} tried, {plan.agreed} led to the best optimum"
+    if certificate.passed:
+        bears = f"stability {certificate.stability:.3g}, {certificate.bears}; "
+        cost = f"effort {plan.effort:.4g} N; {bears if certificate.bears else ''}"
+        return f"Reached{_success(plan)}; {cost}{tried}"
+    if certificate.strokes > certificate.tolerance:
+        over = _size(plan, certificate.strokes)
+        return (
+            "Not reached: no shape within the limits of strokes is found; the nearest one found "
+            f"passes them by {over}; {tried}"
+        )
+    if plan.mode != "exact" and not certificate.attained:
+        nearest = "attainable shape" if _is_nearest(plan) else "shape found"
+        return f"Not reached: the nearest {nearest} is off in {_gaps(plan)}; {_held(plan)}; {tried}"
+    if certificate.too_near:
+        return (
+            f"Not clear: {certificate.nearest}; no way around it was found: move it or the target, "
+            f"raise the limits or ask for less clearance ({tried})"
+        )
+    least = certificate.stability_margin
+    if 0 <= certificate.stability < least - STABILITY_TOLERANCE:
+        return (
+            f"Not stable enough: stability {certificate.stability:.3g}, asked {least:g}; "
+            f"raise the limits or ask for a lower margin ({tried})"
+        )
+    failures = "; ".join(certificate.failures)
+    return f"Not certified: {failures}; ask for a finer accuracy or more starts ({tried})"
+
+
+def _is_nearest(plan: Any) -> bool:
+    """Return whether what misses the targets is an optimum of how near it comes, and no worse one.
+
+    At least two initial guesses have to lead to it. Searches in contact do not tell, nor those that
+    were stopped, or met the targets by unstable shapes.
+    """
+    is_told = plan.certificate.complementarity is None and not plan.stopped and not plan.unstable
+    return bool(is_told and plan.agreed > 1)
+
+
+def _success(plan: Any) -> str:
+    certificate = plan.certificate
+    soft, tolerance = certificate.soft_residual, certificate.tolerance
+    met = max([certificate.residual, *soft.values()])
+    if met <= tolerance:
+        return f": every target met to {met:.1e} (asked {tolerance:.0e})"
+    gaps = ", ".join(f"{name} {_size(plan, value)}" for name, value in soft.items())
+    return f", as near as the limits allow: {gaps} ({_held(plan)})"
+
+
+def _gaps(plan: Any) -> str:
+    """Return by how much equalities are missed and inequalities violated."""
+    of = plan.certificate
+    gaps = [
+        f"{name} by {_size(plan, value, of.units.get(name, ''))}"
+        for name, value in of.equality.items()
+        if value > of.tolerance
+    ]
+    for name, value in of.inequality.items():
+        if value < -of.tolerance:
+            most = f"at most {1 + value:.4g} times what is wanted can be had, "
+            ratio = most if name.endswith(OVER_WANTED) else ""
+            gaps.append(f"{name.removesuffix(OVER_WANTED)} ({ratio}short by {-value:.3g})")
+    return ", ".join(gaps)
+
+
+def _size(plan: Any, value: float, unit: str = "L") -> str:
+    """Return a residual in mm where it is a length, in degrees where it is an angle."""
+    if unit == "L":
+        return f"{1e3 * value * plan.arm.length:.3g} mm"
+    return f"{math.degrees(value):.3g} deg" if unit == "rad" else f"{value:.3g}"
+
+
+def _held(plan: Any) -> str:
+    """Return what keeps a plan from its targets and what may be done: the first reason there is."""
+    least, holders = plan.certificate.stability_margin, ", ".join(plan.holding()[:3])
+    how_unstable = (
+        f"less stable than the margin of {least:g}" if least else "unstable under the loads"
+    )
+    reasons = (
+        (plan.stopped, "the search was not at its end, a longer time limit may bring it nearer"),
+        (
+            plan.in_the_way,
+            f"obstacles are in the way: without them it is met, and {plan.in_the_way}; move them "
+            "or the target, or ask for less clearance",
+        ),
+        (
+            plan.unstable,
+            f"what meets it is {how_unstable}; stiffen the arm, lower the loads or move the target",
+        ),
+        (holders, f"held by {holders}; raise these limits or move the target"),
+        (not _is_nearest(plan), "no limit is active, more starts may find a nearer one"),
+    )
+    unreachable = (
+        "no limit is active and no initial guess leads nearer: the target is likely out of "
+        "reach of these tendons; move it, or try more starts"
+    )
+    return next((told for is_so, told in reasons if is_so), unreachable)

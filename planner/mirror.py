@@ -24,9 +24,6 @@ from planner.question import Limits
 from planner.solve.task import Task
 from planner.targets.base import Target
 
-# Tensions that are the same, over the largest.
-_SAME = 1e-6
-
 
 def _planes(arm: Arm, limits: Limits) -> Iterator[tuple[float, Array]]:
     """Yield the planes that map the tendons to others of the same section, path and limits.
@@ -77,7 +74,7 @@ def mirror_images(task: Task, shape: Shape) -> Iterator[tuple[float, Array]]:
     for angle, images in _planes(arm, limits):
         other = T[images]
         likely = _off(arm, targets, _mirrored(arm, angle, poses)) <= most
-        if not likely or np.abs(T - other).max() <= _SAME * T.max():
+        if not likely or np.abs(T - other).max() <= task.accuracy * T.max():
             continue
         with suppress(OctoplanError):
             settled = settle(arm, other, task.scene, task.accuracy, compile=shape.machine_code)

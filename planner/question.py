@@ -140,7 +140,11 @@ class Limits:
         warn_unusual("stroke_max", (high / arm.length).tolist(), STROKE)
         paid_out = high
         if least is not None:
-            paid_out = each_tendon(arm, "stroke_min", _negated(least))
+            allowed = "0 or a number below it, or one for each tendon"
+            negative = numbers("stroke_min", least, allowed)
+            if not np.all(negative <= 0):
+                raise InputError("stroke_min", least, allowed)
+            paid_out = each_tendon(arm, "stroke_min", np.abs(negative))
             warn_unusual("stroke_min", (paid_out / arm.length).tolist(), STROKE)
         return replace(self, strokes=(tuple((-paid_out).tolist()), tuple(high.tolist())))
 
@@ -172,15 +176,6 @@ def each_tendon(arm: Arm, name: str, values: Any) -> Array:
         return np.full(arm.n_tendons, number)
     flat = arm.flat(_finite(values), name)
     return np.where(flat >= LARGEST, np.inf, flat)
-
-
-def _negated(least: Any) -> Array:
-    """Return how much may be paid out, of the least strokes, which are 0 or below."""
-    allowed = "0 or a number below it, or one for each tendon"
-    values = numbers("stroke_min", least, allowed)
-    if not np.all(values <= 0):
-        raise InputError("stroke_min", least, allowed)
-    return np.asarray(np.abs(values))
 
 
 def _finite(values: Any) -> Any:

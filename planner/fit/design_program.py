@@ -124,7 +124,7 @@ class DesignProgram:
         parts, numbers = list[Array](), self.numbers(values)
         for i, (problem, T) in enumerate(zip(self.problems, tensions, strict=True)):
             states = Collocation.on(self.system(i, arm, scene)).solve(T).states
-            parts.append(problem.closed(problem.free(T), states, numbers[i]))
+            parts.append(problem.closed(T, states, numbers[i]))
         return np.concatenate([*parts, self.parameters.fractions(values)])
 
     def solve(self, values: Array, tensions: Array, fixed: bool = False) -> DesignOptimum:

@@ -30,7 +30,7 @@ from model.paths import Array
 from model.scene import Scene
 from model.winches import rest_lengths
 from planner.program.blocks import States, unit_force
-from planner.program.program import STABILITY, STROKES, Program, factorised, program
+from planner.program.program import STABILITY, STROKES, Program, factorised
 from planner.program.terms import (
     Same,
     compliance_requests,
@@ -46,8 +46,9 @@ Bounds = tuple[Array, Array, Array, Array]
 # and in the end, where it keeps shapes away from points that they could meet by half the default
 # accuracy; with less of it the effort is lost in the solver's tolerance.
 SEARCHED, REGULARISATION = 1e-7, 3e-11
-# Constraints and bounds that are as near are active, in scaled units.
-_ACTIVE = 1e-7
+# What the conditions of an optimum are held to, scaled; and its stability, of which another mesh
+# has other digits.
+KKT_TOLERANCE, STABILITY_TOLERANCE = 1e-6, 1e-4
 
 
 class Problem:
@@ -141,12 +142,6 @@ class Problem:
             bound.setflags(write=False)
         return lbx, ubx, lbg, ubg
 
-    def free(self, tensions: Array) -> Array:
-        """Return the unknowns before the states for tensions; slacks are 0."""
-        slacks = np.zeros(self.program.n_slack)
-        peak = np.full(self.n_free - tensions.size - slacks.size, tensions.max() / self.unit.max())
-        return np.concatenate([tensions / self.unit, peak, slacks])
-
     def tensions(self, x: Array) -> Array:
         """Return the tensions in unknowns x, within the limits to the last digit [N]."""
         T = x[: self.arm.n_tendons] * self.unit
@@ -158,26 +153,24 @@ class Problem:
         Under its loads where that `soon` settles, by Newton's method from there. The straight arm
         where tensions leave a cross-section no equilibrium, or the arm no stiffness.
         """
-        free = self.free(tensions)
         with suppress(OctoplanError, np.linalg.LinAlgError):
             states = self.forward.without_loads(tensions)
             if soon and is_loaded(self.scene):
                 with suppress(OctoplanError, np.linalg.LinAlgError):
                     equilibrium = newton(self.forward.system, tensions, 1.0, states)
                     states = states if equilibrium is None else equilibrium.states
-            return self.closed(free, states)
-        return self.closed(free, self.forward.without_loads(np.zeros(self.arm.n_tendons)))
+            return self.closed(tensions, states)
+        return self.closed(tensions, self.forward.without_loads(np.zeros(self.arm.n_tendons)))
 
     def settled(self, tensions: Array, near: Linearised | None = None) -> Array:
         """Return the unknowns for tensions in equilibrium, near one of another mesh if any is.
 
         Raises what settling does.
         """
-        states = self.forward.solve(tensions, near).states
-        return self.closed(self.free(tensions), states)
+        return self.closed(tensions, self.forward.solve(tensions, near).states)
 
-    def closed(self, a: Array, states: Array, numbers: Array | None = None) -> Array:
-        """Return all unknowns for those before the states, and states of the arm (n_states,).
+    def closed(self, tensions: Array, states: Array, numbers: Array | None = None) -> Array:
+        """Return the unknowns for tensions (n_tendons,) and states of the arm (n_states,).
 
         Responses, modes and lengths are what their equations make of these; slacks are the
         violations of their inequalities. By other `numbers` of the equations, if any are given.
@@ -185,8 +178,9 @@ class Problem:
         p = self._p.copy()
         if numbers is not None:
             p[self.program.parts["numbers"]] = numbers
-        program, x = self.program, np.zeros(self.program.size)
-        x[: self.n_free], x[self.n_free] = a, 1.0
+        program, x, n = self.program, np.zeros(self.program.size), tensions.size
+        x[:n], x[self.n_free] = tensions / self.unit, 1.0
+        x[n : self.n_free - program.n_slack] = tensions.max() / self.unit.max()
         x[program.places[program.states]] = states / self.scale[: states.size]
         linear = program.linear
         if linear.size:
@@ -198,7 +192,7 @@ class Problem:
             x[at] = mode.at(self.linearised(x)) / self.scale[at.start - begin : at.stop - begin]
         if program.n_slack:
             missed = -program.evaluate(x, p)[2][program.slack_rows]
-            x[self.n_free - program.n_slack : self.n_free] += np.maximum(missed, 0.0)
+            x[self.n_free - program.n_slack : self.n_free] = np.maximum(missed, 0.0)
         return x
 
     def linearised(self, x: Array) -> Linearised:
@@ -249,8 +243,19 @@ def _built(
     targets, statement = question.value
     loaded, at = is_loaded(scene) or bool(compliance_requests(targets)), stations_of(arm, targets)
     forward = Collocation(arm, scene, STAGES, statement.refinement, at, loaded, machine_code)
-    of = program(arm, targets, statement, States.seen(forward.system, at))
+    states = States.seen(forward.system, at)
+    # What targets take of an arm besides its shape.
+    skeleton = (arm.length, arm.base_frame, arm.base_position, arm.tendons, arm.anchorages)
+    stated = statement.norm, statement.mode, statement.limited, statement.modes, statement.wound
+    structure = skeleton, structure_of(arm, targets), stated, states
+    of = _program(structure, Same((arm, targets, statement, states)))
     return of, forward, *of.scales(forward.system)
+
+
+@lru_cache(maxsize=16)
+def _program(structure: Hashable, question: Same) -> Program:
+    """Return the program of a structure, for all arms and numbers that have it."""
+    return Program(*question.value)
 
 
 class Point:
@@ -283,16 +288,13 @@ class Point:
         of_states = self._factors.solve(-slope[self._n + 1 :], "T")
         return np.append(lam_x, np.zeros(self.x.size - self._n)), np.append(lam_g, of_states)
 
-    def slope(self, lam_g: Array) -> Array:
-        """Return the Lagrangian's gradient in a (n_free,), without the multipliers of bounds."""
-        return np.asarray(self._reduced[0] + lam_g[: self._m] @ self._reduced[1:])
-
     def multipliers(self) -> tuple[Array, Array, Array]:
         """Return lam_x and lam_g that leave least of the Lagrangian's gradient, and the rest.
 
         Where constraints depend on each other there are many such; 0 of what is not active.
         """
-        low, high = self._above <= _ACTIVE, self._below <= _ACTIVE
+        near = KKT_TOLERANCE / 10
+        low, high = self._above <= near, self._below <= near
         active, lam = np.flatnonzero(low | high), np.zeros(low.size)
         rows = np.vstack([np.eye(self._n), self._reduced[1:]])[active]
         ends = np.where(low[active], -np.inf, 0.0), np.where(high[active], np.inf, 0.0)
@@ -307,7 +309,7 @@ class Point:
         bound; the product of a multiplier and the distance to its bound. NaN counts as infinite.
         """
         lam_x, lam_g = lam_x[: self._n], lam_g[: self._m]
-        lam, rest = np.append(lam_x, lam_g), self.slope(lam_g) + lam_x
+        lam, rest = np.append(lam_x, lam_g), self._reduced[0] + lam_g @ self._reduced[1:] + lam_x
         # Multipliers of 0 leave no scale.
         scale = 1e-2 + norm(self._gradient[: self._n], np.inf) + norm(np.append(lam_g, 0.0), np.inf)
         # No multiplier counts with a bound that is farther than a thousand units.

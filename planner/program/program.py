@@ -21,8 +21,6 @@ are three readings of them, tried in this order:
 
 from __future__ import annotations
 
-from collections.abc import Hashable
-from functools import lru_cache
 from itertools import accumulate, pairwise
 
 import casadi as ca
@@ -43,10 +41,8 @@ from planner.program.blocks import Block, LeastMode, Responses, States, TendonLe
 from planner.program.terms import (
     HIGH_PRIORITY,
     LOW_PRIORITY,
-    Same,
     compliance_requests,
     stations_of,
-    structure_of,
     terms_of,
 )
 from planner.question import Statement
@@ -283,17 +279,3 @@ class Program:
         """
         f, gradient, g, nonzeros = (value.ravel() for value in self._function(x, p))
         return f, gradient, g, csc_array((nonzeros, *self._nonzeros), shape=(g.size, x.size))
-
-
-def program(arm: Arm, targets: tuple[Target, ...], statement: Statement, states: States) -> Program:
-    """Return the program of a structure, built once for all arms and numbers that have it."""
-    # What targets take of an arm besides its shape.
-    skeleton = (arm.length, arm.base_frame, arm.base_position, arm.tendons, arm.anchorages)
-    stated = statement.norm, statement.mode, statement.limited, statement.modes, statement.wound
-    key = skeleton, structure_of(arm, targets), stated, states
-    return _built(key, Same((arm, targets, statement, states)))
-
-
-@lru_cache(maxsize=16)
-def _built(key: Hashable, question: Same) -> Program:
-    return Program(*question.value)

@@ -22,7 +22,7 @@ from model.machine.buffered import Buffered
 from model.paths import Array
 from model.progress import logged
 from model.time_limit import OutOfTime, check_time
-from planner.program.problem import Bounds, Problem
+from planner.program.problem import KKT_TOLERANCE, Bounds, Problem
 from planner.program.program import Program
 from planner.question import Solver, Statement
 
@@ -87,8 +87,8 @@ LOG = logging.getLogger(__name__)
 MAGNIFIED = 1e3
 # Equalities r = 0 are stated as r = RELAXED t, t^2 / 2 added to the objective: r is RELAXED^2 times
 # its multiplier then, a rounding error but where equalities all but depend on each other, whose
-# multipliers are of any size else. What is missed by more than MISSED is not met.
-RELAXED, MISSED = 3e-5, 1e-6
+# multipliers are of any size else.
+RELAXED = 3e-5
 Options = dict[str, Any]
 _QUIET: Options = {
     "sb": "yes",
@@ -276,7 +276,7 @@ def solve(
     run = solver(problem.program, purpose, exact, talks)
     end = solved(run, begin, p, relaxed, (np.append(lam_x, none), lam_g))
     x, t = np.split(end.x, [n])
-    met = end.met and bool(RELAXED * np.abs(t).max(initial=0.0) <= MISSED)
+    met = end.met and bool(RELAXED * np.abs(t).max(initial=0.0) <= KKT_TOLERANCE)
     f = end.f - float(t @ t) / 2
     return Candidate(x, end.lam_x[:n], end.lam_g, f, met, end.iterations, problem=problem)
 

@@ -22,6 +22,7 @@ import numpy as np
 from model.arm import Arm
 from model.equilibrium.newton import STAGES
 from model.errors import CollapsedError, OctoplanError
+from model.forward import by_collocation
 from model.loads import convergence_order, is_loaded
 from model.mesh import FINEST_ACCURACY, next_refinement
 from model.paths import Array
@@ -29,20 +30,18 @@ from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from model.time_limit import check_time
-from planner.certificate import KKT_TOLERANCE
 from planner.measure import compliances_along
 from planner.program.blocks import unit_force
-from planner.program.problem import Bounds, Point, Problem
+from planner.program.problem import KKT_TOLERANCE, Bounds, Point, Problem
 from planner.solve.ipopt import MAGNIFIED, Candidate, Purpose, solve
 
 # Corrections and meshes that are tried; the part of the accuracy that a defect may be off by, and
 # of what optimality is held to.
 CORRECTIONS, PART = 8, 3
 # What a coarse mesh may be off by, over L, of a margin and of effort: defects above it ask for a
-# finer one. What is farther off comes to another shape.
+# finer one. What is farther off comes to another shape; stretches that are farther from 0 need no
+# correction.
 COARSE, _ELSEWHERE = 1e-3, 0.1
-# Least stretches above this need no correction.
-_FAR = 0.1
 
 
 def refine(
@@ -67,15 +66,10 @@ def _refined(candidate: Candidate, accuracy: float, corrected: Array | None) -> 
     for correction in range(CORRECTIONS):
         check_time()
         problem = candidate.problem
-        arm, scene, T, sharp = problem.arm, problem.scene, candidate.tensions, sharper(accuracy)
-        compiled, begins = problem.machine_code, not correction and is_loaded(scene)
+        of = problem.arm, candidate.tensions, problem.scene, accuracy, problem.machine_code
+        begins = not correction and is_loaded(problem.scene)
         try:
-            if begins:
-                of = problem.linearised(candidate.x)
-                near = Shape(arm, scene, np.inf, of, problem.statement.refinement)
-                shape = settle(arm, T, scene, sharp, compile=compiled, near=near)
-            else:
-                shape = settled(arm, T, scene, accuracy, compiled)
+            shape = _nearby(candidate) if begins else settled(*of)
         except CollapsedError as crushed:
             corrected = _stretched(problem, candidate.x, crushed)
         else:
@@ -105,6 +99,15 @@ def _refined(candidate: Candidate, accuracy: float, corrected: Array | None) -> 
     return last
 
 
+def _nearby(candidate: Candidate) -> Shape:
+    """Return the shape near a candidate's, on a mesh so fine that the defect shows."""
+    problem = candidate.problem
+    arm, scene, mesh = problem.arm, problem.scene, 4 * problem.statement.refinement
+    forward = by_collocation(arm, scene, STAGES, mesh, machine_code=problem.machine_code)
+    point = forward.solve(candidate.tensions, problem.linearised(candidate.x))
+    return Shape(arm, scene, np.inf, point, mesh)
+
+
 def _on_finer_mesh(candidate: Candidate, rough: float) -> Candidate | None:
     """Return a candidate on a mesh whose defect is small, in equilibrium there.
 
@@ -130,15 +133,14 @@ def polish(
 
     An interior-point method stops a little inside of them. Those whose multipliers exceed their
     distance are fixed there, and the program is solved once more, warm. Where no multipliers make
-    that an optimum those of the wrong sign tell which are let go again. All are where too few are
-    left to meet the targets; where even that leads nowhere it is solved afresh, unless the start is
-    to stay `warm`, and if that fails the last optimum is kept.
+    that an optimum, those are let go again that the rest of the gradient draws inside. All are
+    where too few are left to meet the targets; where even that leads nowhere it is solved afresh,
+    unless the start is to stay `warm`, and if that fails the last optimum is kept.
     """
     problem, begun = candidate.problem, candidate
     n, (lbx, ubx, lbg, ubg) = problem.arm.n_tendons, bounds or problem.bounds
     x, pull = candidate.x[:n], candidate.lam_x[:n] * MAGNIFIED
     at_low, at_high = x - lbx[:n] < -pull, ubx[:n] - x < pull
-    even = lbx[:n] == ubx[:n]
     purpose: Purpose = "polish"
     for _ in range(4):
         low, high = lbx.copy(), ubx.copy()
@@ -156,12 +158,6 @@ def polish(
             continue
         point = Point(problem, trial.x, p, (lbx, ubx, lbg, ubg))
         lam_x, lam_g, rest = point.multipliers()
-        optimal = bool(np.abs(rest).max() <= KKT_TOLERANCE / 1000)
-        if not optimal:
-            lam_x, lam_g = trial.lam_x.copy(), trial.lam_g
-            held = at_low | at_high | even
-            lam_x[:n] = np.where(held, -point.slope(lam_g)[:n], lam_x[:n])
-        wrong = ~even & ((at_low & (lam_x[:n] > 0)) | (at_high & (lam_x[:n] < 0)))
         lam_x, lam_g = point.extended(lam_x, lam_g)
         candidate = replace(
             trial,
@@ -170,7 +166,9 @@ def polish(
             iterations=candidate.iterations + trial.iterations,
             solver=candidate.solver,
         )
-        if optimal or not wrong.any():
+        rest = np.where(np.abs(rest[:n]) > KKT_TOLERANCE / 1000, rest[:n], 0.0)
+        wrong = (at_low & (rest < 0)) | (at_high & (rest > 0))
+        if not wrong.any():
             break
         at_low, at_high = at_low & ~wrong, at_high & ~wrong
     return candidate
@@ -184,7 +182,7 @@ def defect(problem: Problem, x: Array, shape: Shape) -> Array:
     poses[turned, :4] *= -1
     # Cross-sections that are far from being crushed are as they are on the mesh.
     stretches = on_mesh[poses.size : poses.size + problem.slim_at.size].copy()
-    near = stretches <= _FAR
+    near = stretches <= _ELSEWHERE
     if near.any():
         stretches[near] = 1 + shape.strain(problem.slim_at[near])[:, 3]
     parts = [poses.ravel(), stretches]

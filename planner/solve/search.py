@@ -11,6 +11,7 @@ unknowns, held to a margin.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice, tee
 from operator import attrgetter
@@ -22,12 +23,12 @@ from model.loads import is_loaded
 from model.paths import Array
 from model.progress import tell
 from model.time_limit import OutOfTime, check_time
-from planner.program.problem import SEARCHED, Problem
+from planner.program.problem import KKT_TOLERANCE, SEARCHED, Problem
 from planner.program.terms import LOW_PRIORITY, terms_of
 from planner.question import Mode
 from planner.solve.fatrop import solve as by_stages
 from planner.solve.guesses import POINT, conditions, drawn_arms, initial_guesses
-from planner.solve.ipopt import MISSED, Candidate, solve
+from planner.solve.ipopt import Candidate, solve
 from planner.solve.refine import COARSE, refine
 from planner.solve.task import SearchResult, Task, Trial, agreed
 
@@ -113,7 +114,8 @@ class Search:
         """
         unstable, missed = False, None
         terms = terms_of(self.task.arm, self.task.targets)
-        modes: list[Mode] = ["exact"] * self.task.can_be_exact
+        can_pull = np.greater(self.task.allowed.upper, self.task.allowed.lower)
+        modes: list[Mode] = ["exact"] * bool(terms.count <= can_pull.sum())
         modes += ["closest"] * bool(terms.names[1] or LOW_PRIORITY in terms.inequality_weights)
         for mode in [*modes, "nearest"]:
             near = self._now = _Reading(mode, self.guesses(len(missed.trials) if missed else 1))
@@ -144,8 +146,10 @@ class Search:
         while True:
             self._try()
             reading = self._now
-            near = reading.mode != "exact" and any(each.f <= MISSED for each in reading.unstable)
-            result = self._best(MISSED if near and self.task.best_margin else np.inf)
+            near = reading.mode != "exact" and any(
+                each.f <= KKT_TOLERANCE for each in reading.unstable
+            )
+            result = self._best(KKT_TOLERANCE if near and self.task.best_margin else np.inf)
             if result is not None or near or not reading.met:
                 break
             reading.lost, reading.met = [*reading.lost, *reading.met], []
@@ -187,7 +191,7 @@ class Search:
 
     def _all_but_met(self) -> bool:
         """Return whether least squares of the targets come to nothing."""
-        return any(optimum.f <= MISSED for optimum in self._now.optima)
+        return any(optimum.f <= KKT_TOLERANCE for optimum in self._now.optima)
 
     def solve(self, problem: Problem, T: Array) -> Candidate:
         """Return what tensions (n_tendons,) [N] lead to in a program of the task's."""
@@ -247,7 +251,9 @@ class Search:
             return False
         trials, mode, by_effort = self.trials, self._now.mode, self._count > POINT
         efforts = [trial.objective for trial in trials if trial.met]
-        missed = mode == "nearest" or (mode == "closest" and min(efforts, default=np.inf) > MISSED)
+        missed = mode == "nearest" or (
+            mode == "closest" and min(efforts, default=np.inf) > KKT_TOLERANCE
+        )
         astray = not by_effort and len(trials) >= 2 * len(efforts)
         hard = missed or astray or (self._count >= POINT and mode == "exact")
         since = len(efforts) - 1 - int(np.argmin(efforts)) if efforts and by_effort else 0
@@ -307,11 +313,9 @@ def _held_to(optimum: Candidate, floor: float) -> Candidate | None:
     """Return the optimum near another whose least stable mode is held to a floor, None if none."""
     before = optimum.problem
     problem = before.but(before.statement.but(modes=1, floor=floor))
-    try:
-        states = before.linearised(optimum.x).states
-        x = problem.closed(optimum.x[: before.n_free], states)
-    except (OctoplanError, np.linalg.LinAlgError):
-        return None
-    held = solve(problem, x, problem.parameters(SEARCHED))
-    check_time()
-    return held if held.met else None
+    with suppress(OctoplanError, np.linalg.LinAlgError):
+        x = problem.closed(optimum.tensions, before.linearised(optimum.x).states)
+        held = solve(problem, x, problem.parameters(SEARCHED))
+        check_time()
+        return held if held.met else None
+    return None

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from model.arm import Arm
 from model.effects import Extension
 from model.paths import Array
@@ -15,7 +13,7 @@ from model.quantities import Count
 from model.scene import Scene
 from planner.avoidance.rows import Avoidance, avoidance_of
 from planner.program.problem import Problem
-from planner.program.terms import pulling_tendons, terms_of
+from planner.program.terms import pulling_tendons
 from planner.question import Limits, Mode, Statement
 from planner.solve.ipopt import Candidate
 from planner.targets.base import Target
@@ -86,12 +84,6 @@ class Task:
         Without extension a slender tip winds up further, and takes a finer mesh.
         """
         return self.statement.but(mode=mode, refinement=1 if self.scene.has(Extension) else 2)
-
-    @property
-    def can_be_exact(self) -> bool:
-        """Whether there are tendons enough to meet every equality and soft residual."""
-        free = np.sum(np.array(self.allowed.upper) > self.allowed.lower)
-        return bool(terms_of(self.arm, self.targets).count <= free)
 
 
 @dataclass(frozen=True)

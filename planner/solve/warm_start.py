@@ -16,11 +16,11 @@ import numpy as np
 from model.paths import Array
 from model.time_limit import OutOfTime, check_time
 from planner.answer import Answer, Optimum
-from planner.certificate import STABILITY_TOLERANCE
+from planner.program.problem import STABILITY_TOLERANCE
+from planner.program.terms import pulling_tendons, structure_of
 from planner.solve.ipopt import Candidate
 from planner.solve.refine import PART, polish, refine
 from planner.solve.task import SearchResult, Task, Trial
-from planner.targets.base import Target
 
 # By so much, over their norm, tensions may change from one target to the next; where more is asked
 # of one step, smaller ones tell whether they jump.
@@ -35,11 +35,15 @@ def warm_start(near: Answer, task: Task) -> SearchResult | None:
     maxima are the same. It is also None where the plan does not reach its targets, and where the
     optimum is less stable than it has to be.
     """
-    limits, margin = task.limits, task.statement.margin
-    alike = near.statement.margin == margin and replace(near.limits, lower=limits.lower) == limits
-    if near.statement.mode != "exact" or not alike:
-        return None
-    if _structure(near.stated, task) != _structure(task.targets, task):
+    arm, limits, margin = task.arm, task.limits, task.statement.margin
+    is_alike = (
+        near.statement.mode == "exact"
+        and near.statement.margin == margin
+        and replace(near.limits, lower=limits.lower) == limits
+        and structure_of(arm, near.stated) == structure_of(arm, task.targets)
+        and pulling_tendons(arm, near.stated) == pulling_tendons(arm, task.targets)
+    )
+    if not is_alike:
         return None
     try:
         start = near.optimum
@@ -56,7 +60,7 @@ def warm_start(near: Answer, task: Task) -> SearchResult | None:
         return SearchResult.at(fine, trials, jump=apart)
     except OutOfTime:
         T = np.clip(np.ravel(near.tensions), limits.lower, limits.upper)
-        return SearchResult(near.statement, task.arm.by_section(T), (), (), (), stopped=True)
+        return SearchResult(near.statement, arm.by_section(T), (), (), (), stopped=True)
 
 
 def jump(before: Array, after: Array) -> float:
@@ -64,10 +68,6 @@ def jump(before: Array, after: Array) -> float:
     size = max(float(np.linalg.norm(before)), float(np.linalg.norm(after)))
     apart = float(np.linalg.norm(np.ravel(after) - np.ravel(before)))
     return apart / size if apart > _LITTLE * size else 0.0
-
-
-def _structure(targets: tuple[Target, ...], task: Task) -> tuple[object, ...]:
-    return tuple((target.structure(task.arm), target.tendons(task.arm)) for target in targets)
 
 
 def _continued(origin: Optimum, near: Answer, task: Task) -> tuple[Candidate, float] | None:

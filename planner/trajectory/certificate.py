@@ -12,8 +12,7 @@ from model.errors import OctoplanError
 from model.loads import is_loaded
 from model.shape import Shape
 from model.text import Shown, told
-from planner.certificate import Certificate
-from planner.certify import certify, tension_excess
+from planner.certificate import Certificate, certify, tension_excess
 from planner.question import Statement
 from planner.solve.task import Task
 from planner.targets.base import Target

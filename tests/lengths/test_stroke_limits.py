@@ -12,8 +12,8 @@ import pytest
 from model import Arm, Scene, settle
 from model.effects import ExactTendons, Extension
 from planner import Plan, load_plan, plan
+from planner.answer import sentence
 from planner.io.scene_file import read
-from planner.outcome import sentence
 from planner.targets import BendingPlane, TipPosition
 from tests.lengths.cases import EXACT, cylinder
 

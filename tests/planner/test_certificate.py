@@ -8,7 +8,7 @@ import pytest
 
 from model import Arm, settle
 from planner import Limits, plan
-from planner.certify import certify
+from planner.certificate import certify
 from planner.targets import TipPosition
 from tests.planner.cases import PAPER, moderate, paper_tip
 

@@ -13,8 +13,8 @@ from model import Arm, InputError, Scene
 from model.effects import Buoyancy, Extension, Weight
 from model.obstacles import Box
 from planner import plan
+from planner.answer import sentence
 from planner.certificate import Certificate
-from planner.outcome import sentence
 from planner.targets import BendingPlane, TipPosition
 
 ARM, PAPER = Arm.from_paper("table-4"), Scene(Extension())
