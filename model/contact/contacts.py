@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from model.centreline import Centreline
-from model.contact.gaps import along
 from model.contact.touches import Touches, frictions, resultants, second
 from model.equilibrium.linearised import Linearised
 from model.loads import contacts
@@ -57,47 +56,38 @@ class Touch:
     slip: Array = field(default_factory=lambda: np.zeros(3))
 
 
-def touches_of(
-    point: Linearised, before: Linearised | None = None, shifted: bool = False
-) -> tuple[Touch, ...]:
+def touches_of(point: Linearised, before: Linearised | None = None) -> tuple[Touch, ...]:
     """Return what an arm leans on in an equilibrium, from base to tip.
 
-    With friction of contacts it slipped since the equilibrium before. Next to an equilibrium points
-    are `shifted` along the arm from their nodes.
+    With friction of contacts it slipped since the equilibrium before.
     """
     system, states = point.system, point.states
     touches, bodies = Touches.of(system), contacts(system.scene)
     nodes, numbers = np.nonzero(touches.touching)
     if not nodes.size:
         return ()
-    s = system.mesh.s[nodes]
-    places, values = system.poses(states)[nodes, 4:], second(system, states)[nodes, numbers]
+    s, places = system.mesh.s[nodes], system.poses(states)[nodes, 4:]
+    distance, normals = pair_distances(numbers_of([bodies[j].obstacle for j in numbers]), places)
     # Strains may jump at a node, and with them the radius of a body that swells.
-    line, sides = Centreline.at_states(system, states), np.stack([nodes - 1, nodes])
-    element = np.clip(sides, 0, system.mesh.steps - 1)
-    radii = [line.radius(k, (nodes > k).astype(float)) for k in element]
-    obstacles = numbers_of([bodies[j].obstacle for j in numbers])
-    gaps = pair_distances(obstacles, places)[0] - np.maximum(*radii)
-    if shifted:
-        tangent = along(system, point.x, s, numbers)[2]
-        places += (values * touches.moves[nodes, numbers])[:, None] * tangent
+    line = Centreline.at_states(system, states)
+    sides = np.clip([nodes - 1, nodes], 0, system.mesh.steps - 1)
+    gaps = distance - np.max([line.radius(k, (nodes > k).astype(float)) for k in sides], axis=0)
     slipped = 0 * places if before is None else places - before.at(s)[0][:, 4:]
-    distance, normals = pair_distances(obstacles, places)
-    pressed, tangential = resultants(system, states), frictions(system, states)
-    read_off = []
-    for i, (k, j) in enumerate(zip(nodes, numbers, strict=True)):
-        n, rubbed, body = normals[i], tangential[k, j], bodies[j]
-        read_off.append(
-            Touch(
-                body.obstacle,
-                float(s[i]),
-                pressed[k, j] * n + rubbed,
-                float(gaps[i]),
-                places[i] - distance[i] * n,
-                n,
-                float(values[i] * touches.pressing[k, j]),
-                rubbed,
-                (slipped[i] - n * float(n @ slipped[i])) * (body.friction > 0),
-            )
+    slipped -= (slipped * normals).sum(axis=1, keepdims=True) * normals
+    rubbed = frictions(system, states)[nodes, numbers]
+    force = resultants(system, states)[nodes, numbers, None] * normals + rubbed
+    pressure = (second(system, states) * touches.pressing)[nodes, numbers]
+    return tuple(
+        Touch(
+            bodies[j].obstacle,
+            float(s[i]),
+            force[i],
+            float(gaps[i]),
+            places[i] - distance[i] * normals[i],
+            normals[i],
+            float(pressure[i]),
+            rubbed[i],
+            slipped[i] * (bodies[j].friction > 0),
         )
-    return tuple(read_off)
+        for i, j in enumerate(numbers)
+    )

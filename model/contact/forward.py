@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 
@@ -9,7 +10,6 @@ import numpy as np
 
 from model.arm import Arm
 from model.contact.gaps import check_outside
-from model.contact.newton import newton
 from model.contact.path import Touching, close, follow
 from model.contact.sharp import Request, sharpened
 from model.contact.touches import places_of
@@ -68,14 +68,15 @@ class TouchingMap(Collocation):
         end = Request(self.system, self._fixed, tensions)
         if not isinstance(near, Linearised):
             if self._rubs:
-                return self._untouched(tensions)
+                free = self._untouched(tensions)
+                return replace(self.solve(tensions, free), snaps=free.snaps)
             return follow(replace(end, tensions=0 * tensions, load=0.0), end, self._at_rest)
         stays = np.array_equal(tensions, near.tensions)
         if self._rubs:
             past = near.before if isinstance(near, Touching) and stays else None
             end = replace(end, before=past or near)
         if stays or not self._rubs:
-            there = sharpened(end, near, places_of(near.system))
+            there = sharpened(end, near)
             if there is not None and close(near, there):
                 path = ((end.before, 0.0), (there, 1.0)) if end.before else ()
                 return Touching.of(there, (), path)
@@ -90,31 +91,26 @@ class TouchingMap(Collocation):
         longest = np.maximum(rest_lengths(self.system.arm), winches.lengths)
         loose = replace(winches, lengths=longest)
         start = replace(end, tensions=0 * winches.tensions, load=0.0, winches=loose)
-        try:
+        with suppress(UnsettledContactError):
             return follow(start, end, self._at_rest)
-        except UnsettledContactError:
-            return None
+        return None
 
     def beside(self, at: Linearised, tensions: Array) -> Linearised | None:
         """Return the equilibrium under tensions near those of another; None where it jumps."""
-        try:
+        with suppress(SnapError, UnsettledContactError):
             return self.solve(tensions, at, jumps=False)
-        except (SnapError, UnsettledContactError):
-            return None
+        return None
 
     def _untouched(self, tensions: Array) -> Touching:
-        """Return the equilibrium of an arm from rest that touches nothing; InputError else."""
-        end = self.without_friction.solve(tensions)
-        if places_of(end.system):
+        """Return the equilibrium of an arm without friction that touches nothing; or InputError."""
+        free = self.without_friction.solve(tensions)
+        if places_of(free.system):
             allowed = (
                 "the shape of the same arm that it moved from: friction acts against the motion "
                 "before, and an arm without history has none"
             )
             raise InputError("near", None, allowed)
-        there = newton(self.system, tensions, 1.0, self.carried(tensions, end))
-        if there is None:
-            raise UnsettledContactError(1.0, "none is found on a mesh with friction")
-        return Touching.of(there, end.snaps, ((there, 0.0), (there, 1.0)))
+        return free
 
     @cached_property
     def without_friction(self) -> TouchingMap:

@@ -51,7 +51,7 @@ def _by_history(before: Linearised, earlier: Array, point: Linearised, by_step: 
     nodes = before.system.of.nodes[:, 4:7]
     were[:, :, :n] = scipy.interpolate.make_interp_spline(before.mesh.s, earlier[nodes])(s)
     if k.size:
-        now, then = (along(at.system, at.x, s[k], j)[2] for at in (point, before))
+        now, then = (along(at.system, at.x, s[k], j)[1] for at in (point, before))
         were[k, :, n + np.arange(k.size)] = then - now
     change = np.zeros((of.equations.n_p, n + k.size))
     rows = change[of.equations.numbers_of("contact_friction")]

@@ -41,34 +41,33 @@ def newton(
     With the touches that are set on the system, or with complementary forces and gaps at the nodes.
     Steps that rotate frames far are shortened.
     """
-    last, kept = 0.0, None
+    last, kept, rubs = 0.0, None, system.of.form.contact_friction
     for _ in range(STEPS):
         check_time()
-        system = (_active if complementary else _widened)(system, states)
-        if kept is not None and not np.array_equal(kept.system.p, system.p):
-            kept = None
+        if complementary:
+            before, system = system, _active(system, states)
+            kept = kept if np.array_equal(before.p, system.p) else None
+        elif rubs and system.scene.has(NeoHookean):
+            system = _widened(system, states)
         point = Linearised(system, system.x(tensions, load, states), kept)
         change = point.newton_step()
         if change is None:
             return None
         turn, size = step_sizes(system, change, states)
-        size = max(size, _rubbed(system, change, states))
+        size = max(size, _rubbed(system, change, states)) if rubs else size
         states = states + min(1.0, TURN / max(turn, TURN)) * change
         if turn <= TURN and (size < SETTLED or size**2 < SETTLED * last):
             return Linearised(system, system.x(tensions, load, states))
         contracts = size < (KEPT * last if last else CLOSE)
-        kept = (kept or point) if contracts and not system.of.form.contact_friction else None
-        last = size
+        kept, last = (kept or point) if contracts and not rubs else None, size
     return None
 
 
 def _active(system: System, states: Array) -> System:
     """Return equations with nodes that touch: those that press, and the deepest inside."""
     gap, touches = gaps_along(system, states, 1)[1], Touches.of(system)
-    presses, deepest = (
-        forces(system, states)[1:] > 0,
-        (gap < 0) & (gap <= minimum_filter1d(gap, 3, 0)),
-    )
+    deepest = (gap < 0) & (gap <= minimum_filter1d(gap, 3, 0))
+    presses = forces(system, states)[1:] > 0
     touches.held[1:] = np.where(touches.points[1:], presses, deepest)
     return touches.on(system)
 
@@ -78,13 +77,10 @@ def _widened(system: System, states: Array) -> System:
 
     Friction at a point lets the stretch jump, and with it the radius of a body that swells.
     """
-    if not (system.of.form.contact_friction and system.scene.has(NeoHookean)):
-        return system
     before, beyond = system.stretch_beside(system.strains(states))
-    widened, radius = copy.copy(system), np.asarray(system.arm.outer_radius(system.mesh.s[1:])[0])
-    kernel_numbers(widened, "touch")[:, :, SIZE] = (
-        radius[:, None] * np.sqrt(np.maximum(before / beyond, 1.0))[:, None]
-    )
+    widened, radius = copy.copy(system), system.arm.outer_radius(system.mesh.s[1:])[0]
+    wider = radius * np.sqrt(np.maximum(before / beyond, 1.0))
+    kernel_numbers(widened, "touch")[:, :, SIZE] = wider[:, None]
     return widened
 
 
@@ -94,8 +90,6 @@ def _rubbed(system: System, change: Array, states: Array) -> float:
     Strains may be too stiff to tell.
     """
     of, h = system.of, float(np.diff(system.mesh.s).mean())
-    if not of.form.contact_friction:
-        return 0.0
-    most = np.abs(states[of.touches[:, :, 0]]).max()
+    most = max(np.abs(forces(system, states)).max(), _ROUNDING)
     size = max(np.abs(change[of.friction_forces]).max(), h * np.abs(change[of.tractions]).max())
-    return float(size / max(most, _ROUNDING)) * _FRICTION
+    return float(size / most) * _FRICTION

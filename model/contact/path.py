@@ -17,25 +17,17 @@ from typing import Any, TypeVar
 import numpy as np
 
 from model.contact.friction import Path
-from model.contact.gaps import least_gaps
+from model.contact.gaps import bodies_of, least_gaps
 from model.contact.newton import newton
 from model.contact.sharp import Request, sharpened
-from model.contact.touches import (
-    Place,
-    Places,
-    Touches,
-    forces,
-    mesh_with,
-    places_of,
-    read_off,
-)
+from model.contact.touches import Place, Places, Touches, forces, mesh_with, read_off
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import carried_strains
+from model.equilibrium.newton import FOLLOWED, carried_strains
 from model.equilibrium.stability import unstable_mode
 from model.errors import SnapError, UnsettledContactError
 from model.least_energy import LeastEnergy
-from model.loads import contacts, without_friction
-from model.obstacles import distances, numbers_of
+from model.loads import without_friction
+from model.obstacles import distances
 from model.progress import tell
 from model.time_limit import check_time
 from model.winches import slackened
@@ -43,8 +35,6 @@ from model.winches import slackened
 # First, least and longest step in the load factor; with friction: where a point rolls, that is not
 # to count as slip.
 _STEPS, _WITH_FRICTION = (1 / 4, 1 / 16, 1.0), (1 / 8, 1 / 128, 1 / 8)
-# The farthest that a frame may turn in a step, and from forces at nodes to refined places [rad].
-_TURN = 1.0
 # How often nodes or pairs are exchanged; forces of an interior point alone, over the largest.
 EXCHANGES, _NONE = 8, 1e-5
 # How often forces without a potential are updated in a step: places are refined with them in full.
@@ -89,23 +79,19 @@ def follow(start: Request, end: Request, near: Linearised, jumps: bool = True) -
     Raises UnsettledContactError where none is found; unless it may jump, SnapError where it would.
     """
     snaps, rubs, base = list[float](), end.before is not None, end.base
+    ways = [sharpened] if rubs else [_complementary] * (end.winches is None) + [_least]
     # Without a potential the least energy takes several programs: only the least steps are by it.
-    conservative = LeastEnergy(base).conservative
+    most = None if end.winches is not None or LeastEnergy(base).conservative else 1
 
     def solve(before: float, factor: float, near: Linearised, least: bool) -> Linearised | None:
         to, there = start.towards(end, factor), None
-        if rubs:
-            to = replace(to, before=near)
-            there = sharpened(to, near, places_of(near.system))
-        elif to.winches is None:
-            there = newton(near.system, to.tensions, to.load, near.states, complementary=True)
-            there = there if there is None or not _passes(near, there) else None
-        same = there is not None and close(near, there)
-        if not same and not rubs and (conservative or least or to.winches is not None):
-            there = _least(to, near)
-            same = there is not None and close(near, there)
-        if same or not least:
-            return there if same else None
+        to = replace(to, before=near) if rubs else to
+        for way in ways if least else ways[:most]:
+            there = way(to, near)
+            if there is not None and close(near, there):
+                return there
+        if not least:
+            return None
         if there is None and not rubs:
             raise UnsettledContactError(factor, "no least energy is found")
         if not jumps:
@@ -132,7 +118,7 @@ def close(one: Linearised, other: Linearised) -> bool:
     before, after = one.poses[:, :4], other.poses[:, :4]
     there = np.array([np.interp(other.mesh.s, one.mesh.s, column) for column in before.T]).T
     same = np.abs((there * after).sum(axis=1)) / np.linalg.norm(there, axis=1)
-    return bool(same.min() > np.cos(_TURN / 2))
+    return bool(same.min() > np.cos(FOLLOWED / 2))
 
 
 def stepped(
@@ -158,18 +144,22 @@ def stepped(
     return path
 
 
-def _passes(before: Linearised, after: Linearised) -> bool:
-    """Return whether nodes go through an obstacle in a step, by half the arm's radius or more.
+def _complementary(request: Request, near: Linearised) -> Linearised | None:
+    """Return the equilibrium with forces at nodes on the mesh of one near.
 
-    Looked at where they are no farther apart than that.
+    None where Newton's method does not lead to one, or nodes go through an obstacle, by half the
+    arm's radius or more; looked at where they are no farther apart than that.
     """
-    half = after.system.arm.outer_radius(after.mesh.s[1:])[0] / 2
-    start, end = before.poses[1:, 4:], after.poses[1:, 4:]
+    to = request.tensions, request.load
+    there = newton(near.system, *to, near.states, complementary=True)
+    if there is None:
+        return None
+    half = there.system.arm.outer_radius(there.mesh.s[1:])[0] / 2
+    start, end = near.poses[1:, 4:], there.poses[1:, 4:]
     count = 2 + int((np.linalg.norm(end - start, axis=1) / half).max())
     between = np.linspace(start, end, count).reshape(-1, 3)
-    bodies = numbers_of([contact.obstacle for contact in contacts(after.system.scene)])
-    gaps = distances(bodies, between)[0].min(axis=1).reshape(count, -1)
-    return bool((gaps < half).any())
+    gaps = distances(bodies_of(there.system), between)[0].min(axis=1).reshape(count, -1)
+    return None if (gaps < half).any() else there
 
 
 def _least(request: Request, near: Linearised) -> Linearised | None:
@@ -197,8 +187,7 @@ def _sharp(request: Request, rough: Linearised) -> Linearised:
         # Nodes that touch beside another lie on the obstacle.
         touching = Touches.of(rough.system).points
         force = forces(rough.system, rough.states)
-        places = read_off(rough.system, touching, touching[1:] & touching[:-1], force)
-        end = sharpened(request, rough, places)
+        end = sharpened(request, rough, read_off(rough.system, touching, touching, force))
         if end is not None and close(rough, end):
             mode, rough = unstable_mode(end), end
             if mode is None:
@@ -207,8 +196,7 @@ def _sharp(request: Request, rough: Linearised) -> Linearised:
             x[of.first + of.stages] += _ASIDE * mode
             rough = Linearised(end.system, x)
         mesh = mesh_with(request.base, request.fixed, _nodes(rough))
-        assert mesh is not None
-        after = _least(replace(request, base=request.on(mesh)), rough)
+        after = None if mesh is None else _least(replace(request, base=request.on(mesh)), rough)
         if after is None:
             break
         rough = after
@@ -218,12 +206,16 @@ def _sharp(request: Request, rough: Linearised) -> Linearised:
 def _nodes(rough: Linearised) -> Places:
     """Return where nodes are wanted: those that touch, and where gaps are least and below 0."""
     s, least = rough.mesh.s, least_gaps(rough.system, rough.x)
-    wanted = [Place(j, at, at) for j, at in least]
-    for k, j in zip(*np.nonzero(Touches.of(rough.system).points), strict=True):
-        near = np.diff(s)[max(k - 2, 0) : k + 1].max() / 2
-        if all(j != i or abs(at - s[k]) > near for i, at in least):
-            wanted.append(Place(int(j), float(s[k]), float(s[k])))
-    return tuple(wanted)
+    touching = np.argwhere(Touches.of(rough.system).points)
+    widths = np.append(np.diff(s), 0.0)
+    return least + tuple(
+        Place(int(j), float(s[k]), float(s[k]))
+        for k, j in touching
+        if not any(
+            j == i and abs(at - s[k]) <= widths[max(k - 2, 0) : k + 1].max() / 2
+            for i, at, _ in least
+        )
+    )
 
 
 def _slid(request: Request, near: Linearised) -> Linearised:
@@ -231,8 +223,7 @@ def _slid(request: Request, near: Linearised) -> Linearised:
     smooth, scene = replace(request, before=None), without_friction(request.base.scene)
     smooth = replace(smooth, base=smooth.on(request.base.mesh, scene=scene))
     rough = _least(smooth, near)
-    there = None if rough is None else _sharp(smooth, rough)
-    solution = there and sharpened(request, there, places_of(there.system))
-    if solution is None:
+    there = None if rough is None else sharpened(request, _sharp(smooth, rough))
+    if there is None:
         raise UnsettledContactError(1.0, "where it comes to rest with friction is not found")
-    return solution
+    return there

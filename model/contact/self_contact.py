@@ -9,8 +9,11 @@ each other within one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -30,8 +33,6 @@ from model.time_limit import before_long, check_time
 
 # First, least and longest step in the load factor of the tensions.
 _STEPS = 1 / 4, 1 / 1024, 1 / 4
-# Residuals of a root, scaled.
-_ROOT = 2e-10
 # Steps of differences: along the arm, over its length, and of scaled unknowns.
 _ALONG = 1e-4
 # The sine of the angle between parts that cross.
@@ -41,8 +42,7 @@ _CROSSING = 0.1
 Settle = Callable[[Array, Scene, Shape | None], Shape]
 
 
-@dataclass(frozen=True, eq=False)
-class Pair:
+class Pair(NamedTuple):
     """Two cross-sections that press on each other.
 
     Attributes
@@ -57,8 +57,7 @@ class Pair:
     force: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Gap:
+class Gap(NamedTuple):
     """The gap between the balls of two cross-sections of a shape, the nearer to the base first.
 
     Attributes
@@ -90,15 +89,16 @@ class Gap:
         """Return that at arc lengths (2,) [m]."""
         h = np.minimum(_ALONG * shape.arm.length, s / 2)
         stations = s[:, None] - h[:, None] * np.arange(3.0)
-        x, r = Centreline.of(shape).at(stations.ravel())
-        points, radii = x.reshape(2, 3, 3), r.reshape(2, 3)
+        points, radii = (
+            each.reshape(2, 3, -1) for each in Centreline.of(shape).at(stations.ravel())
+        )
         weights = np.outer(1 / h, [1.5, -2.0, 0.5])
-        along, widening = np.einsum("ij,ijk->ik", weights, points), (weights * radii).sum(axis=1)
-        away = points[1, 0] - points[0, 0]
-        distance = float(np.linalg.norm(away))
-        normal = away / distance
-        gap, slopes = distance - float(radii[:, 0].sum()), [-1, 1] * (along @ normal) - widening
-        return cls(gap, points[:, 0], radii[:, 0], normal, along, slopes)
+        along, widening = (np.einsum("ij,ijk->ik", weights, each) for each in (points, radii))
+        (one, other), r = points[:, 0], radii[:, 0, 0]
+        distance = float(np.linalg.norm(other - one))
+        normal = (other - one) / distance
+        slopes = np.array([-1, 1]) * (along @ normal) - widening[:, 0]
+        return cls(distance - float(r.sum()), points[:, 0], r, normal, along, slopes)
 
 
 def loaded_by(scene: Scene, pairs: Sequence[Pair]) -> Scene:
@@ -127,7 +127,8 @@ def pressed_on_itself(tensions: Array, scene: Scene, settle: Settle) -> Shape:
     """
 
     def solve(before: float, factor: float, near: _State, least: bool) -> _State | None:
-        with before_long(factor):
+        there = None
+        with before_long(factor), suppress(OctoplanError):
             there = _step(factor * tensions, scene, settle, near)
         if there is None and least:
             raise UnsettledContactError(before, "where it presses on itself is not found")
@@ -141,15 +142,18 @@ def pressed_on_itself(tensions: Array, scene: Scene, settle: Settle) -> Shape:
         raise UnsettledContactError(0.0, "the arm without tensions is inside of itself")
     start: _State = rest, ()
     shape, pairs = stepped(solve, start, _STEPS)[-1][0]
-    touches = list[Touch]()
-    for pair in pairs:
-        gap = Gap.at(shape, pair.s)
-        for s, sign, x, r in zip(
-            pair.s, (-1.0, 1.0), gap.points[::-1], gap.radii[::-1], strict=True
-        ):
-            ball, n = Sphere(tuple(x.tolist()), float(r)), sign * gap.normal
-            touches.append(Touch(ball, float(s), sign * pair.force, gap.size, x + r * n, n))
+    touches = [touch for pair in pairs for touch in _touches(shape, pair)]
     return replace(shape, on_itself=tuple(sorted(touches, key=lambda touch: touch.s)))
+
+
+def _touches(shape: Shape, pair: Pair) -> Iterator[Touch]:
+    """Yield where two cross-sections touch: each leans on the ball of the other."""
+    gap = Gap.at(shape, pair.s)
+    for k, sign in ((0, -1.0), (1, 1.0)):
+        centre, radius, n = gap.points[1 - k], float(gap.radii[1 - k]), sign * gap.normal
+        ball = Sphere(tuple(centre.tolist()), radius)
+        place = centre + radius * n
+        yield Touch(ball, float(pair.s[k]), sign * pair.force, gap.size, place, n)
 
 
 def _step(tensions: Array, scene: Scene, settle: Settle, state: _State) -> _State | None:
@@ -159,16 +163,12 @@ def _step(tensions: Array, scene: Scene, settle: Settle, state: _State) -> _Stat
     """
     (before, _), (near, pairs) = state, state
     L, apart = before.arm.length, max(nearest(before).gap, 0.0)
+    s, radius = before.s[1:], float(before.arm.outer_radius(before.s[1:])[0].min())
     for _ in range(EXCHANGES):
-        try:
-            near, pairs = _closed(tensions, scene, settle, pairs, near)
-        except OctoplanError:
-            return None
-        s, new = near.s[1:], nearest(near)
-        far = float(np.linalg.norm(near.position(s) - before.position(s), axis=1).max())
-        radius = float(near.arm.outer_radius(s)[0].min())
+        near, pairs = _closed(tensions, scene, settle, pairs, near)
+        new, way = nearest(near), near.position(s) - before.position(s)
         # A pair may begin by half the lesser radius inside of each other.
-        deep = radius / 2
+        deep, far = radius / 2, float(np.linalg.norm(way, axis=1).max())
         if new.gap < -deep or far > max(L / 10, apart / 2 + deep):
             return None
         pressed = [float(pair.force @ Gap.at(near, pair.s).normal) for pair in pairs]
@@ -214,13 +214,12 @@ def _closed(
             results += [*(across + gap.normal * gap.size / L), gap.slopes[0], slope]
         return np.array(results)
 
-    def jacobian(z: Array) -> Array:
-        return np.asarray(scipy.optimize.approx_fprime(z, residual, _ALONG))
-
     z = np.ravel([[*(pair.force / unit), pair.s[0] / L, 1 - pair.s[1] / L] for pair in pairs])
-    end = scipy.optimize.root(residual, z, jac=jacobian, options={"xtol": 1e-11, "factor": 0.1}).x
-    end[4::5] *= end[4::5] > _ROOT
-    if np.abs(residual(end)).max() >= _ROOT:
+    options = {"xtol": 1e-11, "factor": 0.1}
+    jacobian = partial(scipy.optimize.approx_fprime, f=residual, epsilon=_ALONG)
+    end = scipy.optimize.root(residual, z, jac=jacobian, options=options).x
+    end[4::5] *= end[4::5] > THROUGH
+    if np.abs(residual(end)).max() >= THROUGH:
         raise UnsettledContactError(1.0, "there is no root")
     return last
 

@@ -22,6 +22,7 @@ from model.contact.touches import (
     forces,
     kernel_numbers,
     mesh_with,
+    places_of,
     read_off,
     resultants,
     second,
@@ -82,11 +83,11 @@ class Request:
 
     def towards(self, end: Request, factor: float) -> Request:
         """Return the request so far on the way to another one, a factor of 0 to 1."""
-        winches, tensions = end.winches, self.tensions + factor * (end.tensions - self.tensions)
+        tensions = self.tensions + factor * (end.tensions - self.tensions)
+        load, winches = self.load + factor * (end.load - self.load), end.winches
         if winches is not None and self.winches is not None:
             slack = self.winches.lengths - winches.lengths
             winches = replace(winches, lengths=winches.lengths + (1 - factor) * slack)
-        load = self.load + factor * (end.load - self.load)
         return replace(end, tensions=tensions, load=load, winches=winches)
 
     @property
@@ -99,53 +100,61 @@ class Request:
         return (*(arm.anchorages if self.base.scene.has(NeoHookean) else ()), arm.length)
 
 
-def sharpened(request: Request, near: Linearised, places: Places) -> Linearised | None:
+def sharpened(
+    request: Request, near: Linearised, places: Places | None = None
+) -> Linearised | None:
     """Return the equilibrium near one whose places are about right; None if there is none.
 
-    Places come and go where they are refined, or are near and move on slowly: by no less than half
-    as far as in the round before.
+    The places are those where it touches unless others are given. Places come and go where they are
+    refined, or are near and move on slowly: by no less than half as far as in the round before.
     """
-    last = np.inf
+    places, last = places_of(near.system) if places is None else places, np.inf
     for _ in range(STEPS):
-        point = with_places(request, near, places)
+        point = _with_places(request, near, places)
         if point is None:
             return None
-        after, exchanged = _refined(request, point, places), places
-        # How far places move [m]; infinite where there are more or fewer.
-        same = len(after) == len(places)
-        off = float(np.abs(np.subtract(after, places)).max(initial=0.0)) if same else np.inf
-        settled = off <= _OFF * request.base.arm.length
+        after = [Place(place.obstacle, *_refined(request, point, place)) for place in places]
+        refined = _joined(after, point.system.mesh)
+        # How far places move [m]; infinite where there are fewer.
+        same = len(refined) == len(places)
+        off = float(np.abs(np.subtract(refined, places)).max(initial=0.0)) if same else np.inf
+        near, settled = point, off <= _OFF * request.base.arm.length
         if settled or last / 2 < off < _NEAR * np.diff(point.system.mesh.s).max():
             exchanged = _exchanged(request, point, places, settled)
-            if settled and exchanged == places:
+            if exchanged != places:
+                places, last = exchanged, np.inf
+                continue
+            if settled:
                 return point
-        same = exchanged == places
-        near, places, last = (point, after, off) if same else (point, exchanged, np.inf)
+        places, last = refined, off
     return None
 
 
-def with_places(of: Request, near: Linearised, places: Places) -> Linearised | None:
+def _with_places(of: Request, near: Linearised, places: Places) -> Linearised | None:
     """Return the equilibrium that touches at given places, near another one."""
     mesh = mesh_with(of.base, of.fixed, places)
     if mesh is None:
         return None
     system = of.on(mesh, any(place.lies for place in places))
-    touches, sheared = Touches.of(system), of.base.scene.has(Shear)
+    touches, L, sheared = Touches.of(system), of.base.arm.length, of.base.scene.has(Shear)
     for place in places:
-        first, last, j = mesh.node(place.start), mesh.node(place.end), place.obstacle
+        j, first, last = place.obstacle, mesh.node(place.start), mesh.node(place.end)
         # Parts of an arm that shears have no forces at their ends.
         touches.held[[first, last], j] = not (place.lies and sheared)
         touches.pressing[first : last + 1, j], touches.lies[first:last, j] = place.lies, 1
-    free = [p for p in places if not p.lies and p.start not in of.corners]
-    if free:
-        which, s = np.array([p.obstacle for p in free]), np.array([p.start for p in free])
-        nodes, L = [mesh.node(p.start) for p in free], of.base.arm.length
-        curve = along(near.system, near.x, s, which)[0][:, 2]
-        touches.moves[nodes, which] = 1
-        # Where the gap is no least one yet points move to lesser gaps.
-        touches.curve[nodes, which] = np.where(curve > THROUGH**0.5 / L, curve, 1 / L)
+        if not place.lies and place.start not in of.corners:
+            _, _, curve = _gap_at(near, place.start, j)
+            # Where the gap is no least one yet points move to lesser gaps.
+            bend = curve if curve > THROUGH**0.5 / L else 1 / L
+            touches.moves[first, j], touches.curve[first, j] = 1, bend
     system = touches.on(system)
     return newton(system, of.tensions, of.load, _carried(of, near, system, touches))
+
+
+def _gap_at(point: Linearised, s: float, obstacle: int) -> tuple[float, float, float]:
+    """Return gap [m], gap' [-] and gap'' [1/m] of an obstacle at an arc length [m]."""
+    ((gap, slope, curve),), _ = along(point.system, point.x, np.array([s]), np.array([obstacle]))
+    return float(gap), float(slope), float(curve)
 
 
 def _carried(of: Request, near: Linearised, system: System, touches: Touches) -> Array:
@@ -154,34 +163,30 @@ def _carried(of: Request, near: Linearised, system: System, touches: Touches) ->
     if not np.array_equal(of.tensions, near.tensions):
         states = states + near.by_tensions @ (of.tensions - near.tensions)
     strains = carried_strains(before, before.strains(states), system)
-    apart = np.abs(before.mesh.s[:, None] - system.mesh.s)
+    apart, now, were = np.abs(before.mesh.s[:, None] - system.mesh.s), system.of, before.of
     pressed = np.zeros(touches.held.shape)
     np.add.at(pressed, apart.argmin(axis=1), resultants(before, states))
     carried = system.start(of.tensions, strains, of.load, pressed[1:])
-    if system.of.form.contact_friction and before.of.form.contact_friction:
-        at, now, were = apart.argmin(axis=0), system.of, before.of
-        held, pressing = touches.held[:, :, None], touches.pressing[:, :, None]
-        carried[now.touches] = states[were.touches[at]] * np.dstack([held, pressing])
-        carried[now.friction_forces] = states[were.friction_forces[at]] * held
-        carried[now.tractions] = states[were.tractions[at]] * pressing
+    if now.form.contact_friction and were.form.contact_friction:
+        at, held, pressing = apart.argmin(axis=0), touches.held, touches.pressing
+        carried[now.touches] = states[were.touches[at]] * np.stack([held, pressing], axis=2)
+        carried[now.friction_forces] = states[were.friction_forces[at]] * held[:, :, None]
+        carried[now.tractions] = states[were.tractions[at]] * pressing[:, :, None]
     return carried
 
 
-def _refined(of: Request, point: Linearised, places: Places) -> Places:
-    """Return the places where an equilibrium says that they are."""
-    refined, L = list[Place](), of.base.arm.length
-    least = 0.0 if of.base.scene.has(Shear) else _SHORT * np.diff(point.system.mesh.s).max()
-    for place in places:
-        j, start, end = place
-        if place.lies:
-            first, last = (_end_shift(of, point, place, side) for side in (-1, 1))
-            start, end = start + first, min(end + last, L)
-        else:
-            start = end = start + _point_shift(of, point, place)
-        if end - start < least:
-            start = end = (start + end) / 2
-        refined.append(Place(j, start, end))
-    return _joined(refined, point.system.mesh)
+def _refined(of: Request, point: Linearised, place: Place) -> tuple[float, float]:
+    """Return where an equilibrium says that a place starts and ends; a short part is a point."""
+    _, start, end = place
+    if not place.lies:
+        start = end = start + _point_shift(of, point, place)
+        return start, end
+    first, last = (_end_shift(of, point, place, side) for side in (-1, 1))
+    start, end = start + first, min(end + last, of.base.arm.length)
+    sheared, h = of.base.scene.has(Shear), np.diff(point.system.mesh.s).max()
+    if end - start < (0.0 if sheared else _SHORT * h):
+        start = end = (start + end) / 2
+    return start, end
 
 
 def _point_shift(of: Request, point: Linearised, place: Place) -> float:
@@ -190,7 +195,7 @@ def _point_shift(of: Request, point: Linearised, place: Place) -> float:
     node, h = system.mesh.node(s), float(np.diff(system.mesh.s).max())
     shift = float(system.mesh.s[node] + second(system, point.states)[node, j]) - s
     if s in of.corners:
-        _, slope, curve = along(system, point.x, np.array([s]), np.array([j]))[0][0]
+        _, slope, curve = _gap_at(point, s, j)
         shift = -min(slope / max(curve, SMALLEST), _NEAR * h) * (slope > THROUGH)
     shift = min(max(shift, -h / 2), h / 2)
     passed = [at - s for at in of.corners if 0 < (at - s) * np.sign(shift) < abs(shift)]
@@ -206,19 +211,17 @@ def _end_shift(of: Request, point: Linearised, place: Place, side: int) -> float
     system, L, sheared = point.system, of.base.arm.length, of.base.scene.has(Shear)
     s, j = (place.end if side > 0 else place.start), place.obstacle
     beyond = system.mesh.node(s) + side
-    if s >= L * (1 - SAME) or not 0 <= beyond < system.mesh.s.size:
+    if beyond > system.mesh.steps:
         return 0.0
     h = abs(float(system.mesh.s[beyond]) - s)
     # Values at a node are those on its base side.
     within = contacts(system.scene)[j].friction > 0 and not sheared
-    stations = s + np.array(
-        [SAME * L * ((side > 0) != within), side * _SHORT * h, side * 2 * _SHORT * h]
-    )
-    gaps = along(system, point.x, stations, np.full(3, j))[0]
+    off = np.array([SAME * L * ((side > 0) != within), side * _SHORT * h, side * 2 * _SHORT * h])
+    gaps, _ = along(system, point.x, s + off, np.full(3, j))
     # A part is too long where the free arm leaves with gap'' > 0, as if it were pulled there.
     leaves = side * gaps[:, 1] if sheared else gaps[:, 2]
     rate = float(leaves[2] - leaves[1]) / (side * _SHORT * h)
-    f = float(leaves[0]) - rate * (stations[0] - s)
+    f = float(leaves[0]) - rate * float(off[0])
     most = min(0.8 * h, 0.35 * (place.end - place.start))
     return -side * float(np.sign(f)) * min(abs(f / rate) if rate else h, most)
 
@@ -229,27 +232,28 @@ def _exchanged(of: Request, point: Linearised, places: Places, settled: bool) ->
     force, pressed = forces(system, states), resultants(system, states)
     least = np.where(touches.held, np.minimum(force, pressed), pressed)
     presses = touches.touching & (least >= -THROUGH * pressed.max(initial=0.0))
-    kept = list[Place]()
-    for place in read_off(system, presses, touches.lies > 0, pressed):
-        stays = settled and not place.lies and place in places
-        kept.append(_touching(of, point, place) if stays else place)
-    new = [Place(j, s, s) for j, s in least_gaps(system, point.x, places)]
-    return _joined(kept + new * (tuple(kept) == places), system.mesh)
+    kept = [
+        _bent(of, point, place) if settled and place in places else place
+        for place in read_off(system, presses, touches.lies > 0, pressed)
+    ]
+    new = least_gaps(system, point.x, places) if tuple(kept) == places else ()
+    return _joined([*kept, *new], system.mesh)
 
 
-def _touching(of: Request, point: Linearised, place: Place) -> Place:
-    """Return what becomes of a point: a part, where the arm bends into the obstacle about it.
+def _bent(of: Request, point: Linearised, place: Place) -> Place:
+    """Return a part in place of a point about which the arm bends into the obstacle.
 
     A force at a point bends an arm that shears by an angle there.
     """
-    system, s, j, L = point.system, place.start, place.obstacle, of.base.arm.length
-    h = _NEAR * float(np.diff(system.mesh.s)[system.mesh.node(s) - 1])
-    both = np.array([s, min(s + SAME * L, L)])
-    (_, slope, curve), (_, after, _) = along(system, point.x, both, np.array([j, j]))[0]
-    bends = curve < 0 and s not in of.corners
+    system, (j, s, _), L = point.system, place, of.base.arm.length
+    _, slope, curve = _gap_at(point, s, j)
+    bends = curve < 0
     if of.base.scene.has(Shear):
-        bends = slope - after > THROUGH
-    return Place(j, s - h, min(s + h, L)) if bends else place
+        bends = slope - _gap_at(point, min(s + SAME * L, L), j)[1] > THROUGH
+    elif s in of.corners:
+        bends = False
+    h = _NEAR * float(np.diff(system.mesh.s)[system.mesh.node(s) - 1])
+    return Place(j, s - h, min(s + h, L)) if bends and not place.lies else place
 
 
 def _joined(places: list[Place], mesh: Mesh) -> Places:
@@ -258,9 +262,9 @@ def _joined(places: list[Place], mesh: Mesh) -> Places:
     for place in sorted(places):
         last = joined[-1] if joined else place
         k = mesh.node(last.end)
-        near = (mesh.s[min(k + 1, mesh.steps)] - mesh.s[k]) / 10
-        same = joined and last.obstacle == place.obstacle and (last.lies or place.lies)
-        if same and place.start - last.end <= near:
+        near = last.end + (mesh.s[min(k + 1, mesh.steps)] - mesh.s[k]) / 10
+        alike = last.obstacle == place.obstacle and (last.lies or place.lies)
+        if joined and alike and place.start <= near:
             joined[-1] = Place(place.obstacle, last.start, max(place.end, last.end))
         else:
             joined.append(place)

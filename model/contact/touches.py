@@ -13,11 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from model.checks import SMALLEST
 from model.mesh import Mesh, with_nodes
 from model.paths import Array
 from model.rotations import matrices
 from model.transcription.system import System
-from model.transcription.touch import BEFORE, FRICTION_TOLD, TOLD
+from model.transcription.touch import BEFORE, FLAGS
 
 Mask = NDArray[np.bool_]
 # Arc lengths of points that share a node, over the arm's.
@@ -48,12 +49,12 @@ Places = tuple[Place, ...]
 
 
 class Touches:
-    """How nodes touch obstacles, as the kernels are told; where all is 0 the arm is free.
+    """How nodes touch obstacles, as the kernels read it; where all is 0 the arm is free.
 
     Attributes
     ----------
     flags : (N + 1, K, 5)
-        All of these, by node and obstacle.
+        All of these, by node and obstacle; 0 at the base, which is clamped.
     held, pressing : (N + 1, K)
         1 for nodes with a force, and with a pressure: points have the first, at which it keeps the
         gap at 0, nodes inside of parts the second, and ends of parts both.
@@ -70,13 +71,7 @@ class Touches:
     @classmethod
     def of(cls, system: System) -> Touches:
         """Return those that are set on a system."""
-        form = system.of.form
-        flags = np.zeros((system.of.elements + 1, form.contacts, TOLD))
-        held, inside, end, *moves = np.moveaxis(kernel_numbers(system, "touch")[..., -TOLD:], 2, 0)
-        flags[1:, :, :-1] = np.stack([held, inside + end, *moves], axis=2)
-        if form.pressed:
-            flags[:-1, :, -1] = kernel_numbers(system, "pressure")[:, :, -1]
-        return cls(flags)
+        return cls(np.pad(kernel_numbers(system, "touch")[..., -FLAGS:], ((1, 0), (0, 0), (0, 0))))
 
     @property
     def points(self) -> Mask:
@@ -90,17 +85,13 @@ class Touches:
 
     def on(self, system: System) -> System:
         """Return a system with these touches set."""
-        changed, form, end = copy.copy(system), system.of.form, self.held * self.pressing
-        flags = [self.held, self.pressing - end, end, self.moves, self.curve]
-        kernel_numbers(changed, "touch")[:, :, -TOLD:] = np.stack(flags, axis=2)[1:]
+        changed, form = copy.copy(system), system.of.form
+        kernel_numbers(changed, "touch")[:, :, -FLAGS:] = self.flags[1:]
         if form.pressed:
             kernel_numbers(changed, "pressure")[:, :, -1] = self.lies[:-1]
         if form.contact_friction:
-            flags[2:4] = [end * (1 - self.lies), end * self.lies]
             rows = kernel_numbers(changed, "contact_friction")
-            rows[:, :, -BEFORE - FRICTION_TOLD : -BEFORE] = np.stack(
-                [*flags[:4], self.moves], axis=2
-            )[1:]
+            rows[:, :, -BEFORE - FLAGS : -BEFORE] = self.flags[1:]
         return changed
 
 
@@ -156,29 +147,23 @@ def mesh_with(base: System, fixed: Array, places: Places) -> Mesh | None:
     """Return the mesh of equations with its nodes moved so that some are at places.
 
     Nodes at `fixed` arc lengths (n,) stay; points that are very near to each other share one. Parts
-    that lie have a node inside, and elements are halved where there are too few. None where a place
-    is no arc length.
+    that lie have a node in the middle, and elements are halved where there are too few. None where
+    a place is no arc length beyond the base.
     """
-    ends, L = (
-        np.array([end for place in places for end in (place.start, place.end)]),
-        base.arm.length,
-    )
-    if not (np.isfinite(ends) & (ends > 0) & (ends <= L)).all():
+    L, wanted = base.arm.length, fixed
+    ends = np.array([s for _, *part in places for s in (*part, sum(part) / 2)])
+    if not (np.isfinite(ends) & (ends > _BESIDE * L) & (ends <= L)).all():
         return None
-    wanted, near = fixed, _BESIDE * L
-    for s in np.sort(ends):
-        wanted = wanted if np.abs(wanted - s).min() <= near else np.append(wanted, s)
-    wanted, least = np.sort(wanted), np.ones(wanted.size, dtype=int)
-    for place in places:
-        within = (wanted[:-1] >= place.start - near) & (wanted[1:] <= place.end + near)
-        least[1:][within & place.lies] = 2
-    stay, apart, nodes = np.isin(wanted, fixed), np.cumsum(least), base.mesh.s
+    for s in ends:
+        wanted = wanted if np.abs(wanted - s).min() <= _BESIDE * L else np.append(wanted, s)
+    wanted, nodes = np.sort(wanted), base.mesh.s
+    stay, apart = np.isin(wanted, fixed), np.arange(wanted.size)
     while True:
         # The nearest nodes in order: pushed on from the base, then back from those that stay.
         nearest = np.round(np.interp(wanted, nodes, np.arange(nodes.size))).astype(int)
         k = np.where(stay, nearest, apart + np.maximum.accumulate(nearest - apart))
         k = apart + np.minimum.accumulate((k - apart)[::-1])[::-1]
-        if (np.diff(k) >= least[1:]).all() and (k == nearest)[stay].all():
+        if (np.diff(k) > 0).all() and (k == nearest)[stay].all():
             return with_nodes(base.arm, np.interp(np.arange(nodes.size), k, wanted))
         nodes = np.interp(np.arange(2 * nodes.size - 1) / 2, np.arange(nodes.size), nodes)
 
@@ -194,15 +179,13 @@ def read_off(system: System, touching: Mask, joined: Mask, force: Array) -> Plac
 
     Three and more in a row, joined by the elements on their tip side, are a part that lies.
     """
-    s, places = system.mesh.s, list[Place]()
+    s, places, last = system.mesh.s, list[Place](), system.mesh.steps
     for j in range(touching.shape[1]):
         nodes = np.flatnonzero(touching[:, j])
         linked = (np.diff(nodes) == 1) & joined[nodes[:-1], j]
         for run in np.split(nodes, np.flatnonzero(~linked) + 1) if nodes.size else ():
-            if run.size > 2:
-                places.append(Place(j, float(s[run[0]]), float(s[run[-1]])))
-            else:
-                weights = np.maximum(force[run, j], np.finfo(float).tiny)
-                at = float(s[-1] if run[-1] == s.size - 1 else np.average(s[run], weights=weights))
-                places.append(Place(j, at, at))
+            start, end = s[run[0]], s[run[-1]]
+            if run.size < 3 and run[-1] < last:
+                start = end = np.average(s[run], weights=force[run, j] + SMALLEST)
+            places.append(Place(j, float(start if run.size > 2 else end), float(end)))
     return tuple(places)

@@ -15,7 +15,7 @@ from model.scene import Scene
 from model.stations import base_pose, stations, tendon_path_rates, tendon_paths
 from model.transcription.element import Form
 from model.transcription.layout import Layout
-from model.transcription.touch import BEFORE, FRICTION_TOLD, TOLD
+from model.transcription.touch import BEFORE, FLAGS
 
 # What slip is weighted with in contact friction, over the stiffness E J / L^3 of the base.
 _RESISTS = 10.0
@@ -53,8 +53,8 @@ def contact_numbers(arm: Arm, scene: Scene, form: Form, mesh: Mesh) -> list[Arra
     bodies = numbers_of([contact.obstacle for contact in contacts(scene)]).T
     K, bodies = bodies.shape[1], np.tile(bodies, h.size)
     nodes = np.repeat([*arm.outer_radius(s)[:2], h], K, axis=1)
-    none = np.zeros((max(TOLD, FRICTION_TOLD + BEFORE), h.size * K))
-    results = [np.vstack([bodies, nodes, none[:TOLD]])]
+    none = np.zeros((FLAGS + BEFORE, h.size * K))
+    results = [np.vstack([bodies, nodes, none[:FLAGS]])]
     if form.pressed:
         results.append(np.vstack([bodies, nodes[2], none[0]]))
     if form.contact_friction:
@@ -63,7 +63,7 @@ def contact_numbers(arm: Arm, scene: Scene, form: Form, mesh: Mesh) -> list[Arra
         # By the stiffness along the arm, E A / L, steps went from sticking to slip and back.
         r = _RESISTS * arm.material.E * np.pi * radius**4 / 4 / arm.length**3
         scales = np.vstack([mu, np.full(mu.size, r), r / nodes[2]])
-        results.append(np.vstack([bodies, scales, none[: FRICTION_TOLD + BEFORE]]))
+        results.append(np.vstack([bodies, scales, none]))
     return results
 
 

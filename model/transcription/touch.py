@@ -29,19 +29,20 @@ from model.rotations import half_turn, multiply, norm, unit_matrix
 from model.transcription.collocation import gauss, rotation_vectors, weighted_sum
 from model.transcription.kernels import Kernel
 
-# Numbers of a touch: the obstacle's, radius, its slope, h, and what its rows are told; see touch.
-TOLD = 5
-TOUCH = SIZE + 3 + TOLD
+# Flags of a node, 1 or 0: a force holds the gap shut, there is pressure, the node is a point that
+# moves along the arm; then gap'' there, and 1 if the element beyond lies on the obstacle.
+FLAGS = 5
+# Numbers of a touch: the obstacle's, radius, its slope, h, flags.
+TOUCH = SIZE + 3 + FLAGS
 PRESSURE = SIZE + 2
 
 
 def touch(law: CrossSection, m: int) -> Kernel:
     """Return the kernel of a node that may touch an obstacle.
 
-    Unknowns: the strains of the element before, q, u, P, p or x. Numbers: see TOUCH; the last are
-    1 or 0: a force holds the gap shut, pressure alone does, the node is an end of a part that lies,
-    it is a point that moves along the arm; and gap'' there. Rows: what it adds to M and F, and what
-    vanishes for the two unknowns.
+    Unknowns: the strains of the element before, q, u, P, p or x. Numbers: see TOUCH. Rows: its
+    contributions to M and F, and the residuals of the two unknowns. Where there is a force and
+    pressure the node is an end of a part that lies.
     """
     v, q, u = ca.SX.sym("v", size(law), m), ca.SX.sym("q", 4), ca.SX.sym("u", 3)
     P, p, c = ca.SX.sym("P"), ca.SX.sym("p"), ca.SX.sym("c", TOUCH)
@@ -50,13 +51,13 @@ def touch(law: CrossSection, m: int) -> Kernel:
     g, radii = ca.vertcat(q, u), ca.vertcat(radius, slope, 0)
     gaps, normal, along = built(gap_along, law)(g, end, rate, c[:SIZE], radii)
     gap, gap1, _ = ca.vertsplit(gaps)
-    held, inside, is_end, moves, curve = ca.vertsplit(c[-TOLD:])
-    second = inside * gap + is_end * gap1 + moves * (gap1 + curve * p)
+    held, pressing, moves, curve, _ = ca.vertsplit(c[-FLAGS:])
+    by_pressure = pressing * ((1 - held) * gap + held * gap1)
     rows = [
         -moves * p * P * ca.cross(along, normal),
         -P * (normal + moves * p * (ca.jacobian(normal, u) @ along)),
         held * gap + (1 - held) * P,
-        second + (1 - inside - is_end - moves) * p,
+        by_pressure + moves * (gap1 + curve * p) + (1 - pressing - moves) * p,
     ]
     return Kernel("touch", ca.vertcat(ca.vec(v), q, u, P, p), c, ca.vertcat(*rows))
 
@@ -122,11 +123,9 @@ def pressure(law: CrossSection, m: int, friction: bool = False) -> Kernel:
     return Kernel("pressure", unknowns, c, ca.vertcat(*rows))
 
 
-# Numbers of the kernel: the obstacle's, mu, r, r per length; what its rows are told by touches, 1
-# or 0: a force rubs, traction does by its own law, as at the node before, as at the node beyond,
-# the node moves along the arm; and u before (3,).
-SCALES, FRICTION_TOLD, BEFORE = 3, 5, 3
-FRICTION = SIZE + SCALES + FRICTION_TOLD + BEFORE
+# Numbers of the kernel: the obstacle's, mu, r, r per length; flags; and u before (3,).
+SCALES, BEFORE = 3, 3
+FRICTION = SIZE + SCALES + FLAGS + BEFORE
 
 
 def contact_friction(law: CrossSection, m: int) -> Kernel:
@@ -134,14 +133,15 @@ def contact_friction(law: CrossSection, m: int) -> Kernel:
 
     Unknowns: the strains of the element before, q, u, P, p or x of the node (see touch), p and tau
     of the node before and of that beyond, Q, tau; tau as components in the arm's frames. Numbers:
-    see FRICTION. Rows: its contributions to M and F, and the residuals of Q and tau.
+    see FRICTION. Rows: its contributions to M and F, and the residuals of Q and tau. Traction at
+    the ends of a part is that of the node beside, in proportion to pressure.
     """
     v, q, u = ca.SX.sym("v", size(law), m), ca.SX.sym("q", 4), ca.SX.sym("u", 3)
     values, near = ca.SX.sym("own", 2), ca.SX.sym("near", 4, 2)
     Q, tau, c = ca.SX.sym("Q", 3), ca.SX.sym("tau", 3), ca.SX.sym("c", FRICTION)
     cuts = [0, SIZE, SIZE + 1, SIZE + 2, SIZE + 3, FRICTION - 3, FRICTION]
-    body, mu, r, by_length, history, before = ca.vertsplit(c, cuts)
-    held, inside, as_before, as_beyond, moves = ca.vertsplit(history)
+    body, mu, r, by_length, flags, before = ca.vertsplit(c, cuts)
+    held, pressing, moves, _, lies = ca.vertsplit(flags)
     P, p, *around = ca.vertsplit(ca.vertcat(values, near[0, :].T))
     _, normal = signed_distance()(u, body)
     frame = unit_matrix(q)
@@ -154,10 +154,10 @@ def contact_friction(law: CrossSection, m: int) -> Kernel:
         return ca.if_else(result > most, most / result, 1) * w
 
     slip = u - before
-    traction = inside * (frame.T @ within(frame @ tau - by_length * slip, p))
-    ends = zip((as_before, as_beyond), around, ca.horzsplit(near[1:, :]), strict=True)
-    for is_end, pressed, rubs in ends:
-        traction += is_end * p / ca.fmax(pressed, SMALLEST) * rubs
+    traction = (1 - held) * pressing * (frame.T @ within(frame @ tau - by_length * slip, p))
+    ends = zip((1 - lies, lies), around, ca.horzsplit(near[1:, :]), strict=True)
+    for side, pressed, rubs in ends:
+        traction += held * pressing * side * p / ca.fmax(pressed, SMALLEST) * rubs
     rows = [-shift * ca.cross(along, Q), -Q, Q - held * within(Q - r * slip, P)]
     rows.append(tau - traction)
     unknowns = ca.vertcat(ca.vec(v), q, u, values, ca.vec(near), Q, tau)
