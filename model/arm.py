@@ -90,10 +90,9 @@ class Arm(Shown):
 
     def __post_init__(self) -> None:
         warn_unusual("Arm.length", [self.length], LENGTH)
-        if self.rest_curvature is not None:
-            for axis in ("n", "b"):
-                path, span = getattr(self.rest_curvature, axis), np.array([0.0, self.length])
-                _evaluated(f"Arm.rest_curvature.{axis}", path, span, self.length)
+        if (rest := self.rest_curvature) is not None:
+            for axis, path in (("n", rest.n), ("b", rest.b)):
+                _evaluated(f"Arm.rest_curvature.{axis}", path, np.zeros(1), self.length)
         ends = [section.at for section in self.sections]
         if ends[0] > self.length * (1 + 1e-12):
             raise InputError(
@@ -160,9 +159,9 @@ class Arm(Shown):
     @property
     def offset_paths(self) -> tuple[tuple[int, Path], ...]:
         """(section index from 0, offset) of each section, or of each tendon where these differ."""
-        offsets = [section.offset for section in self.sections]
-        rows = [each if isinstance(each, tuple) else (each,) for each in offsets]
-        return tuple((i, path) for i, row in enumerate(rows) for path in row)
+        each = [(i, section.offset) for i, section in enumerate(self.sections)]
+        rows = [(i, row if isinstance(row, tuple) else (row,)) for i, row in each]
+        return tuple((i, path) for i, row in rows for path in row)
 
     @property
     def offset_of(self) -> tuple[int, ...]:
@@ -186,12 +185,9 @@ class Arm(Shown):
         return [(each.at, [next(names) for _ in each.angles]) for each in self.sections]
 
     def __repr__(self) -> str:
-        m, sections = (
-            self.material,
-            [(s.at, tuple(dict.fromkeys(s.offsets)), s.angles) for s in self.sections],
-        )
-        material = f"E {m.E / 1e3:g} kPa, nu {m.nu:g}, {m.density:g} kg/m3"
-        material += ", curved at rest" if self.is_curved else ""
+        m, curved = self.material, ", curved at rest" * self.is_curved
+        material = f"E {m.E / 1e3:g} kPa, nu {m.nu:g}, {m.density:g} kg/m3{curved}"
+        sections = [(s.at, tuple(dict.fromkeys(s.offsets)), s.angles) for s in self.sections]
         return arm_text(self.length, self.radius, material, sections)
 
     @property
@@ -244,22 +240,22 @@ class Arm(Shown):
         allowed += f"({'+'.join(map(str, counts))})"
         if not hasattr(values, "__iter__") or isinstance(values, str | bytes):
             raise InputError(name, values, allowed)
-        rows = [np.atleast_1d(numbers(name, row, allowed)) for row in values]
-        if any(row.ndim != 1 for row in rows):
+        rows = [numbers(name, row, allowed) for row in values]
+        if any(row.ndim > 1 for row in rows):
             raise InputError(name, f"{len(rows)} rows of shape {rows[0].shape}", allowed)
-        flat = np.concatenate(rows) if rows else np.zeros(0)
-        is_flat = all(np.ndim(v) == 0 for v in values) and flat.size == self.n_tendons
+        flat, are_rows = (
+            np.concatenate([np.zeros(0), *map(np.atleast_1d, rows)]),
+            any(row.ndim for row in rows),
+        )
+        is_flat = not are_rows and flat.size == self.n_tendons
         if not (is_flat or [row.size for row in rows] == counts):
             sizes = f" rows of {', '.join(str(row.size) for row in rows[:4])}"
-            are_rows = any(np.ndim(value) for value in values)
             raise InputError(name, f"{len(rows)}{sizes * are_rows} numbers", allowed)
-        for j, tension in enumerate(flat):
-            if not 0 <= tension <= LARGEST:
-                raise InputError(
-                    f"{name}[{j}] ({self.tendon_name(j)})",
-                    float(tension),
-                    f"a finite number, 0 or above, up to {LARGEST:g}",
-                )
+        wrong = np.flatnonzero(~((flat >= 0) & (flat <= LARGEST)))
+        if wrong.size:
+            j = int(wrong[0])
+            most = f"a finite number, 0 or above, up to {LARGEST:g}"
+            raise InputError(f"{name}[{j}] ({self.tendon_name(j)})", float(flat[j]), most)
         return flat
 
     @cached_property

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
@@ -31,25 +31,10 @@ Counts = NDArray[np.int64]
 
 
 class Settled(Protocol):
-    """What is read off a settled shape; see model.shape.Shape."""
+    """What has a settled midline; see model.shape.Shape."""
 
-    @property
-    def arm(self) -> Arm:
-        """What was settled."""
-
-    @property
-    def scene(self) -> Scene:
-        """And in which scene."""
-
-    @property
-    def s(self) -> Array:
-        """Arc lengths of the mesh's nodes (N + 1,) [m]."""
-
-    def poses(self, s: Any) -> Array:
-        """Return poses (K, 7) at arc lengths (K,) [m]."""
-
-    def strains(self, s: Any) -> Array:
-        """Return tau, xi, k, q (K, 4 or more) at arc lengths (K,) [m]."""
+    def centreline(self) -> Centreline:
+        """Return it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,19 +62,6 @@ class Centreline:
     kappa: Array
     nu: Array
     machine_code: bool = False
-
-    @classmethod
-    def of(cls, shape: Settled, at: Sequence[float] = ()) -> Centreline:
-        """Return that of a settled shape, whose nodes are with arc lengths `at` among them."""
-        s = np.sort(np.append(shape.s, at))
-        s = s[np.append(True, np.diff(s) > SAME * shape.arm.length)]
-        h = np.diff(s)
-        at = (s[:-1, None] + h[:, None] * gauss(STAGES).c).ravel()
-        rows = shape.strains(at)
-        kappa = rows[:, :3] * (1 + rows[:, 3:4])
-        nu = np.hstack([1 + rows[:, 3:4], rows[:, 4:], np.zeros((len(at), 6 - rows.shape[1]))])
-        kappa, nu = (values.reshape(-1, STAGES, 3) for values in (kappa, nu))
-        return cls(shape.arm, shape.scene, s, shape.poses(s), kappa, nu)
 
     @classmethod
     def at_states(cls, system: System, states: Array) -> Centreline:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import copyreg
 from functools import lru_cache
 from itertools import zip_longest
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +16,7 @@ from model.integrators import MAGNUS2, MAGNUS4, MAGNUS6, RK4, RK6, RK8
 from model.loads import check_loads, contacts, convergence_order, is_loaded
 from model.mesh import IMPLICIT, ROUNDING
 from model.scene import Scene
+from model.transcription.system import system
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.marched import March
 from model.unloaded.printed import PrintedMap
@@ -28,7 +27,6 @@ CLOSED_FORMS = {scheme.name: scheme for scheme in (MAGNUS6, MAGNUS4, MAGNUS2)}
 COLLOCATIONS = {"gauss6": 3, "gauss4": 2, "gauss2": 1, "gauss8": 4}
 PRINTED = {scheme.name: scheme for scheme in (RK6, RK8, RK4)}
 SCHEMES = (*CLOSED_FORMS, *COLLOCATIONS, *PRINTED)
-
 
 ForwardMap = Collocation | March
 
@@ -54,24 +52,6 @@ def check_scheme(scene: Scene, scheme: str | None) -> str:
     return scheme or allowed[0]
 
 
-def forward_map(
-    arm: Arm,
-    scene: Scene,
-    scheme: str,
-    refinement: int,
-    at: tuple[float, ...] = (),
-    machine_code: bool = False,
-) -> ForwardMap:
-    """Return the forward map on a mesh of a refinement that has the arc lengths `at` as nodes.
-
-    With `machine_code` its kernels are compiled.
-    """
-    if scheme in COLLOCATIONS:
-        on = arm, scene, COLLOCATIONS[scheme], refinement, at
-        return by_collocation(*on, machine_code=machine_code)
-    return explicit_map(arm, scene, scheme, refinement, at, machine_code)
-
-
 def by_collocation(
     arm: Arm,
     scene: Scene,
@@ -88,7 +68,7 @@ def by_collocation(
     if contacts(scene):
         return TouchingMap(arm, scene, stages, refinement, at, machine_code)
     loaded = is_loaded(scene) if loaded is None else loaded
-    return Collocation(arm, scene, stages, refinement, at, loaded, machine_code)
+    return Collocation(system(arm, scene, stages, refinement, at, loaded, machine_code))
 
 
 def explicit_map(
@@ -99,27 +79,13 @@ def explicit_map(
     at: tuple[float, ...] = (),
     machine_code: bool = False,
 ) -> ClosedForm | PrintedMap:
-    """Return the forward map of a scene in closed form or as printed; see forward_map.
+    """Return the forward map in closed form or as printed on a mesh; see Maps.on.
 
     CasADi cannot differentiate its `function` where its kernels are compiled.
     """
     if scheme in PRINTED:
         return PrintedMap(arm, scene, PRINTED[scheme], refinement, at, machine_code)
     return ClosedForm(arm, scene, CLOSED_FORMS[scheme], refinement, at, machine_code)
-
-
-def _on_mesh(arm: Arm, scene: Scene, scheme: str, refinement: int, machine_code: bool) -> Any:
-    return maps_of(arm, scene, scheme, machine_code).on(refinement)
-
-
-def _reduced(march: March) -> tuple[Any, ...]:
-    """Return how a march is built again from numbers, as a pickle has it."""
-    of = march.arm, march.scene, march.name, march.refinement, march.machine_code
-    return _on_mesh, of
-
-
-copyreg.pickle(ClosedForm, _reduced)
-copyreg.pickle(PrintedMap, _reduced)
 
 
 class Maps:
@@ -143,12 +109,11 @@ class Maps:
     def __init__(self, arm: Arm, scene: Scene, scheme: str, machine_code: bool) -> None:
         check_loads(arm, scene, contact=True)
         self.arm, self.scene, self.scheme, self.machine_code = arm, scene, scheme, machine_code
-        if scheme in COLLOCATIONS:
-            self.order = 2 * COLLOCATIONS[scheme]
-        else:
-            self.order = (CLOSED_FORMS | PRINTED)[scheme].order
+        explicit, self.stages = (CLOSED_FORMS | PRINTED).get(scheme), COLLOCATIONS.get(scheme, 0)
+        self.order, self.rounding = 2 * self.stages, IMPLICIT
+        if explicit:
+            self.order, self.rounding = explicit.order, ROUNDING
         self.contacts, self.least_order = contacts(scene), convergence_order(scene, self.order)
-        self.rounding = IMPLICIT if scheme in COLLOCATIONS else ROUNDING
         base = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0])
         self.lever, self.by_sections = base * is_loaded(scene), not scene.has(PrintedStatics)
         self._kept: dict[int, ForwardMap] = {}
@@ -158,13 +123,17 @@ class Maps:
 
         Not with arc lengths `at` as further nodes: there may be many.
         """
-        if at or refinement not in self._kept:
-            mesh = self.scheme, refinement, at, self.machine_code
-            made = forward_map(self.arm, self.scene, *mesh)
-            if at:
-                return made
-            self._kept[refinement] = made
-        return self._kept[refinement]
+        if refinement in self._kept and not at:
+            return self._kept[refinement]
+        of, mesh, code = (self.arm, self.scene), (refinement, at), self.machine_code
+        result: ForwardMap
+        if self.stages:
+            result = by_collocation(*of, self.stages, *mesh, machine_code=code)
+        else:
+            result = explicit_map(*of, self.scheme, *mesh, code)
+        if not at:
+            self._kept[refinement] = result
+        return result
 
 
 @lru_cache(maxsize=64)

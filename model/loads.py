@@ -24,7 +24,7 @@ from model.effects import (
     Weight,
 )
 from model.errors import InputError
-from model.paths import SAME, Array
+from model.paths import SAME, Array, Path
 from model.scene import Scene
 from model.units import length_text
 
@@ -109,21 +109,21 @@ class Acting(NamedTuple):
 
 def acting(scene: Scene) -> tuple[Acting, ...]:
     """Return the scene's point loads, and the weights of its point masses."""
-    results, weight = list[Acting](), scene.find(Weight)
-    for effect in scene.effects:
-        if isinstance(effect, PointLoad):
-            results.append(Acting(effect.s, effect.force, None, "PointLoad"))
-        if isinstance(effect, PointMass) and weight:
-            force = tuple(effect.mass * g for g in weight.g)
-            results.append(Acting(effect.s, force, effect.offset, "PointMass"))
-    return tuple(results)
+    g = np.array(weight.g) if (weight := scene.find(Weight)) else np.zeros(3)
+    return tuple(
+        Acting(each.s, each.force, None, "PointLoad")
+        if isinstance(each, PointLoad)
+        else Acting(each.s, tuple((each.mass * g).tolist()), each.offset, "PointMass")
+        for each in scene.effects
+        if isinstance(each, PointLoad | PointMass)
+    )
 
 
 def levers(scene: Scene) -> tuple[Array, Array]:
     """Return the forces that act off the midline: arc lengths (n,), offsets and forces (n, 6)."""
-    parts = [load for load in acting(scene) if load.offset is not None]
-    rows = [(*load.offset, *load.force) for load in parts if load.offset is not None]
-    return np.array([load.s for load in parts]), np.array(rows).reshape(-1, 6)
+    rows = [(load.s, *load.offset, *load.force) for load in acting(scene) if load.offset]
+    numbers = np.array(rows).reshape(-1, 7)
+    return numbers[:, 0], numbers[:, 1:]
 
 
 def contacts(scene: Scene) -> tuple[Contact, ...]:
@@ -154,9 +154,7 @@ def places(arm: Arm, scene: Scene) -> tuple[float, ...]:
     other way from there on and its tension has a kink.
     """
     acts = [load.s for load in acting(scene) if 0 < load.s < arm.length]
-    if scene.has(Friction):
-        acts += _crossings(arm, [*acts, *(section.at for section in arm.sections)])
-    return tuple(acts)
+    return (*acts, *(_crossings(arm) if scene.has(Friction) else ()))
 
 
 def growth(arm: Arm, scene: Scene, s: Array) -> Array:
@@ -220,32 +218,21 @@ def volume(arm: Arm, s: Array) -> Array:
     return np.asarray(rest[np.searchsorted(ends, np.clip(s, 0.0, arm.length))])
 
 
-def _crossings(arm: Arm, others: list[float]) -> list[float]:
-    """Return the arc lengths where tendons cross the midline [m].
-
-    Each once, and none at the places of others.
-    """
+def _crossings(arm: Arm) -> list[float]:
+    """Return the arc lengths where tendons cross the midline [m]."""
     results: list[float] = []
     for section, path in arm.offset_paths:
         end = arm.sections[section].at
+
+        def y(s: Any, path: Path = path, end: float = end) -> Array:
+            return path.evaluate(np.atleast_1d(s), end)[0]
+
         s = np.linspace(0.0, end, 401)
-        y = path.evaluate(s, end)[0]
-        for i in np.flatnonzero(y[:-1] * y[1:] < 0):
-            ends, tiny = (s[i], s[i + 1]), np.finfo(float).tiny
-            results.append(
-                scipy.optimize.brentq(
-                    lambda x, y, span: y.evaluate(np.array([x]), span)[0][0],
-                    *ends,
-                    args=(path, end),
-                    xtol=tiny,
-                )
-            )
-        results += s[1:-1][y[1:-1] == 0].tolist() if y.any() else []
-    kept: list[float] = []
-    for place in sorted(results):
-        if all(abs(place - other) > SAME * arm.length for other in [*others, *kept]):
-            kept.append(place)
-    return kept
+        at, tiny = y(s), np.finfo(float).tiny
+        for i in np.flatnonzero(at[:-1] * at[1:] < 0):
+            results.append(scipy.optimize.brentq(lambda s, y=y: y(s)[0], s[i], s[i + 1], xtol=tiny))
+        results += s[1:-1][at[1:-1] == 0].tolist() if at.any() else []
+    return sorted(results)
 
 
 def _size(vector: Any) -> float:

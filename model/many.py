@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Literal
+from functools import partial
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,15 +60,12 @@ class Shapes:
 
     def __repr__(self) -> str:
         lost = [f"  {i}: {why}" for i, why in enumerate(self.problems) if why]
-        rows = [
-            [f"  {i}", *(f"{1e3 * x:.2f}" for x in tip), f"{error:.1e}"]
-            for i, (tip, error) in enumerate(zip(self.tip, self.error, strict=True))
-        ]
-        head = ["  tips", "x [mm]", "y [mm]", "z [mm]", "error [L]"]
-        said = f"{counted(len(rows), 'set')} of tensions, {len(lost)} not settled"
-        table = columns([head, *rows[:MOST_LINES]])
-        more = [f"  ... and {len(rows) - MOST_LINES} more"] if len(rows) > MOST_LINES else []
-        return "\n".join([said, *table, *more, *shortened_lines(lost)])
+        rows = [["  tips", "x [mm]", "y [mm]", "z [mm]", "error [L]"]]
+        for i, (tip, error) in enumerate(zip(1e3 * self.tip, self.error, strict=True)):
+            rows.append([f"  {i}", *(f"{x:.2f}" for x in tip), f"{error:.1e}"])
+        said = f"{counted(len(self.tip), 'set')} of tensions, {len(lost)} not settled"
+        table = shortened_lines(columns(rows), MOST_LINES + 2)
+        return "\n".join([said, *table, *shortened_lines(lost)])
 
 
 def _marched(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
@@ -91,12 +89,11 @@ def _marched(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
             gap = np.linalg.norm(poses[now, 4:] - before[:, 4:], axis=1)
             gap, of = gap / maps.arm.length, (maps.least_order, maps.rounding)
             errors[now] = estimate(gap, last[now], refinement, *of)
-            wanted[now] = 0
-            for i in now[~(errors[now] <= accuracy)]:
-                wanted[i] = next_refinement(refinement, errors[i], accuracy, maps.order)
-        last[now] = refinement
-        wanted[now[~(least > LEAST_STRETCH)]] = 0
-        errors[now[~(least > LEAST_STRETCH)]] = np.nan
+            wanted[now], late = 0, now[~(errors[now] <= accuracy)]
+            finer = partial(next_refinement, refinement, accuracy=accuracy, order=maps.order)
+            wanted[late] = [*map(finer, errors[late].tolist())]
+        last[now], alone = refinement, now[~(least > LEAST_STRETCH)]
+        wanted[alone], errors[alone] = 0, np.nan
     errors[~(errors <= accuracy)] = np.nan
     return poses, errors
 
@@ -140,28 +137,26 @@ def settle_many(
         is_wanted = values is not None or (name == "tensions" and lengths is None)
         if is_wanted and not hasattr(values, "__len__"):
             raise InputError(name, values, f"a set of {name} for each shape to settle")
-    by, count = ("tensions", len(tensions)) if lengths is None else ("lengths", len(lengths))
-    if tensions is not None and len(tensions) != count:
-        raise InputError("tensions", f"{len(tensions)} sets", f"{count}, as of lengths")
-    if by == "lengths":
+    by, sets = ("tensions", tensions) if lengths is None else ("lengths", lengths)
+    if tensions is not None and len(tensions) != len(sets):
+        raise InputError("tensions", f"{len(tensions)} sets", f"{len(sets)}, as of lengths")
+    if lengths is not None:
         options |= {"tendon_EA": tendon_EA, "tendon_outside": tendon_outside}
-    poses, error, problems = np.full((count, 7), np.nan), np.full(count, np.nan), [""] * count
+    count, problems = len(sets), [""] * len(sets)
+    poses, error = np.full((count, 7), np.nan), np.full(count, np.nan)
     pulling = np.full((count, arm.n_tendons), np.nan)
-    slack = np.zeros(pulling.shape, dtype=bool)
-    if by == "tensions" and not is_loaded(scene):
-        T = _rows(arm, tensions)
-        allowed = np.flatnonzero(((T >= 0) & (T <= LARGEST)).all(axis=1))
+    if lengths is None and not is_loaded(scene):
+        pulling = _rows(arm, tensions)
+        allowed = np.flatnonzero(((pulling >= 0) & (pulling <= LARGEST)).all(axis=1))
         maps = maps_of(arm, scene, None, options["compile"])
-        poses[allowed], error[allowed] = _marched(maps, T[allowed], accuracy)
-        pulling, slack = T.copy(), ~pulls(arm, T)
+        poses[allowed], error[allowed] = _marched(maps, pulling[allowed], accuracy)
+    slack = ~pulls(arm, pulling)
     for i in np.flatnonzero(np.isnan(error)).tolist():
         poses[i], pulling[i], slack[i] = np.nan, np.nan, False
-        if lengths is not None:
-            options["lengths"] = lengths[i]
+        held = None if lengths is None else lengths[i]
+        T = None if tensions is None else tensions[i]
         try:
-            alone = settle(
-                arm, None if tensions is None else tensions[i], scene, accuracy, **options
-            )
+            alone = settle(arm, T, scene, accuracy, lengths=held, **options)
         except OctoplanError as reason:
             if errors == "raise":
                 raise _of_set(reason, by, i) from None
@@ -177,7 +172,7 @@ def _rows(arm: Arm, tensions: Any) -> Array:
     """Return sets of tensions (m, n_tendons), nan of those that are no numbers for the tendons."""
     are_numbers = isinstance(tensions, np.ndarray) and tensions.dtype == float
     if are_numbers and tensions.shape[1:] in arm.shapes:
-        return np.reshape(tensions, (len(tensions), arm.n_tendons))
+        return np.array(tensions.reshape(len(tensions), arm.n_tendons))
     rows = np.full((len(tensions), arm.n_tendons), np.nan)
     for i, row in enumerate(tensions):
         with suppress(InputError):  # it is told where the set is settled alone
@@ -192,5 +187,5 @@ def _of_set(reason: OctoplanError, by: str, i: int) -> OctoplanError:
         return InputError(field, reason.given, reason.allowed)
     if isinstance(reason, CollapsedError | UnsettledSectionError):
         made, arguments = reason.__reduce__()
-        reason = made(*arguments, which=f"{by}[{i}]")
+        return cast(OctoplanError, made(*arguments, which=f"{by}[{i}]"))
     return reason

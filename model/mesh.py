@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -13,9 +13,7 @@ import numpy as np
 from model.arm import Arm
 from model.checks import within
 from model.errors import ConvergenceError, InputError
-from model.loads import places
 from model.paths import SAME, Array, Linear, Path
-from model.scene import Scene
 from model.stations import Counts
 from model.time_limit import check_time
 from model.transcription.collocation import gauss
@@ -129,13 +127,11 @@ def with_nodes(arm: Arm, s: Array) -> Mesh:
 
 def _breaks(arm: Arm, at: Iterable[float]) -> Array:
     """Return where the solution is not smooth, or is wanted: sorted and without near copies."""
-    places = {0.0, arm.length, *(section.at for section in arm.sections)}
-    knots = [s for path in arm.along for s in path.knots()]
-    result = sorted(places)
-    for s in [*at, *knots]:
-        if 0 < s < arm.length and min(abs(s - other) for other in result) > SAME * arm.length:
-            result.append(s)
-    return np.array(sorted(result))
+    kept = list[float]()
+    for s in landmarks(arm, at).tolist():
+        if 0 <= s <= arm.length and all(abs(s - other) > SAME * arm.length for other in kept):
+            kept.append(s)
+    return np.sort(kept)
 
 
 def mesh_through(mesh: Mesh, before: Array, new: Array) -> Mesh:
@@ -162,10 +158,10 @@ def mesh_through(mesh: Mesh, before: Array, new: Array) -> Mesh:
     return Mesh(np.interp(mesh.s, before[kept], after[kept]), mesh.active)
 
 
-def landmarks(arm: Arm, scene: Scene, at: Sequence[float] = ()) -> Array:
+def landmarks(arm: Arm, at: Iterable[float] = ()) -> Array:
     """Return the arc lengths that a mesh has nodes at [m], in an order that stays."""
     knots = [s for path in arm.along for s in path.knots() if 0 < s < arm.length]
-    return np.array([0.0, arm.length, *arm.anchorages, *knots, *places(arm, scene), *at])
+    return np.array([0.0, arm.length, *arm.anchorages, *knots, *at])
 
 
 LOOSEST, FINEST_ACCURACY = 0.1, 1e-12

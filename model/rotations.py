@@ -7,9 +7,11 @@ A rotation is a quaternion (w, x, y, z); a pose is (7,): the quaternion that tur
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import casadi as ca
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from model.paths import Array
 
@@ -35,36 +37,26 @@ def conjugate(q: ca.SX) -> ca.SX:
     return ca.vertcat(q[0], -q[1:])
 
 
-def small_turns() -> ca.Function:
-    """Return q -> the small turns (3, 4) [rad] about the base frame's axes that changes of q are.
-
-    A turn changes q by (0, turn) q / 2.
-    """
-    q = ca.SX.sym("q", 4)
-    rows = [2 * multiply(ca.SX([0, *axis]), q).T / ca.sumsqr(q) for axis in np.eye(3)]
-    return ca.Function("small_turns", [q], [ca.vertcat(*rows)])
-
-
 def rotate(q: ca.SX, v: ca.SX) -> ca.SX:
-    """Return v turned by q; q need not be of unit length."""
-    twice = 2 * ca.cross(q[1:], v) / ca.sumsqr(q)
+    """Return v turned by a unit quaternion."""
+    twice = 2 * ca.cross(q[1:], v)
     return v + q[0] * twice + ca.cross(q[1:], twice)
 
 
 def compose(g: ca.SX, h: ca.SX) -> ca.SX:
-    """Return the pose g followed, in its own frame, by h."""
+    """Return the pose g followed, in its own frame, by h; of unit quaternions."""
     return ca.vertcat(multiply(g[:4], h[:4]), g[4:] + rotate(g[:4], h[4:]))
 
 
 def inverse(g: ca.SX) -> ca.SX:
-    """Return the pose that undoes g."""
+    """Return the pose that undoes g, of a unit quaternion."""
     back = conjugate(g[:4])
-    return ca.vertcat(back / ca.sumsqr(back), -rotate(back, g[4:]))
+    return ca.vertcat(back, -rotate(back, g[4:]))
 
 
 def matrix(q: ca.SX) -> ca.SX:
-    """Return the rotation matrix of q: columns t, n, b."""
-    return ca.horzcat(*(rotate(q, ca.SX.eye(3)[:, i]) for i in range(3)))
+    """Return the rotation matrix of a quaternion of any length: columns t, n, b."""
+    return unit_matrix(q / ca.norm_2(q))
 
 
 def half_turn(w: ca.SX) -> ca.SX:
@@ -76,8 +68,8 @@ def half_turn(w: ca.SX) -> ca.SX:
 def half_angle(x: ca.SX) -> ca.SX:
     """Return cos(angle / 2) and sin(angle / 2) / angle (2,) of the square x of an angle [rad2].
 
-    Power series at an eighth of the half, doubled three times: smooth everywhere without a
-    branch, and right to rounding up to two turns.
+    A power series at an eighth of the half, doubled three times: smooth without a branch, and right
+    to rounding, up to two turns and beyond.
     """
     versine, sinc, _ = _of_half(x)
     return ca.vertcat(1 - x / 4 * versine, sinc / 2)
@@ -86,10 +78,13 @@ def half_angle(x: ca.SX) -> ca.SX:
 def _of_half(x: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Return (1 - cos b) / b^2, sin b / b and (b - sin b) / b^3 of half the angle, b = x^(1/2) / 2.
 
-    See half_angle.
+    See half_angle. The series of the last is sum over k of (-b^2)^k / (2 k + 3)!, by Horner's rule.
     """
-    square = 0.25 ** (_DOUBLINGS + 1) * x
-    versine, sinc, cubic = (_series(square, order) for order in (2, 1, 3))
+    square, cubic = 0.25 ** (_DOUBLINGS + 1) * x, ca.SX(0)
+    for k in reversed(range(_TERMS + 1)):
+        cubic = (-1.0) ** k / math.factorial(2 * k + 3) + square * cubic
+    sinc = 1 - square * cubic
+    versine = sinc**2 / (1 + ca.sqrt(1 - square * sinc**2))
     for _ in range(_DOUBLINGS):
         cubic = (cubic + sinc * versine) / 4
         versine, sinc, square = sinc**2 / 2, sinc * (1 - square * versine), 4 * square
@@ -98,13 +93,16 @@ def _of_half(x: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
 
 def unit_matrix(q: ca.SX) -> ca.SX:
     """Return the rotation matrix (3, 3) of a unit quaternion: columns t, n, b."""
-    w, x, y, z = ca.vertsplit(q)
-    rows = [
+    return ca.SX(ca.blockcat(_rows(*ca.vertsplit(q))))
+
+
+def _rows(w: Any, x: Any, y: Any, z: Any) -> list[list[Any]]:
+    """Return the rows of the rotation matrix of a unit quaternion, of symbols or numbers."""
+    return [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
-    return ca.blockcat(rows)
 
 
 def exponential(w: ca.SX, v: ca.SX) -> ca.SX:
@@ -118,43 +116,18 @@ def exponential(w: ca.SX, v: ca.SX) -> ca.SX:
     return ca.vertcat(1 - x / 4 * versine, sinc / 2 * w, shift)
 
 
-def _series(x: ca.SX, order: int) -> ca.SX:
-    """Return sum over k of (-x)^k / (2 k + order)! by Horner's rule, exact for x < 0.7."""
-    total = ca.SX(0)
-    for k in reversed(range(_TERMS + 1)):
-        total = (-1.0) ** k / math.factorial(2 * k + order) + x * total
-    return total
-
-
 def cross(a: Array, b: Array) -> Array:
     """Return the cross products (..., 3) of vectors (..., 3), several times sooner than NumPy's."""
     (x, y, z), (u, v, w) = ((part[..., 0], part[..., 1], part[..., 2]) for part in (a, b))
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
-def _squares() -> Array:
-    """Return the factors (16, 9) of a quaternion's products w w, w x, .. in its matrix."""
-    e = np.eye(4)
-    w, x, y, z = ([np.outer(row, column) for column in e] for row in e)
-    rows = [
-        [w[0] + x[1] - y[2] - z[3], 2 * (x[2] - w[3]), 2 * (x[3] + w[2])],
-        [2 * (x[2] + w[3]), w[0] - x[1] + y[2] - z[3], 2 * (y[3] - w[1])],
-        [2 * (x[3] - w[2]), 2 * (y[3] + w[1]), w[0] - x[1] - y[2] + z[3]],
-    ]
-    return np.array(rows).reshape(9, 16).T
-
-
-_SQUARES = _squares()
-
-
 def from_matrix(frame: Array) -> Array:
     """Return the unit quaternion (4,) of a rotation matrix (3, 3)."""
-    K = (_SQUARES @ frame.ravel()).reshape(4, 4)  # q K q is the trace of both matrices' product
-    q = np.linalg.eigh(K + K.T)[1][:, -1]
-    return np.asarray(q * (1.0 if q[0] >= 0 else -1.0))
+    return np.asarray(Rotation.from_matrix(frame).as_quat(canonical=True, scalar_first=True))
 
 
 def matrices(q: Array) -> Array:
     """Return the rotation matrices (..., 3, 3) of quaternions (..., 4) of any length."""
-    products = q[..., :, None] * q[..., None, :] / (q * q).sum(axis=-1)[..., None, None]
-    return np.asarray(products.reshape(*q.shape[:-1], 16) @ _SQUARES).reshape(*q.shape[:-1], 3, 3)
+    unit = q / np.sqrt((q * q).sum(axis=-1, keepdims=True))
+    return np.moveaxis(np.array(_rows(*np.moveaxis(unit, -1, 0))), (0, 1), (-2, -1))

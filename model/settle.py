@@ -207,7 +207,7 @@ def _settled(
     # A first mesh is as good in any scene; what it gains by refinement may be less.
     refinement, fine = first_pair(accuracy, maps.order)
     looser = min(max(10 * accuracy / SETTLED, 1.0), ROUGHEST)
-    coarse, before, error, snaps = 0, list[float](), np.inf, list[float]()
+    coarse, before, error, snaps = 0, list[float](), np.inf, tuple[float, ...]()
     begun = time.process_time() if maps.contacts else 0.0
     while refinement:
         check_time()
@@ -231,8 +231,7 @@ def _settled(
             refinement = next_refinement(refinement, error, accuracy, maps.order)
             continue
         if isinstance(point, Touching):
-            begun = time.process_time()
-            snaps += point.snaps
+            begun, snaps = time.process_time(), snaps + point.snaps
         if not isinstance(point, Touching) or point.before is None:
             near = point
         if coarse:
@@ -244,11 +243,10 @@ def _settled(
             LOG.debug("%s, mesh %d: estimated tip error %.1e of L", maps.scheme, refinement, error)
             if error <= accuracy:
                 check_stretch(point)
-                return Shape(maps.arm, maps.scene, error, point, refinement, snaps=tuple(snaps))
+                return Shape(maps.arm, maps.scene, error, point, refinement, snaps=snaps)
         before, coarse = tip, refinement
-        if refinement < fine:
-            refinement = fine
-        else:
+        refinement = max(fine, refinement)
+        if refinement == coarse:
             refinement = next_refinement(coarse, error, accuracy, maps.least_order)
     check_stretch(point)
     raise ConvergenceError(accuracy, error, COARSE)

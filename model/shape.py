@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -24,10 +24,11 @@ from model.equilibrium.stability import stability
 from model.errors import InputError
 from model.forward import by_collocation
 from model.loads import is_loaded
-from model.paths import Array
+from model.paths import SAME, Array
 from model.rotations import matrices
 from model.scene import Scene
 from model.text import Shown, plotted, shape_text, tendon_table
+from model.transcription.collocation import gauss
 from model.unloaded.marched import folded
 from model.winches import Winches, pulls, rest_lengths, unfelt
 
@@ -153,13 +154,11 @@ class Shape(Shown):
         That the arm passes through itself, bends sharper than its own radius, or that a tendon has
         no length left: the equations know no body. `settle` warns of sharp bends too.
         """
-        messages, folded_at = [sharp(self), crosses(self)], self.folded
-        if folded_at is not None:
-            messages.append(
-                f"no arm bends so far: at s = {folded_at:.6g} m a tendon has no length left; "
-                "lower the tensions that cross it"
-            )
-        return tuple(sentence for sentence in messages if sentence)
+        folded = self.folded is not None and (
+            f"no arm bends so far: at s = {self.folded:.6g} m a tendon has no length left; "
+            "lower the tensions that cross it"
+        )
+        return tuple(each for each in (sharp(self), crosses(self), folded) if each)
 
     @property
     def tip(self) -> Array:
@@ -208,6 +207,17 @@ class Shape(Shown):
         """Draw the arm in 3-D; returns a new Figure, or the 3-D axes if given. See plot_shape."""
         return plotted(self, ax)
 
+    def centreline(self, at: Sequence[float] = ()) -> Centreline:
+        """Return the midline by elements of its mesh, with arc lengths `at` among the nodes."""
+        s = np.sort(np.append(self.s, at))
+        s = s[np.append(True, np.diff(s) > SAME * self.arm.length)]
+        inside = s[:-1, None] + np.diff(s)[:, None] * gauss(STAGES).c
+        rows = self.strains(inside.ravel())
+        stretch = 1 + rows[:, 3:4]
+        nu = np.hstack([stretch, rows[:, 4:], np.zeros((len(rows), 6 - rows.shape[1]))])
+        kappa, nu = (values.reshape(-1, STAGES, 3) for values in (rows[:, :3] * stretch, nu))
+        return Centreline(self.arm, self.scene, s, self.poses(s), kappa, nu)
+
     def strains(self, s: Any) -> Array:
         """Return tau, xi, k, q, and nu_n, nu_b with shear, (N, 4 or 6), at arc length s [m]."""
         return self._at(s, lambda places: self.equilibrium.at(places)[1])
@@ -218,11 +228,9 @@ class Shape(Shown):
         With friction it falls along the arm; at an anchorage it is that on the base side.
         """
         place = finite_array("s", np.atleast_1d(s), (1,))
-        crosses = np.array([self.arm.sections[i].at >= place[0] for i, _ in self.arm.tendons])
-        tendons = np.flatnonzero(crosses)
-        values = np.zeros(crosses.size)
-        values[tendons], point = self.tensions[tendons], self.known
-        if point is not None:
+        ends = np.array([self.arm.sections[i].at for i, _ in self.arm.tendons])
+        values, tendons = self.tensions * (ends >= place), np.flatnonzero(ends >= place)
+        if (point := self.known) is not None:
             first = np.zeros(tendons.size, dtype=int)
             values[tendons] = sliding_tensions(point.system, point.x, place, first, tendons)
         return values
@@ -275,52 +283,42 @@ class Shape(Shown):
             raise InputError("s", s, f"arc lengths from 0 to {L:g} m")
         places, nodes = np.minimum(places, L), self.equilibrium.mesh.s
         near = np.minimum(np.searchsorted(nodes, places), nodes.size - 1)
+        values = np.zeros((0, 4))
         if at_nodes is not None and np.array_equal(nodes[near], places):
             values = at_nodes[near]
-        else:
-            values = read(places) if places.size else np.zeros((0, 4))
+        elif places.size:
+            values = read(places)
         return np.asarray(values[0] if np.ndim(s) == 0 else values)
 
 
 # How deep parts may be in each other, over the arm's length: what contact of them leaves.
 _TOUCHES = 1e-6
-# Places in each step of a mesh at which curvature is looked at, where at the mesh's own places it
-# comes as near to one over the radius as this.
-_PLACES, _NEAR = 4, 0.7
 
 
 def sharp(shape: Shape) -> str:
     """Return where the body bends by less than its own radius, and what that takes of tendons.
 
-    Its inner side would have no length left. Empty where it does not.
+    Its inner side would have no length left. Empty where it does not, at the places of the mesh.
     """
-    if shape.equilibrium.extremes.bend < _NEAR:
-        return ""
-    arm, nodes = shape.arm, shape.s
-    share = np.arange(_PLACES) / _PLACES
-    s = np.append((nodes[:-1, None] + np.diff(nodes)[:, None] * share).ravel(), nodes[-1])
-    _, xi, k, *_ = shape.strains(s).T
-    curvature, radius = np.hypot(xi, k), arm.radius.evaluate(s, arm.length)[0]
-    worst = int(np.argmax(curvature * radius))
-    if not curvature[worst] * radius[worst] >= 1:
+    arm, (_, _, s, radius, bend) = shape.arm, shape.equilibrium.extremes
+    if not bend >= 1:
         return ""
     lengths, rest = shape.tendon_lengths, rest_lengths(arm)
     j = int(np.argmax(lengths - rest))
-    message = (
-        f"the arm bends sharper than its own radius: by a radius of {1e3 / curvature[worst]:.3g} "
-        f"mm at s = {s[worst]:.6g} m, where its body has one of {1e3 * radius[worst]:.3g} mm"
+    longer = (
+        f", and tendon {arm.tendon_name(j)} would have to be {1e3 * lengths[j]:.4g} mm long, "
+        f"{1e3 * rest[j]:.4g} mm at rest"
     )
-    if lengths[j] > rest[j]:
-        message += (
-            f", and tendon {arm.tendon_name(j)} would have to be {1e3 * lengths[j]:.4g} mm long, "
-            f"{1e3 * rest[j]:.4g} mm at rest"
-        )
-    return f"{message}; lower the tensions or the loads"
+    return (
+        f"the arm bends sharper than its own radius: by a radius of {1e3 * radius / bend:.3g} mm "
+        f"at s = {s:.6g} m, where its body has one of {1e3 * radius:.3g} mm"
+        f"{longer * bool(lengths[j] > rest[j])}; lower the tensions or the loads"
+    )
 
 
 def crosses(shape: Shape) -> str:
     """Return where the arm passes through itself; empty where it does not."""
-    result: Any = clearances(Centreline.of(shape), (), {ITSELF})[ITSELF]
+    result: Any = clearances(shape.centreline(), (), {ITSELF})[ITSELF]
     if result.gap >= -_TOUCHES * shape.arm.length:
         return ""
     return f"{result}; SelfContact among the effects keeps its parts apart"

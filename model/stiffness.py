@@ -24,7 +24,7 @@ from model.forward import explicit_map
 from model.loads import is_loaded
 from model.machine.compiled import Compile
 from model.paths import Array
-from model.rotations import small_turns
+from model.rotations import conjugate, multiply
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.shape import Shape
@@ -285,6 +285,9 @@ def tip_jacobian_function(arm: Arm, scene: Scene, scheme: str, refinement: int) 
     """Return tensions (n,) -> displacement [m/N] and rotation [rad/N] of the tip (6, n)."""
     T = ca.MX.sym("T", arm.n_tendons)
     pose = explicit_map(arm, scene, scheme, refinement).function(T)[0][:, -1]
-    jacobian = ca.jacobian(pose, T)
-    result = ca.vertcat(jacobian[4:, :], small_turns()(pose[:4]) @ jacobian[:4, :])
-    return ca.Function("tip_jacobian", [T], [ca.densify(result)])
+    jacobian = ca.densify(ca.jacobian(pose, T))
+    q, change = ca.SX.sym("q", 4), ca.SX.sym("change", 4)
+    rotation = 2 * multiply(change, conjugate(q) / ca.sumsqr(q))[1:]
+    turned = ca.Function("turned", [q, change], [rotation]).map(arm.n_tendons)
+    result = ca.vertcat(jacobian[4:, :], turned(pose[:4], jacobian[:4, :]))
+    return ca.Function("tip_jacobian", [T], [result])

@@ -25,6 +25,7 @@ from model.progress import tell
 from model.shape import Shape
 from model.text import Shown, told
 from model.time_limit import OutOfTime
+from model.transcription.system import system
 from planner.avoidance.surroundings import NOTHING, Surroundings
 from planner.contact.grasp import Grasp
 from planner.measure import compliances_along, measure, strokes
@@ -343,7 +344,8 @@ def _load_factor(shape: Shape) -> float | None:
     """
     if not is_loaded(shape.scene) or contacts(shape.scene):
         return None
-    coarsest = Collocation(shape.arm, shape.scene, STAGES, 1, (), True, shape.machine_code)
+    mesh = STAGES, 1, (), True, shape.machine_code
+    coarsest = Collocation(system(shape.arm, shape.scene, *mesh))
     begin = Followed(coarsest.solve(shape.tensions, shape.known), 1.0, "")
     end = follow_on(begin, MOST_LOADS, LEAST_STEP)
     return end.load if end.why else np.inf

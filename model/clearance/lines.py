@@ -21,6 +21,7 @@ from model.forward import explicit_map
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
+from model.transcription.system import system
 from model.unloaded.marched import tendon_lengths
 
 # Which stretches (K,) and shares of them (K,) -> tensions (K, n_tendons), on a straight line each.
@@ -46,7 +47,7 @@ class Lines:
         self.arm, self.scene, self.loaded = arm, scene, is_loaded(scene)
         self._machine_code = machine_code
         self._forward: Any = (
-            Collocation(arm, scene, STAGES, refinement, at, True, machine_code)
+            Collocation(system(arm, scene, STAGES, refinement, at, True, machine_code))
             if self.loaded
             else explicit_map(arm, scene, _SCHEME, refinement, at, machine_code)
         )

@@ -52,7 +52,7 @@ def clearance(shape: Settled, obstacles: Sequence[Obstacle] | Obstacle = ()) -> 
 
     Raises InputError for what is not an obstacle.
     """
-    results = clearances(Centreline.of(shape), check_obstacles(obstacles))
+    results = clearances(shape.centreline(), check_obstacles(obstacles))
     return min(results.values(), key=lambda result: result.gap)
 
 

@@ -43,10 +43,12 @@ class TouchingMap(Collocation):
     ) -> None:
         base = mesh_with_contact(arm, scene, refinement, at)
         self._form = stages, refinement, at, machine_code
-        self._state(System(arm, scene, base, stages, True, machine_code))
+        super().__init__(System(arm, scene, base, stages, True, machine_code))
         self._rubs = self.system.of.form.contact_friction
         # Landmarks may be so near to each other that they are one node.
-        self._fixed = base.s[sorted({base.node(s) for s in landmarks(arm, scene, at)})]
+        self._fixed = base.s[
+            sorted({base.node(s) for s in landmarks(arm, (*places(arm, scene), *at))})
+        ]
         none = np.zeros(arm.n_tendons)
         x = self.system.x(none, 0.0, self.without_loads(none))
         self._at_rest = Linearised(self.system, x)

@@ -18,7 +18,6 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from model.centreline import Centreline
 from model.clearance.nearest import ITSELF, Clearance, clearances
 from model.contact.contacts import Touch
 from model.contact.gaps import THROUGH
@@ -90,7 +89,7 @@ class Gap(NamedTuple):
         h = np.minimum(_ALONG * shape.arm.length, s / 2)
         stations = s[:, None] - h[:, None] * np.arange(3.0)
         points, radii = (
-            each.reshape(2, 3, -1) for each in Centreline.of(shape).at(stations.ravel())
+            each.reshape(2, 3, -1) for each in shape.centreline().at(stations.ravel())
         )
         weights = np.outer(1 / h, [1.5, -2.0, 0.5])
         along, widening = (np.einsum("ij,ijk->ik", weights, each) for each in (points, radii))
@@ -113,7 +112,7 @@ def loaded_by(scene: Scene, pairs: Sequence[Pair]) -> Scene:
 
 def nearest(shape: Shape) -> Clearance:
     """Return between which cross-sections the gap is least, none where no parts can meet."""
-    return clearances(Centreline.of(shape), (), {ITSELF})[ITSELF]
+    return clearances(shape.centreline(), (), {ITSELF})[ITSELF]
 
 
 # An equilibrium, and the pairs that are closed.

@@ -177,14 +177,9 @@ class Linearised:
         return self.system.lengths(self.x)
 
     @property
-    def length_jacobian(self) -> Array:
-        """Their derivatives by the states (n_tendons, n_states)."""
-        return self.system.length_jacobian(self.x)
-
-    @property
     def length_tension(self) -> Array:
         """Their derivatives by the tensions (n_tendons, n_tendons) [m/N]."""
-        return np.asarray(self.length_jacobian @ self.by_tensions)
+        return np.asarray(self.system.length_jacobian(self.x) @ self.by_tensions)
 
     @property
     def mesh(self) -> Mesh:
@@ -199,15 +194,11 @@ class Linearised:
     @cached_property
     def extremes(self) -> Extremes:
         """Least stretch, of stages and of ends of elements, and largest curvature, of stages."""
-        arm, s, m = self.system.arm, self.system.mesh.s, self.system.of.form.stages
-        v = reported(self.system.of.form.law, self.system.strains(self.states))
-        ends = gauss(m).at(np.array([0.0, 1.0])) @ (1 + v[:, 3].reshape(-1, m).T)
-        radius = arm.radius.evaluate(self.system.s, arm.length)[0]
-        at = np.concatenate([self.system.s, s[:-1], s[1:]])
-        stretch = np.concatenate([1 + v[:, 3], ends.ravel()])
-        worst = int(stretch.argmin())  # the first that is no number, if any is
-        bend = float((radius * np.hypot(v[:, 1], v[:, 2])).max())
-        return Extremes(float(at[worst]), float(stretch[worst]), bend)
+        of, at, s = self.system.of, self.system.sections, self.system.mesh.s
+        _, xi, k, q = reported(of.form.law, self.states[of.stages])[:, :4].T
+        ends = gauss(of.form.stages).at(np.array([0.0, 1.0])) @ q.reshape(of.elements, -1).T
+        places, stretch = np.concatenate([at.s, s[:-1], s[1:]]), 1 + np.append(q, ends)
+        return Extremes.of(places, stretch, np.hypot(xi, k), at.stations.radius)
 
     @property
     def scheme(self) -> str:
@@ -238,7 +229,7 @@ def check_stretch(at: Equilibrium) -> None:
 
     Raises UnsettledSectionError, and CollapsedError.
     """
-    s, stretch, _ = at.extremes
+    s, stretch, *_ = at.extremes
     if math.isnan(stretch):
         raise UnsettledSectionError(s)
     if not stretch > LEAST_STRETCH:

@@ -11,17 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from model.arm import Arm
 from model.equilibrium.linearised import Equilibrium, Linearised
 from model.equilibrium.stability import stands
 from model.errors import SnapError, UnsettledSectionError
 from model.loads import is_loaded
 from model.paths import Array
 from model.progress import tell
-from model.scene import Scene
 from model.time_limit import check_time
 from model.transcription.collocation import gauss
-from model.transcription.system import System, system
+from model.transcription.system import System
 
 # Of an element, unless a scheme asks for fewer.
 STAGES = 3
@@ -178,27 +176,8 @@ class Collocation:
     system : System
     """
 
-    def __init__(
-        self,
-        arm: Arm,
-        scene: Scene,
-        stages: int,
-        refinement: int,
-        at: tuple[float, ...] = (),
-        loaded: bool = True,
-        machine_code: bool = False,
-    ) -> None:
-        self._state(system(arm, scene, stages, refinement, at, loaded, machine_code))
-
-    @classmethod
-    def on(cls, stated: System) -> Collocation:
-        """Return the forward map of equations that are stated already."""
-        result = cls.__new__(cls)
-        result._state(stated)
-        return result
-
-    def _state(self, stated: System) -> None:
-        self.system, self.mesh, self._loaded = stated, stated.mesh, is_loaded(stated.scene)
+    def __init__(self, system: System) -> None:
+        self.system, self.mesh, self._loaded = system, system.mesh, is_loaded(system.scene)
 
     def solve(
         self, tensions: Array, near: Equilibrium | None = None, looser: float = 1.0
@@ -223,8 +202,8 @@ class Collocation:
         steps.
         """
         at, strains = self.system, self.system.sections.strains(tensions)
-        states = at.start(tensions, strains)
-        point = Linearised(at, at.x(tensions, 1.0 - self._loaded, states))
+        x = at.x(tensions, 1.0 - self._loaded, at.start(tensions, strains))
+        point = Linearised(at, x)
         if not self._loaded:
             return point
         crushed = at.sections.crushed(strains)

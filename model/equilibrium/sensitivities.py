@@ -60,7 +60,7 @@ class Sensitivities:
     @property
     def length_wrench(self) -> Array:
         """Lengths of the tendons per force and moment (n_tendons, 6)."""
-        return np.asarray(self.point.length_jacobian @ self._by_wrench)
+        return np.asarray(self.point.system.length_jacobian(self.point.x) @ self._by_wrench)
 
     @property
     def length_tension(self) -> Array:
@@ -81,25 +81,6 @@ class Sensitivities:
 
 
 @dataclass(frozen=True, eq=False)
-class NumberDerivatives:
-    """Derivatives by K numbers of arm and scene.
-
-    Attributes
-    ----------
-    p : (n_p, K)
-        Of the numbers of the equations.
-    lengths : (n, K)
-        Of those of the tendons' lengths.
-    s : (N + 1, K)
-        Of the nodes' arc lengths [m per unit].
-    """
-
-    p: Array
-    lengths: Array
-    s: Array
-
-
-@dataclass(frozen=True, eq=False)
 class ByNumbers:
     """The derivatives of an equilibrium by K numbers of arm and scene.
 
@@ -107,34 +88,31 @@ class ByNumbers:
     ----------
     point : Linearised
         The equilibrium.
-    jacobian : NumberDerivatives
-        Of the numbers of its equations.
+    numbers, length_numbers : (n_p, K), (n, K)
+        Of the numbers of its equations, and of those of the tendons' lengths.
     tensions : (n_tendons, K)
         Of its tensions [N].
     """
 
     point: Linearised
-    jacobian: NumberDerivatives
+    numbers: Array
+    length_numbers: Array
     tensions: Array
-
-    @cached_property
-    def right(self) -> Array:
-        """Of the residuals at states that stay (n_states, K)."""
-        at = self.point.system
-        return at.of.equations.along_numbers(self.point.x, at.p, self.jacobian.p)
 
     @cached_property
     def states(self) -> Array:
         """Of the states (n_states, K)."""
-        result = -self.point.solve(np.asfortranarray(self.right))
+        at = self.point.system
+        right = at.of.equations.along_numbers(self.point.x, at.p, self.numbers)
+        result = -self.point.solve(np.asfortranarray(right))
         return result + self.point.by_tensions @ self.tensions if self.tensions.any() else result
 
     @property
     def lengths(self) -> Array:
         """Of the lengths of the tendons (n_tendons, K) [m]."""
-        at, change = self.point.system, self.jacobian.lengths
-        direct = at.of.lengths.along_numbers(self.point.x, at.length_numbers, change)
-        return np.asarray(self.point.length_jacobian @ self.states + direct)
+        at, x = self.point.system, self.point.x
+        direct = at.of.lengths.along_numbers(x, at.length_numbers, self.length_numbers)
+        return np.asarray(at.length_jacobian(x) @ self.states + direct)
 
 
 def along(point: Linearised, nodes: Index) -> Array:

@@ -19,19 +19,17 @@ from scipy.sparse import csr_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from model.cross_section.law import CrossSection, components
-from model.cross_section.sections import body_numbers
 from model.equilibrium.linearised import Index, Linearised, band
 from model.errors import SingularError
 from model.loads import is_conservative, is_loaded
 from model.paths import Array
-from model.stations import stations
 from model.transcription.collocation import gauss
 from model.transcription.layout import POSE, Layout
 from model.transcription.system import System
 
-# Of Arnoldi's method, vectors for each mode and restarts; the tolerance of an eigenvalue alone,
-# whose error is the square of that where the Hessian is symmetric, and of one whose sign matters.
-_VECTORS, _RESTARTS, _CLOSE, _ROUGH = 40, 10, 1e-8, 1e-2
+# Of Arnoldi's method, vectors for each mode and restarts, and the tolerance of an eigenvalue whose
+# sign matters.
+_VECTORS, _RESTARTS, _ROUGH = 40, 10, 1e-2
 # Reciprocals nearer to 0 are rounding, and the 0 of contacts; over the largest of the whole matrix.
 _NONE, _ZERO = 1e-4, 1e-12
 # How many more eigenvalues are looked at where they may be complex: the least real part need not be
@@ -46,7 +44,7 @@ _LOWEST = -1e6
 def stands(point: Linearised, margin: float = 0.0) -> bool:
     """Return whether the stability of an equilibrium is above a margin, with contacts closed."""
     if margin:
-        point = _less_stiff(point, margin, rest_stiffness(point.system)[1])
+        point = _less_stiff(point, margin)
     if not point.system.of.form.contacts:
         return _is_minimum(point)
     return point.factor is not None and unstable_mode(point) is None
@@ -130,12 +128,12 @@ def stability(point: Linearised) -> float:
     if not is_loaded(point.system.scene):
         # No wrench couples the cross-sections: each has a Hessian of its own.
         at = point.system.sections
-        v, pulls = point.system.strains(point.states), point.tensions[at.tendon]
+        v, pulls = point.states[point.system.of.stages], point.tensions[at.tendon]
         jacobian, root = at.balance(v, pulls).jacobian, np.sqrt(_at_rest(at.law, at.body).T)
         scaled = jacobian / root[:, :, None] / root[:, None, :]
         return float(np.linalg.eigvals(scaled).real.min())
     try:
-        return float(_least(point, 1, _CLOSE)[0][0].real)
+        return float(_least(point, 1)[0][0].real)
     except (SingularError, np.linalg.LinAlgError):
         return 0.0
 
@@ -147,7 +145,7 @@ def least_modes(point: Linearised, count: int) -> tuple[Array, Array]:
     equations' Jacobian and B the stiffness of the body at rest, at the stages. Of what is complex
     the real parts count. Raises SingularError.
     """
-    values, bends, shifted = _least(point, count, 0.0)
+    values, bends, shifted = _least(point, count)
     return values.real, _spread(shifted, (bends * values).real)
 
 
@@ -186,13 +184,13 @@ def stability_slope(point: Linearised) -> tuple[float, Array]:
     loads have no potential both may be complex. Raises SingularError.
     """
     of, (weight, stiff) = point.system.of, rest_stiffness(point.system)
-    (value,), bends, shifted = _least(point, 1, 0.0)
+    (value,), bends, shifted = _least(point, 1)
     if abs(value.imag) <= _REAL * abs(value):
         # Inverse iteration, from the mode where there is an energy: of the same of two alike.
-        near = _less_stiff(point, value.real - np.spacing(1e4), stiff)
+        near = _less_stiff(point, value.real - np.spacing(1e4))
         w = _spread(near, weight[:, None] * bends.real, transposed=True)
     else:
-        (other,), left, _ = _least(point, 1, 0.0, transposed=True)
+        (other,), left, _ = _least(point, 1, transposed=True)
         w = _spread(shifted, left.conj() if value.imag * other.imag < 0 else left, transposed=True)
     y, w = _spread(shifted, bends)[:, 0], w[:, 0]
     places, (rows, columns) = np.ravel(of.stages), of.equations.hessian.triplet
@@ -206,7 +204,7 @@ def stability_slope(point: Linearised) -> tuple[float, Array]:
 
 
 def _least(
-    point: Linearised, count: int, tolerance: float, transposed: bool = False
+    point: Linearised, count: int, transposed: bool = False
 ) -> tuple[Array, Array, Linearised]:
     """Return the least eigenvalues, their modes at the stages (n, count), and what spreads these.
 
@@ -217,11 +215,11 @@ def _least(
     more = 0 if is_conservative(point.system.scene) else _MORE
     if more and point.near:  # of an unsymmetric matrix eigenvalues may magnify any error
         point = Linearised(point.system, point.x)
-    below, shifted, stiff = 0.0, point, rest_stiffness(point.system)[1]
+    below, shifted = 0.0, point
     while not stands(shifted) and below > _LOWEST:
         below = min(4 * below, -1.0)
-        shifted = _less_stiff(point, below, stiff)
-    values, bends = _reciprocals(shifted, count + more, "LM", tolerance, transposed)
+        shifted = _less_stiff(point, below)
+    values, bends = _reciprocals(shifted, count + more, "LM", 0.0, transposed)
     with np.errstate(divide="ignore", invalid="ignore"):
         values = np.where(np.abs(values) > _ZERO * np.abs(values).max(), 1 / values, np.inf)
     least = np.argsort(values.real)[:count]
@@ -250,22 +248,21 @@ def _reciprocals(
         return np.asarray((after * point.solve(right, transposed)[places].T).T)
 
     n = stiff.size
-    operator = LinearOperator((n, n), matvec=inverse, dtype=float)
-    start = np.random.default_rng(0).standard_normal(n)
-    options = {"v0": start, "ncv": min(_VECTORS * count, n), "maxiter": _RESTARTS}
+    operator, start = LinearOperator((n, n), matvec=inverse), np.random.default_rng(0)
+    size = {"ncv": min(_VECTORS * count, n), "maxiter": _RESTARTS, "v0": start.standard_normal(n)}
     try:
-        values, vectors = eigs(operator, count, which=which, tol=tolerance, **options)
+        values, vectors = eigs(operator, count, which=which, tol=tolerance, **size)
     except ArpackNoConvergence:
         values, vectors = np.linalg.eig(inverse(np.eye(n)))
     return values, (vectors.T / after).T
 
 
-def _less_stiff(point: Linearised, by: float, stiff: Array) -> Linearised:
+def _less_stiff(point: Linearised, by: float) -> Linearised:
     """Return the equations with so much less of the stiffness at rest."""
     at, of = band(point.system.of), point.system.of
     diagonal = np.flatnonzero(at.rows == at.columns - of.first)
     at_rest, nonzeros = np.zeros(of.n_states), point.nonzeros.copy()
-    at_rest[np.ravel(of.stages)] = stiff
+    at_rest[np.ravel(of.stages)] = rest_stiffness(point.system)[1]
     nonzeros[diagonal] -= by * at_rest[at.rows[diagonal]]
     return Linearised(point.system, point.x, jacobian=nonzeros)
 
@@ -278,8 +275,7 @@ def rest_stiffness(system: System) -> tuple[Array, Array]:
     """
     m = system.of.form.stages
     weight = np.outer(np.diff(system.mesh.s), gauss(m).b).ravel()
-    at = stations(system.arm, system.s, np.repeat(system.mesh.active, m))
-    stiff = _at_rest(system.of.form.law, body_numbers(system.arm, system.scene, at))
+    stiff = _at_rest(system.of.form.law, system.sections.body)
     return np.repeat(weight, stiff.shape[0]), stiff.ravel("F")
 
 

@@ -254,8 +254,9 @@ def neighbour(
 
     Nodes that were at arc lengths `before` are now at `after` [m]. Raises what mesh_through does.
     """
-    form, old = system.of.form, landmarks(system.arm, system.scene, before)
-    mesh = mesh_through(system.mesh, old, landmarks(arm, scene, after))
+    form, now = system.of.form, (*places(arm, scene), *after)
+    old = landmarks(system.arm, (*places(system.arm, system.scene), *before))
+    mesh = mesh_through(system.mesh, old, landmarks(arm, now))
     result = System(arm, scene, mesh, form.stages, form.loaded, form.machine_code)
     # A quaternion has either sign.
     if result.base[:4] @ system.base[:4] < 0:

@@ -126,6 +126,8 @@ class ClosedForm(March):
     Its `stretch_at` are the scheme's nodes in the steps, then both ends of each segment.
     """
 
+    scheme: Magnus
+
     def __init__(
         self,
         arm: Arm,
@@ -135,7 +137,7 @@ class ClosedForm(March):
         at: tuple[float, ...] = (),
         machine_code: bool = False,
     ) -> None:
-        self.arm, self.scene, self.scheme, self.name = arm, scene, scheme, scheme.name
+        self.arm, self.scene, self.scheme = arm, scene, scheme
         self.refinement, self.machine_code = refinement, machine_code
         self._statics = statics = closed_statics(scene, arm)
         alike = _Geometry(arm.length, arm.radius, arm.sections, arm.rest_curvature, arm)

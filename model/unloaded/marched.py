@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from model.cross_section.law import strains_of
 from model.cross_section.sections import Sections
 from model.effects import PrintedStatics
 from model.errors import CollapsedError
+from model.integrators import Magnus, RungeKutta
+from model.machine.compiled import built
 from model.mesh import Mesh, graded
 from model.paths import Array
 from model.scene import Scene
@@ -104,17 +106,24 @@ class Extremes(NamedTuple):
 
     Attributes
     ----------
-    s : float
-        Where the stretch is least, or the first place where it is no number [m].
-    stretch : float
-        1 + q there.
-    bend : float
-        Curvature times the body's radius, at most.
+    s, stretch : float
+        Where 1 + q is least, or the first place where it is no number [m], and its value there.
+    bent_at, radius, bend : float
+        Where curvature times the body's radius is largest [m], that radius [m], the product.
     """
 
     s: float
     stretch: float
+    bent_at: float
+    radius: float
     bend: float
+
+    @classmethod
+    def of(cls, s: Array, stretch: Array, curvature: Array, radius: Array) -> Extremes:
+        """Return those of stretch at arc lengths [m], the first of which have the others too."""
+        worst, bend = int(stretch.argmin()), curvature * radius
+        i = int(bend.argmax())
+        return cls(*map(float, (s[worst], stretch[worst], s[i], radius[i], bend[i])))
 
 
 class March(ABC):
@@ -122,20 +131,23 @@ class March(ABC):
 
     Attributes
     ----------
-    name : str
-        Of its scheme.
+    scheme : Magnus or RungeKutta
     stretch_at, radius : (K,)
         Arc lengths where the strains are looked at, and the body's radius there [m].
     """
 
     arm: Arm
     scene: Scene
-    name: str
+    scheme: Magnus | RungeKutta
     refinement: int
     machine_code: bool
     mesh: Mesh
     stretch_at: Array
     radius: Array
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        of = self.arm, self.scene, self.scheme, self.refinement, (), self.machine_code
+        return built, (type(self), *of)
 
     @abstractmethod
     def run(self, tensions: Array) -> tuple[Array, Array]:
@@ -187,15 +199,13 @@ class Marched:
     @property
     def scheme(self) -> str:
         """See Linearised."""
-        return self.march.name
+        return self.march.scheme.name
 
     @cached_property
     def extremes(self) -> Extremes:
         """See Linearised."""
         (_, xi, k, q), march = self.strains.T, self.march
-        worst = int(q.argmin())  # the first that is no number, if any is
-        bend = float((march.radius * np.hypot(xi, k)).max())
-        return Extremes(float(march.stretch_at[worst]), float(1 + q[worst]), bend)
+        return Extremes.of(march.stretch_at, 1 + q, np.hypot(xi, k), march.radius)
 
     @property
     def machine_code(self) -> bool:

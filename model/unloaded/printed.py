@@ -73,7 +73,7 @@ def _slope(extension: bool, x: ca.SX, d: ca.SX) -> ca.SX:
     sums, sums_rate, body, body_rate = (d[i:j] for i, j in ((0, 6), (6, 12), (12, 15), (15, 18)))
     along = stretch(extension, x[7:], sums, body)
     turn = multiply(x[:4], ca.vertcat(0, along * x[7:])) / 2
-    moved = rotate(x[:4], ca.vertcat(along, 0, 0))
+    moved = rotate(x[:4] / ca.norm_2(x[:4]), ca.vertcat(along, 0, 0))
     return ca.vertcat(turn, moved, strain_rate(x[7:], sums, sums_rate, body, body_rate))
 
 
@@ -118,6 +118,8 @@ class PrintedMap(March):
         `stretch_at` (1, K), and tau, xi, k there (3, K).
     """
 
+    scheme: RungeKutta
+
     def __init__(
         self,
         arm: Arm,
@@ -127,7 +129,7 @@ class PrintedMap(March):
         at: tuple[float, ...] = (),
         machine_code: bool = False,
     ) -> None:
-        self.name, self.refinement, self.machine_code = scheme.name, refinement, machine_code
+        self.refinement, self.machine_code = refinement, machine_code
         self.arm, self.scene, self.scheme = arm, scene, scheme
         self.mesh = mesh = graded(arm, refinement, at)
         self._across = kernel(_across(scene.has(Extension), scheme), machine_code)
@@ -171,6 +173,7 @@ class PrintedMap(March):
 def _anchored(arm: Arm, poses: ca.MX) -> ca.MX:
     """Return poses (7, S + 1) in the base frame from those in the tip's."""
     first, point = ca.SX.sym("first", 7), ca.SX.sym("here", 7)
-    pose = compose(compose(ca.SX(ca.DM(base_pose(arm))), inverse(first)), point)
+    tip = ca.vertcat(first[:4] / ca.norm_2(first[:4]), first[4:])
+    pose = compose(compose(ca.SX(ca.DM(base_pose(arm))), inverse(tip)), point)
     anchor = ca.Function("anchor", [first, point], [pose])
     return anchor.map(poses.shape[1])(poses[:, 0], poses)

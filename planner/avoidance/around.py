@@ -43,7 +43,7 @@ def line_of(task: Task, T: Array) -> Centreline | None:
     """Return the centreline of a plan's settled shape; None if it does not settle."""
     with suppress(OctoplanError, np.linalg.LinAlgError):
         shape = settled(task.arm, T, task.scene, task.accuracy, task.machine_code)
-        return Centreline.of(shape, grid(task.arm).tolist())
+        return shape.centreline(grid(task.arm).tolist())
     return None
 
 

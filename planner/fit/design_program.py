@@ -123,7 +123,7 @@ class DesignProgram:
         arm, scene = self.parameters.built(values)
         parts, numbers = list[Array](), self.numbers(values)
         for i, (problem, T) in enumerate(zip(self.problems, tensions, strict=True)):
-            states = Collocation.on(self.system(i, arm, scene)).solve(T).states
+            states = Collocation(self.system(i, arm, scene)).solve(T).states
             parts.append(problem.closed(T, states, numbers[i]))
         return np.concatenate([*parts, self.parameters.fractions(values)])
 

@@ -23,7 +23,7 @@ from model import InputError, OctoplanError, settle
 from model.by_lengths import equilibrium_beside, tightened
 from model.equilibrium.linearised import Linearised, check_stretch
 from model.equilibrium.newton import Collocation
-from model.equilibrium.sensitivities import ByNumbers, NumberDerivatives
+from model.equilibrium.sensitivities import ByNumbers
 from model.paths import Array
 from model.transcription.layout import POSE
 from model.transcription.system import System, neighbour, system
@@ -197,7 +197,7 @@ class SessionEquations:
         """
         shape = self.experiment.shapes[i]
         try:
-            result = Collocation.on(self.system).from_rest(self.tensions(shape), looser)
+            result = Collocation(self.system).from_rest(self.tensions(shape), looser)
             check_stretch(result)
         except OctoplanError as reason:
             return reason
@@ -228,13 +228,13 @@ class SessionEquations:
     def differentiated(self, shape: Measured, equilibrium: Linearised) -> ByNumbers:
         """Return the derivatives of the equilibrium of a shape by the unknowns."""
         by = self.derivatives
-        jacobian = NumberDerivatives(by.p, by.lengths, by.nodes)
+        numbers = by.p, by.lengths
         if not shape.by_length:
-            return ByNumbers(equilibrium, jacobian, np.array(shape.tensions)[:, None] * by.scale)
+            return ByNumbers(equilibrium, *numbers, np.array(shape.tensions)[:, None] * by.scale)
         lengths = by.rest if shape.strokes is not None else 0.0
-        held = ByNumbers(equilibrium, jacobian, np.zeros_like(by.scale))
+        held = ByNumbers(equilibrium, *numbers, np.zeros_like(by.scale))
         tensions = tensions_by_lengths(equilibrium) @ (lengths - held.lengths)
-        return ByNumbers(equilibrium, jacobian, tensions)
+        return ByNumbers(equilibrium, *numbers, tensions)
 
 
 def tensions_by_lengths(equilibrium: Linearised) -> Array:

@@ -170,7 +170,7 @@ class Evaluation:
             T = tensions if shape.by_length else to.tensions(shape)
             of, near = before.system.of, None
             if to.system.of is not of:
-                states = Collocation.on(to.system).carried(T, before)
+                states = Collocation(to.system).carried(T, before)
             elif np.abs(states - before.states)[of.nodes[:, :4]].max() < CLOSE:
                 near = before
             end = newton(to.system, T, 1.0, states, near=near, looser=LOOSER)

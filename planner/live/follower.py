@@ -193,7 +193,7 @@ class Follower:
         shape, point = self.shape, _under_loads(self.shape)
         try:
             if point is not None:
-                return self._near(Collocation.on(point.system), point, tensions)
+                return self._near(Collocation(point.system), point, tensions)
             code = self._machine_code
             with limited(_LONG):
                 return settle(shape.arm, tensions, shape.scene, ACCURACY, compile=code, near=shape)

@@ -28,6 +28,7 @@ from model.errors import OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
+from model.transcription.system import system
 from model.winches import rest_lengths
 from planner.program.blocks import States, unit_force
 from planner.program.program import STABILITY, STROKES, Program, factorised
@@ -242,7 +243,8 @@ def _built(
     """Return what is the same for all targets of one structure, and all limits."""
     targets, statement = question.value
     loaded, at = is_loaded(scene) or bool(compliance_requests(targets)), stations_of(arm, targets)
-    forward = Collocation(arm, scene, STAGES, statement.refinement, at, loaded, machine_code)
+    mesh = STAGES, statement.refinement, at, loaded, machine_code
+    forward = Collocation(system(arm, scene, *mesh))
     states = States.seen(forward.system, at)
     # What targets take of an arm besides its shape.
     skeleton = (arm.length, arm.base_frame, arm.base_position, arm.tendons, arm.anchorages)

@@ -33,7 +33,7 @@ from matplotlib.figure import Figure
 
 from model import Arm, OctoplanError, Scene, settle, tip_jacobian
 from model.effects import Buoyancy, ExactTendons, Extension, Weight
-from model.forward import CLOSED_FORMS, SCHEMES, forward_map, schemes_of
+from model.forward import CLOSED_FORMS, SCHEMES, maps_of, schemes_of
 from model.loads import is_loaded
 from model.mesh import REFINEMENTS
 from model.paths import Array
@@ -149,7 +149,7 @@ def settling(scene: Scene, size: Size, rng: np.random.Generator) -> list[Curve]:
 
     curves = []
     for name in CLOSED_FORMS if scene == EXACT else schemes_of(scene):
-        maps = (forward_map(ARM, scene, name, refinement) for refinement in size.meshes)
+        maps = (maps_of(ARM, scene, name, False).on(mesh) for mesh in size.meshes)
         curves.append(
             measured(
                 name,

@@ -9,8 +9,8 @@ import pytest
 
 from model import Anchorage, Arm, CollapsedError, Linear, Scene, settle, settle_many
 from model.effects import Buoyancy, ExactTendons, Extension, Friction, Weight
-from model.equilibrium.newton import Collocation
 from model.errors import UnsettledSectionError
+from model.transcription.system import system
 from tests.effects.bars import capstan, one_tendon
 from tests.hard_cases.loads import check_rubbed
 
@@ -97,8 +97,7 @@ def test_sections_where_the_energy_hardly_curves_are_settled() -> None:
     T = np.array([3.169, 0.369, 0, 1.748, 0, 0, 4.912, 0, 0, 4.127, 0.292, 0])
     rng = np.random.default_rng(0)
     sets = T + rng.uniform(-5e-4, 5e-4, (300, 12)) * (T > 0)
-    system = Collocation(ARM, Scene.silicone(), 3, 1, (0.43125, 0.440625), False).system
-    at = system.sections
+    at = system(ARM, Scene.silicone(), 3, 1, (0.43125, 0.440625), False).sections
     for pulls in sets:
         v = at.strains(pulls)
         wrench = at.balance(v, pulls[at.tendon]).wrench

@@ -9,7 +9,7 @@ import pytest
 
 from model import Arm, InputError, Scene, settle
 from model.effects import Extension, Weight
-from model.forward import check_scheme, forward_map, schemes_of
+from model.forward import check_scheme, maps_of, schemes_of
 from model.unloaded.marched import Marched
 from tests.effects.cases import RODS, fem_arm, fem_cases, name_of
 from tests.oracles import Array
@@ -88,7 +88,7 @@ def meshes(name: str, scheme: str) -> tuple[int, ...]:
 
 
 def node_states(name: str, scene: Scene, scheme: str, refinement: int) -> Array:
-    forward = forward_map(Arm.from_paper(name), scene, scheme, refinement)
+    forward = maps_of(Arm.from_paper(name), scene, scheme, False).on(refinement)
     found = forward.solve(TENSIONS[name])
     if not isinstance(found, Marched) or not scheme.startswith("rk"):
         return found.poses

@@ -43,7 +43,7 @@ EVERYTHING = Scene(*Scene.silicone().effects, *WATER, *STREAM, Shear(), Friction
 @pytest.mark.parametrize("name", ["paper in water", "silicone in water", "stream", "point load"])
 def test_the_error_of_the_tip_falls_with_twice_the_number_of_stages(name: str, stages: int) -> None:
     def tip(stages: int, refinement: int) -> Array:
-        return Collocation(ARM, SCENES[name], stages, refinement).solve(PULLS).poses[-1]
+        return Collocation(system(ARM, SCENES[name], stages, refinement)).solve(PULLS).poses[-1]
 
     best = tip(3, 32)
     gaps = np.array([tip(stages, refinement) - best for refinement in (2, 4, 8)])
@@ -97,7 +97,7 @@ def test_what_verifies_an_equilibrium_corrects_a_coarse_one(name: str, arm: str)
     scene, given = SCENES.get(name, Scene()), Arm.from_paper(arm)
     pulls = {"table-4": PULLS, "section-5.2": np.array([0.3, 0.2, 0.0, 0.1])}[arm]
     # As coarse as to be off by some millionths of the length.
-    here = Collocation(given, scene, 2, 2).solve(pulls)
+    here = Collocation(system(given, scene, 2, 2)).solve(pulls)
     found = verified(here, 1e-8)
     wanted = settle(given, pulls, scene, 1e-10).tip
     coarse, fine = (at.system.poses(at.states)[-1, 4:] for at in (here, found.point))

@@ -12,6 +12,7 @@ from model.clearance.nearest import BASE, ITSELF, clearances
 from model.effects import Buoyancy, Extension, TipLoad, Weight
 from model.equilibrium.newton import STAGES, Collocation
 from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from model.transcription.system import system
 from tests.model.cases import paper_tensions
 from tests.oracles import Array
 
@@ -44,7 +45,7 @@ def _pulls(rng: np.random.Generator) -> Array:
 
 
 def _line(scene: Scene, T: Array) -> Centreline:
-    forward = Collocation(ARM, scene, STAGES, 3)
+    forward = Collocation(system(ARM, scene, STAGES, 3))
     return Centreline.at_states(forward.system, forward.solve(T).states)
 
 
@@ -89,7 +90,7 @@ def test_what_is_between_nodes_is_that_of_the_shape() -> None:
     for scene in (Scene(Extension()), Scene.silicone(), Scene(Extension(), Weight(), Buoyancy())):
         shape = settle(ARM, T, scene, 1e-9)
         s = np.linspace(0.0, ARM.length, 41)
-        for line in (Centreline.of(shape), _line(scene, T)):
+        for line in (shape.centreline(), _line(scene, T)):
             assert np.abs(line.at(s)[0] - shape.position(s)).max() < 1e-6 * ARM.length
 
 
@@ -114,7 +115,7 @@ def _coil(turns: float, radius: float) -> Centreline:
     arm = conical(1.0, (radius, radius), [(1.0, radius / 2, radius / 2)])
     moment = 2 * np.pi * turns * arm.material.E * np.pi * radius**4 / 4
     scene = Scene(TipLoad(moment=(0.0, 0.0, moment)))
-    return Centreline.of(settle(arm, np.zeros(4), scene, 1e-9))
+    return settle(arm, np.zeros(4), scene, 1e-9).centreline()
 
 
 @pytest.mark.parametrize(("turns", "radius"), [(0.8, 0.01), (0.95, 0.02), (1.3, 0.01)])
