@@ -15,7 +15,6 @@ from model.quantities import (
     CurvaturePath,
     Length,
     LengthPaths,
-    Modulus,
     Positive,
     unit,
 )
@@ -111,7 +110,7 @@ class Material:
         [kg/m3].
     """
 
-    E: Modulus = 110e3
+    E: Annotated[Positive, unit("kPa")] = 110e3
     nu: Annotated[float, Meta(gt=-1, le=0.5)] = 0.5
     density: Annotated[Positive, unit("kg/m3")] = 1080.0
 

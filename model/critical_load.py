@@ -13,7 +13,6 @@ from model.errors import InputError
 from model.forward import by_collocation
 from model.loads import check_loads, convergence_order, is_loaded
 from model.mesh import first_pair, refined
-from model.paths import Array
 from model.scene import Scene
 
 
@@ -54,20 +53,16 @@ def critical_load_factor(
     if not is_loaded(scene):
         raise InputError("scene", [type(e).__name__ for e in scene.effects], "a scene with loads")
     T, most = arm.flat(tensions), positive("most", most)
-    end, _, _ = refined(
-        first_pair(accuracy, 2 * STAGES),
-        accuracy,
-        convergence_order(scene, 2 * STAGES),
-        lambda mesh: _end(arm, scene, T, mesh, most, accuracy),
-        lambda now, before: abs(now.load - before.load) / now.load,
-    )
-    return Critical(end.load, end.why if end.load < most else "")
 
+    def end(refinement: int) -> Followed:
+        """Return where the branch ends on the mesh of a refinement, four times as accurate."""
+        forward = by_collocation(arm, scene, STAGES, refinement)
+        x = forward.system.x(T, 0.0, forward.without_loads(T))
+        return follow_on(Followed(Linearised(forward.system, x), 0.0, ""), most, accuracy / 4)
 
-def _end(
-    arm: Arm, scene: Scene, T: Array, refinement: int, most: float, accuracy: float
-) -> Followed:
-    """Return where the branch ends on the mesh of a refinement, four times as accurate."""
-    forward = by_collocation(arm, scene, STAGES, refinement)
-    x = forward.system.x(T, 0.0, forward.without_loads(T))
-    return follow_on(Followed(Linearised(forward.system, x), 0.0, ""), most, accuracy / 4)
+    def gap(now: Followed, before: Followed) -> float:
+        return abs(now.load - before.load) / now.load
+
+    order = convergence_order(scene, 2 * STAGES)
+    last, _, _ = refined(first_pair(accuracy, 2 * STAGES), accuracy, order, end, gap)
+    return Critical(last.load, last.why if last.load < most else "")

@@ -6,6 +6,7 @@ import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -38,7 +39,7 @@ class Mesh:
     s: Array
     active: Counts
 
-    @property
+    @cached_property
     def steps(self) -> int:
         """The number of steps S."""
         return self.active.size

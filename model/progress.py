@@ -53,8 +53,7 @@ def tell(what: str, done: float = 0, of: float = 0) -> None:
     """Say that `done` parts `of` all are done, of something that takes long; of 0: not known."""
     text = f"{what}: {done:g} of {of:g}" if of else what
     _log.info(text)
-    line = _line.get()
-    if line is not None:
+    if (line := _line.get()) is not None:
         line.show(text)
 
 

@@ -112,17 +112,16 @@ def tendon_offsets(arm: Arm, at: Stations) -> Array:
     )
 
 
-def tendon_paths(arm: Arm, at: Stations, place: Counts, tendon: Counts) -> Array:
+def tendon_paths(
+    arm: Arm, at: Stations, place: Counts, tendon: Counts, derivative: int = 0
+) -> Array:
     """Return the offset Y = y d along n and b, and its derivative (4, P), of tendons at stations.
 
-    `place` (P,) are numbers of stations, `tendon` (P,) those of the tendons there.
+    Or the first derivatives along s of these. `place` (P,) are numbers of stations, `tendon` (P,)
+    those of the tendons there.
     """
-    return tendon_offsets(arm, at)[:2, :, place, tendon].reshape(4, -1)
-
-
-def tendon_path_rates(arm: Arm, at: Stations, place: Counts, tendon: Counts) -> Array:
-    """Return the derivatives along s (4, P) of what tendon_paths returns."""
-    return tendon_offsets(arm, at)[1:, :, place, tendon].reshape(4, -1)
+    rows = slice(derivative, derivative + 2)
+    return tendon_offsets(arm, at)[rows, :, place, tendon].reshape(4, -1)
 
 
 def tendon_offset(arm: Arm, tendon: int, s: Array) -> Array:

@@ -146,16 +146,13 @@ class Stiffness(Shown):
             compliance_text(place, held, self.compliance[:3, :3], *self.ellipsoid()),
         ]
         if self.hold == "length" and self.slack:
-            parts.append(self._told_of_slack())
+            what = "without tension, left slack (release=False locks them)"
+            if len(self.locked) + len(self.slack) > T.size:
+                what = "without tension and locked, though they could only pull"
+            parts.append(f"{what}: {', '.join(self.slack)}")
         stable = "stable" if self.stable else "not stable"
         last = f"{stable} with tensions held; estimated relative error [-]  {self.error:.1e}"
         return "\n\n".join([*parts, last])
-
-    def _told_of_slack(self) -> str:
-        names = ", ".join(self.slack)
-        if len(self.locked) + len(self.slack) > self.shape.tensions.size:
-            return f"without tension and locked, though they could only pull: {names}"
-        return f"without tension, left slack (release=False locks them): {names}"
 
     def _sections(self, s: Any) -> Array:
         wanted = finite_array("s", np.atleast_1d(s), (None,))

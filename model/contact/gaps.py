@@ -11,7 +11,7 @@ from model.equilibrium.integration import poses_and_strains
 from model.equilibrium.linearised import Index
 from model.errors import InputError
 from model.loads import contacts
-from model.machine.buffered import mapped
+from model.machine.buffered import Mapped
 from model.machine.compiled import built
 from model.obstacles import distances, numbers_of
 from model.paths import SAME, Array
@@ -39,7 +39,7 @@ def along(system: System, x: Array, s: Array, obstacles: Index) -> tuple[Array, 
     weights = p * ((s - mesh.s[step]) / h)[:, None] ** (p - 1) @ gauss(m).powers[1:] / h[:, None]
     stages = x[of.first + of.stages].reshape(-1, m, of.form.strains)[step]
     rate = np.einsum("km,kmn->kn", weights, stages)
-    call = mapped(built(gap_along, of.form.law), of.form.machine_code)
+    call = built(Mapped, built(gap_along, of.form.law), of.form.machine_code)
     radii = np.array(system.arm.outer_radius(s)).T
     gaps, _, tangents = call(poses, v, rate, bodies_of(system)[obstacles], radii)
     return gaps, tangents

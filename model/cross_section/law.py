@@ -15,7 +15,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from model.machine.buffered import mapped
+from model.machine.buffered import Mapped
 from model.machine.compiled import built
 from model.paths import Array
 from model.rotations import norm
@@ -148,12 +148,12 @@ def reported(law: CrossSection, v: Array) -> Array:
 def strains_of(law: CrossSection, rows: Array) -> Array:
     """Return a law's strains (N, n) of tau, xi, k, q, and nu_n, nu_b if given (N, 4 or 6)."""
     padded = np.hstack([rows, np.zeros((len(rows), 6 - rows.shape[1]))])
-    return mapped(built(_strains, law))(padded)[0]
+    return built(Mapped, built(_strains, law))(padded)[0]
 
 
 def kinematics(law: CrossSection, v: Array) -> tuple[Array, Array]:
     """Return kappa and nu (N, 3) per unit reference length of a law's strains v (N, n)."""
-    twist = mapped(built(_twist, law))(v)[0]
+    twist = built(Mapped, built(_twist, law))(v)[0]
     return twist[:, :3], twist[:, 3:]
 
 

@@ -22,7 +22,7 @@ from model.cross_section.law import (
 from model.cross_section.statics import ClosedStatics, closed_statics, settled
 from model.effects import Shear
 from model.errors import CollapsedError, UnsettledSectionError
-from model.machine.buffered import mapped
+from model.machine.buffered import Mapped
 from model.machine.compiled import built
 from model.paths import Array
 from model.scene import Scene
@@ -32,7 +32,6 @@ from model.stations import (
     crossing,
     resists,
     stations,
-    tendon_path_rates,
     tendon_paths,
 )
 
@@ -156,7 +155,7 @@ class Sections:
 
         At strains v and their rates (N, n).
         """
-        change = tendon_path_rates(self._arm, self.stations, self.place, self.tendon)
+        change = tendon_paths(self._arm, self.stations, self.place, self.tendon, 1)
         arguments = (v[self.place], rate[self.place], self.paths.T, change.T)
         result = self._kernel(_turning, *arguments)
         return result[:, 0], result[:, 1:]
@@ -182,7 +181,7 @@ class Sections:
 
     def _kernel(self, kernel_of: Callable[[CrossSection], ca.Function], *value: Array) -> Array:
         """Return what a kernel of the law has of arguments (N, n), a row each."""
-        return mapped(built(kernel_of, self.law), self.machine_code)(*value)[0]
+        return built(Mapped, built(kernel_of, self.law), self.machine_code)(*value)[0]
 
 
 def _turning(law: CrossSection) -> ca.Function:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 from model.effects.base import Effect
 from model.quantities import (
-    Acceleration,
     ArcLength,
     Density,
     Force,
-    Mass,
-    Moment,
     NotNegative,
     Place,
-    Velocity,
+    Vector,
+    unit,
 )
 from model.value import value
 
@@ -34,7 +32,7 @@ class Weight(Effect):
         Acceleration of gravity in the base frame [m/s2].
     """
 
-    g: Acceleration = (0.0, 0.0, -9.81)
+    g: Annotated[Vector, unit("m/s2")] = (0.0, 0.0, -9.81)
 
 
 @value
@@ -73,7 +71,7 @@ class TipLoad(Effect):
     """
 
     force: Force = (0.0, 0.0, 0.0)
-    moment: Moment = (0.0, 0.0, 0.0)
+    moment: Annotated[Vector, unit("N m")] = (0.0, 0.0, 0.0)
     follower: bool = False
 
 
@@ -121,7 +119,7 @@ class PointMass(Effect):
     """
 
     s: ArcLength
-    mass: Mass
+    mass: Annotated[NotNegative, unit("g")]
     offset: Place | None = None
 
     @property
@@ -151,6 +149,6 @@ class Current(Effect):
         arm in water.
     """
 
-    velocity: Velocity
+    velocity: Annotated[Vector, unit("m/s")]
     density: Density = 1000.0
     coefficient: NotNegative = 1.1

@@ -161,7 +161,7 @@ class Integration:
         wrench = self._wrench[at]
         if form.friction:
             pulls = self._x[: self._system.of.n_tendons] * np.exp(-self._friction * y[:, w:])
-            wrench = wrench + _times(self._unit[at], pulls - self._tensions[at])
+            wrench = wrench + np.einsum("pnm,pm->pn", self._unit[at], pulls - self._tensions[at])
         inputs = [y[:, :w], self._v[at], wrench, self._inverse[at], self._dead[at], self._drag[at]]
         if form.pressed:
             normals = distances(self._bodies, y[:, 4:POSE])[1]
@@ -170,7 +170,8 @@ class Integration:
         rates, strains[k] = built(_rates, form)(*inputs)
         if not form.friction:
             return np.asarray(rates)
-        turning = self._turning[at] + _times(self._slope[at], strains[k] - self._v[at])
+        change = strains[k] - self._v[at]
+        turning = self._turning[at] + np.einsum("pnm,pm->pn", self._slope[at], change)
         return np.hstack([rates, turning])
 
     def _press(self) -> None:
@@ -247,11 +248,6 @@ def _rates(form: Form) -> Mapped:
     inputs += [presses, rubs] * form.pressed
     function = ca.Function("rates", inputs, [ca.vertcat(*rates), v], {"cse": True})
     return Mapped(function, form.machine_code)
-
-
-def _times(A: Array, v: Array) -> Array:
-    """Return the products (P, n) of matrices (P, n, m) and vectors (P, m)."""
-    return np.asarray((A @ v[:, :, None])[:, :, 0])
 
 
 def poses_and_strains(system: System, x: Array, s: Array) -> tuple[Array, Array]:

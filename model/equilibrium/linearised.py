@@ -104,7 +104,8 @@ class Linearised:
         """The nonzeros of the Jacobian (nnz,), in the places of `band`."""
         if self.near:
             return self.near.nonzeros
-        return self.system.jacobian(self.x) if self.jacobian is None else self.jacobian
+        at = self.system
+        return at.of.equations.jacobian(self.x, at.p) if self.jacobian is None else self.jacobian
 
     @property
     def tensions(self) -> Array:

@@ -29,19 +29,15 @@ STEPS = 14
 SETTLED, LEFT = 1e-10, 1e-13
 # A step counts as safe if it is so much smaller than the last; below SMALL rounding may be felt.
 CONTRACTION, SMALL = 0.5, 1e-3
-# The farthest that a frame may rotate in one step of the load factor [rad], and in one of Newton's,
-# as a change of its quaternion.
+# The farthest that a frame may rotate in one step of the load factor [rad]; in one of Newton's, as
+# a change of its quaternion. So far ahead a tangent is trusted too [rad].
 FOLLOWED = 1.2
 TURN = FOLLOWED / 2
-# How far ahead a tangent is trusted: what it may turn a frame by [rad].
-_AHEAD = 0.7
 # How many times larger last steps may be where the equilibrium is there to begin the next one with.
 ROUGHEST = 1e6
 # Guesses by another mesh are so near; the factorisation is kept after a step so small, and as long
 # as steps contract so fast: a residual costs a tenth of a factorised Jacobian.
 CLOSE, KEPT = 0.02, 0.1
-# An equilibrium as near to where the equations were linearised has their derivatives.
-AS_GOOD = 1e-5
 
 
 def newton(
@@ -85,7 +81,8 @@ def newton(
         if rotation > farthest or (before and size > max(CONTRACTION * before, SMALL)):
             return None
         if size < level or size**2 < level * before:
-            is_close = path < AS_GOOD * math.sqrt(looser)
+            # So near to where they were linearised the equations have the same derivatives.
+            is_close = path < math.sqrt(SETTLED * looser)
             return Linearised(system, x, near if is_close else None)
         if size > (KEPT * before if before else far):
             near = None
@@ -145,7 +142,7 @@ def follow_on(
             return at._replace(why=BUCKLES)
         rate, step = at.point.by_unknowns(n, n + 1)[:, 0], min(step, most - at.load)
         turned = 2 * step * float(np.abs(rate[quaternions]).max())
-        load = at.load + step * min(1.0, _AHEAD / max(turned, _AHEAD))
+        load = at.load + step * min(1.0, TURN / max(turned, TURN))
         change, level = (load - at.load) * rate, looser if load == most else on_the_way
         point = newton(system, at.point.tensions, load, at.point.states + change, looser=level)
         if point is not None:
@@ -229,7 +226,7 @@ class Collocation:
             states = states + near.by_tensions @ (tensions - near.tensions)
         if before.of is self.system.of and np.array_equal(before.mesh.s, self.mesh.s):
             return states
-        strains = carried_strains(before, before.strains(states), self.system)
+        strains = carried_strains(before, states[before.of.stages], self.system)
         return self.system.start(tensions, strains, 1.0)
 
 

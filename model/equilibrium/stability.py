@@ -194,9 +194,9 @@ def stability_slope(point: Linearised) -> tuple[float, Array]:
         w = _spread(shifted, left.conj() if value.imag * other.imag < 0 else left, transposed=True)
     y, w = _spread(shifted, bends)[:, 0], w[:, 0]
     places, (rows, columns) = np.ravel(of.stages), of.equations.hessian.triplet
-    H = point.system.hessian(point.x, w.real)
+    H = of.equations.hessian(point.x, point.system.p, w.real)
     if np.iscomplexobj(w):
-        H = H + 1j * point.system.hessian(point.x, w.imag)
+        H = H + 1j * of.equations.hessian(point.x, point.system.p, w.imag)
     mode = np.append(np.zeros(of.first), y)
     by_unknowns = np.vstack([np.eye(of.first, of.n_tendons), point.by_tensions])
     slope = (mode[rows] * H) @ by_unknowns[columns]

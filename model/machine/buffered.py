@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from model.machine.columns import Columns, unknown
-from model.machine.compiled import built, is_short
+from model.machine.compiled import is_short
 from model.paths import Array
 
 
@@ -57,14 +57,12 @@ class Mapped:
     fewer, which are taken again and again.
     """
 
-    # Sets at a time, of scalar functions and of others; sizes that maps are kept of.
-    _many, _few, _kept = 512, 64, 20
-
     def __init__(self, function: ca.Function, machine_code: bool = False) -> None:
         self._function = function
         self._machine_code = machine_code and is_short(function)
-        self._most = self._many if function.is_a("SXFunction") else self._few
-        self._sized = lru_cache(maxsize=self._kept)(self._of)
+        # Sets at a time, of scalar functions and of others.
+        self._most = 512 if function.is_a("SXFunction") else 64
+        self._sized = lru_cache(maxsize=20)(self._of)
 
     def __call__(self, *value: Array) -> list[Array]:
         """Return the results (N, n_out) of arguments (N, n_in) or (N,)."""
@@ -92,8 +90,3 @@ class Mapped:
 
     def _of(self, size: int) -> Buffered:
         return Buffered(self._function if size == 1 else self._function.map(size))
-
-
-def mapped(function: ca.Function, machine_code: bool = False) -> Mapped:
-    """Return a function, which is kept elsewhere, for many sets of arguments; made once."""
-    return built(Mapped, function, machine_code)

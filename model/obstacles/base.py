@@ -28,7 +28,8 @@ import scipy
 
 from model.checks import SUCH, kind, numbers
 from model.errors import InputError
-from model.machine.buffered import mapped
+from model.machine.buffered import Mapped
+from model.machine.compiled import built
 from model.paths import Array
 from model.rotations import norm
 
@@ -173,7 +174,7 @@ def pair_distances(bodies: Array, points: Array) -> tuple[Array, Array]:
 
     Fewer bodies are taken again and again.
     """
-    distance, gradient = mapped(signed_distance())(points, bodies)
+    distance, gradient = built(Mapped, signed_distance())(points, bodies)
     return distance.ravel(), gradient
 
 

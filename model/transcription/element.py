@@ -16,6 +16,7 @@ moments at the tip. Dead loads enter by their resultant beyond each stage, whose
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 
@@ -63,17 +64,17 @@ class Form:
     pressed: bool = False
     contact_friction: bool = False
 
-    @property
+    @cached_property
     def moving(self) -> bool:
         """Whether some of the force depends on the shape, so that it is unknown at the nodes."""
         return self.current or self.follower or self.contacts > 0
 
-    @property
+    @cached_property
     def wrench(self) -> int:
         """Size of the forces and moments at a node."""
         return 3 * self.loaded + 3 * self.moving
 
-    @property
+    @cached_property
     def strains(self) -> int:
         """Number of strains of a cross-section."""
         return size(self.law)

@@ -109,9 +109,6 @@ class Layout:
     @cached_property
     def equations(self) -> Equations:
         """The equilibrium: as many equations as states."""
-        return Equations(self.n_x, self.n_states, self._terms(), self.form.machine_code)
-
-    def _terms(self) -> list[Term]:
         form, N, at = self.form, self.elements, self.first
         nodes = self.nodes[:, : POSE + form.wrench]
         load = np.full((1, N), self.n_tendons)[: int(form.loaded)]
@@ -133,11 +130,9 @@ class Layout:
             terms.append(
                 Term(lever(), np.vstack([loads, at + values[:4]]), values[POSE : POSE + 3])
             )
-        return (
-            terms
-            + (self._sliding() if form.friction else self._tendons())
-            + (self._contact() if form.contacts else [])
-        )
+        terms += self._sliding() if form.friction else self._tendons()
+        terms += self._contact() if form.contacts else []
+        return Equations(self.n_x, self.n_states, terms, form.machine_code)
 
     def _contact(self) -> list[Term]:
         """Return the contact of the nodes, each with all obstacles, and of the elements."""

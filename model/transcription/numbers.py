@@ -12,7 +12,7 @@ from model.mesh import Mesh
 from model.obstacles import numbers_of
 from model.paths import Array
 from model.scene import Scene
-from model.stations import base_pose, stations, tendon_path_rates, tendon_paths
+from model.stations import base_pose, stations, tendon_paths
 from model.transcription.element import Form
 from model.transcription.layout import Layout
 from model.transcription.touch import BEFORE, FLAGS
@@ -77,7 +77,7 @@ def friction_numbers(arm: Arm, scene: Scene, mesh: Mesh, of: Layout, at: Section
     slides = [h[k], friction_coefficients(arm, scene)[j]]
     for stage in range(m):
         arguments = arm, at.stations, k * m + stage, j
-        slides += [tendon_paths(*arguments), tendon_path_rates(*arguments)[2:]]
+        slides += [tendon_paths(*arguments), tendon_paths(*arguments, 1)[2:]]
     k, j = of.kinks
     ends = stations(arm, mesh.s[k + 1], mesh.active[k + 1])
     kinks = [h[k], h[k + 1], tendon_paths(arm, ends, np.arange(k.size), j)]

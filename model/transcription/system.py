@@ -20,7 +20,7 @@ from model.cross_section.law import kinematics
 from model.cross_section.sections import Sections
 from model.effects import Current, Friction, TipLoad
 from model.loads import contacts, growth, is_loaded, levers, places
-from model.machine.buffered import Buffered, mapped
+from model.machine.buffered import Buffered, Mapped
 from model.machine.compiled import built, kernel
 from model.mesh import Mesh, graded, landmarks, mesh_through
 from model.paths import Array
@@ -94,8 +94,8 @@ class System:
 
     @property
     def base(self) -> Array:
-        """The pose (7,) that the base is clamped at, as part of the numbers."""
-        return self.p[self.of.equations.numbers_of("clamp")]
+        """The pose (7,) that the base is clamped at: the first of the numbers."""
+        return self.p[:POSE]
 
     def x(self, tensions: Array, load: float, states: Array) -> Array:
         """Return all unknowns: tensions (n_tendons,), load factor, states."""
@@ -104,14 +104,6 @@ class System:
     def residual(self, x: Array) -> Array:
         """Return what vanishes at equilibrium (n_states,)."""
         return np.asarray(self.of.equations.value(x, self.p))
-
-    def jacobian(self, x: Array) -> Array:
-        """Return the nonzeros of the residuals' Jacobian, see Equations.jacobian."""
-        return np.asarray(self.of.equations.jacobian(x, self.p))
-
-    def hessian(self, x: Array, multipliers: Array) -> Array:
-        """Return the nonzeros of the Hessian of multipliers . residuals, see Equations.hessian."""
-        return np.asarray(self.of.equations.hessian(x, self.p, multipliers))
 
     def lengths(self, x: Array) -> Array:
         """Return the length of each tendon (n_tendons,) [m]."""
@@ -155,7 +147,7 @@ class System:
         """Return the residuals (N, n_r) of all that a kernel is repeated for, by its name."""
         (term,) = [term for term in self.of.equations.terms if term.kernel.name == name]
         c = self.p[self.of.equations.numbers_of(name)].reshape(term.count, -1)
-        return mapped(term.kernel.value, self.of.form.machine_code)(x[term.unknowns].T, c)[0]
+        return built(Mapped, term.kernel.value, self.of.form.machine_code)(x[term.unknowns].T, c)[0]
 
     def strains(self, states: Array) -> Array:
         """Return the strains at the stages (N stages, strains)."""
@@ -174,9 +166,9 @@ class System:
 
     def marched(self, strains: Array) -> Array:
         """Return the poses at the nodes (N + 1, 7) of strains at the stages (N stages, strains)."""
-        call = built(_march, self.of.form, self.mesh.steps)
-        (result,) = call(self.base, strains.ravel(), np.diff(self.mesh.s))
-        return np.vstack([self.base, result])
+        call, base = built(_march, self.of.form, self.mesh.steps), self.p[:POSE]
+        (result,) = call(base, strains.ravel(), np.diff(self.mesh.s))
+        return np.vstack([base, result])
 
     def start(
         self, tensions: Array, strains: Array, load: float = 0.0, pressed: Array | None = None

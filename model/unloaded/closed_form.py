@@ -22,7 +22,7 @@ from model.cross_section.law import reported, size
 from model.cross_section.sections import Sections
 from model.cross_section.statics import ClosedStatics, closed_statics, settled
 from model.integrators import Magnus
-from model.machine.buffered import Buffered, mapped
+from model.machine.buffered import Buffered, Mapped
 from model.machine.columns import Columns
 from model.machine.compiled import built, kernel
 from model.mesh import Mesh, graded, roughly
@@ -32,19 +32,13 @@ from model.scene import Scene
 from model.stations import Counts, Stations, base_pose, stations
 from model.unloaded.marched import March
 
-# Arms at a time, interpreted and by machine code: their numbers stay in the processor's cache.
-_ARMS = 2048, 512
-# So few are marched one after the other, where they are interpreted.
-_FEW = 256
+# Arms at a time, interpreted and by machine code: their numbers stay in the processor's cache. As
+# few as the latter are marched one after the other where they are interpreted.
+_ARMS = 2048, 256
 # Of log R and s/L in its meshes: errors of slender tips weigh most where strains follow tensions.
 _GRADED = 1.5, 0.75
 # So few steps are one list of operations, which CasADi runs sooner than a function time and again.
 _WRITTEN_OUT = 64
-
-
-def nodes_of(scheme: Magnus, left: Array, right: Array) -> Array:
-    """Return the arc lengths (m N,) of a scheme's nodes in N steps."""
-    return np.ravel(left[:, None] + (right - left)[:, None] * np.array(scheme.nodes))
 
 
 def _step(
@@ -80,14 +74,6 @@ def _march(
     inputs = march.mx_in()
     poses, strains = march.call(inputs)
     return ca.Function("march", inputs, [ca.horzcat(inputs[0], poses[:, :S]), strains])
-
-
-def _called(
-    statics: ClosedStatics, scheme: Magnus, by_pull: bool, machine_code: bool, S: int, steps: int
-) -> Buffered:
-    """Return what _march does, to be called: few steps that are interpreted are written out."""
-    march = built(_march, statics, scheme, by_pull, machine_code, S, steps)
-    return Buffered(march.expand() if steps <= _WRITTEN_OUT and not machine_code else march)
 
 
 @dataclass(frozen=True)
@@ -147,7 +133,10 @@ class ClosedForm(March):
         self._data, self._base = statics.data(arm.material, self._at), base_pose(arm)
         self._h = np.pad(np.diff(self.mesh.s), (0, self.stretch_at.size // m - self.mesh.steps))
         self._kind = (statics, scheme, statics.is_explicit)
-        self._march = built(_called, *self._kind, machine_code, self.mesh.steps, self._h.size)
+        march = built(_march, *self._kind, machine_code, self.mesh.steps, self._h.size)
+        if self._h.size <= _WRITTEN_OUT and not machine_code:
+            march = built(ca.Function.expand, march)
+        self._march = built(Buffered, march)
 
     @cached_property
     def sections(self) -> Sections:
@@ -183,7 +172,7 @@ class ClosedForm(March):
 
     def many(self, tensions: Array, nodes: Sequence[int] | None = None) -> tuple[Array, Array]:
         """See March.many: so many arms at a time that their numbers stay at hand."""
-        if len(tensions) <= _FEW and not self.machine_code:
+        if len(tensions) <= _ARMS[True] and not self.machine_code:
             return super().many(tensions, nodes)
         step = built(Columns, built(_step, *self._kind, True), self.machine_code)
         base, some, results = np.append(self._base, np.inf)[:, None], _ARMS[self.machine_code], []
@@ -220,17 +209,17 @@ class ClosedForm(March):
     def dense(self, tensions: Array, poses: Array, strains: Array, s: Array) -> tuple[Array, Array]:
         """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes below."""
         step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.steps - 1)
-        active, left, m = self.mesh.active[step], self.mesh.s[step], len(self.scheme.nodes)
+        active, left, statics = self.mesh.active[step], self.mesh.s[step], self._statics
 
         def at(s: Array, active: Counts) -> tuple[Array, Array]:
             places = stations(self.arm, s, active)
-            statics = self._statics
             return statics.pulls(self.arm, places), statics.data(self.arm.material, places)
 
-        known = self._known(*at(nodes_of(self.scheme, left, s), np.repeat(active, m)), tensions)
-        across = mapped(built(_step, *self._kind))
+        inside = (left[:, None] + (s - left)[:, None] * np.array(self.scheme.nodes)).ravel()
+        known = self._known(*at(inside, np.repeat(active, len(self.scheme.nodes))), tensions)
+        across = built(Mapped, built(_step, *self._kind))
         pose, _ = across(poses[step], *(each.reshape(s.size, -1) for each in known), s - left)
         maps, data = at(s, active)
-        there = reported(self._statics.law, settled(self._statics, maps @ tensions, data))
+        there = reported(statics.law, settled(statics, maps @ tensions, data))
         at_node = (s == self.mesh.s[step + 1])[:, None]
         return np.where(at_node, poses[step + 1], pose), there

@@ -51,15 +51,6 @@ def strain_rate(
     return ca.vertcat(twist / (GI + cc + ss), about_n / (EJ + ss), about_b / (EJ + cc))
 
 
-def strain_jump(outer: ca.SX, inner: ca.SX, body: ca.SX) -> ca.SX:
-    """Return what (tau, xi, k) gain at an anchorage: eq. (11), whatever other tendons cross it.
-
-    `outer` and `inner` are the sums on its tip side and on its base side.
-    """
-    values = inner - outer
-    return ca.vertcat(0, -values[2] / (values[5] + body[1]), values[1] / (values[3] + body[1]))
-
-
 def stretch(extension: bool, strain: ca.SX, sums: ca.SX, body: ca.SX) -> ca.SX:
     """Return 1 + q: E A q = - sum T t . c, eqs. (3b), (9a)."""
     if not extension:
@@ -85,7 +76,10 @@ def _across(extension: bool, scheme: RungeKutta) -> ca.Function:
     x, outer, h = ca.SX.sym("x", 10), ca.SX.sym("outer", 6), ca.SX.sym("h")
     d = ca.SX.sym("d", 18, len(scheme.samples))
     first, last = d[:, 0], d[:, -1]
-    start = ca.vertcat(x[:7], x[7:] + strain_jump(outer, first[:6], first[12:15]))
+    # The jump of eq. (11), whatever other tendons cross the anchorage.
+    _, cos, sin, cos2, _, sin2 = ca.vertsplit(first[:6] - outer)
+    jump = ca.vertcat(0, -sin / (sin2 + first[13]), cos / (cos2 + first[13]))
+    start = ca.vertcat(x[:7], x[7:] + jump)
     at = [scheme.samples.index(node) for node in scheme.nodes]
     after = scheme.step(lambda stage, x: _slope(extension, x, d[:, at[stage]]), start, h)
     pairs = (start, first), (after, last)
@@ -140,10 +134,15 @@ class PrintedMap(March):
         samples = self._samples(start, h, active, T)
         march = self._across.mapaccum(mesh.steps)
         after, begun, along = march(x, outer, samples, ca.DM(h).T)
-        poses = _anchored(arm, ca.horzcat(begun, after[:, -1])[:7, ::-1])
+        poses = ca.horzcat(begun, after[:, -1])[:7, ::-1]
+        # In the base frame, from those in the tip's.
+        first, point = ca.SX.sym("first", 7), ca.SX.sym("point", 7)
+        tip = ca.vertcat(first[:4] / ca.norm_2(first[:4]), first[4:])
+        pose = compose(compose(ca.SX(ca.DM(base_pose(arm))), inverse(tip)), point)
+        anchor = ca.Function("anchor", [first, point], [pose]).map(poses.shape[1])
         self.stretch_at = np.concatenate([start, start + h])
         self.radius = arm.radius.evaluate(self.stretch_at, arm.length)[0]
-        results = [poses, ca.vec(along.T).T, ca.horzcat(begun, after)[7:, :]]
+        results = [anchor(poses[:, 0], poses), ca.vec(along.T).T, ca.horzcat(begun, after)[7:, :]]
         self.function = ca.Function("printed", [T], results)
         self._called = Buffered(self.function)
 
@@ -168,12 +167,3 @@ class PrintedMap(March):
         after, _, along = across(x, d[:6, :: len(self.scheme.samples)], d, ca.DM(h).T)
         rows = np.array(after).T
         return rows[:, :7], np.column_stack([rows[:, 7:], np.array(along)[1] - 1])
-
-
-def _anchored(arm: Arm, poses: ca.MX) -> ca.MX:
-    """Return poses (7, S + 1) in the base frame from those in the tip's."""
-    first, point = ca.SX.sym("first", 7), ca.SX.sym("here", 7)
-    tip = ca.vertcat(first[:4] / ca.norm_2(first[:4]), first[4:])
-    pose = compose(compose(ca.SX(ca.DM(base_pose(arm))), inverse(tip)), point)
-    anchor = ca.Function("anchor", [first, point], [pose])
-    return anchor.map(poses.shape[1])(poses[:, 0], poses)

@@ -16,7 +16,7 @@ from model.paths import Array
 from model.rotations import compose
 from model.shape import Shape
 from model.stations import base_pose, stations
-from model.unloaded.closed_form import ClosedForm, nodes_of
+from model.unloaded.closed_form import ClosedForm
 from planner.c_code.hessian_step import own_step
 from planner.c_code.pulls import TERMS, PullPolynomials
 from planner.c_code.source import CSource, Precision, frame_function, numbers, whole_numbers
@@ -118,7 +118,7 @@ def _tables(
     """Return the numbers of the steps and of the segments' ends, a row each."""
     arm, mesh, scheme = forward.arm, forward.mesh, forward.scheme
     ends, at_ends = mesh.segment_ends()
-    s, active = nodes_of(scheme, mesh.s[:-1], mesh.s[1:]), np.repeat(mesh.active, len(scheme.nodes))
+    s, _, active = mesh.points(len(scheme.nodes))
     return {
         "BASE": base_pose(arm),
         "LENGTHS": np.diff(mesh.s),

@@ -20,7 +20,8 @@ from model import OctoplanError
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import CLOSE, Collocation, newton
 from model.equilibrium.sensitivities import ByNumbers, along
-from model.machine.buffered import mapped
+from model.machine.buffered import Mapped
+from model.machine.compiled import built
 from model.paths import Array
 from model.rotations import conjugate, multiply, rotate
 from planner.fit.experiment import Experiment, Reached, SessionEquations, tensions_by_lengths
@@ -286,6 +287,6 @@ class Evaluation:
             seen.append(self.experiment.seen[rows])
         counts = np.cumsum([len(part) for part in poses])[:-1]
         arguments = np.concatenate(poses), np.concatenate(offsets), np.concatenate(seen)
-        shown, J = mapped(_shown())(*arguments)
+        shown, J = built(Mapped, _shown())(*arguments)
         parts = np.split(shown, counts), np.split(J.reshape(-1, 3, 10), counts)
         return dict(zip(self.equilibria, zip(*parts, strict=True), strict=True))

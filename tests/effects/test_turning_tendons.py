@@ -19,7 +19,7 @@ from model import (
     settle_many,
 )
 from model.effects import Effect, ExactTendons, Extension, Friction, TipLoad, Weight
-from model.stations import stations, tendon_path_rates
+from model.stations import stations, tendon_paths
 from model.winches import rest_lengths
 
 L, R, Y, E, NU = 0.2, 0.01, 0.006, 150e3, 0.5
@@ -139,7 +139,7 @@ def test_rates_of_a_path_that_tapers_and_turns_are_those_of_its_closed_form() ->
     arm = Arm(L, Linear(R, R), (anchorage,), Material(E, NU))
     s = np.array([0.03, 0.11])
     at = stations(arm, s, np.ones(2, dtype=int))
-    found = tendon_path_rates(arm, at, np.arange(2), np.zeros(2, dtype=int)).reshape(2, 2, -1)
+    found = tendon_paths(arm, at, np.arange(2), np.zeros(2, dtype=int), 1).reshape(2, 2, -1)
     path = (a + b * s) * np.exp(1j * (ANGLE + c * s))
     rate = b * np.exp(1j * (ANGLE + c * s)) + 1j * c * path
     curve = 2j * b * c * np.exp(1j * (ANGLE + c * s)) - c**2 * path
