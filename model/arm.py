@@ -17,7 +17,7 @@ from model.checks import LARGEST, finite_array, numbers
 from model.errors import InputError
 from model.paths import Array, Linear, Path
 from model.quantities import Frame, Length, LengthPath, Place
-from model.text import Shown, arm_text
+from model.text import Shown, columns, ends_text, shortened_lines
 from model.units import LENGTH, length_text, warn_unusual
 from model.value import value
 
@@ -185,10 +185,16 @@ class Arm(Shown):
         return [(each.at, [next(names) for _ in each.angles]) for each in self.sections]
 
     def __repr__(self) -> str:
-        m, curved = self.material, ", curved at rest" * self.is_curved
-        material = f"E {m.E / 1e3:g} kPa, nu {m.nu:g}, {m.density:g} kg/m3{curved}"
-        sections = [(s.at, tuple(dict.fromkeys(s.offsets)), s.angles) for s in self.sections]
-        return arm_text(self.length, self.radius, material, sections)
+        cells, angles = [["  section", "at [mm]", "offset [mm]"]], ["tendons at [deg]"]
+        for i, each in enumerate(self.sections):
+            ends = ", ".join(ends_text(path, each.at) for path in dict.fromkeys(each.offsets))
+            cells.append([f"  {i + 1}", f"{1e3 * each.at:g}", ends])
+            angles.append(" ".join(f"{angle:.4g}" for angle in np.degrees(each.angles)))
+        rows = [f"{line}   {angle}" for line, angle in zip(columns(cells), angles, strict=True)]
+        m, radius = self.material, ends_text(self.radius, self.length)
+        head = f"Arm of {1e3 * self.length:g} mm, radius {radius} mm, {self.n_tendons} tendons"
+        head += f"; E {m.E / 1e3:g} kPa, nu {m.nu:g}, {m.density:g} kg/m3"
+        return "\n".join([head + ", curved at rest" * self.is_curved, *shortened_lines(rows)])
 
     @property
     def along(self) -> tuple[Path, ...]:

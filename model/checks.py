@@ -11,8 +11,6 @@ from model.errors import InputError
 
 # Sizes of numbers that have a meaning, in SI units; products of a few of them are numbers still.
 LARGEST, SMALLEST = 1e30, 1e-30
-# Of the length of a unit vector.
-_ROUNDING = 1e-15
 
 
 def finite_array(field: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
@@ -104,7 +102,7 @@ def unit_vector(field: str, value: Any) -> tuple[float, ...]:
     length = np.linalg.norm(scaled)
     if not length > 0:
         raise InputError(field, value, "a vector that is not 0")
-    is_unit = abs(np.linalg.norm(argument) - 1) < _ROUNDING
+    is_unit = abs(np.linalg.norm(argument) - 1) < 4 * np.finfo(float).eps
     return tuple((argument if is_unit else scaled / length).tolist())
 
 

@@ -13,17 +13,15 @@ import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from model.checks import SMALLEST
 from model.paths import Array
 
-IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _DOUBLINGS, _TERMS = 3, 7
-# Under the root of a norm that may vanish: its derivatives are no numbers at 0 without.
-_STILL = 1e-30
 
 
 def norm(v: ca.SX) -> ca.SX:
     """Return the Euclidean norm of an expression, with derivatives where it vanishes too."""
-    return ca.sqrt(ca.sumsqr(v) + _STILL)
+    return ca.sqrt(ca.sumsqr(v) + SMALLEST)
 
 
 def multiply(p: ca.SX, q: ca.SX) -> ca.SX:

@@ -94,32 +94,29 @@ def too_short(
     if share[j] <= 0:
         return problem
 
-    def paid_out(longer: NDArray[np.bool_], share: float) -> tuple[Winches, OctoplanError | None]:
-        """Return winches that are paid out by a share, and what settling by these ends with."""
-        lengths = winches.lengths + share * np.where(longer, taken, 0.0)
-        held = replace(winches, lengths=lengths)
+    def ends(longer: NDArray[np.bool_], share: float) -> OctoplanError | None:
+        """Return what settling ends with where winches are paid out by a share; None if well."""
         try:
-            settle(held)
+            settle(replace(winches, lengths=winches.lengths + share * np.where(longer, taken, 0.0)))
         except OctoplanError as reason:
-            return held, reason
-        return held, None
+            return reason
+        return None
 
     for longer, beside in (
         (np.arange(rest.size) == j, ", beside the other lengths"),
         (taken > 0, ""),
     ):
-        low, high, last = 0.0, 1.0, problem
-        held, reason = paid_out(longer, high)
-        if reason is not None:
+        if ends(longer, 1.0) is not None:
             continue
+        low, high, last = 0.0, 1.0, problem
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
-            other, reason = paid_out(longer, middle)
+            reason = ends(longer, middle)
             if reason is None:
-                high, held = middle, other
+                high = middle
             else:
                 low, last = middle, reason
-        least = held.lengths[j]
+        least = winches.lengths[j] + high * taken[j]
         why = "shorter ones are found no shape for"
         if isinstance(last, CollapsedError):
             why = f"shorter ones crush the arm at s = {last.s:.6g} m"

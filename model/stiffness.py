@@ -28,7 +28,7 @@ from model.rotations import conjugate, multiply
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.shape import Shape
-from model.text import Shown, compliance_text, tendon_table
+from model.text import Shown, columns, tendon_table
 from model.time_limit import limited
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.march_derivative import MarchDerivative
@@ -141,9 +141,17 @@ class Stiffness(Shown):
         arm, T = self.shape.arm, self.shape.tensions
         held = "tensions held" if self.hold == "tension" else "lengths locked"
         place = "the tip" if self.at == arm.length else f"s = {1e3 * self.at:g} mm"
+        rows = [["[mm/N]", "force x", "force y", "force z"]]
+        for axis, row in zip("xyz", 1e3 * self.compliance[:3, :3], strict=True):
+            rows.append([f"  {axis} moves by", *(f"{value:.4g}" for value in row)])
+        axes, (half, directions) = [["principal axes", "[mm/N]"]], self.ellipsoid()
+        for i, name in enumerate(("softest", "between", "stiffest")):
+            along = ", ".join(f"{x + 0.0:.3f}" for x in directions[:, i].round(3))
+            axes.append([f"  {name}", f"{1e3 * half[i]:.4g}", f"along [{along}]"])
+        head = f"compliance of {place}, {held}"
         parts = [
             tendon_table("tensions [N]", arm.tendons_by_section, T),
-            compliance_text(place, held, self.compliance[:3, :3], *self.ellipsoid()),
+            "\n".join([head, *columns(rows), "", *columns(axes)]),
         ]
         if self.hold == "length" and self.slack:
             what = "without tension, left slack (release=False locks them)"

@@ -159,38 +159,7 @@ def _shown_as(value: Any) -> _Way:
     return next((_shown[kind] for kind in kinds if kind in _shown), (None, _in_words))
 
 
-def arm_text(
-    length: float,
-    radius: Path,
-    material: str,
-    sections: Sequence[tuple[float, Sequence[Path], Sequence[float]]],
-) -> str:
-    """Return a table of an arm, a line an anchorage section.
-
-    Parameters
-    ----------
-    length : float
-        [m].
-    radius : Path
-        Of the body.
-    material : str
-        In words.
-    sections : sequence of (at, offsets, angles)
-        Arc length [m], distances of the tendons from the midline, their angles [rad]; tip first.
-    """
-    cells = [["  section", "at [mm]", "offset [mm]"]]
-    angles = ["tendons at [deg]"]
-    for i, (at, offsets, each) in enumerate(sections):
-        ends = ", ".join(_ends(offset, at) for offset in offsets)
-        cells.append([f"  {i + 1}", f"{1e3 * at:g}", ends])
-        angles.append(" ".join(f"{angle:.4g}" for angle in np.degrees(each)))
-    rows = [f"{line}   {angle}" for line, angle in zip(columns(cells), angles, strict=True)]
-    tendons = sum(len(each) for _, _, each in sections)
-    head = f"Arm of {1e3 * length:g} mm, radius {_ends(radius, length)} mm, {tendons} tendons"
-    return "\n".join([f"{head}; {material}", *shortened_lines(rows)])
-
-
-def _ends(path: Path, span: float) -> str:
+def ends_text(path: Path, span: float) -> str:
     """Return a function of arc length by its values at base and end [mm]."""
     base, end = 1e3 * path.evaluate(np.array([0.0, span]), span)[0]
     return f"{base:.4g}" if base == end else f"{base:.4g} to {end:.4g}"
@@ -236,29 +205,3 @@ def shape_text(
             *(f"beware: {remark}" for remark in remarks),
         ]
     )
-
-
-def compliance_text(place: str, held: str, C: Array, axes: Array, directions: Array) -> str:
-    """Return a compliance against forces as people read it.
-
-    Parameters
-    ----------
-    place, held : str
-        Which point it is, and what holds the tendons, in words.
-    C : (3, 3)
-        Displacement per force [m/N].
-    axes, directions : (3,), (3, 3)
-        Its half axes [m/N], largest first, and their directions as columns.
-    """
-    rows = [["[mm/N]", "force x", "force y", "force z"]]
-    rows += [
-        [f"  {axis} moves by", *(f"{1e3 * value:.4g}" for value in row)]
-        for axis, row in zip("xyz", C, strict=True)
-    ]
-    names = ["  softest", "  between", "  stiffest"]
-    along = [
-        [name, f"{1e3 * axis:.4g}", "along [" + ", ".join(f"{x + 0.0:.3f}" for x in way) + "]"]
-        for name, axis, way in zip(names, axes, np.round(directions, 3).T, strict=True)
-    ]
-    table = columns([["principal axes", "[mm/N]"], *along])
-    return "\n".join([f"compliance of {place}, {held}", *columns(rows), "", *table])

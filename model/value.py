@@ -100,10 +100,9 @@ def _remember_hash(cls: Any) -> None:
     work_out, key = cls.__hash__, "_hash"
 
     def remembered(self: Any) -> int:
-        known = vars(self).get(key)
-        if known is None:
-            known = vars(self)[key] = work_out(self)
-        return int(known)
+        if key not in vars(self):
+            vars(self)[key] = work_out(self)
+        return int(vars(self)[key])
 
     def state(self: Any) -> dict[str, Any]:
         return {name: each for name, each in vars(self).items() if name != key}

@@ -36,9 +36,9 @@ _MANY = 256
 # step is taken with, over the body's stiffness at rest. That of a linear body is convex, and at
 # least as stiff as without tendons.
 _LEAST = 1e-3
-# What of its stretch a step may take from a neo-Hookean body, add to it, and bend it by (curvature
-# times radius): 4 to 7 steps do where an arm curls up, 30 at a thousand times that tension.
-_SHRINKS, _GROWS, _BENDS = 0.3, 2.0, 1.0
+# What of its stretch a step may take from a neo-Hookean body, and add to it; it may bend it by one
+# over the radius: 4 to 7 steps do where an arm curls up, 30 at a thousand times that tension.
+_SHRINKS, _GROWS = 0.3, 2.0
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class EnergyStatics:
             last = ca.fmax(last, ca.fabs(step[2]))
         if stretches:
             change = ca.fmax(-step[2] / _SHRINKS, step[2] / _GROWS)
-            step = step / ca.fmax(1, ca.fmax(change, bent / _BENDS) / u[2])
+            step = step / ca.fmax(1, ca.fmax(change, bent) / u[2])
         w = [tendon.w for tendon in tendons]
         after = [u + step, ca.vertcat(*(tendon.turned(step) for tendon in tendons))]
         there = ca.densify(ca.substitute(v, u, after[0]))

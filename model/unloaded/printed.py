@@ -23,7 +23,7 @@ from model.machine.buffered import Buffered
 from model.machine.compiled import kernel
 from model.mesh import graded
 from model.paths import Array
-from model.rotations import IDENTITY, compose, inverse, multiply, rotate
+from model.rotations import compose, inverse, multiply, rotate
 from model.scene import Scene
 from model.stations import (
     Counts,
@@ -127,7 +127,7 @@ class PrintedMap(March):
         self.arm, self.scene, self.scheme = arm, scene, scheme
         self.mesh = mesh = graded(arm, refinement, at)
         self._across = kernel(_across(scene.has(Extension), scheme), machine_code)
-        T, x = ca.MX.sym("T", arm.n_tendons), ca.MX(ca.DM([*IDENTITY, 0, 0, 0]))
+        T, x = ca.MX.sym("T", arm.n_tendons), ca.MX(ca.DM([1, *[0] * 9]))
         # From the tip on, where no tendons cross beyond the first node.
         start, h, active = mesh.s[:0:-1], -np.diff(mesh.s)[::-1], mesh.active[::-1]
         outer = section_numbers(arm, start, np.append(0, active[:-1]), T)[:6, :]
