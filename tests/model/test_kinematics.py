@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from model.integrators import MAGNUS2, MAGNUS4, MAGNUS6, Magnus
 from model.rotations import (
-    IDENTITY,
     compose,
     exponential,
     from_matrix,
@@ -38,6 +37,7 @@ CURVE = ca.Function(
 )
 
 
+IDENTITY = (1.0, *[0.0] * 6)
 COMPOSE = ca.Function("compose", [p, q], [compose(p, q)])
 INVERSE = ca.Function("inverse", [p], [inverse(p)])
 TWIST, H = ca.SX.sym("twist", 6), ca.SX.sym("h")
