@@ -88,9 +88,7 @@ class Gap(NamedTuple):
         """Return that at arc lengths (2,) [m]."""
         h = np.minimum(_ALONG * shape.arm.length, s / 2)
         stations = s[:, None] - h[:, None] * np.arange(3.0)
-        points, radii = (
-            each.reshape(2, 3, -1) for each in shape.centreline().at(stations.ravel())
-        )
+        points, radii = (each.reshape(2, 3, -1) for each in shape.centreline().at(stations.ravel()))
         weights = np.outer(1 / h, [1.5, -2.0, 0.5])
         along, widening = (np.einsum("ij,ijk->ik", weights, each) for each in (points, radii))
         (one, other), r = points[:, 0], radii[:, 0, 0]

@@ -114,8 +114,8 @@ def check_least(given: Shape, back: Shape) -> None:
     assert off.max() <= 1e-12 * arm.length
 
 
-# Tendons that pull otherwise by a ten-thousandth of what antagonists of another section do were told
-# as determined; lengths of a last step were 7e-12 L off.
+# Tendons that pull otherwise by a ten-thousandth of what antagonists of another section do were
+# told as determined; lengths of a last step were 7e-12 L off.
 @pytest.mark.parametrize(
     "T",
     [
