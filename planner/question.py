@@ -161,11 +161,6 @@ class Limits:
             "stroke_zero": "straight" if self.stroke_zero is None else self.stroke_zero,
         }
 
-    def restricted(self, tendons: frozenset[int]) -> Limits:
-        """Return the limits with all other tendons held at their lower bounds."""
-        upper = [u if j in tendons else self.lower[j] for j, u in enumerate(self.upper)]
-        return replace(self, upper=tuple(upper))
-
 
 def each_tendon(arm: Arm, name: str, values: Any) -> Array:
     """Return numbers (n_tendons,) of 0 or above; InputError for what is no such number."""

@@ -78,8 +78,10 @@ class States:
         return [Term(term.kernel, place[term.unknowns], row + term.rows) for term in terms]
 
     def numbers(self, at: System, along: Array) -> list[Array]:
-        """See planner.program.blocks."""
-        return numbers_of_terms(at)
+        """See planner.program.blocks: those of the equations of equilibrium."""
+        equations = at.of.equations
+        terms = zip(equations.terms, equations.slices, strict=True)
+        return [at.p[numbers].reshape(term.count, -1).T for term, numbers in terms]
 
     def scales(self, at: System) -> tuple[Array, Array]:
         """See planner.program.blocks."""
@@ -89,11 +91,11 @@ class States:
         EJ = EA * R**2 / 4
         nodes = at.mesh.s.size
         state, row = np.ones(of.n_states), np.ones(of.n_states)
-        at_nodes = [np.ones((nodes, 4)), np.full((nodes, 3), L)]
-        for part in range(of.form.wrench // 3):
-            at_nodes.append(np.repeat(EJ[:nodes, None] / L ** (1 + part), 3, axis=1))
-        at_nodes.append(np.ones((nodes, of.turned.shape[1])))
-        state[of.nodes] = row[of.nodes] = np.hstack(at_nodes)
+        # Moments, then forces, where there are any; last what friction adds.
+        wrench = np.repeat(EJ[:nodes, None] / [L, L**2], 3, axis=1)[:, : of.form.wrench]
+        turned = np.ones((nodes, of.turned.shape[1]))
+        pose = np.tile(np.repeat([1.0, L], [4, 3]), (nodes, 1))
+        state[of.nodes] = row[of.nodes] = np.hstack([pose, wrench, turned])
         curved = np.arange(of.form.strains) < 2 + of.form.law.torsion
         state[of.stages] = np.where(curved, 1 / L, 1.0)
         row[of.stages] = np.where(curved, EJ[nodes:, None] / L, EA[nodes:, None])
@@ -114,13 +116,6 @@ class States:
             weights = ca.DM(gauss(m).at(float(end)))
             stretches.append(ca.dot(weights, states[places.tolist()]) + 1 - law.along_at_rest)
         return ca.vertcat(*stretches)
-
-
-def numbers_of_terms(at: System) -> list[Array]:
-    """Return the numbers (n_c, N) of each term of the equations of equilibrium."""
-    equations = at.of.equations
-    terms = zip(equations.terms, equations.slices, strict=True)
-    return [at.p[numbers].reshape(term.count, -1).T for term, numbers in terms]
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +168,7 @@ class Responses:
 
     def numbers(self, at: System, along: Array) -> list[Array]:
         """See planner.program.blocks."""
-        columns, of, of_terms = list[Array](), self.states.of, numbers_of_terms(at)
+        columns, of, of_terms = list[Array](), self.states.of, self.states.numbers(at, along)
         for k in range(self.first, self.first + self.request.width):
             for term, numbers in zip(of.equations.terms, of_terms, strict=True):
                 change = np.zeros_like(numbers)
@@ -260,7 +255,8 @@ class LeastMode:
         """See planner.program.blocks."""
         weights, stiff = self._weights(at), rest_stiffness(at)[1]
         share = np.full(weights.size, 1 / weights.size)
-        return [*numbers_of_terms(at), -stiff[None, :], np.stack([weights, share])]
+        equations = self.states.numbers(at, along)
+        return [*equations, -stiff[None, :], np.stack([weights, share])]
 
     def scales(self, at: System) -> tuple[Array, Array]:
         """See planner.program.blocks."""

@@ -76,7 +76,7 @@ class Problem:
     directions : (3, k)
         Of the responses.
     bounds : tuple of arrays
-        Lower and upper bounds of unknowns, then of constraints, not to be written to.
+        Lower and upper bounds of unknowns, then of constraints.
     """
 
     def __init__(
@@ -139,8 +139,6 @@ class Problem:
         if limits.strokes is not None:
             rest, at = np.array(limits.stroke_zero or rest_lengths(self.arm)), of.rows == STROKES
             ubg[at], lbg[at] = (rest - np.array(limits.strokes)) / self.arm.length
-        for bound in (lbx, ubx, lbg, ubg):
-            bound.setflags(write=False)
         return lbx, ubx, lbg, ubg
 
     def tensions(self, x: Array) -> Array:

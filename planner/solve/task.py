@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from model.arm import Arm
@@ -66,12 +66,14 @@ class Task:
     @property
     def bare(self) -> Scene:
         """The scene in the paper's balance and without loads, where strains are closed forms."""
-        return Scene(*(effect for effect in self.scene.effects if isinstance(effect, Extension)))
+        return Scene(*[Extension()] * self.scene.has(Extension))
 
     @property
     def allowed(self) -> Limits:
         """The limits, with tendons that a target does not let pull held at their minima."""
-        return self.limits.restricted(pulling_tendons(self.arm, self.targets))
+        pulling, lower = pulling_tendons(self.arm, self.targets), self.limits.lower
+        upper = [most if j in pulling else lower[j] for j, most in enumerate(self.limits.upper)]
+        return replace(self.limits, upper=tuple(upper))
 
     def problem(self, statement: Statement | None = None) -> Problem:
         """Return the program by a statement, its own unless given."""
@@ -146,11 +148,16 @@ class SearchResult:
     @classmethod
     def at(cls, end: Candidate, trials: Sequence[Trial], **more: Any) -> SearchResult:
         """Return the result of a search that ends at a candidate, after trials."""
-        problem, T = end.problem, end.problem.arm.by_section(end.tensions)
-        lam_x = tuple(end.lam_x[: problem.n_free].tolist())
-        lam_g = tuple(end.lam_g[: problem.n_outer].tolist())
-        more["avoidance"] = avoidance_of(problem.targets)
-        return SearchResult(end.statement, T, lam_x, lam_g, tuple(trials), **more)
+        of = end.problem
+        return SearchResult(
+            end.statement,
+            of.arm.by_section(end.tensions),
+            tuple(end.lam_x[: of.n_free].tolist()),
+            tuple(end.lam_g[: of.n_outer].tolist()),
+            tuple(trials),
+            avoidance=avoidance_of(of.targets),
+            **more,
+        )
 
 
 def agreed(starts: Sequence[Trial]) -> int:
