@@ -15,7 +15,7 @@ from model.contact.sharp import Request, sharpened
 from model.contact.touches import places_of
 from model.equilibrium.linearised import Equilibrium, Linearised
 from model.equilibrium.newton import Collocation
-from model.errors import InputError, SnapError, UnsettledContactError
+from model.errors import InputError, UnsettledContactError
 from model.loads import contacts, growth, places, without_friction
 from model.mesh import Mesh, graded, landmarks
 from model.obstacles import numbers_of
@@ -98,10 +98,12 @@ class TouchingMap(Collocation):
         return None
 
     def beside(self, at: Linearised, tensions: Array) -> Linearised | None:
-        """Return the equilibrium under tensions near those of another; None where it jumps."""
-        with suppress(SnapError, UnsettledContactError):
-            return self.solve(tensions, at, jumps=False)
-        return None
+        """Return the equilibrium under tensions near those of another; None where it is not near.
+
+        Places move on, come and go from those of the other.
+        """
+        there = sharpened(Request(self.system, self._fixed, tensions), at)
+        return there if there is not None and close(at, there) else None
 
     def _untouched(self, tensions: Array) -> Touching:
         """Return the equilibrium of an arm without friction that touches nothing; or InputError."""

@@ -17,10 +17,9 @@ from planner.contact.program import Constraints, TensionProgram
 from planner.question import natural_tensions
 
 # Steps at most, also those that fail; the first trust region, in tensions that bend by 1 rad.
-_STEPS, _RADIUS = 60, 0.25
-# Penalties of violations, one after the other; violations and steps that count as 0, and the
-# rounding of violations.
-_PENALTIES, _NONE, _ROUNDING = (1e1, 1e3, 1e5), 1e-7, 1e-10
+_STEPS, _RADIUS = 100, 0.25
+# The least and the largest penalty of violations; violations and steps that count as 0.
+_PENALTIES, _NONE = (0.1, 1e5), 1e-7
 # Merits are compared with the largest of so many.
 _RECENT = 3
 
@@ -53,14 +52,10 @@ class ContactOptimum:
     load_path: LoadPath
 
     @property
-    def is_optimal(self) -> bool:
-        """Whether all is met, and tensions are least nearby."""
-        return not self.violation and self.residual < 3 * _NONE
-
-    @property
-    def effort(self) -> float:
-        """The norm of its tensions [N]."""
-        return float(np.linalg.norm(self.point.tensions))
+    def cost(self) -> tuple[float, bool, float]:
+        """What is compared: violations, whether tensions are not least nearby, effort [N]."""
+        optimal = not self.violation and self.residual < 3 * _NONE
+        return self.violation, not optimal, float(np.linalg.norm(self.point.tensions))
 
 
 def optimum(
@@ -68,67 +63,69 @@ def optimum(
 ) -> ContactOptimum:
     """Return the optimum that a program leads to from an equilibrium, or from other tensions.
 
-    Where the constraints cannot be met from there, where they are violated least. Raises what
-    settling the start does.
+    Where the constraints cannot be met from there, where they are violated least, or a kink. A step
+    fails where no shape is settled or the merit is above the last ones: then its constraints
+    correct those of the step to the second order, or the next is shorter. Raises what settling the
+    start does.
     """
-    path = [program.at((begin.tensions if start is None else start) / program.unit, begin)]
-    for penalty in _PENALTIES:
-        path += _descended(program, path[-1], penalty)
-        if path[-1].violation < _NONE:
+    at = program.at((begin.tensions if start is None else start) / program.unit, begin)
+    natural, n = natural_tensions(program.task.arm) / program.unit, program.n
+    radius, penalty, path = _RADIUS, _PENALTIES[0], [at]
+    # The effort's, to be updated to that of the Lagrangian.
+    hessian = BFGS("damp_update", init_scale=1.0)
+    hessian.initialize(n, "hess")
+    for _ in range(_STEPS):
+        check_time()
+        region = hessian.get_matrix(), radius * natural
+        change, tangential, lam, penalty = steered(at, *region, penalty)
+        size = float(np.abs(change / natural).max())
+        if size < _NONE:
             break
-    at, (residual, lam) = path[-1], conditions(path[-1])
+        most = max(each.merit(penalty) for each in path[-_RECENT:]) + penalty * _NONE / 1e3
+        longer, radius, there = max(radius, 2 * size), size / 4, None
+        with suppress(OctoplanError):
+            there = program.at(at.tensions + change, at.point, tangential)
+            if there.merit(penalty) > most and there.by_tensions.shape == at.by_tensions.shape:
+                change, tangential, *_ = at.step(*region, penalty, there)
+                there = program.at(at.tensions + change, at.point, tangential)
+        if there is None or there.merit(penalty) > most:
+            continue
+        if there.by_tensions.shape == at.by_tensions.shape:
+            slope = (there.by_tensions - at.by_tensions).T @ lam[2 * n :]
+            hessian.update(there.tensions - at.tensions, there.tensions - at.tensions - slope)
+        at, radius, path = there, longer, [*path, there]
+    residual, lam = conditions(at)
     load_path = tuple(tuple(each.point.tensions.tolist()) for each in path[1:-1])
-    above, below, (stability, *_) = np.split(lam, [program.n, 2 * program.n])
+    above, below, (stability, *_) = np.split(lam, [n, 2 * n])
     lam_x, yields = tuple((above - below).tolist()), bool(program.least and stability > _NONE)
     violation, lam_g = at.violation * (at.violation > _NONE), (-float(stability),) * yields
     return ContactOptimum(at.point, violation, residual, lam_x, lam_g, load_path)
 
 
-def _descended(program: TensionProgram, at: Constraints, penalty: float) -> list[Constraints]:
-    """Return where steps lead from constraints: to the least merit by a penalty, or to a kink.
+def steered(
+    at: Constraints, hessian: Array, radius: Array, penalty: float
+) -> tuple[Array, Array, Array, float]:
+    """Return the step of least merit, see Constraints.step, and the penalty that it is by.
 
-    A step fails where no shape is settled or the merit is above the last ones: the next is shorter.
+    The least from one on by which most of the violations go that any penalty would take away.
+    Source: Byrd, Nocedal, Waltz, "Steering exact penalty methods for nonlinear programming",
+    Optimization Methods and Software 23 (2008).
     """
-    natural, n = natural_tensions(program.task.arm) / program.unit, program.n
-    hessian, radius, path = _hessian(n), _RADIUS, [at]
-    for _ in range(_STEPS):
-        check_time()
-        change, tangential, lam = at.step(hessian.get_matrix(), radius * natural, penalty)
-        size = float(np.abs(change / natural).max())
-        if size < _NONE:
-            break
-        most = max(each.merit(penalty) for each in path[-_RECENT:]) + penalty * _ROUNDING
-        longer, radius = max(radius, 2 * size), size / 4
-        with suppress(OctoplanError):
-            there = program.at(at.tensions + change, at.point, tangential)
-            if there.merit(penalty) <= most:
-                before, after = at.by_tensions, there.by_tensions
-                if before.shape == after.shape:
-                    hessian.update(change, change - (after - before).T @ lam[2 * n :])
-                else:
-                    hessian = _hessian(n)
-                at, radius = there, longer
-                path.append(at)
-    return path[1:]
-
-
-def _hessian(n: int) -> BFGS:
-    """Return the effort's Hessian (n, n), to be updated to that of the Lagrangian."""
-    hessian = BFGS("damp_update", init_scale=1.0)
-    hessian.initialize(n, "hess")
-    return hessian
+    *_, least = at.step(hessian, radius, _PENALTIES[1])
+    while True:
+        change, tangential, lam, left = at.step(hessian, radius, penalty)
+        if left <= least + (at.violation - least) / 10 or penalty >= _PENALTIES[1]:
+            return change, tangential, lam, penalty
+        penalty *= 10
 
 
 def conditions(at: Constraints) -> tuple[float, Array]:
     """Return how far the first-order conditions are from being met, and their multipliers.
 
     These are by the step with the effort's Hessian, as Constraints has them: the less it is, the
-    better the conditions. By a penalty that exceeds the multipliers, where violations can be met.
+    better the conditions.
     """
     n = at.tensions.size
-    for penalty in _PENALTIES:
-        change, tangential, lam = at.step(np.eye(n), np.ones(n), penalty)
-        at, largest = replace(at, tangential=tangential), np.abs(lam).max()
-        if largest < penalty / 2:
-            break
-    return float(np.abs(change).max() / (1 + largest)), lam
+    change, tangential, *_, penalty = steered(at, np.eye(n), np.ones(n), _PENALTIES[0])
+    change, _, lam, _ = replace(at, tangential=tangential).step(np.eye(n), np.ones(n), penalty)
+    return float(np.abs(change).max() / (1 + np.abs(lam).max())), lam

@@ -27,7 +27,7 @@ from model.contact.friction import path_sensitivities
 from model.contact.touches import Touches, forces, resultants, second
 from model.equilibrium.linearised import Linearised, check_stretch
 from model.equilibrium.newton import STAGES
-from model.equilibrium.stability import stability
+from model.equilibrium.stability import stability, stands
 from model.errors import SnapError, UnsettledContactError
 from model.loads import contacts
 from model.paths import Array
@@ -114,25 +114,37 @@ class Constraints:
         """The rows of the cones against tensions (m, n)."""
         return np.vstack([rows[:, : self.tensions.size] for _, rows, _ in self.cones])
 
-    def step(self, hessian: Array, radius: Array, penalty: float) -> tuple[Array, Array, Array]:
+    def step(
+        self, hessian: Array, radius: Array, penalty: float, after: Constraints | None = None
+    ) -> tuple[Array, Array, Array, float]:
         """Return the step of least merit in a trust region (n,), by the Lagrangian's Hessian.
 
-        The change of scaled tensions (n,), the tangential forces after it (2 k,), and multipliers:
-        of bounds above and below (2 n,), then of the constraints as their cones have them; 0 for
-        the violation, whose multiplier is the penalty. Raises UnsettledContactError if none is
-        found.
+        The change of scaled tensions (n,), the tangential forces after it (2 k,), multipliers, and
+        the violation that is left. The multipliers are of bounds above and below (2 n,), then of
+        the constraints as their cones have them; 0 for the violation, whose multiplier is the
+        penalty. Constraints as they are `after` a step, the same in number, correct those that are
+        linearised to the second order. Raises UnsettledContactError if no step is found.
         """
         n, k, size = self.tensions.size, self.tangential.size, self.cones[0][1].shape[1]
         T, f, (*_, t) = np.split(np.eye(size), [n, n + k])
         bounds = np.minimum(self.room, radius).ravel()
         limits = (clarabel.NonnegativeConeT, np.vstack([-T, T]), bounds)
         H, cost = T.T @ hessian @ T + COST * f.T @ f, T.T @ self.tensions + penalty * t
-        solution = conic_program(H, cost, [limits, *self.cones])
+        cones = self.cones
+        if after is not None:
+            there, here = np.zeros((2, size))
+            here[:n] = after.tensions - self.tensions
+            here[n : n + k] = there[n : n + k] = after.tangential
+            cones = [
+                (kind, rows, values + ends @ there - rows @ here)
+                for (kind, rows, _), (_, ends, values) in zip(cones, after.cones, strict=True)
+            ]
+        solution = conic_program(H, cost, [limits, *cones])
         if solution is None:
             raise UnsettledContactError(1.0, "no step is found")
         x, lam = solution
         lam[2 * n + len(self.unequal)] = 0.0
-        return x[:n], x[n : n + k], lam
+        return x[:n], x[n : n + k], lam, float(x[-1])
 
 
 class TensionProgram:
@@ -166,7 +178,9 @@ class TensionProgram:
 
     def settled(self, tensions: Array, near: Linearised | None = None) -> Linearised:
         """Return the equilibrium from rest, or next to another; raises what settling does."""
-        point = self.map.solve(tensions, near, jumps=False)
+        point = self.map.solve(tensions) if near is None else self.map.beside(near, tensions)
+        if point is None:
+            raise UnsettledContactError(1.0, "none is found next to another")
         check_stretch(point)
         return point
 
@@ -199,7 +213,7 @@ class TensionProgram:
         differences = [measured(step)[1] - measured(-step)[1] for step in steps]
         rows = np.column_stack([values, np.array(differences).T / (2 * _STEP)])
         equal, unequal, grasped = np.split(rows, np.cumsum(self._counts))
-        if self.least:
+        if self.least or self.begin is None:
             unequal = np.vstack([self._margin(point, tensions), unequal])
         if allowed.total is not None:
             left = allowed.total / self.unit - tensions.sum()
@@ -220,8 +234,6 @@ class TensionProgram:
             end = self.map.solve(tensions, self.begin, jumps=False)
             return end, path_sensitivities(end.path)
         point = self.settled(tensions, near)
-        if stability(point) < 0:
-            raise SnapError(1.0, "it is unstable next to another equilibrium")
         touches, force = Touches.of(point.system), forces(point.system, point.states)
         light = touches.points & (force <= _STEP * self.unit)
         touches.flags[light] = 0
@@ -269,11 +281,14 @@ class TensionProgram:
     def _margin(self, point: Linearised, tensions: Array) -> Array:
         """Return stability beyond what it is held to, and its derivatives by differences.
 
-        Far from what it is held to these do not count.
+        Places move with the tensions. Far beyond it no numbers count. Raises SnapError where the
+        arm is unstable.
         """
+        if stands(point, 2 * self.least):
+            return np.append(1.0, np.zeros(self.n))
         beyond = stability(point) - self.least
-        if beyond > self.least:
-            return np.append(beyond, np.zeros(self.n))
+        if beyond < -self.least:
+            raise SnapError(1.0, "it is unstable next to another equilibrium")
 
         def at(step: Array) -> float:
             return stability(self.settled(self.unit * (tensions + step), point))

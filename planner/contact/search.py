@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
+from operator import attrgetter
 
 import numpy as np
 
@@ -66,14 +67,9 @@ def check_contact(task: Task, avoids: bool) -> None:
     TouchingMap(task.arm, task.scene, STAGES, 1)
 
 
-def _cost(end: ContactOptimum) -> tuple[float, bool, float]:
-    """Return what is compared: violations, whether tensions are least nearby, effort [N]."""
-    return end.violation, not end.is_optimal, end.effort
-
-
 def _trials(optima: Sequence[ContactOptimum]) -> tuple[Trial, ...]:
     """Return one trial for each optimum."""
-    return tuple(Trial(end.effort, end.is_optimal, 0) for end in optima)
+    return tuple(Trial(effort, not astray, 0) for _, astray, effort in (end.cost for end in optima))
 
 
 class ContactSearch:
@@ -99,7 +95,7 @@ class ContactSearch:
             check_time()
         except OutOfTime:
             stopped = True
-        best = self.best or min(self.optima, key=_cost, default=None)
+        best = self.best or min(self.optima, key=attrgetter("cost"), default=None)
         trials, exact = _trials(self.optima), best is not None and not best.violation
         statement = self.task.statement.but(mode="exact" if exact else "nearest", refinement=FINE)
         if best is None:
@@ -128,7 +124,7 @@ class ContactSearch:
             with suppress(OctoplanError):
                 end = replace(optimum(program, program.begin, start), load_path=self.begin)
                 self.optima.append(end)
-                if end.is_optimal:
+                if not end.cost[1]:
                     break
 
     def _search(self) -> None:
@@ -147,14 +143,14 @@ class ContactSearch:
             with suppress(OctoplanError):
                 end = optimum(coarse, coarse.along(load_path))
                 end = replace(end, load_path=(*load_path, *end.load_path))
-                cheapest = all(_cost(end) < _cost(each) for each in self.optima)
+                cheapest = all(end.cost < each.cost for each in self.optima)
                 if not end.violation and cheapest and agreed(_trials([*self.optima, end])) < 2:
                     self.best = self._led_to(fine, end)
                 self.optima.append(end)
             enough = agreed(_trials(self.optima)) >= (needed if tried > len(nearby) else 1)
             if enough or tried == self.task.most:
                 break
-        for end in () if self.best else sorted(self.optima, key=_cost):
+        for end in () if self.best else sorted(self.optima, key=attrgetter("cost")):
             with suppress(OctoplanError):
                 self.best = self._led_to(fine, end)
                 return

@@ -223,16 +223,20 @@ def solver(of: Program, purpose: Purpose, is_exact: bool, talks: bool = False) -
     then t (m,).
     """
     n, m, k, p, sigma, lam = of.size, of.n_equalities, of.rows.size, of.p, of.sigma, of.lam
-    values = [of.f, of.gradient, of.g, of.jacobian, ca.triu(of.hessian)]
-    program = ca.Function("program", [of.x, p, sigma, lam], values)
     x = ca.MX.sym("x", n + m)
-    f, gradient, g, jacobian, hessian = program.call([x[:n], p, sigma, lam], True, False)
+    f, gradient, g, jacobian, hessian = stated(of).call([x[:n], p, sigma, lam], True, False)
     t, slack = x[n:], ca.DM(ca.Sparsity.diag(k, m), RELAXED)
     f, g = f + ca.sumsqr(t) / 2, g - slack @ t
     first = ca.vertcat(gradient, t), ca.horzcat(jacobian, -slack)
     second = ca.diagcat(hessian, sigma * ca.DM.eye(m))
     nlp, derivatives = {"x": x, "p": p, "f": f, "g": g}, named((x, p, sigma, lam), *first, second)
     return nlp_solver(nlp, derivatives, (_FOR if is_exact else _LEAST)[purpose], talks)
+
+
+def stated(of: Program) -> ca.Function:
+    """Return a program as a function of x, p, sigma, lam: values, and derivatives as in `named`."""
+    values = [of.f, of.gradient, of.g, of.jacobian, ca.triu(of.hessian)]
+    return ca.Function("program", [of.x, of.p, of.sigma, of.lam], values)
 
 
 def named(

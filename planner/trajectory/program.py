@@ -23,7 +23,7 @@ from model.paths import Array
 from model.time_limit import check_time
 from planner.program.problem import Problem, units
 from planner.program.program import Program
-from planner.solve.ipopt import TOGETHER, WARM, Solution, named
+from planner.solve.ipopt import TOGETHER, WARM, Solution, stated
 from planner.solve.side_by_side import Part, SideBySide, joined
 from planner.trajectory.question import Question, Waypoint
 
@@ -54,10 +54,8 @@ class MotionProgram:
         least = np.zeros(group[-1] + 1) if question.steps is None else question.steps
         needed = least.copy()
         np.maximum.at(needed, group, slowest)
-        unit = max(float(needed.max()), _LEAST)
-        pairs = zip(problems, guess, strict=True)
-        efforts = [of.program.evaluate(x, of.parameters())[0] for of, x in pairs]
-        effort = float(np.sum(efforts))
+        unit, pairs = max(float(needed.max()), _LEAST), zip(problems, guess, strict=True)
+        effort = sum(float(of.program.evaluate(x, of.parameters())[0][0]) for of, x in pairs)
         penalty = max(effort, _LEAST) * unit / max(float(needed.sum()), _LEAST)
         weights = np.array([_WEIGHT, penalty]) / (1.0 if question.steps is None else _WEIGHT)
         self._numbers = [weights, start, rate * unit, fractions]
@@ -74,14 +72,21 @@ class MotionProgram:
 
         Warm from that for other parameters if there is one.
         """
-        p = np.concatenate([*self._numbers, *each])
-        if before is None:
-            solution = self._stated.solve(TOGETHER, self._guess, p, self._bounds)
-        else:
-            multipliers = before.lam_x, before.lam_g
-            solution = self._stated.solve(_AGAIN, before.x, p, self._bounds, multipliers)
+        options, x, warm = TOGETHER, self._guess, None
+        if before is not None:
+            options, x, warm = _AGAIN, before.x, (before.lam_x, before.lam_g)
+        solution = self._stated.solve(options, x, self._parameters(each), self._bounds, warm)
         check_time()
         return solution, self._stated.split(solution.x)[:-1]
+
+    def violation(self, solution: Solution, each: Sequence[Array]) -> float:
+        """Return by how much rows violate their bounds at most, by other parameters."""
+        rows = self._stated.values(solution.x, self._parameters(each))[1].full().ravel()
+        low, high = self._bounds[2:]
+        return float(np.maximum(low - rows, rows - high).max())
+
+    def _parameters(self, each: Sequence[Array]) -> Array:
+        return np.concatenate([*self._numbers, *each])
 
 
 def _limited(
@@ -114,7 +119,7 @@ def _stated(
     """
     N, M, m = len(programs), group[-1] + 1, len(places[0])
     rows = [program.rows.size for program in programs]
-    of = {program: _functions(program) for program in programs}
+    whole = {program: stated(program) for program in programs}
     n_p = [2, m, m, N, *(program.p.numel() for program in programs)]
 
     def state(at: SideBySide) -> tuple[list[Part], Part]:
@@ -123,11 +128,10 @@ def _stated(
         *unknowns, durations = at.unknowns
         parts, coupled, none = list[Part](), [ca.MX(0, 1)], ca.MX(M, M)
         for k, (program, x, p) in enumerate(zip(programs, unknowns, ps, strict=True)):
-            f, g = of[program]["f"](x, p), of[program]["g"](x, p)
-            gradient = ca.vertcat(effort * of[program]["grad_f"](x, p)[1], ca.MX(M, 1))
-            J = ca.horzcat(of[program]["jac_g"](x, p)[1], ca.MX(g.numel(), M))
-            H = of[program]["hess_lag"](x, p, effort * at.sigma, at.multipliers[k])
-            parts.append(Part(effort * f, gradient, g, J, ca.diagcat(H, none)))
+            symbols = x, p, effort * at.sigma, at.multipliers[k]
+            f, gradient, g, J, H = whole[program].call(symbols, True, False)
+            first = ca.vertcat(effort * gradient, ca.MX(M, 1)), ca.horzcat(J, ca.MX(g.numel(), M))
+            parts.append(Part(effort * f, first[0], g, first[1], ca.diagcat(H, none)))
             most, after = rate * fractions[k] * durations[group[k]], x[list(places[k])]
             coupled += [after - before - most, before - after - most]
             before = after
@@ -137,12 +141,3 @@ def _stated(
 
     sizes = [program.size for program in programs]
     return SideBySide(sizes, rows, M, 2 * N * m, sum(n_p), state)
-
-
-def _functions(program: Program) -> dict[str, ca.Function]:
-    """Return a waypoint's program as functions: values and derivatives."""
-    at = [program.x, program.p]
-    values = {name: ca.Function(name, at, [getattr(program, name)]) for name in "fg"}
-    symbols = (program.x, program.p, program.sigma, program.lam)
-    H = ca.triu(program.hessian)
-    return values | named(symbols, program.gradient, program.jacobian, H)

@@ -157,7 +157,7 @@ class Question:
 
         `needed` (M,) is what the ways from target to target take [s].
         """
-        steps = needed if self.times is None else np.diff(self.times, prepend=0.0)
+        steps = needed if self.steps is None else self.steps
         for i in np.flatnonzero(needed > steps * (1 + self.accuracy)):
             allowed = (
                 f"{needed[i]:.4g} s after the target before at these rates, not {steps[i]:.4g} s; "

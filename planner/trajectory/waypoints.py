@@ -84,11 +84,9 @@ class Waypoints:
             pairs = zip(self.waypoints, tensions, strict=True)
             self.waypoints = [replace(waypoint, tensions=T) for waypoint, T in pairs]
             # Where the arm does not settle the certificate says so.
-            worst = 0.0
             with suppress(OctoplanError):
                 parameters = list(map(self._corrected, problems, unknowns))
-                worst = max(map(_violation, problems, unknowns, parameters))
-            if worst <= self.question.accuracy / PART:
+            if program.violation(solution, parameters) <= self.question.accuracy / PART:
                 break
         return True
 
@@ -140,13 +138,6 @@ class Waypoints:
         between = map(question.planned, reported("plans of waypoints", range(1, last)))
         pairs = zip(question.targets, [first, *between, best], strict=False)
         return [Waypoint(targets, np.ravel(p.tensions), p.avoidance) for targets, p in pairs]
-
-
-def _violation(problem: Problem, x: Array, p: Array) -> float:
-    """Return by how much rows besides equilibrium violate their bounds at most."""
-    rows = problem.program.evaluate(x, p)[2][: problem.n_outer]
-    low, high = (bounds[: rows.size] for bounds in problem.bounds[2:])
-    return float(np.maximum(low - rows, rows - high).max(initial=0.0))
 
 
 def planned_touching(question: Question) -> list[Waypoint]:
