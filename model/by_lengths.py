@@ -30,7 +30,7 @@ from model.equilibrium.newton import (
     newton,
     step_sizes,
 )
-from model.errors import CollapsedError, SnapError, UnsettledSectionError
+from model.errors import CollapsedError, SnapError, UnsettledContactError, UnsettledSectionError
 from model.forward import ForwardMap, Maps
 from model.least_energy import ROUNDS, LeastEnergy
 from model.loads import is_loaded
@@ -176,22 +176,25 @@ class GivenLengths:
     def _begins(
         self, forward: Collocation, near: Equilibrium | None
     ) -> Iterator[Linearised | None]:
-        """Yield equilibria to begin with: one near that of another mesh, then from rest."""
-        winches = self.winches
+        """Yield equilibria to begin with: near that of another mesh, at the tensions of the least
+        energy, at those that no winch holds.
+        """
+        winches, touching = self.winches, isinstance(forward, TouchingMap)
         if isinstance(near, Linearised):
             T = np.where(winches.held, near.tensions, winches.tensions)
-            if isinstance(forward, TouchingMap):
+            if touching:
                 yield forward.solve(T, near)
             else:
                 yield newton(forward.system, T, 1.0, forward.carried(T, near), CLOSE)
-        if isinstance(forward, TouchingMap):
-            yield forward.by_lengths(winches)
-            return
         for coarse, T, v in self._least():
-            strains = carried_strains(coarse, v, forward.system)
-            yield newton(forward.system, T, 1.0, forward.system.start(T, strains, 1.0))
-        with suppress(SnapError, UnsettledSectionError):
-            yield forward.from_rest(winches.tensions)
+            if touching:
+                with suppress(SnapError, UnsettledContactError):
+                    yield forward.solve(T)
+            else:
+                strains = carried_strains(coarse, v, forward.system)
+                yield newton(forward.system, T, 1.0, forward.system.start(T, strains, 1.0))
+        with suppress(SnapError, UnsettledContactError, UnsettledSectionError):
+            yield forward.solve(winches.tensions)
 
     @cached_property
     def _unloaded(self) -> Array:

@@ -22,7 +22,6 @@ from model.obstacles import numbers_of
 from model.paths import Array
 from model.scene import Scene
 from model.transcription.system import System
-from model.winches import Winches, rest_lengths
 
 # Elements of a mesh over those of one without contact, and how long the longest may be: a part of
 # the arm's length, or of obstacle and arm together, but no shorter than a part of the length.
@@ -83,19 +82,6 @@ class TouchingMap(Collocation):
                 path = ((end.before, 0.0), (there, 1.0)) if end.before else ()
                 return Touching.of(there, (), path)
         return follow(replace(end, tensions=near.tensions), end, near, jumps)
-
-    def by_lengths(self, winches: Winches) -> Linearised | None:
-        """Return the equilibrium about where winches hold the tendons; None if none is found.
-
-        They take them in from rest, while loads grow.
-        """
-        end = Request(self.system, self._fixed, winches.tensions, winches=winches)
-        longest = np.maximum(rest_lengths(self.system.arm), winches.lengths)
-        loose = replace(winches, lengths=longest)
-        start = replace(end, tensions=0 * winches.tensions, load=0.0, winches=loose)
-        with suppress(UnsettledContactError):
-            return follow(start, end, self._at_rest)
-        return None
 
     def beside(self, at: Linearised, tensions: Array) -> Linearised | None:
         """Return the equilibrium under tensions near those of another; None where it is not near.

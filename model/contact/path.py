@@ -1,8 +1,8 @@
 """How an arm comes into contact: tensions and loads grow together from none, obstacles there.
 
-While tensions and loads grow in proportion, or winches take tendons in, the equilibrium is followed
-with forces at the nodes that are complementary to the gaps: by Newton's method, and where that
-fails by the least energy with gaps >= 0. Where frames turn far in however short a step the arm has
+While tensions and loads grow in proportion the equilibrium is followed with forces at the nodes
+that are complementary to the gaps: by Newton's method, and where that fails by the least energy
+with gaps >= 0. Where frames turn far in however short a step the arm has
 snapped. At the end nodes are exchanged for others where the gap is least (Hettich and Kortanek,
 SIAM Review 35, 1993), until places can be refined; see model.contact.sharp. With friction, which
 looks back over each step, places are refined in each; over a snap the arm slides without.
@@ -30,7 +30,6 @@ from model.loads import without_friction
 from model.obstacles import distances
 from model.progress import tell
 from model.time_limit import check_time
-from model.winches import slackened
 
 # First, least and longest step in the load factor; with friction: where a point rolls, that is not
 # to count as slip.
@@ -79,14 +78,14 @@ def follow(start: Request, end: Request, near: Linearised, jumps: bool = True) -
     Raises UnsettledContactError where none is found; unless it may jump, SnapError where it would.
     """
     snaps, rubs, base = list[float](), end.before is not None, end.base
-    ways = [sharpened] if rubs else [_complementary] * (end.winches is None) + [_least]
+    ways = [sharpened] if rubs else [_complementary, _least]
     # Without a potential the least energy takes several programs: only the least steps are by it.
-    most = None if end.winches is not None or LeastEnergy(base).conservative else 1
+    quick = ways if LeastEnergy(base).conservative else ways[:1]
 
     def solve(before: float, factor: float, near: Linearised, least: bool) -> Linearised | None:
         to, there = start.towards(end, factor), None
         to = replace(to, before=near) if rubs else to
-        for way in ways if least else ways[:most]:
+        for way in ways if least else quick:
             there = way(to, near)
             if there is not None and close(near, there):
                 return there
@@ -106,10 +105,6 @@ def follow(start: Request, end: Request, near: Linearised, jumps: bool = True) -
     states = base.start(start.tensions, strains, start.load)
     free = Linearised(base, base.x(start.tensions, start.load, states))
     rough, _ = stepped(solve, free, _STEPS)[-1]
-    if end.winches is not None:
-        left = end.winches.lacks(rough.lengths, rough.tensions)
-        tensions = slackened(rough.tensions, left, end.winches, base.arm)
-        end = replace(end, tensions=tensions, winches=None)
     return Touching.of(_sharp(end, rough), tuple(snaps))
 
 
@@ -166,8 +161,8 @@ def _least(request: Request, near: Linearised) -> Linearised | None:
     """Return the least energy with forces at nodes near an equilibrium on the mesh of a request."""
     program, system = LeastEnergy(request.base), request.base
     strains = carried_strains(near.system, near.system.strains(near.states), system)
-    to = request.tensions, request.load, request.winches
-    minimum = program.least(program.near(near.tensions, strains), *to, _ROUNDS)
+    to = request.tensions, request.load
+    minimum = program.least(program.near(near.tensions, strains), *to, rounds=_ROUNDS)
     if minimum is None:
         return None
     touches, largest = Touches.of(system), max(minimum.forces.max(), program.force_unit)

@@ -36,7 +36,6 @@ from model.paths import SAME, Array
 from model.scene import Scene
 from model.transcription.system import System
 from model.transcription.touch import BEFORE
-from model.winches import Winches
 
 # How far off places may be, over the arm's length.
 _OFF = THROUGH / 10
@@ -60,8 +59,6 @@ class Request:
         Load factor.
     before : Linearised or None
         Where the arm was before, that friction acts against.
-    winches : Winches or None
-        What holds tendons by length.
     """
 
     base: System
@@ -69,7 +66,6 @@ class Request:
     tensions: Array
     load: float = 1.0
     before: Linearised | None = None
-    winches: Winches | None = None
 
     def on(self, mesh: Mesh, pressed: bool = False, scene: Scene | None = None) -> System:
         """Return the equations on another mesh, in another scene if one is given."""
@@ -84,11 +80,7 @@ class Request:
     def towards(self, end: Request, factor: float) -> Request:
         """Return the request so far on the way to another one, a factor of 0 to 1."""
         tensions = self.tensions + factor * (end.tensions - self.tensions)
-        load, winches = self.load + factor * (end.load - self.load), end.winches
-        if winches is not None and self.winches is not None:
-            slack = self.winches.lengths - winches.lengths
-            winches = replace(winches, lengths=winches.lengths + (1 - factor) * slack)
-        return replace(end, tensions=tensions, load=load, winches=winches)
+        return replace(end, tensions=tensions, load=self.load + factor * (end.load - self.load))
 
     @property
     def corners(self) -> tuple[float, ...]:
