@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice, tee
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 
 import numpy as np
 
@@ -269,7 +269,8 @@ class Search:
         unstable = {float(f"{each.f:.3g}"): each for each in self._now.unstable}
         queue += [(f, None, self._held(unstable[f])) for f in sorted(unstable)[:4]]
         while queue:
-            f, optimum, others = queue.pop(min(range(len(queue)), key=lambda i: queue[i][0]))
+            queue.sort(key=itemgetter(0))
+            f, optimum, others = queue.pop(0)
             if f > limit:
                 return None
             fine = None if optimum is None else refine(optimum, self.task.accuracy)
