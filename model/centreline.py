@@ -68,7 +68,7 @@ class Centreline:
         """Return that of the states (n_states,) of a system with three stages to an element."""
         at = (system.arm, system.scene, system.mesh.s, system.poses(states))
         form = system.of.form
-        result = cls.at_strains(*at, form.law, system.strains(states))
+        result = cls.at_strains(*at, form.law, states[system.of.stages])
         return replace(result, machine_code=form.machine_code)
 
     @classmethod

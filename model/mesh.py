@@ -14,7 +14,7 @@ import numpy as np
 from model.arm import Arm
 from model.checks import within
 from model.errors import ConvergenceError, InputError
-from model.paths import SAME, Array, Linear, Path
+from model.paths import SAME, Array, Path
 from model.stations import Counts
 from model.time_limit import check_time
 from model.transcription.collocation import gauss
@@ -106,17 +106,6 @@ def graded(
         inner[-1] = right
         nodes.append(inner)
     return with_nodes(arm, np.concatenate(nodes))
-
-
-def roughly(radius: Path) -> Path:
-    """Return the taper of a radius to a tenth of what it grows by, as an exponent.
-
-    Arms of about the same taper share what is graded for it.
-    """
-    if not isinstance(radius, Linear):
-        return radius
-    growth = round(10 * math.log(radius.end / radius.base)) / 10
-    return Linear(1.0, math.exp(growth))
 
 
 def with_nodes(arm: Arm, s: Array) -> Mesh:

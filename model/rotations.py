@@ -66,8 +66,8 @@ def half_turn(w: ca.SX) -> ca.SX:
 def half_angle(x: ca.SX) -> ca.SX:
     """Return cos(angle / 2) and sin(angle / 2) / angle (2,) of the square x of an angle [rad2].
 
-    A power series at an eighth of the half, doubled three times: smooth without a branch, and right
-    to rounding, up to two turns and beyond.
+    Power series at an eighth of the half, doubled three times: smooth everywhere without a branch,
+    and right to rounding up to two turns.
     """
     versine, sinc, _ = _of_half(x)
     return ca.vertcat(1 - x / 4 * versine, sinc / 2)
@@ -76,13 +76,14 @@ def half_angle(x: ca.SX) -> ca.SX:
 def _of_half(x: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Return (1 - cos b) / b^2, sin b / b and (b - sin b) / b^3 of half the angle, b = x^(1/2) / 2.
 
-    See half_angle. The series of the last is sum over k of (-b^2)^k / (2 k + 3)!, by Horner's rule.
+    See half_angle. The first and the last are sums over k of (-b^2)^k / (2 k + 2)! and (2 k + 3)!,
+    by Horner's rule.
     """
-    square, cubic = 0.25 ** (_DOUBLINGS + 1) * x, ca.SX(0)
+    square, versine, cubic = 0.25 ** (_DOUBLINGS + 1) * x, ca.SX(0), ca.SX(0)
     for k in reversed(range(_TERMS + 1)):
+        versine = (-1.0) ** k / math.factorial(2 * k + 2) + square * versine
         cubic = (-1.0) ** k / math.factorial(2 * k + 3) + square * cubic
     sinc = 1 - square * cubic
-    versine = sinc**2 / (1 + ca.sqrt(1 - square * sinc**2))
     for _ in range(_DOUBLINGS):
         cubic = (cubic + sinc * versine) / 4
         versine, sinc, square = sinc**2 / 2, sinc * (1 - square * versine), 4 * square

@@ -77,7 +77,7 @@ def _widened(system: System, states: Array) -> System:
 
     Friction at a point lets the stretch jump, and with it the radius of a body that swells.
     """
-    before, beyond = system.stretch_beside(system.strains(states))
+    before, beyond = system.stretch_beside(states[system.of.stages])
     widened, radius = copy.copy(system), system.arm.outer_radius(system.mesh.s[1:])[0]
     wider = radius * np.sqrt(np.maximum(before / beyond, 1.0))
     kernel_numbers(widened, "touch")[:, :, SIZE] = wider[:, None]

@@ -101,7 +101,7 @@ def follow(start: Request, end: Request, near: Linearised, jumps: bool = True) -
     if rubs:
         path = stepped(solve, near, _WITH_FRICTION)
         return Touching.of(path[-1][0], tuple(snaps), tuple(path))
-    strains = carried_strains(near.system, near.system.strains(near.states), base)
+    strains = carried_strains(near.system, near.states[near.system.of.stages], base)
     states = base.start(start.tensions, strains, start.load)
     free = Linearised(base, base.x(start.tensions, start.load, states))
     rough, _ = stepped(solve, free, _STEPS)[-1]
@@ -160,7 +160,7 @@ def _complementary(request: Request, near: Linearised) -> Linearised | None:
 def _least(request: Request, near: Linearised) -> Linearised | None:
     """Return the least energy with forces at nodes near an equilibrium on the mesh of a request."""
     program, system = LeastEnergy(request.base), request.base
-    strains = carried_strains(near.system, near.system.strains(near.states), system)
+    strains = carried_strains(near.system, near.states[near.system.of.stages], system)
     to = request.tensions, request.load
     minimum = program.least(program.near(near.tensions, strains), *to, rounds=_ROUNDS)
     if minimum is None:

@@ -154,7 +154,7 @@ def _carried(of: Request, near: Linearised, system: System, touches: Touches) ->
     before, states = near.system, near.states
     if not np.array_equal(of.tensions, near.tensions):
         states = states + near.by_tensions @ (of.tensions - near.tensions)
-    strains = carried_strains(before, before.strains(states), system)
+    strains = carried_strains(before, states[before.of.stages], system)
     apart, now, were = np.abs(before.mesh.s[:, None] - system.mesh.s), system.of, before.of
     pressed = np.zeros(touches.held.shape)
     np.add.at(pressed, apart.argmin(axis=1), resultants(before, states))

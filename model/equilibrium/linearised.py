@@ -198,8 +198,8 @@ class Linearised:
         of, at, s = self.system.of, self.system.sections, self.system.mesh.s
         _, xi, k, q = reported(of.form.law, self.states[of.stages])[:, :4].T
         ends = gauss(of.form.stages).at(np.array([0.0, 1.0])) @ q.reshape(of.elements, -1).T
-        places, stretch = np.concatenate([at.s, s[:-1], s[1:]]), 1 + np.append(q, ends)
-        return Extremes.of(places, stretch, np.hypot(xi, k), at.stations.radius)
+        places = np.concatenate([at.s, s[:-1], s[1:]])
+        return Extremes.of(places, np.append(q, ends), np.hypot(xi, k), at.stations.radius)
 
     @property
     def scheme(self) -> str:

@@ -149,10 +149,6 @@ class System:
         c = self.p[self.of.equations.numbers_of(name)].reshape(term.count, -1)
         return built(Mapped, term.kernel.value, self.of.form.machine_code)(x[term.unknowns].T, c)[0]
 
-    def strains(self, states: Array) -> Array:
-        """Return the strains at the stages (N stages, strains)."""
-        return states[self.of.stages]
-
     def stretch_beside(self, strains: Array) -> tuple[Array, Array]:
         """Return the stretch (N,) on the base and on the tip side of the nodes but the base.
 

@@ -8,6 +8,7 @@ strains. Both ends of each segment are the nodes of further steps, which have no
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
@@ -25,8 +26,8 @@ from model.integrators import Magnus
 from model.machine.buffered import Buffered, Mapped
 from model.machine.columns import Columns
 from model.machine.compiled import built, kernel
-from model.mesh import Mesh, graded, roughly
-from model.paths import Array, Path
+from model.mesh import Mesh, graded
+from model.paths import Array, Linear, Path
 from model.rotations import compose
 from model.scene import Scene
 from model.stations import Counts, Stations, base_pose, stations
@@ -34,7 +35,7 @@ from model.unloaded.marched import March
 
 # Arms at a time, interpreted and by machine code: their numbers stay in the processor's cache. As
 # few as the latter are marched one after the other where they are interpreted.
-_ARMS = 2048, 256
+_ARMS = 2048, 512
 # Of log R and s/L in its meshes: errors of slender tips weigh most where strains follow tensions.
 _GRADED = 1.5, 0.75
 # So few steps are one list of operations, which CasADi runs sooner than a function time and again.
@@ -50,32 +51,20 @@ def _step(
     are tau, xi, k, q (4 m,). With `least` there are none: behind the pose is the least 1 + q so
     far.
     """
-    (known, sections), law = _sections(statics, len(scheme.nodes), by_pull), statics.law
+    m, law = len(scheme.nodes), statics.law
     x, h = ca.SX.sym("x", 7 + least), ca.SX.sym("h")
+    if by_pull:
+        known = [ca.SX.sym("pull", statics.n_pull, m), ca.SX.sym("data", statics.n_data, m)]
+        sections = [statics.solve(*pair) for pair in zip(*map(ca.horzsplit, known), strict=True)]
+    else:
+        known = [ca.SX.sym("v", size(law), m)]
+        sections = ca.horzsplit(known[0])
     after = compose(x[:7], scheme.step([ca.vertcat(*law.twist(v)) for v in sections], h))
     strains = ca.horzcat(*(law.reported(v) for v in sections))
     results = [after, ca.densify(ca.vec(strains))]
     if least:
         results = [ca.vertcat(after, ca.fmin(x[7], 1 + ca.mmin(strains[3, :])))]
-    return ca.Function("marched", [x, *known, h], results, {"cse": True})
-
-
-def _sections(statics: ClosedStatics, m: int, by_pull: bool) -> tuple[list[ca.SX], list[ca.SX]]:
-    """Return what is known of m sections, and the strains of each."""
-    if not by_pull:
-        v = ca.SX.sym("v", size(statics.law), m)
-        return [ca.vec(v)], ca.horzsplit(v)
-    known = [ca.SX.sym("pull", statics.n_pull, m), ca.SX.sym("data", statics.n_data, m)]
-    sections = [statics.solve(*pair) for pair in zip(*map(ca.horzsplit, known), strict=True)]
-    return [ca.vec(each) for each in known], sections
-
-
-def _shortest(statics: ClosedStatics, scheme: Magnus, by_pull: bool) -> ca.Function:
-    """Return (least 1 + q so far, what is known of further sections) -> the least."""
-    known, sections = _sections(statics, len(scheme.nodes), by_pull)
-    least, law = ca.SX.sym("least"), statics.law
-    results = [ca.mmin(ca.vertcat(least, *(1 + law.reported(v)[3] for v in sections)))]
-    return ca.Function("shortest", [least, *known], results, {"cse": True})
+    return ca.Function("marched", [x, *map(ca.vec, known), h], results, {"cse": True})
 
 
 def _march(
@@ -109,8 +98,11 @@ def _placed(
     up a step.
     """
     arm = of.arm
-    # Arms of about the same taper have meshes of as many steps.
-    mesh = graded(arm, refinement, at, taper=roughly(arm.radius), weights=_GRADED)
+    taper = arm.radius
+    if isinstance(taper, Linear):
+        # To a tenth of its exponent: arms of about the same taper have meshes of as many steps.
+        taper = Linear(1.0, math.exp(round(10 * math.log(taper.end / taper.base)) / 10))
+    mesh = graded(arm, refinement, at, taper=taper, weights=_GRADED)
     (s, _, active), (ends, at_ends) = mesh.points(m), mesh.segment_ends()
     fill = 0, -ends.size % m
     ends, at_ends = np.pad(ends, fill, "edge"), np.pad(at_ends, fill, "edge")
@@ -186,19 +178,13 @@ class ClosedForm(March):
         """See March.many: so many arms at a time that their numbers stay at hand."""
         if len(tensions) <= _ARMS[True] and not self.machine_code:
             return super().many(tensions, nodes)
-        march, ends = (
-            built(Columns, built(make, *self._kind, *more), self.machine_code)
-            for make, more in ((_step, (True,)), (_shortest, ()))
-        )
-        S, h, some = self.mesh.steps, self._h[:, None], _ARMS[self.machine_code]
-        base, results, every = np.append(self._base, np.inf)[:, None], [], nodes is not None
+        step = built(Columns, built(_step, *self._kind, True), self.machine_code)
+        base, some, results = np.append(self._base, np.inf)[:, None], _ARMS[self.machine_code], []
         for i in range(0, max(len(tensions), 1), some):
             known = self._columns(tensions[i : i + some])
-            parts = (np.split(each, [len(each) // len(h) * S]) for each in known)
-            inside, beyond = zip(*parts, strict=True)
-            (x,) = march(base, *inside, h[:S], steps=S, every=every)
-            (x[-1:],) = ends(x[-1:], *beyond, steps=len(h) - S, every=False)
-            results.append(x.reshape(-1, 8, x.shape[1]).transpose(2, 0, 1))
+            every, h = nodes is not None, self._h[:, None]
+            (x,) = step(base, *known, h, steps=h.size, every=every)
+            results.append(x.reshape(-1, 8, known[0].shape[1]).transpose(2, 0, 1))
         states = np.concatenate(results)
         poses, least = states[..., :7], states[:, -1, 7]
         # The least of numbers and of what is none is a number.

@@ -119,11 +119,11 @@ class Extremes(NamedTuple):
     bend: float
 
     @classmethod
-    def of(cls, s: Array, stretch: Array, curvature: Array, radius: Array) -> Extremes:
-        """Return those of stretch at arc lengths [m], the first of which have the others too."""
-        worst, bend = int(stretch.argmin()), curvature * radius
+    def of(cls, s: Array, q: Array, curvature: Array, radius: Array) -> Extremes:
+        """Return those of q at arc lengths s [m], the first of which have the others too."""
+        worst, bend = int(q.argmin()), curvature * radius
         i = int(bend.argmax())
-        return cls(*map(float, (s[worst], stretch[worst], s[i], radius[i], bend[i])))
+        return cls(*map(float, (s[worst], 1 + q[worst], s[i], radius[i], bend[i])))
 
 
 class March(ABC):
@@ -205,7 +205,7 @@ class Marched:
     def extremes(self) -> Extremes:
         """See Linearised."""
         (_, xi, k, q), march = self.strains.T, self.march
-        return Extremes.of(march.stretch_at, 1 + q, np.hypot(xi, k), march.radius)
+        return Extremes.of(march.stretch_at, q, np.hypot(xi, k), march.radius)
 
     @property
     def machine_code(self) -> bool:
