@@ -92,7 +92,8 @@ class Arm(Shown):
         warn_unusual("Arm.length", [self.length], LENGTH)
         if (rest := self.rest_curvature) is not None:
             for axis, path in (("n", rest.n), ("b", rest.b)):
-                _evaluated(f"Arm.rest_curvature.{axis}", path, np.zeros(1), self.length)
+                span = np.array([0.0, self.length])
+                _evaluated(f"Arm.rest_curvature.{axis}", path, span, self.length)
         ends = [section.at for section in self.sections]
         if ends[0] > self.length * (1 + 1e-12):
             raise InputError(
@@ -103,9 +104,6 @@ class Arm(Shown):
                 raise InputError(
                     f"Arm.sections[{i + 1}].at", inner, f"below {length_text(outer)}, tip to base"
                 )
-        self._check_radii()
-
-    def _check_radii(self) -> None:
         s = np.linspace(0.0, self.length, 401)
         radius = _evaluated("Arm.radius", self.radius, s, self.length)
         if radius.min() <= 0:

@@ -116,12 +116,9 @@ class Centreline:
 
     def length(self, a: float, b: float) -> float:
         """Return the deformed length [m] between the arc lengths of two nodes [m]."""
-        inside = np.flatnonzero((self.s[:-1] >= a - self._close) & (self.s[1:] <= b + self._close))
+        close = SAME * self.arm.length
+        inside = np.flatnonzero((self.s[:-1] >= a - close) & (self.s[1:] <= b + close))
         return float(self.along(inside, np.zeros(inside.size), np.ones(inside.size))[1].sum())
-
-    @property
-    def _close(self) -> float:
-        return SAME * self.arm.length
 
     def _shares(self, s: Array) -> tuple[Counts, Array]:
         """Return the elements that arc lengths are in, and what share of them is before them."""

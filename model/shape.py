@@ -16,6 +16,8 @@ from model.checks import finite_array
 from model.clearance.nearest import ITSELF, clearances
 from model.contact.contacts import Touch, touches_of
 from model.contact.path import Touching
+from model.cross_section import cross_section_of
+from model.cross_section.sections import Sections
 from model.effects import ExactTendons, PrintedStatics
 from model.equilibrium.integration import sliding_tensions
 from model.equilibrium.linearised import Equilibrium, Linearised
@@ -29,7 +31,6 @@ from model.rotations import matrices
 from model.scene import Scene
 from model.text import Shown, plotted, shape_text, tendon_table
 from model.transcription.collocation import gauss
-from model.unloaded.marched import folded
 from model.winches import Winches, pulls, rest_lengths, unfelt
 
 # What is left of a tendon, over the arm's length, from which on it is slack.
@@ -140,7 +141,12 @@ class Shape(Shown):
         """
         if is_loaded(self.scene) or not self.scene.has(ExactTendons):
             return None
-        return folded(self.arm, self.scene, self.equilibrium.mesh, self.tensions)
+        law = cross_section_of(self.scene, self.arm.is_curved, loaded=False)
+        s, active = self.s, self.equilibrium.mesh.active
+        ends = np.column_stack([s[:-1], s[1:]]).ravel()
+        at = Sections(self.arm, self.scene, law, ends, np.repeat(active, 2))
+        crushed = at.crushed(at.strains(self.tensions))
+        return crushed.s if crushed else None
 
     @property
     def lengths(self) -> Array:
@@ -158,7 +164,11 @@ class Shape(Shown):
             f"no arm bends so far: at s = {self.folded:.6g} m a tendon has no length left; "
             "lower the tensions that cross it"
         )
-        return tuple(each for each in (sharp(self), crosses(self), folded) if each)
+        gap: Any = clearances(self.centreline(), (), {ITSELF})[ITSELF]
+        crosses = gap.gap < -_TOUCHES * self.arm.length and (
+            f"{gap}; SelfContact among the effects keeps its parts apart"
+        )
+        return tuple(each for each in (sharp(self), crosses, folded) if each)
 
     @property
     def tip(self) -> Array:
@@ -314,11 +324,3 @@ def sharp(shape: Shape) -> str:
         f"at s = {s:.6g} m, where its body has one of {1e3 * radius:.3g} mm"
         f"{longer * bool(lengths[j] > rest[j])}; lower the tensions or the loads"
     )
-
-
-def crosses(shape: Shape) -> str:
-    """Return where the arm passes through itself; empty where it does not."""
-    result: Any = clearances(shape.centreline(), (), {ITSELF})[ITSELF]
-    if result.gap >= -_TOUCHES * shape.arm.length:
-        return ""
-    return f"{result}; SelfContact among the effects keeps its parts apart"

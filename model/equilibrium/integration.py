@@ -81,7 +81,13 @@ class Integration:
         self.by_stages = self._through_stages(gauss(of.form.stages).at(self._share), of.stages)
         if of.form.friction:
             self._friction = load * friction_coefficients(system.arm, system.scene)
-            self._rates = self._rates_by_stages()
+            # Derivatives of the strains along s, by the polynomials through the stages.
+            m = of.form.stages
+            weights = np.array([hermite(m, x, 1) for x in self._share.ravel().tolist()])
+            values, slopes = np.moveaxis(weights, 1, 0).reshape(2, *self._share.shape, m)
+            rates = self._through_stages(values, of.stages) / self._length
+            rates += self._through_stages(slopes, of.rates)
+            self._rates = rates.reshape(-1, of.form.strains)
         if of.form.pressed:
             self._press()
 
@@ -144,15 +150,6 @@ class Integration:
             self._tensions, self._turning = (
                 each.reshape(*self._shape, n) for each in (tensions, turning)
             )
-
-    def _rates_by_stages(self) -> Array:
-        """Return the derivatives of the strains along s, by the polynomials through the stages."""
-        of, m = self._system.of, self._form.stages
-        weights = np.array([hermite(m, x, 1) for x in self._share.ravel().tolist()])
-        values, slopes = np.moveaxis(weights, 1, 0).reshape(2, *self._shape, m)
-        result = self._through_stages(values, of.stages) / self._length
-        result += self._through_stages(slopes, of.rates)
-        return result.reshape(-1, of.form.strains)
 
     def _rate(self, step: int, strains: Array, stage: int, y: Array) -> Array:
         """Return y' (P, n) at a stage of a step, and leave the strains there."""

@@ -27,8 +27,9 @@ from model.transcription.collocation import gauss
 from model.transcription.layout import POSE, Layout
 from model.transcription.system import System
 
-# Of Arnoldi's method, vectors for each mode and restarts.
-_VECTORS, _RESTARTS = 40, 10
+# Of Arnoldi's method, vectors for each mode and restarts; the tolerance of an eigenvalue alone,
+# whose error is the square of that where the Hessian is symmetric, and of one whose sign matters.
+_VECTORS, _RESTARTS, _CLOSE, _ROUGH = 40, 10, 1e-8, 1e-2
 # Reciprocals nearer to 0 are rounding, and the 0 of contacts; over the largest of the whole matrix.
 _NONE, _ZERO = 1e-4, 1e-12
 # How many more eigenvalues are looked at where they may be complex: the least real part need not be
@@ -132,7 +133,7 @@ def stability(point: Linearised) -> float:
         scaled = jacobian / root[:, :, None] / root[:, None, :]
         return float(np.linalg.eigvals(scaled).real.min())
     try:
-        return float(_least(point, 1)[0][0].real)
+        return float(_least(point, 1, tolerance=_CLOSE)[0][0].real)
     except (SingularError, np.linalg.LinAlgError):
         return 0.0
 
@@ -165,7 +166,7 @@ def unstable_mode(point: Linearised) -> Array | None:
     """
     if point.factor is None:
         return None
-    values, bends = _reciprocals(point, 1, "SR")
+    values, bends = _reciprocals(point, 1, "SR", _ROUGH)
     least = int(np.argmin(values.real))
     if values[least].real > -_NONE:
         return None
@@ -203,7 +204,7 @@ def stability_slope(point: Linearised) -> tuple[float, Array]:
 
 
 def _least(
-    point: Linearised, count: int, transposed: bool = False
+    point: Linearised, count: int, transposed: bool = False, tolerance: float = 0.0
 ) -> tuple[Array, Array, Linearised]:
     """Return the least eigenvalues, their modes at the stages (n, count), and what spreads these.
 
@@ -218,7 +219,7 @@ def _least(
     while not stands(shifted) and below > _LOWEST:
         below = min(4 * below, -1.0)
         shifted = _less_stiff(point, below)
-    values, bends = _reciprocals(shifted, count + more, "LM", transposed)
+    values, bends = _reciprocals(shifted, count + more, "LM", tolerance, transposed)
     with np.errstate(divide="ignore", invalid="ignore"):
         values = np.where(np.abs(values) > _ZERO * np.abs(values).max(), 1 / values, np.inf)
     least = np.argsort(values.real)[:count]
@@ -229,6 +230,7 @@ def _reciprocals(
     point: Linearised,
     count: int,
     which: Literal["LM", "SR"],
+    tolerance: float,
     transposed: bool = False,
 ) -> tuple[Array, Array]:
     """Return the largest or least reciprocals of eigenvalues, and their modes at the stages (n, .).
@@ -249,7 +251,7 @@ def _reciprocals(
     operator, start = LinearOperator((n, n), matvec=inverse), np.random.default_rng(0)
     size = {"ncv": min(_VECTORS * count, n), "maxiter": _RESTARTS, "v0": start.standard_normal(n)}
     try:
-        values, vectors = eigs(operator, count, which=which, **size)
+        values, vectors = eigs(operator, count, which=which, tol=tolerance, **size)
     except ArpackNoConvergence:
         values, vectors = np.linalg.eig(inverse(np.eye(n)))
     return values, (vectors.T / after).T

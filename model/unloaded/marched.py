@@ -87,20 +87,6 @@ def tendon_lengths(
     return partial(Lengths.under, Sections(arm, scene, law, s, active, machine_code), weights)
 
 
-def folded(arm: Arm, scene: Scene, mesh: Mesh, tensions: Array) -> float | None:
-    """Return where from the base [m] tensions (n_tendons,) [N] first leave a tendon no length.
-
-    None where they do so nowhere, at both ends of each step of a mesh. Beyond, the body would be
-    folded into itself. Only exact tendons without loads come to that: with loads such tensions are
-    refused.
-    """
-    law = cross_section_of(scene, arm.is_curved, loaded=False)
-    ends = np.column_stack([mesh.s[:-1], mesh.s[1:]]).ravel()
-    at = Sections(arm, scene, law, ends, np.repeat(mesh.active, 2))
-    crushed = at.crushed(at.strains(tensions))
-    return crushed.s if crushed else None
-
-
 class Extremes(NamedTuple):
     """Where an arm is shortest and how it bends most: what the equations do not keep from a body.
 
