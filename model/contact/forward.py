@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 
@@ -15,7 +14,7 @@ from model.contact.sharp import Request, sharpened
 from model.contact.touches import places_of
 from model.equilibrium.linearised import Equilibrium, Linearised
 from model.equilibrium.newton import Collocation
-from model.errors import InputError, UnsettledContactError
+from model.errors import InputError
 from model.loads import contacts, growth, places, without_friction
 from model.mesh import Mesh, graded, landmarks
 from model.obstacles import numbers_of
