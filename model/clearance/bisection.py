@@ -170,12 +170,15 @@ class _Search:
         part, *pair = np.nonzero(np.triu(reach | ~parts.known[:, None, None], 1))
         return rows.some(part)._replace(element=np.column_stack(pair))
 
-    def step(self, rows: _Rows, part: Counts, parts: Parts, last: bool) -> _Rows:
+    def step(self, rows: _Rows, part: Counts, parts: Parts, is_last: bool) -> _Rows:
         """Return the rows to look at next: halves of parts in time, or of pieces."""
         columns = zip(rows.element.T, rows.low.T, rows.high.T, strict=True)
         pieces = [parts.pieces(part, *column) for column in columns]
         result, stretch, keep = self.found, rows.stretch, self.around.keep
-        moved, known = self._displacement(rows, pieces[0]), parts.known[part]
+        # How far bodies have moved (K, I, B, 3) where the parts of pieces begin and end.
+        shares = np.column_stack([rows.start, rows.end])[:, : parts.rows.shape[1], None, None]
+        first, last = np.swapaxes(self.around.moved[stretch % len(self.around.moved)], 0, 1)
+        moved, known = first[:, None] + shares * (last - first)[:, None], parts.known[part]
         lower = self._lower(stretch, moved, pieces) - keep
         near = (lower < np.minimum(self.enough, result.seen[stretch])) | ~known
         if near.any():
@@ -186,7 +189,7 @@ class _Search:
         enough = np.minimum(self.enough, np.where(seen < np.inf, least - slack, np.inf))
         # Infinite bounds are of what cannot meet, whatever happens in between.
         open_ = ((lower < enough) & (lower < np.inf)) | ~known
-        done = ~open_ | last | (stretch.size > _MOST)
+        done = ~open_ | is_last | (stretch.size > _MOST)
         np.minimum.at(result.bound, stretch[done], np.where(known, lower, -np.inf)[done])
         sizes = np.column_stack([each.size for each in pieces])
         travel = np.max([each.travel for each in pieces], axis=0)
@@ -225,13 +228,6 @@ class _Search:
         reach = turned[:, None] >= self.around.turns
         lower = np.where(reach, d + change - one.wide[:, None] - uneven, np.inf)
         return np.asarray(lower.min(axis=1, initial=np.inf))
-
-    def _displacement(self, rows: _Rows, one: Pieces) -> Array:
-        """Return how far bodies have moved (K, I, B, 3) where the parts of pieces begin and end."""
-        moved, instants = self.around.moved, one.ends.shape[1]
-        first, last = np.moveaxis(moved[rows.stretch % len(moved)], 1, 0)[:, :, None]
-        shares = np.column_stack([rows.start, rows.end])[:, :instants, None, None]
-        return np.asarray(first + shares * (last - first))
 
     def _saw(self, rows: _Rows, moved: Array, pieces: list[Pieces]) -> None:
         """Keep the least distances of the ends of pieces that are seen where parts begin or end."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cached_property
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.centreline import Centreline, Counts
+from model.checks import SMALLEST
 from model.clearance.strain_bounds import Spread, estimated, proven
 from model.cross_section import cross_section_of
 from model.cross_section.law import strains_of
@@ -94,15 +96,13 @@ class Lines:
             far = np.linalg.norm(self._tensions - tensions, axis=1)
             a, b = np.argsort(far, kind="stable")[:2][[0, -1]]
             way = self._tensions[b] - self._tensions[a]
-            share = (tensions - self._tensions[a]) @ way / max(float(way @ way), 1e-300)
-            change = self._states[b] - self._states[a]
-            guess = self._states[a] + min(max(share, 0.0), 1.0) * change
+            share = (tensions - self._tensions[a]) @ way / max(float(way @ way), SMALLEST)
+            guess = self._states[a] + np.clip(share, 0, 1) * (self._states[b] - self._states[a])
             point = newton(forward.system, tensions, 1.0, guess)
+        with suppress(OctoplanError):
+            point = point or forward.from_rest(tensions)
         if point is None:
-            try:
-                point = forward.from_rest(tensions)
-            except OctoplanError:
-                return None
+            return None
         self._tensions = np.vstack([self._tensions, tensions])
         self._states.append(point.states)
         return self._states[-1]

@@ -29,11 +29,11 @@ from model.clearance.intervals import Bounded, times
 from model.cross_section.law import CrossSection, body_size
 from model.cross_section.sections import Sections
 from model.machine.compiled import built
-from model.paths import Array
+from model.paths import SAME, Array
 
 Mask = NDArray[np.bool_]
-# The box around both ends, over their distance; strains that count as none, over 1 / radius and 1.
-_AROUND, _NONE = 0.4, 1e-9
+# The box around both ends, over their distance.
+_AROUND = 0.4
 # Under loads: how often farther than halfway, the most that the bent way may be of the change, and
 # how far the arm may turn in a part [rad].
 _FARTHER, _BENT, _TURN = 2.0, 0.25, 1.0
@@ -65,7 +65,7 @@ def proven(sections: Sections, T: Array, y: Array) -> Spread:
     curvature = np.sqrt(sections.body[0] / sections.body[1])
     unit = np.column_stack([curvature, curvature, np.ones(curvature.size)])[:, : y.shape[3]]
     change = (np.abs(y[1] - y[0]) / unit).max(axis=2, keepdims=True)
-    margin = unit * (_AROUND * change + _NONE)
+    margin = unit * (_AROUND * change + SAME)
     box = np.array([y.min(axis=0) - margin, y.max(axis=0) + margin])
     rate = _rates(sections, T, box)
     stays = (y[0] + rate[0] >= box[0]) & (y[0] + rate[1] <= box[1])
@@ -83,7 +83,7 @@ def estimated(ends: Array, halfway: Array, length: float) -> Spread:
     bent = _FARTHER * np.abs(halfway - ends.mean(axis=0))
     kappa, nu = (np.linalg.norm(each, axis=2) for each in np.split(bent, 2, axis=2))
     change = np.linalg.norm((ends[1] - ends[0])[..., :3], axis=2).mean(axis=1) * length
-    known = kappa.mean(axis=1) * length <= _BENT * change + _NONE
+    known = kappa.mean(axis=1) * length <= _BENT * change + SAME
     return Spread(kappa, nu, known & (change <= _TURN))
 
 

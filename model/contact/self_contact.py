@@ -235,7 +235,8 @@ def slips(shape: Shape, pairs: Sequence[Pair]) -> bool:
         t, other = gap.along / np.linalg.norm(gap.along, axis=1)[:, None]
         if np.linalg.norm(np.cross(t, other)) > _CROSSING and pair.s[1] < shape.arm.length:
             continue
-        across = np.cross(gap.normal, t) / np.linalg.norm(np.cross(gap.normal, t))
+        across = np.cross(gap.normal, t)
+        across /= np.linalg.norm(across)
         near, far = (point.mesh.node(float(s)) for s in pair.s)
         push = point.system.by_wrench(point.x, far) - point.system.by_wrench(point.x, near)
         change = -point.solve(push[:, :3] @ across)[point.system.of.nodes[:, 4:7]]

@@ -92,6 +92,7 @@ class Convex(Obstacle):
     """
 
     places: ClassVar[tuple[str, ...]] = ("center",)
+    is_convex = True
 
     @property
     @abstractmethod
@@ -114,11 +115,6 @@ class Convex(Obstacle):
         turned = np.where(outwards[:, None], hull.simplices, hull.simplices[:, ::-1])
         kept, triangles = np.unique(turned, return_inverse=True)
         return center + points[kept], np.reshape(triangles, (-1, 3))
-
-    @property
-    def is_convex(self) -> bool:
-        """See Obstacle.is_convex."""
-        return True
 
     def at(self, points: Array) -> tuple[Array, Array]:
         """See Obstacle.at."""
