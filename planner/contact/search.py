@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
@@ -137,7 +137,9 @@ class ContactSearch:
         coarse, fine = (TensionProgram(self.task, mesh, least) for mesh in (COARSE, FINE))
         nearby = [] if self.begin is None else [self.begin]
         needed = np.inf if self.task.guesses else AGREED + bool(coarse.holds)
-        from_rest = ((tuple(T.tolist()),) for T in guesses(self.task, coarse.holds))
+        reaching = chain.from_iterable(_reaching(self.task, hold) for hold in coarse.holds)
+        guesses = reaching if coarse.holds else initial_guesses(self.task)
+        from_rest = ((tuple(T.tolist()),) for T in guesses)
         for tried, load_path in enumerate(chain(nearby, from_rest), 1):
             tell("initial guesses", tried - 1, self.task.most)
             with suppress(OctoplanError):
@@ -170,12 +172,6 @@ class ContactSearch:
                     if bool(refined.violation) == bool(end.violation):
                         return replace(refined, load_path=way)
         raise UnsettledContactError(1.0, "the arm does not come to the optimum")
-
-
-def guesses(task: Task, holds: Sequence[Hold]) -> Iterable[Array]:
-    """Return tensions (n_tendons,) [N], the likeliest first."""
-    reaching = (_reaching(task, hold) for hold in holds)
-    return chain.from_iterable(reaching) if holds else initial_guesses(task)
 
 
 def _reaching(task: Task, hold: Hold) -> list[Array]:
