@@ -8,6 +8,7 @@ import pytest
 from model import Scene, settle
 from model.effects import Contact, ExactTendons, Extension
 from model.obstacles import Capsule
+from planner.contact.optimum import steered
 from planner.contact.program import TensionProgram
 from planner.contact.search import FINE
 from planner.question import Limits, Statement
@@ -62,3 +63,18 @@ def test_shapes_are_settled_within_the_limits_to_the_last_digit() -> None:
     program = TensionProgram(task, FINE)
     begin = program.settled(T)
     assert program.at(T / program.unit - 1e-13, begin).point.tensions.min() == 0.0
+
+
+def test_a_penalty_rises_until_steps_take_most_violations_away_and_these_are_corrected() -> None:
+    tip = tuple(settle(ARM, T * [1.0, 1.1, 1.0, 1.0], SCENE).tip.tolist())
+    limits, exact, radius = Limits((5.0,) * 4, (0.0,) * 4), np.eye(T.size), np.full(T.size, 0.25)
+    task = Task(ARM, (TipPosition(tip),), SCENE, limits, Statement(), 1e-6)
+    program = TensionProgram(task, FINE)
+    start = program.at(T / program.unit, program.settled(T))
+    change, *_, penalty = steered(start, exact, radius, 1e-3)
+    left = [start.step(exact, radius, each)[3] for each in (penalty / 10, penalty)]
+    assert left[1] < start.violation / 10 < left[0]
+    there = program.at(start.tensions + change, start.point)
+    corrected, *_ = start.step(exact, radius, penalty, there)
+    again = program.at(start.tensions + corrected, start.point)
+    assert again.violation < there.violation / 5 < start.violation / 5
