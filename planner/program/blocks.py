@@ -249,14 +249,12 @@ class LeastMode:
         unknowns = np.stack([np.full(stages.size, start + last), start + stages])
         terms.append(Term(built(_inertia), unknowns, row + stages[None, :]))
         one = np.full((1, stages.size), row + last)
-        return [*terms, Term(built(_square), start + stages[None, :], one)]
+        return [*terms, Term(built(_part), start + stages[None, :], one)]
 
     def numbers(self, at: System, along: Array) -> list[Array]:
         """See planner.program.blocks."""
-        weights, stiff = self._weights(at), rest_stiffness(at)[1]
-        share = np.full(weights.size, 1 / weights.size)
-        equations = self.states.numbers(at, along)
-        return [*equations, -stiff[None, :], np.stack([weights, share])]
+        stiff, equations = rest_stiffness(at)[1], self.states.numbers(at, along)
+        return [*equations, -stiff[None, :], np.zeros((2, stiff.size))]
 
     def scales(self, at: System) -> tuple[Array, Array]:
         """See planner.program.blocks."""
@@ -264,15 +262,22 @@ class LeastMode:
         return np.append(state, 1.0), np.append(row, 1.0)
 
     def at(self, equilibrium: Linearised) -> Array:
-        """Return its unknowns (size,) in an equilibrium, of the size that its equations ask for."""
+        """Return its unknowns (size,) in an equilibrium, strains of some 1 rad in all."""
         values, y = least_modes(equilibrium, 1)
+        at = equilibrium.system
         strains = y[np.ravel(self.states.of.stages), 0]
-        return np.append(y[:, 0] / np.sqrt(self._weights(equilibrium.system) @ strains**2), values)
+        unit = self.states.scales(at)[0][np.ravel(self.states.of.stages)]
+        size = np.sqrt(rest_stiffness(at)[0] / at.arm.length @ (strains / unit) ** 2)
+        return np.append(y[:, 0] / size, values)
 
-    def _weights(self, at: System) -> Array:
-        """Return what the squares of the strains weigh in the size of the mode."""
-        strain = self.states.scales(at)[0][np.ravel(self.states.of.stages)]
-        return np.asarray(rest_stiffness(at)[0] / at.arm.length / strain**2)
+    def along(self, at: System, y: Array) -> Array:
+        """Return the numbers (2, N) of its size: the part of it that is along a mode y (size,).
+
+        Modes are orthogonal by the stiffness of the body at rest. So none becomes another.
+        """
+        strains = y[np.ravel(self.states.of.stages)]
+        forces = rest_stiffness(at)[1] * strains
+        return np.stack([forces / (forces @ strains), np.full(forces.size, 1 / forces.size)])
 
 
 def _inertia() -> Kernel:
@@ -281,10 +286,10 @@ def _inertia() -> Kernel:
     return Kernel("inertia", y, stiff, stiff * y[0] * y[1])
 
 
-def _square() -> Kernel:
+def _part() -> Kernel:
     """Return the kernel of a part of a mode's size, less the size that it is scaled to."""
     y, c = ca.SX.sym("y"), ca.SX.sym("c", 2)
-    return Kernel("size", y, c, c[0] * y**2 - c[1])
+    return Kernel("size", y, c, c[0] * y - c[1])
 
 
 @dataclass(frozen=True, eq=False)

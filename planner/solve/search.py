@@ -18,6 +18,7 @@ from operator import attrgetter, itemgetter
 
 import numpy as np
 
+from model.equilibrium.stability import least_modes
 from model.errors import OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
@@ -40,8 +41,8 @@ AGREED = 2
 # What unstable optima are held to, one after the other, where the arm comes to another shape from
 # rest; the first is what any are held to by default.
 _FLOORS = (0.01, 0.1, 0.3)
-# How many modes are held one after the other.
-_MODES = 3
+# Programs that hold a mode of an optimum, one after the other.
+_HOLDS = 6
 _PHASES: dict[Mode, str] = {
     "exact": "trials that meet the targets",
     "closest": "trials as near as the limits allow",
@@ -256,6 +257,10 @@ class Search:
         )
         astray = not by_effort and len(trials) >= 2 * len(efforts)
         hard = missed or astray or (self._count >= POINT and mode == "exact")
+        # Where least squares seldom come to an end, half of the guesses are enough.
+        rare = 2 * len(efforts) <= len(trials)
+        if mode == "nearest" and efforts and rare and 2 * len(trials) >= self.task.most:
+            return True
         since = len(efforts) - 1 - int(np.argmin(efforts)) if efforts and by_effort else 0
         return agreed(trials) >= AGREED + hard or (mode == "exact" and since >= AGREED + 1)
 
@@ -286,14 +291,18 @@ class Search:
     def _held(self, optimum: Candidate) -> Iterator[Candidate]:
         """Yield the optimum near an unstable one whose least mode is held to more and more.
 
-        Up to where there is none. Where another mode is less stable then, that one is held next.
+        Up to where there is none. Where another mode is less stable then, that one is held next;
+        where no optimum is near, first to half as much more.
         """
         for floor in sorted({max(floor, self.task.statement.margin) for floor in _FLOORS}):
-            for _ in range(_MODES):
-                held = _held_to(optimum, floor)
+            held_to = floor
+            for _ in range(_HOLDS):
+                held = _held_to(optimum, held_to, min(held_to, self.task.statement.margin))
                 if held is None:
-                    return
-                optimum = held
+                    (least,), _ = least_modes(optimum.problem.linearised(optimum.x), 1)
+                    held_to = (least + held_to) / 2
+                    continue
+                optimum, held_to = held, floor
                 if held.problem.stands(held.x, floor - COARSE * floor):
                     break
             else:
@@ -310,10 +319,10 @@ class Search:
         return SearchResult.at(best, self.trials, stopped=stopped)
 
 
-def _held_to(optimum: Candidate, floor: float) -> Candidate | None:
+def _held_to(optimum: Candidate, floor: float, margin: float) -> Candidate | None:
     """Return the optimum near another whose least stable mode is held to a floor, None if none."""
     before = optimum.problem
-    problem = before.but(before.statement.but(modes=1, floor=floor))
+    problem = before.but(before.statement.but(modes=1, floor=floor, margin=margin))
     with suppress(OctoplanError, np.linalg.LinAlgError):
         x = problem.closed(optimum.tensions, before.linearised(optimum.x).states)
         held = solve(problem, x, problem.parameters(SEARCHED))

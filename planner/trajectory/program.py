@@ -43,6 +43,7 @@ class MotionProgram:
     def __init__(
         self, question: Question, waypoints: Sequence[Waypoint], problems: Sequence[Problem]
     ) -> None:
+        self._problems = problems
         guess = [each.guess(w.tensions, True) for w, each in zip(waypoints, problems, strict=True)]
         # The target to which each waypoint leads.
         group = np.cumsum([0, *(bool(waypoint.targets) for waypoint in waypoints[:-1])])
@@ -75,18 +76,21 @@ class MotionProgram:
         options, x, warm = TOGETHER, self._guess, None
         if before is not None:
             options, x, warm = _AGAIN, before.x, (before.lam_x, before.lam_g)
-        solution = self._stated.solve(options, x, self._parameters(each), self._bounds, warm)
+        solution = self._stated.solve(options, x, self._parameters(each, x), self._bounds, warm)
         check_time()
         return solution, self._stated.split(solution.x)[:-1]
 
     def violation(self, solution: Solution, each: Sequence[Array]) -> float:
         """Return by how much rows violate their bounds at most, by other parameters."""
-        rows = self._stated.values(solution.x, self._parameters(each))[1].full().ravel()
+        rows = self._stated.values(solution.x, self._parameters(each, solution.x))[1].full().ravel()
         low, high = self._bounds[2:]
         return float(np.maximum(low - rows, rows - high).max())
 
-    def _parameters(self, each: Sequence[Array]) -> Array:
-        return np.concatenate([*self._numbers, *each])
+    def _parameters(self, each: Sequence[Array], x: Array) -> Array:
+        """Return the parameters of the program, by which modes remain those in unknowns x."""
+        of_each = zip(self._problems, self._stated.split(x), each, strict=False)
+        along = [problem.along(part, p) for problem, part, p in of_each]
+        return np.concatenate([*self._numbers, *along])
 
 
 def _limited(

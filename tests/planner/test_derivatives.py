@@ -64,9 +64,8 @@ def test_derivatives_of_the_nearest_shape_are_those_that_casadi_finds() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("modes", [1, 2])
-def test_derivatives_with_the_least_stable_modes_are_those_that_casadi_finds(modes: int) -> None:
-    check_derivatives(ARM, PAYLOAD_IN_WATER, "exact", modes)
+def test_derivatives_with_the_least_stable_mode_are_those_that_casadi_finds() -> None:
+    check_derivatives(ARM, PAYLOAD_IN_WATER, "exact", 1)
 
 
 def check_derivatives(arm: Arm, scene: Scene, mode: Any, modes: int = 0) -> None:
@@ -83,8 +82,8 @@ def check_derivatives(arm: Arm, scene: Scene, mode: Any, modes: int = 0) -> None
     lagrangian = of.sigma * f + ca.dot(of.lam, g)
     given = [x, p, of.sigma, of.lam]
     second = ca.Function("second", given, [of.hessian, ca.hessian(lagrangian, x)[0]])
-    at = problem.parameters()
     here = problem.guess(rng.uniform(0, 0.3, arm.n_tendons))
+    at = problem.along(here, problem.parameters())
     here = here + 1e-2 * rng.normal(size=here.size)
     for one, other in zip(all_of(of, here, at), theirs(here, at), strict=True):
         other = dense(other)

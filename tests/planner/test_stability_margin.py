@@ -98,6 +98,15 @@ def test_where_loads_move_an_arm_far_starts_are_tried_until_two_agree() -> None:
     assert found.shape.stability > 0.1
 
 
+# The mode that is held used to turn into another that is stable already, with the arm as unstable
+# as before: such shapes were told to be less stable than the margin.
+def test_the_nearest_shape_of_an_arm_that_would_yield_is_a_stable_one() -> None:
+    found = plan(ARM, TipPosition((0.205, 0.449, 0.075)), Scene.silicone(Weight()), 20.0)
+    assert found.shape.stability == pytest.approx(0.1, abs=1e-3)
+    off = float(np.linalg.norm(found.shape.tip - np.array([0.205, 0.449, 0.075])))
+    assert off == pytest.approx(0.206, abs=1e-3)
+
+
 @pytest.mark.slow
 def test_more_of_a_margin_costs_more_and_is_had() -> None:
     """Used to be out of reach at 0.7, though the plan held to 0.9 has that margin, too."""
