@@ -158,7 +158,7 @@ class GivenLengths:
         """
         if not (is_loaded(self.maps.scene) and isinstance(forward, Collocation)):
             return forward.solve(self._unloaded)
-        beside = forward.beside if isinstance(forward, TouchingMap) else equilibrium_beside
+        beside = forward.led_to if isinstance(forward, TouchingMap) else equilibrium_beside
         begins = self._begins(forward, near)
         result = taken_in(begins, self.winches, beside, self.maps.arm, _NEARLY)
         if result is None:
@@ -170,7 +170,7 @@ class GivenLengths:
         if not (is_loaded(self.maps.scene) and isinstance(forward, Collocation)):
             return end
         assert isinstance(end, Linearised)
-        beside = forward.beside if isinstance(forward, TouchingMap) else equilibrium_beside
+        beside = forward.led_to if isinstance(forward, TouchingMap) else equilibrium_beside
         return tightened(end, self.winches, beside, self.maps.arm) or end
 
     def _begins(

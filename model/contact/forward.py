@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 
@@ -14,7 +15,7 @@ from model.contact.sharp import Request, sharpened
 from model.contact.touches import places_of
 from model.equilibrium.linearised import Equilibrium, Linearised
 from model.equilibrium.newton import Collocation
-from model.errors import InputError
+from model.errors import InputError, SnapError, UnsettledContactError
 from model.loads import contacts, growth, places, without_friction
 from model.mesh import Mesh, graded, landmarks
 from model.obstacles import numbers_of
@@ -81,6 +82,12 @@ class TouchingMap(Collocation):
                 path = ((end.before, 0.0), (there, 1.0)) if end.before else ()
                 return Touching.of(there, (), path)
         return follow(replace(end, tensions=near.tensions), end, near, jumps)
+
+    def led_to(self, at: Linearised, tensions: Array) -> Linearised | None:
+        """Return the equilibrium that another leads to, by load steps; None where it jumps."""
+        with suppress(SnapError, UnsettledContactError):
+            return self.solve(tensions, at, jumps=False)
+        return None
 
     def beside(self, at: Linearised, tensions: Array) -> Linearised | None:
         """Return the equilibrium under tensions near those of another; None where it is not near.

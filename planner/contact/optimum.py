@@ -18,8 +18,9 @@ from planner.question import natural_tensions
 
 # Steps at most, also those that fail; the first trust region, in tensions that bend by 1 rad.
 _STEPS, _RADIUS = 100, 0.25
-# The least and the largest penalty of violations; violations and steps that count as 0.
-_PENALTIES, _NONE = (0.1, 1e5), 1e-7
+# The least and the largest penalty of violations: less of it lets a margin of stability, which is
+# linear nearby alone, be violated again and again. Violations and steps that count as 0.
+_PENALTIES, _NONE = (10.0, 1e5), 1e-7
 # Merits are compared with the largest of so many.
 _RECENT = 3
 
