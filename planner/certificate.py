@@ -50,7 +50,7 @@ class Certificate(Shown):
 
     Attributes
     ----------
-    equality : largest residual of each thing that has to be met
+    equality : size of the residual of each thing that has to be met, as a distance or an angle
     soft_residual : size of each thing that was to be made as small as the limits allow
     inequality : least value of each thing that has to be 0 or above
     bounds : largest violation of a tension limit [N]
@@ -264,7 +264,7 @@ def certify(
         (low, high), taken = limits.strokes, strokes(shape, limits.stroke_zero)
         over = float(np.max([low - taken, taken - high], initial=0.0)) / arm.length
     return Certificate(
-        {name: float(np.abs(values).max()) for name, values in equality.items()},
+        {name: float(np.linalg.norm(values)) for name, values in equality.items()},
         {name: float(np.linalg.norm(values)) for name, values in soft_residual.items()},
         {name: float(np.min(values)) for name, values in inequality.items()},
         excess,

@@ -107,7 +107,7 @@ def test_a_moment_that_no_force_at_a_point_has_is_left_over_a_tenth_of_the_arm(
         asked = Hold(ROD, (*force.tolist(), *moment.tolist()), FRICTION)
         found = replace(held, targets=(asked,)).certificate
         size = np.linalg.norm([*force, *moment / (0.1 * ARM.length)])
-        left = more / (0.1 * ARM.length) * np.abs(radial).max() / size
+        left = more / (0.1 * ARM.length) * np.linalg.norm(radial) / size
         assert found.equality[WRENCH] == pytest.approx(left, rel=1e-4, abs=1e-6)
 
 
