@@ -302,6 +302,10 @@ class Point:
         of_states = self._factors.solve(-slope[self._n + 1 :], "T")
         return np.append(lam_x, np.zeros(self.x.size - self._n)), np.append(lam_g, of_states)
 
+    def slope(self, lam_g: Array) -> Array:
+        """Return the Lagrangian's gradient in a (n_free,), without the multipliers of bounds."""
+        return np.asarray(self._reduced[0] + lam_g[: self._m] @ self._reduced[1:])
+
     def multipliers(self) -> tuple[Array, Array, Array]:
         """Return lam_x and lam_g that leave least of the Lagrangian's gradient, and the rest.
 
@@ -323,7 +327,7 @@ class Point:
         bound; the product of a multiplier and the distance to its bound. NaN counts as infinite.
         """
         lam_x, lam_g = lam_x[: self._n], lam_g[: self._m]
-        lam, rest = np.append(lam_x, lam_g), self._reduced[0] + lam_g @ self._reduced[1:] + lam_x
+        lam, rest = np.append(lam_x, lam_g), self.slope(lam_g) + lam_x
         # Multipliers of 0 leave no scale.
         scale = 1e-2 + norm(self._gradient[: self._n], np.inf) + norm(np.append(lam_g, 0.0), np.inf)
         # No multiplier counts with a bound that is farther than a thousand units.

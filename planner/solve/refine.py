@@ -133,14 +133,15 @@ def polish(
 
     An interior-point method stops a little inside of them. Those whose multipliers exceed their
     distance are fixed there, and the program is solved once more, warm. Where no multipliers make
-    that an optimum, those are let go again that the rest of the gradient draws inside. All are
-    where too few are left to meet the targets; where even that leads nowhere it is solved afresh,
-    unless the start is to stay `warm`, and if that fails the last optimum is kept.
+    that an optimum those of the wrong sign tell which are let go again. All are where too few are
+    left to meet the targets; where even that leads nowhere it is solved afresh, unless the start is
+    to stay `warm`, and if that fails the last optimum is kept.
     """
     problem, begun = candidate.problem, candidate
     n, (lbx, ubx, lbg, ubg) = problem.arm.n_tendons, bounds or problem.bounds
     x, pull = candidate.x[:n], candidate.lam_x[:n] * MAGNIFIED
     at_low, at_high = x - lbx[:n] < -pull, ubx[:n] - x < pull
+    even = lbx[:n] == ubx[:n]
     purpose: Purpose = "polish"
     for _ in range(4):
         low, high = lbx.copy(), ubx.copy()
@@ -158,6 +159,10 @@ def polish(
             continue
         point = Point(problem, trial.x, p, (lbx, ubx, lbg, ubg))
         lam_x, lam_g, rest = point.multipliers()
+        optimal = bool(np.abs(rest).max() <= KKT_TOLERANCE / 1000)
+        if not optimal:
+            lam_x, lam_g = trial.lam_x.copy(), trial.lam_g
+            lam_x[:n] = np.where(at_low | at_high | even, -point.slope(lam_g)[:n], lam_x[:n])
         lam_x, lam_g = point.extended(lam_x, lam_g)
         candidate = replace(
             trial,
@@ -166,9 +171,8 @@ def polish(
             iterations=candidate.iterations + trial.iterations,
             solver=candidate.solver,
         )
-        rest = np.where(np.abs(rest[:n]) > KKT_TOLERANCE / 1000, rest[:n], 0.0)
-        wrong = (at_low & (rest < 0)) | (at_high & (rest > 0))
-        if not wrong.any():
+        wrong = ~even & ((at_low & (lam_x[:n] > 0)) | (at_high & (lam_x[:n] < 0)))
+        if optimal or not wrong.any():
             break
         at_low, at_high = at_low & ~wrong, at_high & ~wrong
     return candidate

@@ -14,7 +14,7 @@ from planner import Plan, load_plan, plan
 from planner.solve import search
 from planner.solve.ipopt import Candidate
 from planner.solve.refine import refine
-from planner.targets import TipPosition
+from planner.targets import Bend, Fetch, TipPosition
 from tests.planner.cases import PAPER, Array, off, read
 
 ARM = Arm.from_paper("table-4")
@@ -312,3 +312,12 @@ def test_where_all_coarse_optima_topple_the_search_goes_on_on_a_finer_mesh() -> 
     found = plan(ARM, TipPosition(tuple(settle(ARM, T, scene).tip)), scene, 20.0)
     assert found.reached
     assert found.effort < 3.1
+
+
+# Least squares of the gradient leave more of it than the multipliers of the last solve, where
+# constraints all but depend on each other.
+def test_a_fetch_in_one_plane_is_certified() -> None:
+    distal = Bend(1.7576968621113056, -1.5707963267948968)
+    medial = Bend(0.27082949623417213, -1.5707963267948966)
+    target = Fetch(Bend(0.11604413653858578, -0.3606366228609522), medial, distal)
+    assert plan(ARM, target, Scene(), MOST).certificate.passed
