@@ -53,10 +53,14 @@ class ContactOptimum:
     load_path: LoadPath
 
     @property
+    def is_optimal(self) -> bool:
+        """Whether all is met, and tensions are least nearby."""
+        return not self.violation and self.residual < 3 * _NONE
+
+    @property
     def cost(self) -> tuple[float, bool, float]:
         """What is compared: violations, whether tensions are not least nearby, effort [N]."""
-        optimal = not self.violation and self.residual < 3 * _NONE
-        return self.violation, not optimal, float(np.linalg.norm(self.point.tensions))
+        return self.violation, not self.is_optimal, float(np.linalg.norm(self.point.tensions))
 
 
 def optimum(

@@ -69,7 +69,7 @@ def check_contact(task: Task, avoids: bool) -> None:
 
 def _trials(optima: Sequence[ContactOptimum]) -> tuple[Trial, ...]:
     """Return one trial for each optimum."""
-    return tuple(Trial(effort, not astray, 0) for _, astray, effort in (end.cost for end in optima))
+    return tuple(Trial(end.cost[-1], end.is_optimal, 0) for end in optima)
 
 
 class ContactSearch:
@@ -124,7 +124,7 @@ class ContactSearch:
             with suppress(OctoplanError):
                 end = replace(optimum(program, program.begin, start), load_path=self.begin)
                 self.optima.append(end)
-                if not end.cost[1]:
+                if end.is_optimal:
                     break
 
     def _search(self) -> None:

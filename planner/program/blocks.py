@@ -263,15 +263,14 @@ class LeastMode:
 
     def at(self, equilibrium: Linearised) -> Array:
         """Return its unknowns (size,) in an equilibrium, strains of some 1 rad in all."""
+        system, stages = equilibrium.system, np.ravel(self.states.of.stages)
         values, y = least_modes(equilibrium, 1)
-        at = equilibrium.system
-        strains = y[np.ravel(self.states.of.stages), 0]
-        unit = self.states.scales(at)[0][np.ravel(self.states.of.stages)]
-        size = np.sqrt(rest_stiffness(at)[0] / at.arm.length @ (strains / unit) ** 2)
+        strains = y[stages, 0] / self.states.scales(system)[0][stages]
+        size = np.sqrt(rest_stiffness(system)[0] / system.arm.length @ strains**2)
         return np.append(y[:, 0] / size, values)
 
-    def along(self, at: System, y: Array) -> Array:
-        """Return the numbers (2, N) of its size: the part of it that is along a mode y (size,).
+    def share_of(self, y: Array, at: System) -> Array:
+        """Return the numbers (2, N) of its size: the share of a mode y (size,) in it, less 1.
 
         Modes are orthogonal by the stiffness of the body at rest. So none becomes another.
         """

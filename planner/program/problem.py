@@ -125,7 +125,7 @@ class Problem:
             p[self.program.parts["defect"]] = defect
         return p
 
-    def along(self, x: Array, p: Array) -> Array:
+    def with_mode(self, x: Array, p: Array) -> Array:
         """Return parameters by which the least mode remains the one that it is in unknowns x."""
         of = self.program
         if not of.modes:
@@ -135,7 +135,7 @@ class Problem:
         y = x[at] * self.scale[at.start - begin : at.stop - begin]
         terms = zip(of.equations.terms, of.equations.slices, strict=True)
         (size,) = (numbers for term, numbers in terms if term.kernel.name == "size")
-        p[of.parts["numbers"]][size] = mode.along(self.forward.system, y).ravel("F")
+        p[of.parts["numbers"]][size] = mode.share_of(y, self.forward.system).ravel("F")
         return p
 
     def _bounds(self) -> Bounds:
@@ -281,7 +281,7 @@ class Point:
 
     def __init__(self, problem: Problem, x: Array, p: Array, bounds: Bounds | None = None) -> None:
         self.x, self._n, self._m = x, problem.n_free, problem.n_outer
-        p = problem.along(x, p)
+        p = problem.with_mode(x, p)
         _, self._gradient, g, self._jacobian = problem.program.evaluate(x, p)
         inner = self._jacobian[self._m :].tocsc()
         self._factors = factorised(inner[:, self._n + 1 :])

@@ -278,7 +278,7 @@ def solve(
     relaxed = np.append(lbx, none - np.inf), np.append(ubx, none + np.inf), lbg, ubg
     exact, talks = problem.statement.mode == "exact", LOG.isEnabledFor(logging.DEBUG)
     run = solver(problem.program, purpose, exact, talks)
-    end = solved(run, begin, problem.along(x, p), relaxed, (np.append(lam_x, none), lam_g))
+    end = solved(run, begin, problem.with_mode(x, p), relaxed, (np.append(lam_x, none), lam_g))
     x, t = np.split(end.x, [n])
     met = end.met and bool(RELAXED * np.abs(t).max(initial=0.0) <= KKT_TOLERANCE)
     f = end.f - float(t @ t) / 2

@@ -294,20 +294,22 @@ class Search:
         Up to where there is none. Where another mode is less stable then, that one is held next;
         where no optimum is near, first to half as much more.
         """
-        for floor in sorted({max(floor, self.task.statement.margin) for floor in _FLOORS}):
-            held_to = floor
-            for _ in range(_HOLDS):
-                held = _held_to(optimum, held_to, min(held_to, self.task.statement.margin))
-                if held is None:
-                    (least,), _ = least_modes(optimum.problem.linearised(optimum.x), 1)
-                    held_to = (least + held_to) / 2
-                    continue
-                optimum, held_to = held, floor
-                if held.problem.stands(held.x, floor - COARSE * floor):
-                    break
-            else:
-                return
-            yield optimum
+        margin = self.task.statement.margin
+        with suppress(OctoplanError, np.linalg.LinAlgError):
+            for floor in sorted({max(floor, margin) for floor in _FLOORS}):
+                held_to = floor
+                for _ in range(_HOLDS):
+                    held = _held_to(optimum, held_to, min(held_to, margin))
+                    if not held.met:
+                        (least,), _ = least_modes(optimum.problem.linearised(optimum.x), 1)
+                        held_to = (least + held_to) / 2
+                        continue
+                    optimum, held_to = held, floor
+                    if held.problem.stands(held.x, floor - COARSE * floor):
+                        break
+                else:
+                    return
+                yield optimum
 
     def _so_far(self, stopped: bool = True) -> SearchResult:
         """Return the best that was seen: of optima that of least effort, else what came last."""
@@ -319,13 +321,14 @@ class Search:
         return SearchResult.at(best, self.trials, stopped=stopped)
 
 
-def _held_to(optimum: Candidate, floor: float, margin: float) -> Candidate | None:
-    """Return the optimum near another whose least stable mode is held to a floor, None if none."""
+def _held_to(optimum: Candidate, floor: float, margin: float) -> Candidate:
+    """Return what a program near an optimum leads to, its least stable mode held to a floor.
+
+    Raises SingularError where the mode is not told.
+    """
     before = optimum.problem
     problem = before.but(before.statement.but(modes=1, floor=floor, margin=margin))
-    with suppress(OctoplanError, np.linalg.LinAlgError):
-        x = problem.closed(optimum.tensions, before.linearised(optimum.x).states)
-        held = solve(problem, x, problem.parameters(SEARCHED))
-        check_time()
-        return held if held.met else None
-    return None
+    x = problem.closed(optimum.tensions, before.linearised(optimum.x).states)
+    held = solve(problem, x, problem.parameters(SEARCHED))
+    check_time()
+    return held

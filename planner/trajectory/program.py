@@ -89,8 +89,8 @@ class MotionProgram:
     def _parameters(self, each: Sequence[Array], x: Array) -> Array:
         """Return the parameters of the program, by which modes remain those in unknowns x."""
         of_each = zip(self._problems, self._stated.split(x), each, strict=False)
-        along = [problem.along(part, p) for problem, part, p in of_each]
-        return np.concatenate([*self._numbers, *along])
+        parts = [problem.with_mode(part, p) for problem, part, p in of_each]
+        return np.concatenate([*self._numbers, *parts])
 
 
 def _limited(

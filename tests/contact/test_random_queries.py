@@ -12,6 +12,7 @@ from model.effects import Contact, TipLoad
 from model.obstacles import Capsule
 from tests.contact.cases import bar
 from tests.contact.queries import complementarity, imbalance, query
+from tests.lengths.cases import check_complementary
 
 
 def ending(seed: int) -> str:
@@ -72,3 +73,13 @@ def test_ends_and_end_force_of_a_strip_on_a_cylinder_converge_with_order_four_or
         found.append([first.s, last.s, np.linalg.norm(first.force) - spread])
     coarse, fine = (np.abs(np.array(one) - np.array(found[-1])) for one in found[:2])
     assert (np.log2(coarse / fine) > 4).all()
+
+
+# Taken in without load steps they were told as not met.
+def test_lengths_in_contact_are_met_by_load_steps() -> None:
+    asked = query(9025)
+    wanted = settle(asked.arm, asked.tensions, asked.scene, 1e-4)
+    shape = settle(asked.arm, None, asked.scene, 1e-4, lengths=wanted.tendon_lengths)
+    assert shape.contacts
+    check_complementary(shape)
+    assert np.linalg.norm(shape.tip - wanted.tip) <= 1e-6 * asked.arm.length

@@ -83,7 +83,7 @@ def check_derivatives(arm: Arm, scene: Scene, mode: Any, modes: int = 0) -> None
     given = [x, p, of.sigma, of.lam]
     second = ca.Function("second", given, [of.hessian, ca.hessian(lagrangian, x)[0]])
     here = problem.guess(rng.uniform(0, 0.3, arm.n_tendons))
-    at = problem.along(here, problem.parameters())
+    at = problem.with_mode(here, problem.parameters())
     here = here + 1e-2 * rng.normal(size=here.size)
     for one, other in zip(all_of(of, here, at), theirs(here, at), strict=True):
         other = dense(other)
