@@ -142,7 +142,7 @@ _FOR: dict[Purpose, Options] = {
 # barrier must not outweigh.
 _SMALL: Options = {"obj_scaling_factor": 100 * MAGNIFIED, "max_iter": 200}
 _LEAST: dict[Purpose, Options] = {
-    "search": COLD | _SMALL | {"mu_init": 1e-3, "max_iter": 100},
+    "search": COLD | _SMALL | {"mu_init": 1e-3},
     "follow": WARM | _SMALL,
     "near": WARM | _SMALL,
     "polish": _FOR["polish"] | _SMALL,
