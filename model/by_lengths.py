@@ -35,8 +35,8 @@ from model.forward import ForwardMap, Maps
 from model.least_energy import ROUNDS, LeastEnergy
 from model.loads import is_loaded
 from model.paths import Array
+from model.progress import check_time
 from model.shortest import SHORT, refuse, unknown_least
-from model.time_limit import check_time
 from model.transcription.system import System, system
 from model.unloaded.marched import Lengths, tendon_lengths
 from model.winches import ROUNDING, Winches, least, slackened

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.arm import Arm
-from model.cross_section.law import CrossSection, kinematics
+from model.cross_section.law import CrossSection
+from model.cross_section.sections import kinematics
 from model.effects import NeoHookean
 from model.equilibrium.newton import STAGES
-from model.machine.buffered import Mapped
-from model.machine.compiled import built
+from model.machine.functions import Mapped, built
 from model.paths import SAME, Array
 from model.rotations import half_turn, multiply, unit_matrix
 from model.scene import Scene

@@ -8,14 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.cross_section import cross_section_of
-from model.cross_section.law import strains_of
-from model.cross_section.sections import Sections
+from model.cross_section.sections import Sections, strains_of
 from model.equilibrium.linearised import Equilibrium, Index
 from model.equilibrium.newton import STAGES
 from model.equilibrium.sensitivities import Sensitivities
-from model.forward import maps_of
+from model.forward import FINEST, REFINEMENTS, maps_of, refined
 from model.loads import convergence_order
-from model.mesh import FINEST, REFINEMENTS, refined
 from model.paths import Array
 from model.shape import Shape
 from model.unloaded.march_derivative import MarchDerivative

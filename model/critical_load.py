@@ -10,9 +10,8 @@ from model.checks import positive
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import STAGES, Followed, follow_on
 from model.errors import InputError
-from model.forward import by_collocation
+from model.forward import by_collocation, first_pair, refined
 from model.loads import check_loads, convergence_order, is_loaded
-from model.mesh import first_pair, refined
 from model.scene import Scene
 
 

@@ -1,26 +1,45 @@
-"""The forward maps, tensions to poses, by name: which scheme carries a scene, built once each."""
+"""The forward maps, tensions to poses: which scheme carries a scene, and which mesh is fine enough.
+
+Maps are built once for each mesh. The tip on one mesh and on the next finer one tell the error of
+the latter, by the order of the scheme.
+"""
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable
 from functools import lru_cache
 from itertools import zip_longest
+from typing import Any, TypeVar
 
 import numpy as np
 
 from model.arm import Arm
+from model.checks import within
 from model.contact.forward import TouchingMap
 from model.effects import PrintedStatics
 from model.equilibrium.newton import Collocation
-from model.errors import InputError
+from model.errors import ConvergenceError, InputError
 from model.integrators import MAGNUS2, MAGNUS4, MAGNUS6, RK4, RK6, RK8
 from model.loads import check_loads, contacts, convergence_order, is_loaded
-from model.mesh import IMPLICIT, ROUNDING
+from model.progress import check_time
 from model.scene import Scene
 from model.transcription.system import system
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.marched import March
 from model.unloaded.printed import PrintedMap
 
+T = TypeVar("T")
+LOOSEST, FINEST_ACCURACY = 0.1, 1e-12
+# Whole numbers, each at most twice the one two places before: a mesh is seldom finer than needed.
+REFINEMENTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
+FINEST = REFINEMENTS[-1]
+CAUTION = 4.0
+# What to do where the finest mesh is not accurate enough.
+COARSE = "ask for less accuracy or a smoother arm"
+# What rounding leaves, over L: of explicit maps, and of equilibria found by Newton's method.
+ROUNDING, IMPLICIT = 1e-14, 5e-13
 # By name: closed forms, stages of collocation, and integrators of the equations as printed. Of each
 # the first is used unless another is named.
 CLOSED_FORMS = {scheme.name: scheme for scheme in (MAGNUS6, MAGNUS4, MAGNUS2)}
@@ -140,3 +159,64 @@ class Maps:
 def maps_of(arm: Arm, scene: Scene, scheme: str | None, machine_code: bool) -> Maps:
     """Return the forward maps by a scheme, the scene's first for None."""
     return Maps(arm, scene, check_scheme(scene, scheme), machine_code)
+
+
+def checked_accuracy(accuracy: Any) -> float:
+    """Return the accuracy as a float; InputError outside of [1e-12, 0.1]."""
+    return within("accuracy", accuracy, FINEST_ACCURACY, LOOSEST)
+
+
+def first_pair(accuracy: float, order: int) -> tuple[int, int]:
+    """Return the two refinements to begin with, one about twice the other.
+
+    A first mesh is good to about 10^(1 - order) of the length, for arms that are bent but not
+    rolled up.
+    """
+    guess = (CAUTION * 10.0 ** (1 - order) / accuracy) ** (1 / order)
+    fine = REFINEMENTS[bisect_left(REFINEMENTS, min(max(guess, 2), 64))]
+    return REFINEMENTS[bisect_right(REFINEMENTS, fine / 2) - 1], fine
+
+
+def estimate(gap: Any, coarse: Any, fine: int, order: int, rounding: float = ROUNDING) -> Any:
+    """Return the tip error over L of the finer of two meshes whose tips are a gap apart, over L."""
+    return CAUTION * gap / ((fine / coarse) ** order - 1) + rounding
+
+
+def refined(
+    pair: tuple[int, int],
+    accuracy: float,
+    order: int,
+    on: Callable[[int], T],
+    gap: Callable[[T, T], float],
+) -> tuple[T, int, float]:
+    """Return what `on` has by refinement, on the first mesh accurate enough.
+
+    And its refinement, and the estimated error, by its relative `gap` from that on the mesh before.
+    `pair` are the first two refinements. Raises ConvergenceError.
+    """
+    (coarse, refinement), error = pair, np.inf
+    before = on(coarse)
+    while refinement:
+        check_time()
+        result = on(refinement)
+        error = estimate(gap(result, before), coarse, refinement, order)
+        if error <= accuracy:
+            return result, refinement, error
+        before, coarse = result, refinement
+        refinement = next_refinement(refinement, error, accuracy, order)
+    raise ConvergenceError(accuracy, error, COARSE)
+
+
+def next_refinement(refinement: int, error: float, accuracy: float, order: int) -> int:
+    """Return the refinement that should do after one that left an error, 0 past the finest.
+
+    Where an error is far off its estimate says little: no more than four times as fine at once,
+    twice where there is no estimate.
+    """
+    if refinement >= FINEST:
+        return 0
+    more = (error / accuracy) ** (1 / order) if math.isfinite(error) else 2.0
+    wanted = bisect_left(REFINEMENTS, refinement * more)
+    least = bisect_right(REFINEMENTS, refinement)
+    most = bisect_right(REFINEMENTS, 4 * refinement) - 1
+    return REFINEMENTS[min(max(wanted, least), most)]

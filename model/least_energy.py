@@ -30,11 +30,10 @@ import casadi as ca
 import numpy as np
 
 from model.cross_section.energy import EnergySection, ExactSection
-from model.cross_section.law import reported, strains_of
-from model.cross_section.sections import body_numbers
+from model.cross_section.sections import body_numbers, reported, strains_of
 from model.effects import NeoHookean
 from model.loads import beyond, contacts, is_conservative, levers
-from model.machine.buffered import Buffered
+from model.machine.functions import Buffered
 from model.obstacles import numbers_of
 from model.paths import Array
 from model.progress import logged

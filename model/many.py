@@ -16,16 +16,15 @@ from model.checks import LARGEST
 from model.cross_section.sections import LEAST_STRETCH
 from model.equilibrium.newton import Collocation
 from model.errors import CollapsedError, InputError, OctoplanError, UnsettledSectionError
-from model.forward import Maps, maps_of
+from model.forward import Maps, checked_accuracy, estimate, first_pair, maps_of, next_refinement
 from model.loads import is_loaded
 from model.machine.compiled import Compile, checked_compile
-from model.mesh import checked_accuracy, estimate, first_pair, next_refinement
 from model.paths import Array
+from model.progress import check_time
 from model.rotations import matrices
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.text import MOST_LINES, columns, counted, shortened_lines
-from model.time_limit import check_time
 from model.winches import pulls
 
 Errors = Literal["raise", "nan"]

@@ -1,22 +1,17 @@
-"""Meshes along the arm, graded for its taper, and how fine they are for an accuracy."""
+"""Meshes along the arm, graded for its taper."""
 
 from __future__ import annotations
 
-import math
-from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeVar
 
 import numpy as np
 
 from model.arm import Arm
-from model.checks import within
-from model.errors import ConvergenceError, InputError
+from model.errors import InputError
 from model.paths import SAME, Array, Path
 from model.stations import Counts
-from model.time_limit import check_time
 from model.transcription.collocation import gauss
 
 _FINE = 64
@@ -152,76 +147,3 @@ def landmarks(arm: Arm, at: Iterable[float] = ()) -> Array:
     """Return the arc lengths that a mesh has nodes at [m], in an order that stays."""
     knots = [s for path in arm.along for s in path.knots() if 0 < s < arm.length]
     return np.array([0.0, arm.length, *arm.anchorages, *knots, *at])
-
-
-LOOSEST, FINEST_ACCURACY = 0.1, 1e-12
-# Whole numbers, each at most twice the one two places before: a mesh is seldom finer than needed.
-REFINEMENTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
-FINEST = REFINEMENTS[-1]
-CAUTION = 4.0
-# What to do where the finest mesh is not accurate enough.
-COARSE = "ask for less accuracy or a smoother arm"
-T = TypeVar("T")
-# What rounding leaves, over L: of explicit maps, and of equilibria found by Newton's method.
-ROUNDING, IMPLICIT = 1e-14, 5e-13
-
-
-def checked_accuracy(accuracy: Any) -> float:
-    """Return the accuracy as a float; InputError outside of [1e-12, 0.1]."""
-    return within("accuracy", accuracy, FINEST_ACCURACY, LOOSEST)
-
-
-def first_pair(accuracy: float, order: int) -> tuple[int, int]:
-    """Return the two refinements to begin with, one about twice the other.
-
-    A first mesh is good to about 10^(1 - order) of the length, for arms that are bent but not
-    rolled up.
-    """
-    guess = (CAUTION * 10.0 ** (1 - order) / accuracy) ** (1 / order)
-    fine = REFINEMENTS[bisect_left(REFINEMENTS, min(max(guess, 2), 64))]
-    return REFINEMENTS[bisect_right(REFINEMENTS, fine / 2) - 1], fine
-
-
-def estimate(gap: Any, coarse: Any, fine: int, order: int, rounding: float = ROUNDING) -> Any:
-    """Return the tip error over L of the finer of two meshes whose tips are a gap apart, over L."""
-    return CAUTION * gap / ((fine / coarse) ** order - 1) + rounding
-
-
-def refined(
-    pair: tuple[int, int],
-    accuracy: float,
-    order: int,
-    on: Callable[[int], T],
-    gap: Callable[[T, T], float],
-) -> tuple[T, int, float]:
-    """Return what `on` has by refinement, on the first mesh accurate enough.
-
-    And its refinement, and the estimated error, by its relative `gap` from that on the mesh before.
-    `pair` are the first two refinements. Raises ConvergenceError.
-    """
-    (coarse, refinement), error = pair, np.inf
-    before = on(coarse)
-    while refinement:
-        check_time()
-        result = on(refinement)
-        error = estimate(gap(result, before), coarse, refinement, order)
-        if error <= accuracy:
-            return result, refinement, error
-        before, coarse = result, refinement
-        refinement = next_refinement(refinement, error, accuracy, order)
-    raise ConvergenceError(accuracy, error, COARSE)
-
-
-def next_refinement(refinement: int, error: float, accuracy: float, order: int) -> int:
-    """Return the refinement that should do after one that left an error, 0 past the finest.
-
-    Where an error is far off its estimate says little: no more than four times as fine at once,
-    twice where there is no estimate.
-    """
-    if refinement >= FINEST:
-        return 0
-    more = (error / accuracy) ** (1 / order) if math.isfinite(error) else 2.0
-    wanted = bisect_left(REFINEMENTS, refinement * more)
-    least = bisect_right(REFINEMENTS, refinement)
-    most = bisect_right(REFINEMENTS, 4 * refinement) - 1
-    return REFINEMENTS[min(max(wanted, least), most)]

@@ -30,16 +30,22 @@ from model.errors import (
     UnsettledContactError,
     UnsettledSectionError,
 )
-from model.forward import Maps, maps_of
+from model.forward import (
+    COARSE,
+    Maps,
+    checked_accuracy,
+    estimate,
+    first_pair,
+    maps_of,
+    next_refinement,
+)
 from model.loads import check_loads, contacts, is_loaded, without_friction
 from model.machine.compiled import Compile, checked_compile
-from model.mesh import COARSE, checked_accuracy, estimate, first_pair, next_refinement
 from model.paths import Array
-from model.progress import with_progress
+from model.progress import PATIENCE, before_long, check_time, limited, with_progress
 from model.scene import Scene
 from model.shape import Shape, sharp
 from model.shortest import UnknownLeastError, too_short
-from model.time_limit import PATIENCE, before_long, check_time, limited
 from model.units import TENDONS, called_by_a_script, warn, warn_unusual
 from model.winches import Winches
 

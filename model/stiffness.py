@@ -24,12 +24,12 @@ from model.forward import explicit_map
 from model.loads import is_loaded
 from model.machine.compiled import Compile
 from model.paths import Array
+from model.progress import limited
 from model.rotations import conjugate, multiply
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.shape import Shape
 from model.text import Shown, columns, tendon_table
-from model.time_limit import limited
 from model.unloaded.closed_form import ClosedForm
 from model.unloaded.march_derivative import MarchDerivative
 from model.unloaded.marched import Marched

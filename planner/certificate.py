@@ -21,10 +21,9 @@ from model.forward import by_collocation
 from model.loads import contacts, is_loaded
 from model.obstacles import distances, numbers_of
 from model.paths import Array
-from model.progress import tell
+from model.progress import OutOfTime, tell
 from model.shape import Shape
 from model.text import Shown, told
-from model.time_limit import OutOfTime
 from model.transcription.system import system
 from planner.avoidance.surroundings import NOTHING, Surroundings
 from planner.contact.grasp import Grasp

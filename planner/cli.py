@@ -21,8 +21,7 @@ from cyclopts.validators import Number
 from model import InputError, OctoplanError, UnitWarning
 from model.errors import CompilerError, MissingExtraError, TimeLimitError, shortened
 from model.machine.compiled import Compile
-from model.progress import ProgressLine, tell
-from model.time_limit import OutOfTime, shorten, time_limit
+from model.progress import OutOfTime, ProgressLine, shorten, tell, time_limit
 from octoplan.command_line import COMMANDS, app, printed
 from planner.io.files import to_json, why, write_together
 from planner.io.scene_file import Question, load

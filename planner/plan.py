@@ -14,17 +14,16 @@ import numpy as np
 from model.arm import Arm
 from model.checks import kind, not_negative, positive, within
 from model.errors import InputError, OctoplanError
+from model.forward import checked_accuracy
 from model.loads import contacts, is_loaded
 from model.machine.compiled import Compile, checked_compile
-from model.mesh import checked_accuracy
 from model.obstacles import check_obstacles
 from model.paths import Array
-from model.progress import with_progress
+from model.progress import OutOfTime, with_progress
+from model.progress import time_limit as limited_to
 from model.scene import Scene
 from model.shape import Shape
 from model.text import Told, plotted
-from model.time_limit import OutOfTime
-from model.time_limit import time_limit as limited_to
 from planner.answer import Answer
 from planner.avoidance.around import Around, line_of
 from planner.avoidance.surroundings import Surroundings, surroundings

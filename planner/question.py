@@ -14,7 +14,7 @@ from model.arm import Arm
 from model.checks import LARGEST, finite_array, numbers
 from model.effects import PrintedStatics
 from model.errors import InputError
-from model.mesh import FINEST
+from model.forward import FINEST
 from model.paths import Array
 from model.quantities import Count
 from model.scene import Scene

@@ -13,12 +13,12 @@ import numpy as np
 
 from model.arm import Arm
 from model.errors import OctoplanError
+from model.progress import OutOfTime
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from model.stiffness import Stiffness
 from model.text import Part, columns, parts_of, shape_text, shown_by, tendon_table
-from model.time_limit import OutOfTime
 from planner.certificate import Certificate
 from planner.effect_ablation import Switch
 from planner.fit.calibration import Calibration

@@ -27,7 +27,7 @@ from model.clearance.strain_bounds import Mask
 from model.obstacles import Obstacle
 from model.obstacles.base import distances_from
 from model.paths import Array
-from model.time_limit import check_time
+from model.progress import check_time
 
 # How close bounds come, over L and over the gap; how often parts and pieces are halved, and how
 # many rows there are at most.

@@ -15,7 +15,7 @@ from functools import reduce
 import casadi as ca
 import numpy as np
 
-from model.machine.columns import instructions
+from model.machine.functions import instructions
 from model.paths import Array
 
 

@@ -14,8 +14,7 @@ from model.centreline import Centreline, Counts
 from model.checks import SMALLEST
 from model.clearance.strain_bounds import Spread, estimated, proven
 from model.cross_section import cross_section_of
-from model.cross_section.law import strains_of
-from model.cross_section.sections import Sections
+from model.cross_section.sections import Sections, strains_of
 from model.effects import PrintedStatics
 from model.equilibrium.newton import STAGES, Collocation, newton
 from model.errors import InputError, OctoplanError

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from model.clearance.intervals import Bounded, times
 from model.cross_section.law import CrossSection, body_size
 from model.cross_section.sections import Sections
-from model.machine.compiled import built
+from model.machine.functions import built
 from model.paths import SAME, Array
 
 Mask = NDArray[np.bool_]

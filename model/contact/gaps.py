@@ -11,8 +11,7 @@ from model.equilibrium.integration import poses_and_strains
 from model.equilibrium.linearised import Index
 from model.errors import InputError
 from model.loads import contacts
-from model.machine.buffered import Mapped
-from model.machine.compiled import built
+from model.machine.functions import Mapped, built
 from model.obstacles import distances, numbers_of
 from model.paths import SAME, Array
 from model.transcription.collocation import gauss

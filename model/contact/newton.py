@@ -18,7 +18,7 @@ from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import CLOSE, KEPT, SETTLED, TURN, step_sizes
 from model.obstacles.base import SIZE
 from model.paths import Array
-from model.time_limit import check_time
+from model.progress import check_time
 from model.transcription.system import System
 
 # Steps at most, each of which may bring some places from sticking to slip or back, or other nodes

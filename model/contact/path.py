@@ -28,8 +28,7 @@ from model.errors import SnapError, UnsettledContactError
 from model.least_energy import LeastEnergy
 from model.loads import without_friction
 from model.obstacles import distances
-from model.progress import tell
-from model.time_limit import check_time
+from model.progress import check_time, tell
 
 # First, least and longest step in the load factor; with friction: where a point rolls, that is not
 # to count as slip.

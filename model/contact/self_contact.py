@@ -26,9 +26,9 @@ from model.effects import PointLoad
 from model.errors import OctoplanError, UnsettledContactError
 from model.obstacles import Sphere
 from model.paths import Array
+from model.progress import before_long, check_time
 from model.scene import Scene
 from model.shape import Shape
-from model.time_limit import before_long, check_time
 
 # First, least and longest step in the load factor of the tensions.
 _STEPS = 1 / 4, 1 / 1024, 1 / 4

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from model.cross_section.energy import ExactSection, RubberSection
-from model.cross_section.law import CrossSection
-from model.cross_section.paper import PaperSection
+from model.cross_section.law import CrossSection, PaperSection
 from model.effects import ExactTendons, Extension, NeoHookean, Shear
 from model.scene import Scene
 

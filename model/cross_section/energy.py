@@ -8,16 +8,7 @@ from typing import ClassVar
 
 import casadi as ca
 
-from model.cross_section.law import (
-    TINY,
-    CrossSection,
-    Name,
-    join,
-    less_rest,
-    offset,
-    size,
-    split,
-)
+from model.cross_section.law import TINY, CrossSection, Name, join, less_rest, offset, size, split
 
 
 @dataclass(frozen=True)

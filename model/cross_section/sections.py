@@ -1,4 +1,4 @@
-"""The cross-sections of an arm at given arc lengths, in numbers: wrenches, strains, tendons."""
+"""The cross-sections of an arm in numbers: strains under tensions, wrenches, tendons' lengths."""
 
 from __future__ import annotations
 
@@ -11,19 +11,11 @@ import numpy as np
 
 from model.arm import Arm
 from model.cross_section.energy import EnergySection
-from model.cross_section.law import (
-    CrossSection,
-    body_size,
-    reported,
-    size,
-    strains_of,
-    turning_rate,
-)
-from model.cross_section.statics import ClosedStatics, closed_statics, settled
+from model.cross_section.law import CrossSection, body_size, size, turning_rate
+from model.cross_section.statics import ClosedStatics, PaperStatics, closed_statics
 from model.effects import Shear
 from model.errors import CollapsedError, UnsettledSectionError
-from model.machine.buffered import Mapped
-from model.machine.compiled import built
+from model.machine.functions import Mapped, built
 from model.paths import Array
 from model.scene import Scene
 from model.stations import (
@@ -38,6 +30,9 @@ from model.stations import (
 # Exact tendons keep a crushed section from turning inside out: what is left of its length then is
 # the width that keeps their roots smooth (see model.cross_section.law), and no shape.
 LEAST_STRETCH = 1e-7
+# Newton steps at most that lead to the strains of a section without loads; of more sections than
+# this those that are in equilibrium are left out of further steps.
+_STEPS, _MANY = 40, 256
 
 
 def body_numbers(arm: Arm, scene: Scene, at: Stations, rates: bool = False) -> Array:
@@ -213,3 +208,90 @@ def _tendon(law: CrossSection) -> ca.Function:
 def _with_jacobian(name: str, value: ca.SX, v: ca.SX, *numbers: ca.SX) -> ca.Function:
     both = ca.densify(ca.vertcat(value, ca.vec(ca.densify(ca.jacobian(value, v)))))
     return ca.Function(name, [v, *numbers], [both], {"cse": True})
+
+
+class Extremes(NamedTuple):
+    """Where an arm is shortest and how it bends most: what the equations do not keep from a body.
+
+    Attributes
+    ----------
+    s, stretch : float
+        Where 1 + q is least, or the first place where it is no number [m], and its value there.
+    bent_at, radius, bend : float
+        Where curvature times the body's radius is largest [m], that radius [m], the product.
+    """
+
+    s: float
+    stretch: float
+    bent_at: float
+    radius: float
+    bend: float
+
+    @classmethod
+    def of(cls, s: Array, q: Array, curvature: Array, radius: Array) -> Extremes:
+        """Return those of q at arc lengths s [m], the first of which have the others too."""
+        worst, bend = int(q.argmin()), curvature * radius
+        i = int(bend.argmax())
+        return cls(*map(float, (s[worst], 1 + q[worst], s[i], radius[i], bend[i])))
+
+
+def _kernels(statics: ClosedStatics, machine_code: bool) -> list[Mapped]:
+    """Return (pull, data) -> strains; or what steps to these begin with, and such a step."""
+    return [Mapped(each, machine_code) for each in statics.functions()]
+
+
+def settled(statics: ClosedStatics, pull: Array, data: Array, machine_code: bool = False) -> Array:
+    """Return the strains (N, n) of cross-sections under pull (N, n_pull), NaN for none.
+
+    Data may have fewer rows, which are taken again and again.
+    """
+    begin, *step = built(_kernels, statics, machine_code)
+    u, *w = begin(pull, data)
+    if isinstance(statics, PaperStatics):
+        return u
+    strains, left = np.full(u.shape, np.nan), np.arange(len(u))
+    for _ in range(_STEPS):
+        u, *w, last, v = step[0](u, *w, pull, data)
+        done = last[:, 0] < statics.settled
+        strains[left[done]] = v[done]
+        going = last[:, 0] >= statics.settled  # what is no number stays so
+        if not going.any():
+            break
+        if len(left) > _MANY and not going.all():
+            data = data[np.flatnonzero(going) % len(data)]
+            left = left[going]
+            u, *w, pull = (part[going] for part in (u, *w, pull))
+    return strains
+
+
+def reported(law: CrossSection, v: Array) -> Array:
+    """Return tau, xi, k, q (N, 4), with shear nu_n, nu_b (N, 6), of a law's strains v (N, n).
+
+    Curvature per unit deformed length [1/m], eq. (1).
+    """
+    kappa, nu = kinematics(law, v)
+    stretch = nu[:, :1]
+    return np.hstack([kappa / stretch, stretch - 1, nu[:, 1:] if law.shear else nu[:, 3:]])
+
+
+def strains_of(law: CrossSection, rows: Array) -> Array:
+    """Return a law's strains (N, n) of tau, xi, k, q, and nu_n, nu_b if given (N, 4 or 6)."""
+    padded = np.hstack([rows, np.zeros((len(rows), 6 - rows.shape[1]))])
+    return built(Mapped, built(_strains, law))(padded)[0]
+
+
+def kinematics(law: CrossSection, v: Array) -> tuple[Array, Array]:
+    """Return kappa and nu (N, 3) per unit reference length of a law's strains v (N, n)."""
+    twist = built(Mapped, built(_twist, law))(v)[0]
+    return twist[:, :3], twist[:, 3:]
+
+
+def _twist(law: CrossSection) -> ca.Function:
+    v = ca.SX.sym("v", size(law))
+    return ca.Function("twist", [v], [ca.densify(ca.vertcat(*law.twist(v)))], {"cse": True})
+
+
+def _strains(law: CrossSection) -> ca.Function:
+    e = ca.SX.sym("e", 6)
+    kappa, nu = (1 + e[3]) * e[:3], ca.vertcat(1 + e[3], e[4:])
+    return ca.Function("strains", [e], [ca.densify(law.strains(kappa, nu))])

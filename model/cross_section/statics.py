@@ -1,4 +1,4 @@
-"""The strains of a cross-section without loads, by its law: in symbols, and in numbers.
+"""The balance of a cross-section without loads, by its law, in symbols.
 
 Without loads the wrench of body and tendons vanishes, so that each cross-section is in equilibrium
 by itself and none is twisted: its strains follow from the tensions alone. The paper's balance is
@@ -18,20 +18,15 @@ from model.anchorage import Material
 from model.arm import Arm
 from model.cross_section import cross_section_of
 from model.cross_section.energy import EnergySection, RubberSection
-from model.cross_section.law import TINY, join, less_rest, size
-from model.cross_section.paper import PaperSection, resultants
-from model.machine.buffered import Mapped
-from model.machine.compiled import built
+from model.cross_section.law import TINY, PaperSection, join, less_rest, resultants, size
 from model.paths import Array
 from model.rotations import norm
 from model.scene import Scene
 from model.stations import Stations, crossing, resists, sides, tendon_offsets
 
 # Where the strains are to be an expression of the tensions, so many steps are written out: enough
-# for ordinary ones. Numbers take as many as they need, so many at most.
-_WRITTEN_OUT, _STEPS = 10, 40
-# Of more sections than this those that are in equilibrium are left out of further steps.
-_MANY = 256
+# for ordinary ones.
+_WRITTEN_OUT = 10
 # The energy of a neo-Hookean body is not convex everywhere: the least pivot of its Hessian that a
 # step is taken with, over the body's stiffness at rest. That of a linear body is convex, and at
 # least as stiff as without tendons.
@@ -246,32 +241,3 @@ def closed_statics(scene: Scene, arm: Arm) -> ClosedStatics:
     assert isinstance(law, EnergySection)
     cos, sin = sides(arm)
     return EnergyStatics(law, arm.offset_of, tuple(cos.tolist()), tuple(sin.tolist()))
-
-
-def _kernels(statics: ClosedStatics, machine_code: bool) -> list[Mapped]:
-    """Return (pull, data) -> strains; or what steps to these begin with, and such a step."""
-    return [Mapped(each, machine_code) for each in statics.functions()]
-
-
-def settled(statics: ClosedStatics, pull: Array, data: Array, machine_code: bool = False) -> Array:
-    """Return the strains (N, n) of cross-sections under pull (N, n_pull), NaN for none.
-
-    Data may have fewer rows, which are taken again and again.
-    """
-    begin, *step = built(_kernels, statics, machine_code)
-    u, *w = begin(pull, data)
-    if isinstance(statics, PaperStatics):
-        return u
-    strains, left = np.full(u.shape, np.nan), np.arange(len(u))
-    for _ in range(_STEPS):
-        u, *w, last, v = step[0](u, *w, pull, data)
-        done = last[:, 0] < statics.settled
-        strains[left[done]] = v[done]
-        going = last[:, 0] >= statics.settled  # what is no number stays so
-        if not going.any():
-            break
-        if len(left) > _MANY and not going.all():
-            data = data[np.flatnonzero(going) % len(data)]
-            left = left[going]
-            u, *w, pull = (part[going] for part in (u, *w, pull))
-    return strains

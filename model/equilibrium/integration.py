@@ -24,8 +24,7 @@ from model.cross_section.sections import Sections
 from model.effects import Current
 from model.integrators import RK8
 from model.loads import beyond, contacts
-from model.machine.buffered import Mapped
-from model.machine.compiled import built
+from model.machine.functions import Mapped, built
 from model.obstacles import distances, numbers_of
 from model.paths import Array
 from model.rotations import multiply, unit_matrix

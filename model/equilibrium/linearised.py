@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgbtrf, dgbtrs
 
-from model.cross_section.law import reported
-from model.cross_section.sections import LEAST_STRETCH
+from model.cross_section.sections import LEAST_STRETCH, Extremes, reported
 from model.equilibrium.integration import poses_and_strains
 from model.errors import CollapsedError, SingularError, UnsettledSectionError
 from model.mesh import Mesh
@@ -26,7 +25,7 @@ from model.paths import Array
 from model.transcription.collocation import gauss
 from model.transcription.layout import POSE, Layout
 from model.transcription.system import System
-from model.unloaded.marched import Extremes, Marched
+from model.unloaded.marched import Marched
 
 Index = NDArray[np.int64]
 

@@ -16,8 +16,7 @@ from model.equilibrium.stability import stands
 from model.errors import SnapError, UnsettledSectionError
 from model.loads import is_loaded
 from model.paths import Array
-from model.progress import tell
-from model.time_limit import check_time
+from model.progress import check_time, tell
 from model.transcription.collocation import gauss
 from model.transcription.system import System
 

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from model.cross_section.law import kinematics
+from model.cross_section.sections import kinematics
 from model.equilibrium.integration import poses_and_strains
 from model.equilibrium.linearised import Index, Linearised
 from model.equilibrium.stability import stands, turns

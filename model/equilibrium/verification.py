@@ -17,9 +17,9 @@ import numpy as np
 from model.equilibrium.integration import SCHEME, Integration
 from model.equilibrium.linearised import Linearised, band
 from model.errors import ConvergenceError
-from model.mesh import estimate
+from model.forward import estimate
 from model.paths import Array
-from model.time_limit import check_time
+from model.progress import check_time
 from model.transcription.layout import POSE
 
 SUBSTEPS = (1, 2, 4, 8, 16)

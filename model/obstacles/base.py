@@ -28,8 +28,7 @@ import scipy
 
 from model.checks import SUCH, kind, numbers
 from model.errors import InputError
-from model.machine.buffered import Mapped
-from model.machine.compiled import built
+from model.machine.functions import Mapped, built
 from model.paths import Array
 from model.rotations import norm
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from model.cross_section.energy import EnergySection
 from model.cross_section.law import CrossSection, body_size, less_rest, size
-from model.machine.compiled import built
+from model.machine.functions import built
 from model.obstacles.base import SIZE, signed_distance
 from model.rotations import half_turn, unit_matrix
 from model.transcription.collocation import gauss, rotation_vectors

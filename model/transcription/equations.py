@@ -15,8 +15,8 @@ import casadi as ca
 import numpy as np
 from scipy.sparse import csr_array
 
-from model.machine.buffered import Buffered
 from model.machine.compiled import kernels
+from model.machine.functions import Buffered
 from model.paths import Array
 from model.transcription.kernels import Kernel, Places, What
 

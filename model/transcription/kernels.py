@@ -23,7 +23,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from model.machine.compiled import built
+from model.machine.functions import built
 
 Places = NDArray[np.int64]
 What = Literal["value", "jacobian", "by_numbers", "hessian"]

@@ -17,7 +17,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from model.machine.compiled import built
+from model.machine.functions import built
 from model.transcription.element import Form, at_zero, body, clamp, element, lever, run, tendon, tip
 from model.transcription.equations import Equations, Term
 from model.transcription.friction import body_rates, idle_tendon, kink, sliding_tendon

@@ -16,12 +16,11 @@ from scipy.sparse import csr_array
 
 from model.arm import Arm
 from model.cross_section import cross_section_of
-from model.cross_section.law import kinematics
-from model.cross_section.sections import Sections
+from model.cross_section.sections import Sections, kinematics
 from model.effects import Current, Friction, TipLoad
 from model.loads import contacts, growth, is_loaded, levers, places
-from model.machine.buffered import Buffered, Mapped
-from model.machine.compiled import built, kernel
+from model.machine.compiled import kernel
+from model.machine.functions import Buffered, Mapped, built
 from model.mesh import Mesh, graded, landmarks, mesh_through
 from model.paths import Array
 from model.scene import Scene

@@ -23,7 +23,7 @@ import numpy as np
 from model.checks import SMALLEST
 from model.cross_section.energy import EnergySection
 from model.cross_section.law import CrossSection, join, size
-from model.machine.compiled import built
+from model.machine.functions import built
 from model.obstacles.base import SIZE, signed_distance
 from model.rotations import half_turn, multiply, norm, unit_matrix
 from model.transcription.collocation import gauss, rotation_vectors, weighted_sum

@@ -19,13 +19,12 @@ import numpy as np
 from model.anchorage import Anchorage, RestCurvature
 from model.arm import Arm
 from model.cross_section import cross_section_of
-from model.cross_section.law import reported, size
-from model.cross_section.sections import Sections
-from model.cross_section.statics import ClosedStatics, closed_statics, settled
+from model.cross_section.law import size
+from model.cross_section.sections import Sections, reported, settled
+from model.cross_section.statics import ClosedStatics, closed_statics
 from model.integrators import Magnus
-from model.machine.buffered import Buffered, Mapped
-from model.machine.columns import Columns
-from model.machine.compiled import built, kernel
+from model.machine.compiled import kernel
+from model.machine.functions import Buffered, Columns, Mapped, built
 from model.mesh import Mesh, graded
 from model.paths import Array, Linear, Path
 from model.rotations import compose

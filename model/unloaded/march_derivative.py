@@ -18,10 +18,11 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from model.cross_section.law import CrossSection, components, size, strains_of
+from model.cross_section.law import CrossSection, components, size
+from model.cross_section.sections import strains_of
 from model.integrators import Magnus
-from model.machine.buffered import Buffered
-from model.machine.compiled import built, kernel
+from model.machine.compiled import kernel
+from model.machine.functions import Buffered, built
 from model.paths import Array
 from model.rotations import conjugate, exponential, matrix, multiply
 from model.unloaded.closed_form import ClosedForm

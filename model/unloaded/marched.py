@@ -10,18 +10,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from model.arm import Arm
 from model.cross_section import cross_section_of
-from model.cross_section.law import strains_of
-from model.cross_section.sections import Sections
+from model.cross_section.sections import Extremes, Sections, strains_of
 from model.effects import PrintedStatics
 from model.errors import CollapsedError
 from model.integrators import Magnus, RungeKutta
-from model.machine.compiled import built
+from model.machine.functions import built
 from model.mesh import Mesh, graded
 from model.paths import Array
 from model.scene import Scene
@@ -85,31 +84,6 @@ def tendon_lengths(
     law = cross_section_of(scene, arm.is_curved, loaded=False)
     s, weights, active = graded(arm, 1).points(_POINTS)
     return partial(Lengths.under, Sections(arm, scene, law, s, active, machine_code), weights)
-
-
-class Extremes(NamedTuple):
-    """Where an arm is shortest and how it bends most: what the equations do not keep from a body.
-
-    Attributes
-    ----------
-    s, stretch : float
-        Where 1 + q is least, or the first place where it is no number [m], and its value there.
-    bent_at, radius, bend : float
-        Where curvature times the body's radius is largest [m], that radius [m], the product.
-    """
-
-    s: float
-    stretch: float
-    bent_at: float
-    radius: float
-    bend: float
-
-    @classmethod
-    def of(cls, s: Array, q: Array, curvature: Array, radius: Array) -> Extremes:
-        """Return those of q at arc lengths s [m], the first of which have the others too."""
-        worst, bend = int(q.argmin()), curvature * radius
-        i = int(bend.argmax())
-        return cls(*map(float, (s[worst], 1 + q[worst], s[i], radius[i], bend[i])))
 
 
 class March(ABC):

@@ -1,7 +1,7 @@
 """The paper's equations (10) and (11) to the letter: strains and pose from the tip to the base.
 
 A state x is the pose (7,), then tau, xi, k. Sums are the tendons' resultants (6,), see
-model.cross_section.paper; body is E A, E J, G I. Steps are explicit Runge-Kutta steps between the
+model.cross_section.law; body is E A, E J, G I. Steps are explicit Runge-Kutta steps between the
 nodes of a mesh, and at each anchorage the strains jump. The equations carry an error made at the
 tip to the base multiplied by D(tip) / D(base), which for a tapered arm is small; from base to tip
 it would grow by the inverse. Quaternions are not held to unit length, and drift by the order of the
@@ -16,11 +16,11 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.cross_section.paper import PaperSection, resultants
+from model.cross_section.law import PaperSection, resultants
 from model.effects import Extension
 from model.integrators import RungeKutta
-from model.machine.buffered import Buffered
 from model.machine.compiled import kernel
+from model.machine.functions import Buffered
 from model.mesh import graded
 from model.paths import Array
 from model.rotations import compose, inverse, multiply, rotate

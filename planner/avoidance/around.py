@@ -23,8 +23,7 @@ from model.centreline import Centreline
 from model.clearance.lines import Lines
 from model.errors import OctoplanError
 from model.paths import Array
-from model.progress import tell
-from model.time_limit import OutOfTime
+from model.progress import OutOfTime, tell
 from planner.avoidance.places import EXCHANGED, avoiding
 from planner.avoidance.rows import Avoidance, grid
 from planner.avoidance.surroundings import Surroundings

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.machine.compiled import built
+from model.machine.functions import built
 from model.mesh import graded
 from model.obstacles.base import SIZE, signed_distance
 from model.paths import Array

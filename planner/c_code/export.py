@@ -13,8 +13,8 @@ from typing import Any
 
 from model.arm import Arm
 from model.errors import FileError, InputError
+from model.forward import checked_accuracy
 from model.loads import is_loaded
-from model.mesh import checked_accuracy
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.shape import Shape

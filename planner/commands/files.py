@@ -11,8 +11,8 @@ import msgspec
 from cyclopts import Parameter
 
 from model import InputError, OctoplanError
+from model.progress import OutOfTime, time_limit
 from model.text import shortened_lines, told
-from model.time_limit import OutOfTime, time_limit
 from planner.cli import FileOptions, Options, Output
 from planner.fit.calibrate import calibrate as find_calibration
 from planner.io.files import to_json, write_together

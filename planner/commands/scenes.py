@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from model import OctoplanError
+from model.progress import OutOfTime
 from model.text import plotted, told
-from model.time_limit import OutOfTime
 from planner.bodies.files import What, export_shape
 from planner.c_code.export import TAKEN, export_plan
 from planner.c_code.export import export as export_map

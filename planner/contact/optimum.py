@@ -11,7 +11,7 @@ from scipy.optimize import BFGS
 from model.equilibrium.linearised import Linearised
 from model.errors import OctoplanError
 from model.paths import Array
-from model.time_limit import check_time
+from model.progress import check_time
 from planner.contact.load_path import LoadPath
 from planner.contact.program import Constraints, TensionProgram
 from planner.question import natural_tensions

@@ -31,7 +31,7 @@ from model.equilibrium.stability import stability, stands
 from model.errors import SnapError, UnsettledContactError
 from model.loads import contacts
 from model.paths import Array
-from model.time_limit import check_time
+from model.progress import check_time
 from model.transcription.layout import POSE
 from planner.contact.grasp import COST, Cone, Grasp, conic_program
 from planner.contact.load_path import LoadPath, rubs

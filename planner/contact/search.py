@@ -16,9 +16,8 @@ from model.equilibrium.newton import STAGES
 from model.errors import InputError, OctoplanError, UnsettledContactError
 from model.loads import contacts, without_friction
 from model.paths import Array
-from model.progress import tell
+from model.progress import OutOfTime, check_time, tell
 from model.shape import Shape
-from model.time_limit import OutOfTime, check_time
 from planner.contact.load_path import ON_THE_PATH, LoadPath, rubs, settled_along
 from planner.contact.optimum import ContactOptimum, conditions, optimum
 from planner.contact.program import TensionProgram

@@ -14,8 +14,8 @@ from model.effects import Contact
 from model.errors import InputError
 from model.loads import contacts
 from model.obstacles import Obstacle
+from model.progress import OutOfTime
 from model.scene import Scene
-from model.time_limit import OutOfTime
 from planner.answer import Answer
 from planner.avoidance.surroundings import Surroundings
 from planner.contact.remarks import LOOKS, turned

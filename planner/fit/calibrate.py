@@ -13,14 +13,13 @@ from model.checks import kind
 from model.effects import PrintedStatics
 from model.equilibrium.newton import STAGES
 from model.errors import OctoplanError, SnapError, TimeLimitError
+from model.forward import checked_accuracy, estimate
 from model.loads import contacts, convergence_order
 from model.machine.compiled import Compile, checked_compile
-from model.mesh import checked_accuracy, estimate
 from model.paths import Array
-from model.progress import tell, with_progress
+from model.progress import OutOfTime, tell, with_progress
+from model.progress import time_limit as within
 from model.settle import checked_scene
-from model.time_limit import OutOfTime
-from model.time_limit import time_limit as within
 from planner.fit.calibration import Calibration
 from planner.fit.experiment import Experiment
 from planner.fit.fitted import Start, parameters_of

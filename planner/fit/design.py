@@ -11,9 +11,8 @@ import numpy as np
 from model import Arm, InputError, Scene
 from model.errors import OctoplanError, TimeLimitError
 from model.paths import Array
-from model.progress import reported, tell, with_progress
-from model.time_limit import OutOfTime
-from model.time_limit import time_limit as within
+from model.progress import OutOfTime, reported, tell, with_progress
+from model.progress import time_limit as within
 from planner.fit.calibrate import supported_scene
 from planner.fit.design_program import DesignOptimum, DesignProgram, Targets
 from planner.fit.designed import Design, worth

@@ -25,8 +25,8 @@ from model.arm import Arm
 from model.equilibrium.newton import Collocation
 from model.errors import InputError
 from model.paths import Array
+from model.progress import check_time
 from model.scene import Scene
-from model.time_limit import check_time
 from model.transcription.system import System, neighbour
 from planner.fit.making import Making, Objective, Reach
 from planner.fit.unknowns import Parameters

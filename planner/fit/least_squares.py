@@ -17,7 +17,7 @@ import scipy
 
 from model import InputError
 from model.paths import Array
-from model.time_limit import check_time
+from model.progress import check_time
 from planner.fit.residuals import Evaluation
 from planner.fit.unknowns import AT_BOUND
 

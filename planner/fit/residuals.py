@@ -20,8 +20,7 @@ from model import OctoplanError
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import CLOSE, Collocation, newton
 from model.equilibrium.sensitivities import ByNumbers, along
-from model.machine.buffered import Mapped
-from model.machine.compiled import built
+from model.machine.functions import Mapped, built
 from model.paths import Array
 from model.rotations import conjugate, multiply, rotate
 from planner.fit.experiment import Experiment, Reached, SessionEquations, tensions_by_lengths

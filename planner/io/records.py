@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Meta
 
 from model.errors import OctoplanError
-from model.time_limit import OutOfTime
+from model.progress import OutOfTime
 from planner.effect_ablation import ProblemSize
 from planner.io.codec import hints_of
 from planner.io.files import versions

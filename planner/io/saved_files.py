@@ -12,8 +12,8 @@ import numpy as np
 from model.arm import Arm
 from model.checks import not_negative, within
 from model.errors import FileError
+from model.forward import checked_accuracy
 from model.loads import contacts
-from model.mesh import checked_accuracy
 from planner.avoidance.surroundings import surroundings
 from planner.fit.calibration import Calibration
 from planner.io.codec import read, value_of

@@ -27,10 +27,10 @@ from model.loads import contacts, is_loaded
 from model.obstacles import Obstacle
 from model.obstacles.base import distances_from
 from model.paths import Array
+from model.progress import limited
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
-from model.time_limit import limited
 from planner.live.goal import Goal
 from planner.question import Limits, natural_tensions
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from model.errors import InputError, OctoplanError, needed
-from model.time_limit import OutOfTime, unless
+from model.progress import OutOfTime, unless
 from planner.io.files import to_json
 from planner.io.saved_records import plan_record
 from planner.live import words

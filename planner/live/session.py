@@ -12,10 +12,10 @@ from model.effects import Effect
 from model.errors import OctoplanError
 from model.obstacles import Obstacle, check_obstacles
 from model.paths import Array
+from model.progress import check_time
 from model.scene import Scene
 from model.shape import Shape
 from model.stiffness import stiffness
-from model.time_limit import check_time
 from planner.live.follower import ACCURACY, Follower
 from planner.live.goal import Goal, goal_of
 from planner.live.handles import Handle

@@ -23,7 +23,7 @@ from model.arm import Arm
 from model.cross_section.law import CrossSection, size
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.stability import least_modes, rest_stiffness
-from model.machine.compiled import built
+from model.machine.functions import built
 from model.paths import Array
 from model.transcription.collocation import gauss
 from model.transcription.element import run

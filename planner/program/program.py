@@ -30,7 +30,7 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from model.arm import Arm
 from model.errors import SingularError
-from model.machine.buffered import Buffered
+from model.machine.functions import Buffered
 from model.paths import Array
 from model.stations import base_pose
 from model.transcription.equations import Equations

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.machine.buffered import Buffered
+from model.machine.functions import Buffered
 from model.paths import Array
 from planner.targets.base import ComplianceRequest, Target, View
 

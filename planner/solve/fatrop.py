@@ -17,7 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from model.machine.buffered import Buffered
+from model.machine.functions import Buffered
 from model.paths import Array
 from model.transcription.kernels import Places
 from model.transcription.layout import POSE

@@ -20,10 +20,10 @@ import numpy as np
 from model.arm import Arm
 from model.effects import Extension
 from model.forward import explicit_map, schemes_of
-from model.machine.buffered import Mapped
+from model.machine.functions import Mapped
 from model.paths import Array
+from model.progress import check_time
 from model.scene import Scene
-from model.time_limit import check_time
 from planner.program.problem import units
 from planner.program.terms import (
     TargetTerms,

@@ -18,10 +18,9 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
-from model.machine.buffered import Buffered
+from model.machine.functions import Buffered
 from model.paths import Array
-from model.progress import logged
-from model.time_limit import OutOfTime, check_time
+from model.progress import OutOfTime, check_time, logged
 from planner.program.problem import KKT_TOLERANCE, Bounds, Problem
 from planner.program.program import Program
 from planner.question import Solver, Statement

@@ -22,14 +22,13 @@ import numpy as np
 from model.arm import Arm
 from model.equilibrium.newton import STAGES
 from model.errors import CollapsedError, OctoplanError
-from model.forward import by_collocation
+from model.forward import FINEST_ACCURACY, by_collocation, next_refinement
 from model.loads import convergence_order, is_loaded
-from model.mesh import FINEST_ACCURACY, next_refinement
 from model.paths import Array
+from model.progress import check_time
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
-from model.time_limit import check_time
 from planner.measure import compliances_along
 from planner.program.blocks import unit_force
 from planner.program.problem import KKT_TOLERANCE, Bounds, Point, Problem

@@ -22,8 +22,7 @@ from model.equilibrium.stability import least_modes
 from model.errors import OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
-from model.progress import tell
-from model.time_limit import OutOfTime, check_time
+from model.progress import OutOfTime, check_time, tell
 from planner.program.problem import KKT_TOLERANCE, SEARCHED, Problem
 from planner.program.terms import LOW_PRIORITY, terms_of
 from planner.question import Mode

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from model.machine.buffered import Buffered
+from model.machine.functions import Buffered
 from model.paths import Array
 from planner.program.problem import Bounds
 from planner.solve.ipopt import Options, Solution, named, nlp_solver, solved

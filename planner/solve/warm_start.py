@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from model.paths import Array
-from model.time_limit import OutOfTime, check_time
+from model.progress import OutOfTime, check_time
 from planner.answer import Answer, Optimum
 from planner.program.problem import STABILITY_TOLERANCE
 from planner.program.terms import pulling_tendons, structure_of

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model import InputError, OctoplanError, settle_many
-from model.progress import ProgressLine
+from model.progress import ProgressLine, check_time, limited
 from model.scene import Scene
-from model.time_limit import check_time, limited
 from planner.io.calls import planned, settled, stiff
 from planner.io.codec import arguments
 from planner.io.key_paths import changed

@@ -24,8 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.errors import InputError, OctoplanError, needed
-from model.progress import tell
-from model.time_limit import check_time
+from model.progress import check_time, tell
 from planner.io.files import keep, staged, versions, why
 from planner.sweeps.definition import Sweep
 from planner.sweeps.points import LABELS, VARIABLES, Rows, Variable, dtype_of

@@ -21,10 +21,9 @@ from unittest.mock import patch
 from model.arm import Arm
 from model.checks import positive
 from model.errors import InputError, OctoplanError, needed
-from model.progress import tell, with_progress
-from model.time_limit import check_time
-from model.time_limit import end as end_of_limit
-from model.time_limit import time_limit as within
+from model.progress import check_time, tell, with_progress
+from model.progress import end as end_of_limit
+from model.progress import time_limit as within
 from planner.io.files import versions
 from planner.sweeps.definition import Sweep, load_sweep, sweep_of
 from planner.sweeps.points import Job, Point, Rows, computed

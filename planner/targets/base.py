@@ -11,7 +11,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.errors import InputError
-from model.machine.compiled import built
+from model.machine.functions import built
 from model.paths import Array
 from model.rotations import conjugate, matrix, multiply
 from model.stiffness import Hold

@@ -11,7 +11,7 @@ import numpy as np
 from model.arm import Arm
 from model.checks import finite_array, unit_vector
 from model.errors import InputError
-from model.machine.compiled import built
+from model.machine.functions import built
 from model.paths import Array
 from model.quantities import Direction, Stiffness, Tension
 from model.stiffness import Hold

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 
 from model.arm import Arm
+from model.forward import checked_accuracy
 from model.loads import contacts
 from model.machine.compiled import Compile, checked_compile
-from model.mesh import checked_accuracy
-from model.progress import with_progress
+from model.progress import limited, with_progress
 from model.scene import Scene
-from model.time_limit import limited
 from planner.avoidance.surroundings import surroundings
 from planner.contact.load_path import is_same
 from planner.plan import HeldPlan, Plan

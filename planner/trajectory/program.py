@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 
 from model.paths import Array
-from model.time_limit import check_time
+from model.progress import check_time
 from planner.program.problem import Problem, units
 from planner.program.program import Program
 from planner.solve.ipopt import TOGETHER, WARM, Solution, stated

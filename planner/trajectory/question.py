@@ -15,12 +15,12 @@ from model.checks import finite_array, kind, positive
 from model.clearance.lines import Lines
 from model.effects import Weight
 from model.errors import InputError
-from model.mesh import FINEST_ACCURACY
+from model.forward import FINEST_ACCURACY
 from model.paths import Array
+from model.progress import OutOfTime
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
-from model.time_limit import OutOfTime
 from model.units import STROKE, warn_unusual
 from planner.avoidance.rows import Avoidance, grid
 from planner.avoidance.surroundings import Surroundings

@@ -33,9 +33,8 @@ from matplotlib.figure import Figure
 
 from model import Arm, OctoplanError, Scene, settle, tip_jacobian
 from model.effects import Buoyancy, ExactTendons, Extension, Weight
-from model.forward import CLOSED_FORMS, SCHEMES, maps_of, schemes_of
+from model.forward import CLOSED_FORMS, REFINEMENTS, SCHEMES, maps_of, schemes_of
 from model.loads import is_loaded
-from model.mesh import REFINEMENTS
 from model.paths import Array
 from model.stiffness import tip_jacobian_function
 from planner import plan

@@ -253,7 +253,7 @@ def test_a_shape_that_stops_settling_on_the_way_is_left_out_and_named() -> None:
 def test_the_best_values_so_far_are_returned_at_the_time_limit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from model.time_limit import OutOfTime
+    from model.progress import OutOfTime
     from planner.fit import calibrate as module
 
     def late(*_: object) -> None:

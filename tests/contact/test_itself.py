@@ -68,7 +68,7 @@ def test_what_would_slip_past_itself_sideways_is_refused() -> None:
 
 
 def test_what_makes_no_progress_ends_with_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("model.time_limit.PATIENCE", -1.0)
+    monkeypatch.setattr("model.progress.PATIENCE", -1.0)
     with pytest.raises(UnsettledContactError, match="is found within"):
         settle(ARM, curled(3.0), SCENE)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from model import OctoplanError
-from model.time_limit import OutOfTime, time_limit
+from model.progress import OutOfTime, time_limit
 from planner import load_plan
 from planner.cli import main
 from tests.fuzz.mutations import WRITTEN

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, settle
 from model.effects import Effect, ExactTendons, Extension, NeoHookean, TipLoad, Weight
-from model.time_limit import OutOfTime, time_limit
+from model.progress import OutOfTime, time_limit
 from planner import plan, stiffness
 from planner.targets import Backbone, BendingPlane, Target, TipPosition
 

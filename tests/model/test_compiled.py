@@ -94,7 +94,7 @@ def test_compiled_plans_have_the_digits_of_interpreted_ones(scene: Scene) -> Non
 def no_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
-    monkeypatch.setattr("model.machine.libraries.find_spec", lambda _: None)
+    monkeypatch.setattr("model.machine.compiled.find_spec", lambda _: None)
 
 
 def test_a_missing_compiler_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from model.errors import CompilerError
-from model.machine.libraries import _command, cache_folder, library
+from model.machine.compiled import _command, cache_folder, library
 
 pytestmark = [
     pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler"),
@@ -79,7 +79,7 @@ def test_without_a_folder_that_can_be_written_it_works_and_warns(
 @pytest.mark.slow
 def test_a_compiler_installed_by_pip_does(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("ziglang")
-    monkeypatch.setattr("model.machine.libraries._NAMES", ())
+    monkeypatch.setattr("model.machine.compiled._NAMES", ())
     assert _command("") == (sys.executable, "-m", "ziglang", "cc")
     monkeypatch.setenv("CC", " ".join(_command("")))
     assert answer(library(SOURCE, "-O1")) == 42

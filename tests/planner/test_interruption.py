@@ -13,7 +13,7 @@ import pytest
 
 from model import Arm, Scene, settle
 from model.effects import Buoyancy, Extension, TipLoad, Weight
-from model.time_limit import OutOfTime, time_limit
+from model.progress import OutOfTime, time_limit
 from planner import cli, plan
 from planner.sweeps import points
 from planner.targets import TipPosition

@@ -14,7 +14,7 @@ from model import Arm, InputError, Scene, settle
 from model.compliance import at_node
 from model.effects import Buoyancy, Extension, TipLoad, Weight
 from model.obstacles import Sphere
-from model.time_limit import OutOfTime, check_time
+from model.progress import OutOfTime, check_time
 from planner.cli import main
 from planner.live.goal import goal_of
 from planner.live.handles import handle_of
