@@ -207,14 +207,15 @@ def system(
     at: tuple[float, ...] = (),
     loaded: bool = True,
     machine_code: bool = False,
+    density: float = 2.0,
 ) -> System:
     """Return the equations on a mesh of a refinement that has the arc lengths `at` as nodes.
 
     Where nothing is `loaded`, forces and moments are left out; with `machine_code` the kernels are
-    compiled.
+    compiled. Of the `density` of meshes see model.mesh.graded.
     """
     rate = partial(growth, arm, scene) if is_loaded(scene) else None
-    mesh = graded(arm, refinement, (*at, *places(arm, scene)), rate)
+    mesh = graded(arm, refinement, (*at, *places(arm, scene)), rate, density=density)
     return System(arm, scene, mesh, stages, loaded, machine_code)
 
 

@@ -47,6 +47,9 @@ Bounds = tuple[Array, Array, Array, Array]
 # and in the end, where it keeps shapes away from points that they could meet by half the default
 # accuracy; with less of it the effort is lost in the solver's tolerance.
 SEARCHED, REGULARISATION = 1e-7, 3e-11
+# Of the meshes of programs, whose error is corrected, see planner.solve.refine; shapes are settled on
+# meshes of 2.
+DENSITY = 1.2
 # What the conditions of an optimum are held to, scaled; and its stability, of which another mesh
 # has other digits.
 KKT_TOLERANCE, STABILITY_TOLERANCE = 1e-6, 1e-4
@@ -254,7 +257,7 @@ def _built(
     """Return what is the same for all targets of one structure, and all limits."""
     targets, statement = question.value
     loaded, at = is_loaded(scene) or bool(compliance_requests(targets)), stations_of(arm, targets)
-    mesh = STAGES, statement.refinement, at, loaded, machine_code
+    mesh = STAGES, statement.refinement, at, loaded, machine_code, DENSITY
     forward = Collocation(system(arm, scene, *mesh))
     states = States.seen(forward.system, at)
     # What targets take of an arm besides its shape.

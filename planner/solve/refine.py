@@ -40,7 +40,7 @@ CORRECTIONS, PART = 8, 3
 # What a coarse mesh may be off by, over L, of a margin and of effort: defects above it ask for a
 # finer one. What is farther off comes to another shape; stretches that are farther from 0 need no
 # correction.
-COARSE, _ELSEWHERE = 1e-3, 0.1
+COARSE, _ELSEWHERE = 3e-4, 0.1
 
 
 def refine(

@@ -81,7 +81,7 @@ class Task:
         return Problem(*question, self.machine_code)
 
     def coarse(self, mode: Mode) -> Statement:
-        """Return the statement on a mesh that costs little: good to 1e-3 of L or so.
+        """Return the statement on a mesh that costs little: good to 1e-4 of L or so.
 
         Without extension a slender tip winds up further, and takes a finer mesh.
         """
