@@ -47,8 +47,8 @@ Bounds = tuple[Array, Array, Array, Array]
 # and in the end, where it keeps shapes away from points that they could meet by half the default
 # accuracy; with less of it the effort is lost in the solver's tolerance.
 SEARCHED, REGULARISATION = 1e-7, 3e-11
-# Of the meshes of programs, whose error is corrected, see planner.solve.refine; shapes are settled on
-# meshes of 2.
+# Of the meshes of programs, whose error is corrected, see planner.solve.refine; shapes are settled
+# on meshes of 2.
 DENSITY = 1.2
 # What the conditions of an optimum are held to, scaled; and its stability, of which another mesh
 # has other digits.

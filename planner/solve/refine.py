@@ -37,10 +37,10 @@ from planner.solve.ipopt import MAGNIFIED, Candidate, Purpose, solve
 # Corrections and meshes that are tried; the part of the accuracy that a defect may be off by, and
 # of what optimality is held to.
 CORRECTIONS, PART = 8, 3
-# What a coarse mesh may be off by, over L, of a margin and of effort: defects above it ask for a
-# finer one. What is farther off comes to another shape; stretches that are farther from 0 need no
-# correction.
-COARSE, _ELSEWHERE = 3e-4, 0.1
+# What a coarse mesh may be off by of a margin and of effort. Defects over L above which the mesh is
+# made finer: tensions are off by a few times as much. What is farther off comes to another shape;
+# stretches that are farther from 0 need no correction.
+COARSE, _ROUGH, _ELSEWHERE = 1e-3, 1e-4, 0.1
 
 
 def refine(
@@ -87,7 +87,7 @@ def _refined(candidate: Candidate, accuracy: float, corrected: Array | None) -> 
             if not rough <= _ELSEWHERE:
                 return None
             corrected = error
-            if rough > COARSE:
+            if rough > _ROUGH:
                 finer = _on_finer_mesh(candidate, rough)
                 if finer is None:
                     return None
@@ -115,7 +115,7 @@ def _on_finer_mesh(candidate: Candidate, rough: float) -> Candidate | None:
     """
     before = candidate.problem
     order = convergence_order(before.scene, 2 * STAGES)
-    finer = next_refinement(before.statement.refinement, rough, COARSE, order)
+    finer = next_refinement(before.statement.refinement, rough, _ROUGH, order)
     if not finer:
         return None
     problem = before.but(before.statement.but(refinement=finer))
