@@ -15,20 +15,22 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
+from scipy.ndimage import minimum_filter1d
 
 from model.contact.friction import Path
-from model.contact.gaps import bodies_of, least_gaps
-from model.contact.newton import newton
+from model.contact.gaps import bodies_of, gaps_along, least_gaps
 from model.contact.sharp import Request, sharpened
 from model.contact.touches import Place, Places, Touches, forces, mesh_with, read_off
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import FOLLOWED, carried_strains
+from model.equilibrium.newton import FOLLOWED, carried_strains, newton
 from model.equilibrium.stability import unstable_mode
 from model.errors import SnapError, UnsettledContactError
 from model.least_energy import LeastEnergy
 from model.loads import without_friction
 from model.obstacles import distances
+from model.paths import Array
 from model.progress import check_time, tell
+from model.transcription.system import System
 
 # First, least and longest step in the load factor; with friction: where a point rolls, that is not
 # to count as slip.
@@ -145,7 +147,7 @@ def _complementary(request: Request, near: Linearised) -> Linearised | None:
     arm's radius or more; looked at where they are no farther apart than that.
     """
     to = request.tensions, request.load
-    there = newton(near.system, *to, near.states, complementary=True)
+    there = newton(near.system, *to, near.states, touching=_active)
     if there is None:
         return None
     half = there.system.arm.outer_radius(there.mesh.s[1:])[0] / 2
@@ -154,6 +156,18 @@ def _complementary(request: Request, near: Linearised) -> Linearised | None:
     between = np.linspace(start, end, count).reshape(-1, 3)
     gaps = distances(bodies_of(there.system), between)[0].min(axis=1).reshape(count, -1)
     return None if (gaps < half).any() else there
+
+
+def _active(system: System, states: Array) -> System:
+    """Return equations with nodes that touch: those that press, and the deepest inside.
+
+    So each of Newton's steps is to f >= 0, gap >= 0, f gap = 0 at the nodes.
+    """
+    gap, touches = gaps_along(system, states, 1)[1], Touches.of(system)
+    deepest = (gap < 0) & (gap <= minimum_filter1d(gap, 3, 0))
+    presses = forces(system, states)[1:] > 0
+    touches.held[1:] = np.where(touches.points[1:], presses, deepest)
+    return touches.on(system)
 
 
 def _least(request: Request, near: Linearised) -> Linearised | None:

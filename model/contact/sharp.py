@@ -8,13 +8,13 @@ the arm passes through it between places there are new ones.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from model.checks import SMALLEST
 from model.contact.gaps import THROUGH, along, least_gaps
-from model.contact.newton import STEPS, newton
 from model.contact.touches import (
     Place,
     Places,
@@ -29,9 +29,10 @@ from model.contact.touches import (
 )
 from model.effects import NeoHookean, Shear
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import carried_strains
+from model.equilibrium.newton import STEPS_IN_CONTACT, carried_strains, newton
 from model.loads import contacts
 from model.mesh import Mesh
+from model.obstacles.base import SIZE
 from model.paths import SAME, Array
 from model.scene import Scene
 from model.transcription.system import System
@@ -74,7 +75,7 @@ class Request:
         system = System(base.arm, scene or base.scene, mesh, *form)
         if self.before is not None:
             were = self.before.at(mesh.s[1:])[0][:, 4:]
-            kernel_numbers(system, "contact_friction")[:, :, -BEFORE:] = were[:, None]
+            kernel_numbers(system, "touch")[:, :, BEFORE] = were[:, None]
         return system
 
     def towards(self, end: Request, factor: float) -> Request:
@@ -101,7 +102,7 @@ def sharpened(
     refined, or are near and move on slowly: by no less than half as far as in the round before.
     """
     places, last = places_of(near.system) if places is None else places, np.inf
-    for _ in range(STEPS):
+    for _ in range(STEPS_IN_CONTACT):
         point = _with_places(request, near, places)
         if point is None:
             return None
@@ -128,19 +129,30 @@ def _with_places(of: Request, near: Linearised, places: Places) -> Linearised | 
     if mesh is None:
         return None
     system = of.on(mesh, any(place.lies for place in places))
-    touches, L, sheared = Touches.of(system), of.base.arm.length, of.base.scene.has(Shear)
+    touches, sheared = Touches.of(system), of.base.scene.has(Shear)
     for place in places:
         j, first, last = place.obstacle, mesh.node(place.start), mesh.node(place.end)
         # Parts of an arm that shears have no forces at their ends.
         touches.held[[first, last], j] = not (place.lies and sheared)
         touches.pressing[first : last + 1, j], touches.lies[first:last, j] = place.lies, 1
-        if not place.lies and place.start not in of.corners:
-            _, _, curve = _gap_at(near, place.start, j)
-            # Where the gap is no least one yet points move to lesser gaps.
-            bend = curve if curve > THROUGH**0.5 / L else 1 / L
-            touches.moves[first, j], touches.curve[first, j] = 1, bend
+        touches.moves[first, j] = not (place.lies or place.start in of.corners)
     system = touches.on(system)
-    return newton(system, of.tensions, of.load, _carried(of, near, system, touches))
+    states = _carried(of, near, system, touches)
+    return newton(system, of.tensions, of.load, states, touching=_widened)
+
+
+def _widened(system: System, states: Array) -> System:
+    """Return equations whose gaps are taken with the larger radius of both sides of each node.
+
+    Friction at a point lets the stretch jump, and with it the radius of a body that swells.
+    """
+    if not (system.of.form.contact_friction and system.scene.has(NeoHookean)):
+        return system
+    before, beyond = system.stretch_beside(states[system.of.stages])
+    result, radius = copy.copy(system), system.arm.outer_radius(system.mesh.s[1:])[0]
+    wider = radius * np.sqrt(np.maximum(before / beyond, 1.0))
+    kernel_numbers(result, "touch")[:, :, SIZE] = wider[:, None]
+    return result
 
 
 def _gap_at(point: Linearised, s: float, obstacle: int) -> tuple[float, float, float]:

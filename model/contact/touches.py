@@ -18,7 +18,7 @@ from model.mesh import Mesh, with_nodes
 from model.paths import Array
 from model.rotations import matrices
 from model.transcription.system import System
-from model.transcription.touch import BEFORE, FLAGS
+from model.transcription.touch import FLAGS
 
 Mask = NDArray[np.bool_]
 # Arc lengths of points that share a node, over the arm's.
@@ -53,25 +53,25 @@ class Touches:
 
     Attributes
     ----------
-    flags : (N + 1, K, 5)
+    flags : (N + 1, K, 4)
         All of these, by node and obstacle; 0 at the base, which is clamped.
     held, pressing : (N + 1, K)
         1 for nodes with a force, and with a pressure: points have the first, at which it keeps the
         gap at 0, nodes inside of parts the second, and ends of parts both.
-    moves, curve : (N + 1, K)
-        1 for points that may move along the arm, and gap'' [1/m] there, above 0.
+    moves : (N + 1, K)
+        1 for points that may move along the arm.
     lies : (N + 1, K)
         1 for nodes on whose tip side the element lies on the obstacle.
     """
 
     def __init__(self, flags: Array) -> None:
         self.flags = flags
-        self.held, self.pressing, self.moves, self.curve, self.lies = np.moveaxis(flags, 2, 0)
+        self.held, self.pressing, self.moves, self.lies = np.moveaxis(flags, 2, 0)
 
     @classmethod
     def of(cls, system: System) -> Touches:
         """Return those that are set on a system."""
-        return cls(np.pad(kernel_numbers(system, "touch")[..., -FLAGS:], ((1, 0), (0, 0), (0, 0))))
+        return cls(np.pad(kernel_numbers(system, "touch")[..., FLAGS], ((1, 0), (0, 0), (0, 0))))
 
     @property
     def points(self) -> Mask:
@@ -85,13 +85,10 @@ class Touches:
 
     def on(self, system: System) -> System:
         """Return a system with these touches set."""
-        changed, form = copy.copy(system), system.of.form
-        kernel_numbers(changed, "touch")[:, :, -FLAGS:] = self.flags[1:]
-        if form.pressed:
+        changed = copy.copy(system)
+        kernel_numbers(changed, "touch")[..., FLAGS] = self.flags[1:]
+        if system.of.form.pressed:
             kernel_numbers(changed, "pressure")[:, :, -1] = self.lies[:-1]
-        if form.contact_friction:
-            rows = kernel_numbers(changed, "contact_friction")
-            rows[:, :, -BEFORE - FLAGS : -BEFORE] = self.flags[1:]
         return changed
 
 

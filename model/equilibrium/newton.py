@@ -7,6 +7,7 @@ to the full loads, in one step if that is safe.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,9 @@ from model.transcription.system import System
 
 # Of an element, unless a scheme asks for fewer.
 STAGES = 3
-STEPS = 14
+# Steps at most; those in contact may each bring places from sticking to slip or back, or other
+# nodes into touch.
+STEPS, STEPS_IN_CONTACT = 14, 30
 # The size of the last step: larger where its factorisation is of the same point, as the next one
 # would be its square.
 SETTLED, LEFT = 1e-10, 1e-13
@@ -37,6 +40,9 @@ ROUGHEST = 1e6
 # Guesses by another mesh are so near; the factorisation is kept after a step so small, and as long
 # as steps contract so fast: a residual costs a tenth of a factorised Jacobian.
 CLOSE, KEPT = 0.02, 0.1
+# How much a change of friction counts as one of strains: rounding in them is that of forces of the
+# whole arm. Forces [N] below the second are rounding.
+_FRICTION, _ROUNDING = 1e-2, 1e-13
 
 
 def newton(
@@ -47,10 +53,12 @@ def newton(
     farthest: float = TURN,
     near: Linearised | None = None,
     looser: float = 1.0,
+    touching: Callable[[System, Array], System] | None = None,
 ) -> Linearised | None:
     """Return the equilibrium near given states (n_states,) under tensions (n_tendons,).
 
-    None where steps are not small or do not contract: that keeps to the branch of the states.
+    None where steps are not small or do not contract: that keeps to the branch of the states. In
+    contact, where what touches may change in each, steps that rotate frames far are shortened.
 
     Parameters
     ----------
@@ -61,29 +69,36 @@ def newton(
     looser : float
         How many times larger the last steps may be; the root of that for how far from where they
         were linearised the equations count as such.
+    touching : callable
+        Equations in contact and states -> the equations with what touches at these states.
     """
     near = near and (near.near or near)
-    x, before, path = system.x(tensions, load, states), 0.0, np.inf
+    before, path, rubs = 0.0, np.inf, system.of.form.contact_friction
     far = CLOSE if near is None else np.inf
-    for _ in range(STEPS):
+    for _ in range(STEPS_IN_CONTACT if touching else STEPS):
         check_time()
-        point = Linearised(system, x, near)
+        if touching:
+            system, last = touching(system, states), system
+            near = near if np.array_equal(system.p, last.p) else None
+        point = Linearised(system, system.x(tensions, load, states), near)
         step = point.newton_step()
         if step is None:
             return None
         path = 0.0 if near is None else path
         level = looser * (SETTLED if near is None else LEFT)
         near = point.near or point
-        x = system.x(tensions, load, point.states + step)
-        rotation, size = step_sizes(system, step, x[system.of.first :])
+        rotation, size = step_sizes(system, step, states + step)
         path += size
-        if rotation > farthest or (before and size > max(CONTRACTION * before, SMALL)):
+        contracts = not before or size <= max(CONTRACTION * before, SMALL)
+        if not touching and (rotation > farthest or not contracts):
             return None
-        if size < level or size**2 < level * before:
+        states = states + min(1.0, farthest / max(rotation, farthest)) * step
+        if rotation <= farthest and (size < level or size**2 < level * before):
             # So near to where they were linearised the equations have the same derivatives.
-            is_close = path < math.sqrt(SETTLED * looser)
+            is_close = path < math.sqrt(SETTLED * looser) and not rubs
+            x = system.x(tensions, load, states)
             return Linearised(system, x, near if is_close else None)
-        if size > (KEPT * before if before else far):
+        if rubs or size > (KEPT * before if before else far):
             near = None
         before = size
     return None
@@ -92,14 +107,21 @@ def newton(
 def step_sizes(system: System, step: Array, states: Array) -> tuple[float, float]:
     """Return how far a step (n_states,) rotates a frame at most, as a change of its quaternion.
 
-    And its size, of that and of strains relative to these, curvatures to 1 / L at least.
+    And its size, of that, of strains relative to these, curvatures to 1 / L at least, and of
+    friction of contacts relative to the largest force: strains may be too stiff to tell of it.
     """
     of = system.of
     rotation = float(np.abs(step[of.nodes[:, :4]]).max())
     curvatures = np.arange(of.form.strains) < 2 + of.form.law.torsion
     units = np.where(curvatures, 1 / system.arm.length, 1.0)
     changes = np.abs(step[of.stages]) / (units + np.abs(states[of.stages]))
-    return rotation, max(rotation, float(changes.max()))
+    size = max(rotation, float(changes.max()))
+    if of.form.contact_friction:
+        h = float(np.diff(system.mesh.s).mean())
+        rubs = max(np.abs(step[of.friction_forces]).max(), h * np.abs(step[of.tractions]).max())
+        most = max(np.abs(states[of.touches[:, :, 0]]).max(), _ROUNDING)
+        size = max(size, float(rubs / most) * _FRICTION)
+    return rotation, size
 
 
 # The least step in the load factor over what is reached; before the first step, over itself.

@@ -22,7 +22,7 @@ from model.transcription.element import Form, at_zero, body, clamp, element, lev
 from model.transcription.equations import Equations, Term
 from model.transcription.friction import body_rates, idle_tendon, kink, sliding_tendon
 from model.transcription.kernels import Places
-from model.transcription.touch import contact_friction, pressure, touch
+from model.transcription.touch import pressure, touch
 
 POSE = 7
 
@@ -141,35 +141,28 @@ class Layout:
         inside = np.repeat(self.inside.T, K, axis=0)
         before, after = (np.repeat(part[:, :POSE], K, axis=0) for part in (nodes[:-1], nodes[1:]))
         wrench = np.repeat(nodes[:, POSE : POSE + 6], K, axis=0)
-        here = touches[1:].reshape(self.elements * K, -1)
-        none = touches[0].reshape(1, -1)
+        here, none = touches[1:].reshape(self.elements * K, -1), touches[0].reshape(1, -1)
+        unknowns, rows = [inside, after, here], [wrench[K:], here]
+        if form.contact_friction:
+            # No part begins at the tip, so that what is beyond it does not matter.
+            beyond = [*range(2, self.elements + 1), -2]
+            rubbed = np.concatenate([touches[:, :, 1:], self.tractions], axis=2)
+            near = np.concatenate([rubbed[:-1], rubbed[beyond]], axis=2).reshape(-1, 8)
+            Q = self._frictions[1:].reshape(-1, 6)
+            unknowns, rows = [*unknowns, near, Q], [*rows, Q]
+            none = np.hstack([none, self._frictions[0].reshape(1, -1)])
+        kernel = built(touch, law, m, form.contact_friction)
         terms = [
-            Term(
-                built(touch, law, m),
-                at + np.hstack([inside, after, here]).T,
-                np.hstack([wrench[K:], here]).T,
-            ),
+            Term(kernel, at + np.hstack(unknowns).T, np.hstack(rows).T),
             Term(at_zero(), at + none, none),
         ]
         if form.pressed:
             both = np.stack([touches[:-1, :, 1], touches[1:, :, 1]], axis=2).reshape(-1, 2)
             rubbed = np.concatenate([self.tractions[:-1], self.tractions[1:]], axis=2)
             both = np.hstack([both, rubbed.reshape(len(both), -1)])
-            unknowns = at + np.hstack([before, inside, both]).T
+            values = at + np.hstack([before, inside, both]).T
             kernel = built(pressure, law, m, form.contact_friction)
-            terms.append(Term(kernel, unknowns, np.hstack([wrench[:-K], inside]).T))
-        if form.contact_friction:
-            # No part begins at the tip, so that what is beyond it does not matter.
-            beyond = [*range(2, self.elements + 1), -2]
-            rubbed = np.concatenate([touches[:, :, 1:], self.tractions], axis=2)
-            near = np.concatenate([rubbed[:-1], rubbed[beyond]], axis=2)
-            Q = self._frictions[1:].reshape(-1, 6)
-            unknowns = np.hstack([inside, after, here, near.reshape(-1, 8), Q]).T
-            terms.append(
-                Term(built(contact_friction, law, m), at + unknowns, np.hstack([wrench[K:], Q]).T)
-            )
-            none = self._frictions[0].reshape(1, -1)
-            terms.append(Term(at_zero(), at + none, none))
+            terms.append(Term(kernel, values, np.hstack([wrench[:-K], inside]).T))
         return terms
 
     def _tendons(self) -> list[Term]:

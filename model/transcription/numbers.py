@@ -15,7 +15,6 @@ from model.scene import Scene
 from model.stations import base_pose, stations, tendon_paths
 from model.transcription.element import Form
 from model.transcription.layout import Layout
-from model.transcription.touch import BEFORE, FLAGS
 
 # What slip is weighted with in contact friction, over the stiffness E J / L^3 of the base.
 _RESISTS = 10.0
@@ -50,20 +49,18 @@ def numbers(
 def contact_numbers(arm: Arm, scene: Scene, form: Form, mesh: Mesh) -> list[Array]:
     """Return the numbers of the nodes and elements that may touch something; none does yet."""
     h, s = np.diff(mesh.s), mesh.s[1:]
-    bodies = numbers_of([contact.obstacle for contact in contacts(scene)]).T
-    K, bodies = bodies.shape[1], np.tile(bodies, h.size)
-    nodes = np.repeat([*arm.outer_radius(s)[:2], h], K, axis=1)
-    none = np.zeros((FLAGS + BEFORE, h.size * K))
-    results = [np.vstack([bodies, nodes, none[:FLAGS]])]
-    if form.pressed:
-        results.append(np.vstack([bodies, nodes[2], none[0]]))
+    touched = contacts(scene)
+    bodies = np.tile(numbers_of([contact.obstacle for contact in touched]).T, h.size)
+    nodes = np.repeat([*arm.outer_radius(s)[:2], h], len(touched), axis=1)
+    results = [np.vstack([bodies, nodes, np.zeros((4, bodies.shape[1]))])]
     if form.contact_friction:
-        mu = np.tile([contact.friction for contact in contacts(scene)], h.size)
+        mu = np.tile([contact.friction for contact in touched], h.size)
         radius = float(arm.outer_radius(np.zeros(1))[0][0])
         # By the stiffness along the arm, E A / L, steps went from sticking to slip and back.
         r = _RESISTS * arm.material.E * np.pi * radius**4 / 4 / arm.length**3
-        scales = np.vstack([mu, np.full(mu.size, r), r / nodes[2]])
-        results.append(np.vstack([bodies, scales, none]))
+        results[0] = np.vstack([*results, mu, np.full(mu.size, r), np.zeros((3, mu.size))])
+    if form.pressed:
+        results.append(np.vstack([bodies, nodes[2], 0 * nodes[2]]))
     return results
 
 

@@ -30,7 +30,7 @@ from model.transcription.layout import POSE, layout
 from model.transcription.numbers import numbers
 
 # Kernels of what acts at nodes, by which moments and forces differ on both sides of these.
-_AT_NODES = ("lever", "touch", "contact_friction")
+_AT_NODES = ("lever", "touch")
 
 
 class System:

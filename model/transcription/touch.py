@@ -29,37 +29,60 @@ from model.rotations import half_turn, multiply, norm, unit_matrix
 from model.transcription.collocation import gauss, rotation_vectors, weighted_sum
 from model.transcription.kernels import Kernel
 
+# Numbers of a touch: the obstacle's, radius, its slope, h, flags; with friction mu, r and u before.
 # Flags of a node, 1 or 0: a force holds the gap shut, there is pressure, the node is a point that
-# moves along the arm; then gap'' there, and 1 if the element beyond lies on the obstacle.
-FLAGS = 5
-# Numbers of a touch: the obstacle's, radius, its slope, h, flags.
-TOUCH = SIZE + 3 + FLAGS
+# moves along the arm, the element beyond lies on the obstacle.
+FLAGS = slice(SIZE + 3, SIZE + 7)
+BEFORE = slice(SIZE + 9, SIZE + 12)
 PRESSURE = SIZE + 2
+# Times the element's length h: where gap'' is less points move to lesser gaps, as if it were 1 / h.
+_FLAT = 1e-6
 
 
-def touch(law: CrossSection, m: int) -> Kernel:
-    """Return the kernel of a node that may touch an obstacle.
+def touch(law: CrossSection, m: int, friction: bool = False) -> Kernel:
+    """Return the kernel of a node that may touch an obstacle, and with friction slip along it.
 
-    Unknowns: the strains of the element before, q, u, P, p or x. Numbers: see TOUCH. Rows: its
-    contributions to M and F, and the residuals of the two unknowns. Where there is a force and
-    pressure the node is an end of a part that lies.
+    Unknowns: the strains of the element before, q, u, P, p or x; with friction p and tau of the
+    node before and of that beyond, Q, tau; tau as components in the arm's frames. Rows: its
+    contributions to M and F, and the residuals of P, p or x, Q and tau. Where there is a force and
+    pressure the node is an end of a part that lies. Traction there is that of the node beside, in
+    proportion to pressure.
     """
     v, q, u = ca.SX.sym("v", size(law), m), ca.SX.sym("q", 4), ca.SX.sym("u", 3)
-    P, p, c = ca.SX.sym("P"), ca.SX.sym("p"), ca.SX.sym("c", TOUCH)
+    P, p, c = ca.SX.sym("P"), ca.SX.sym("p"), ca.SX.sym("c", SIZE + 7 + 5 * friction)
     radius, slope, h = ca.vertsplit(c[SIZE : SIZE + 3])
     end, rate = v @ ca.DM(gauss(m).at(1.0)), v @ ca.DM(np.arange(m) @ gauss(m).powers) / h
     g, radii = ca.vertcat(q, u), ca.vertcat(radius, slope, 0)
     gaps, normal, along = built(gap_along, law)(g, end, rate, c[:SIZE], radii)
-    gap, gap1, _ = ca.vertsplit(gaps)
-    held, pressing, moves, curve, _ = ca.vertsplit(c[-FLAGS:])
+    gap, gap1, gap2 = ca.vertsplit(gaps)
+    held, pressing, moves, lies = ca.vertsplit(c[FLAGS])
+    curve, shift = ca.if_else(h * gap2 > _FLAT, gap2, 1 / h), moves * p
     by_pressure = pressing * ((1 - held) * gap + held * gap1)
+    force = P * (normal + shift * (ca.jacobian(normal, u) @ along))
+    lever, unknowns = P * normal, [ca.vec(v), q, u, P, p]
     rows = [
-        -moves * p * P * ca.cross(along, normal),
-        -P * (normal + moves * p * (ca.jacobian(normal, u) @ along)),
         held * gap + (1 - held) * P,
         by_pressure + moves * (gap1 + curve * p) + (1 - pressing - moves) * p,
     ]
-    return Kernel("touch", ca.vertcat(ca.vec(v), q, u, P, p), c, ca.vertcat(*rows))
+    if friction:
+        near, Q, tau = ca.SX.sym("near", 4, 2), ca.SX.sym("Q", 3), ca.SX.sym("tau", 3)
+        mu, r, before = ca.vertsplit(c[SIZE + 7 :], [0, 1, 2, 5])
+        frame, slip, around = unit_matrix(q), u - before, ca.horzsplit(near[0, :])
+
+        def within(w: ca.SX, pressed: ca.SX) -> ca.SX:
+            w -= normal * ca.dot(normal, w)
+            most, result = mu * ca.fmax(pressed, 0), norm(w)
+            return ca.if_else(result > most, most / result, 1) * w
+
+        traction = (1 - held) * pressing * (frame.T @ within(frame @ tau - r / h * slip, p))
+        ends = zip((1 - lies, lies), around, ca.horzsplit(near[1:, :]), strict=True)
+        for side, pressed, rubs in ends:
+            traction += held * pressing * side * p / ca.fmax(pressed, SMALLEST) * rubs
+        rows += [Q - held * within(Q - r * slip, P), tau - traction]
+        unknowns += [ca.vec(near), Q, tau]
+        force, lever = force + Q, lever + Q
+    rows = [-shift * ca.cross(along, lever), -force, *rows]
+    return Kernel("touch", ca.vertcat(*unknowns), c, ca.vertcat(*rows))
 
 
 def gap_along(law: CrossSection) -> ca.Function:
@@ -121,44 +144,3 @@ def pressure(law: CrossSection, m: int, friction: bool = False) -> Kernel:
     rows = [-h * weighted_sum(method.b, levers), -h * weighted_sum(method.b, f), *stages]
     unknowns = ca.vertcat(q, u, ca.vec(v), p, ca.vec(tau))
     return Kernel("pressure", unknowns, c, ca.vertcat(*rows))
-
-
-# Numbers of the kernel: the obstacle's, mu, r, r per length; flags; and u before (3,).
-SCALES, BEFORE = 3, 3
-FRICTION = SIZE + SCALES + FLAGS + BEFORE
-
-
-def contact_friction(law: CrossSection, m: int) -> Kernel:
-    """Return the kernel of a node that may slip along an obstacle.
-
-    Unknowns: the strains of the element before, q, u, P, p or x of the node (see touch), p and tau
-    of the node before and of that beyond, Q, tau; tau as components in the arm's frames. Numbers:
-    see FRICTION. Rows: its contributions to M and F, and the residuals of Q and tau. Traction at
-    the ends of a part is that of the node beside, in proportion to pressure.
-    """
-    v, q, u = ca.SX.sym("v", size(law), m), ca.SX.sym("q", 4), ca.SX.sym("u", 3)
-    values, near = ca.SX.sym("own", 2), ca.SX.sym("near", 4, 2)
-    Q, tau, c = ca.SX.sym("Q", 3), ca.SX.sym("tau", 3), ca.SX.sym("c", FRICTION)
-    cuts = [0, SIZE, SIZE + 1, SIZE + 2, SIZE + 3, FRICTION - 3, FRICTION]
-    body, mu, r, by_length, flags, before = ca.vertsplit(c, cuts)
-    held, pressing, moves, _, lies = ca.vertsplit(flags)
-    P, p, *around = ca.vertsplit(ca.vertcat(values, near[0, :].T))
-    _, normal = signed_distance()(u, body)
-    frame = unit_matrix(q)
-    along = frame @ law.twist(v @ ca.DM(gauss(m).at(1.0)))[1]
-    shift = moves * values[1]
-
-    def within(w: ca.SX, pressed: ca.SX) -> ca.SX:
-        w -= normal * ca.dot(normal, w)
-        most, result = mu * ca.fmax(pressed, 0), norm(w)
-        return ca.if_else(result > most, most / result, 1) * w
-
-    slip = u - before
-    traction = (1 - held) * pressing * (frame.T @ within(frame @ tau - by_length * slip, p))
-    ends = zip((1 - lies, lies), around, ca.horzsplit(near[1:, :]), strict=True)
-    for side, pressed, rubs in ends:
-        traction += held * pressing * side * p / ca.fmax(pressed, SMALLEST) * rubs
-    rows = [-shift * ca.cross(along, Q), -Q, Q - held * within(Q - r * slip, P)]
-    rows.append(tau - traction)
-    unknowns = ca.vertcat(ca.vec(v), q, u, values, ca.vec(near), Q, tau)
-    return Kernel("contact_friction", unknowns, c, ca.vertcat(*rows))
