@@ -46,7 +46,7 @@ class Scene(Shown):
             for other, reason in _CONTRADICTS.get(each, ()):
                 if other in kinds:
                     raise InputError("Scene", f"{each} and {other}", f"one of them: {reason}")
-        object.__setattr__(self, "effects", tuple(sorted(effects, key=_place)))
+        vars(self)["effects"] = tuple(sorted(effects, key=_place))
 
     @classmethod
     def as_printed(cls) -> Scene:

@@ -19,13 +19,15 @@ from model.checks import LARGEST, SMALLEST, not_negative
 from model.errors import InputError
 from model.mesh import graded
 from model.paths import Array
-from model.stations import Counts, Stations, crossing, stations, tendon_paths
+from model.scene import Scene
+from model.stations import crossing, stations
+from model.unloaded.marched import tendon_lengths
 
 # Compliance of held tendons as a share of the arm's own, so that combinations of lengths that no
 # strain changes do not matter.
 _LEAST_COMPLIANCE = 1e-10
-# Of the mesh on which lengths at rest are summed up.
-_REST = 16
+# Of the mesh on which compliances are summed up.
+_FINE = 16
 # A tendon pulls where its tension shortens it, in the straight arm, by more than this share of the
 # arm's length; below is rounding of solvers.
 _PULLS = 1e-8
@@ -109,14 +111,6 @@ def _given(arm: Arm, values: Any, name: str) -> tuple[Array, NDArray[np.bool_]]:
     return arm.flat(filled, name), ~np.isnan(np.concatenate([row.ravel() for row in rows]))
 
 
-def _along_tendons(arm: Arm) -> tuple[Stations, Array, Counts, Counts]:
-    """Return Gauss points along the arm, and where tendons cross them: weights, points, tendons."""
-    s, weights, active = graded(arm, _REST).points(3)
-    at = stations(arm, s, active)
-    place, tendon = np.nonzero(crossing(arm, at))
-    return at, weights[place], place, tendon
-
-
 @lru_cache(maxsize=64)
 def rest_lengths(arm: Arm) -> Array:
     """Return the length of each tendon in the arm at rest (n_tendons,) [m].
@@ -124,11 +118,7 @@ def rest_lengths(arm: Arm) -> Array:
     The integral of |t + Y' + kappa_0 x Y|, Y = y d, kappa_0 the arm's curvature at rest. Strokes
     count from there: what a winch has taken in.
     """
-    at, weights, place, tendon = _along_tendons(arm)
-    n, b, *slope = tendon_paths(arm, at, place, tendon)
-    bent = at.rest[0, place] * b - at.rest[1, place] * n if arm.is_curved else np.zeros(place.size)
-    speed = np.sqrt((1 + bent) ** 2 + slope[0] ** 2 + slope[1] ** 2)
-    result = np.asarray(np.bincount(tendon, weights * speed, arm.n_tendons), dtype=float)
+    result = tendon_lengths(arm, Scene())(np.zeros(arm.n_tendons)).lengths
     result.setflags(write=False)
     return result
 
@@ -148,9 +138,11 @@ def arm_compliance(arm: Arm) -> float:
 
     The straight arm's own compliance: integrals of y2/EJ + 1/EA.
     """
-    at, weights, place, tendon = _along_tendons(arm)
+    s, weights, active = graded(arm, _FINE).points(3)
+    at = stations(arm, s, active)
+    place, tendon = np.nonzero(crossing(arm, at))
     y, (EA, EJ) = at.y[np.array(arm.offset_of)[tendon], place], at.area[:, place] * arm.material.E
-    return float(weights @ (y**2 / EJ + 1 / EA))
+    return float(weights[place] @ (y**2 / EJ + 1 / EA))
 
 
 def least_compliance(arm: Arm) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.cross_section.energy import EnergySection
-from model.cross_section.law import CrossSection, body_size, size, turning_rate
+from model.cross_section.law import CrossSection, body_size, components, size, turning_rate
 from model.cross_section.statics import ClosedStatics, PaperStatics, closed_statics
 from model.effects import Shear
 from model.errors import CollapsedError, UnsettledSectionError
@@ -96,30 +96,36 @@ class Sections:
         self.paths = tendon_paths(arm, self.stations, self.place, self.tendon)
 
     @cached_property
-    def _closed(self) -> tuple[ClosedStatics, Array, Array]:
-        """The statics without loads, maps from tensions to pull, and data."""
-        arm, statics = self._arm, closed_statics(self._scene, self._arm)
-        return statics, statics.pulls(arm, self.stations), statics.data(arm.material, self.stations)
+    def _closed(self) -> tuple[ClosedStatics, Array, Array, list[int]]:
+        """The statics without loads, maps from tensions to pull, data; which strains these have."""
+        arm, at, statics = self._arm, self.stations, closed_statics(self._scene, self._arm)
+        every = components(self.law)
+        places = [every.index(each) for each in components(statics.law)]
+        return statics, statics.pulls(arm, at), statics.data(arm.material, at), places
 
     def strains(self, tensions: Array) -> Array:
         """Return the strains (N, n) without loads under tensions (n_tendons,).
 
         None are twisted or sheared, whatever the law. Raises UnsettledSectionError.
         """
-        statics, maps, data = self._closed
+        statics, maps, data, places = self._closed
         v = settled(statics, maps @ tensions, data, self.machine_code)
         lost = np.isnan(v).any(axis=1)
         if lost.any():
             raise UnsettledSectionError(float(self.s[np.argmax(lost)]))
-        return v if self.law == statics.law else strains_of(self.law, reported(statics.law, v))
+        strains = np.zeros((len(v), size(self.law)))
+        strains[:, places] = v
+        return strains
 
     def crushed(self, strains: Array) -> CollapsedError | None:
         """Return what to tell of the first section where strains (N, n) leave a tendon no length.
 
         None where they do so nowhere: only exact tendons come to that.
         """
+        if not isinstance(self.law, EnergySection):
+            return None
         short = self.place[self.speeds(strains)[:, 0] <= LEAST_STRETCH]
-        if not isinstance(self.law, EnergySection) or not short.size:
+        if not short.size:
             return None
         i = int(short.min())
         stretch = 1 + reported(self.law, strains[i : i + 1])[0, 3]

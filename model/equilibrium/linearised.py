@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -23,56 +23,11 @@ from model.errors import CollapsedError, SingularError, UnsettledSectionError
 from model.mesh import Mesh
 from model.paths import Array
 from model.transcription.collocation import gauss
-from model.transcription.layout import POSE, Layout
+from model.transcription.layout import POSE
 from model.transcription.system import System
 from model.unloaded.marched import Marched
 
 Index = NDArray[np.int64]
-
-
-class Band:
-    """Where the nonzeros of a layout's Jacobian are, and in LAPACK's band storage.
-
-    Attributes
-    ----------
-    rows, columns : (nnz,)
-        Of all nonzeros; columns are tensions, load factor, states.
-    first : int
-        The first column of the states.
-    below, above : int
-        Width of the band.
-    height : int
-        Rows of the storage, those that pivoting fills among them.
-    inside : (n,)
-        Which nonzeros are against the states.
-    states, equations : (n_states,)
-        Their order in the storage. Of a node's states the quaternion comes last, on which all of
-        its element depends, and equations come in the order of their first states: the band is as
-        narrow as that, and a factorisation costs its width times what is below the diagonal.
-    stored : (n,)
-        Where those inside stand in the storage, column by column.
-    """
-
-    def __init__(self, of: Layout) -> None:
-        self.rows, self.columns = of.equations.jacobian.triplet
-        self.first, n = of.first, of.n_states
-        self.inside = np.flatnonzero(self.columns >= of.first)
-        self.states = np.arange(n)
-        self.states[of.nodes] = np.roll(of.nodes, -4, axis=1)
-        column = np.argsort(self.states)[self.columns[self.inside] - of.first]
-        earliest = np.full(n, n)
-        np.minimum.at(earliest, self.rows[self.inside], column)
-        self.equations = np.argsort(earliest, kind="stable")
-        row = np.argsort(self.equations)[self.rows[self.inside]]
-        self.below, self.above = int((row - column).max()), int((column - row).max())
-        self.height = 2 * self.below + self.above + 1
-        self.stored = column * self.height + self.below + self.above + row - column
-
-
-@lru_cache(maxsize=32)
-def band(of: Layout) -> Band:
-    """Return the band of a layout's Jacobian."""
-    return Band(of)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +66,7 @@ class Linearised:
         """The tensions (n_tendons,)."""
         return self.x[: self.system.of.n_tendons]
 
-    @property
+    @cached_property
     def states(self) -> Array:
         """The states (n_states,)."""
         return self.x[self.system.of.first :]
@@ -121,7 +76,7 @@ class Linearised:
         """The LU factors of the Jacobian against the states; None where it is singular."""
         if self.near:
             return self.near.factor
-        at = band(self.system.of)
+        at = self.system.of.band
         stored = np.zeros(self.system.of.n_states * at.height)
         stored[at.stored] = self.nonzeros[at.inside]
         columns = stored.reshape(-1, at.height).T
@@ -135,7 +90,7 @@ class Linearised:
         """
         if self.factor is None:
             raise SingularError("the equations of equilibrium are singular: the arm buckles")
-        (factors, pivots), at = self.factor, band(self.system.of)
+        (factors, pivots), at = self.factor, self.system.of.band
         before, after = at.equations, at.states
         if transposed:
             before, after = after, before
@@ -166,7 +121,7 @@ class Linearised:
 
         By those from `first` on, up to `last`. Raises SingularError.
         """
-        at, right = band(self.system.of), np.zeros((self.system.of.n_states, last - first))
+        at, right = self.system.of.band, np.zeros((self.system.of.n_states, last - first))
         inside = (at.columns >= first) & (at.columns < last)
         right[at.rows[inside], at.columns[inside] - first] = self.nonzeros[inside]
         return -self.solve(right)

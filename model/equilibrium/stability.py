@@ -19,7 +19,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from model.cross_section.law import CrossSection, components
-from model.equilibrium.linearised import Index, Linearised, band
+from model.equilibrium.linearised import Index, Linearised
 from model.errors import SingularError
 from model.loads import is_conservative, is_loaded
 from model.paths import Array
@@ -105,7 +105,7 @@ def _block_places(of: Layout) -> tuple[Index, Index]:
     balance, the quaternion at the last node; columns pose and wrench at the first node, strains,
     pose and wrench at the last. Rows of the tip are its wrench, columns its quaternion and wrench.
     """
-    at, w, blocks = band(of), of.form.wrench, []
+    at, w, blocks = of.band, of.form.wrench, []
     shape = (of.n_states, of.n_x)
     numbered = csr_array((np.arange(1, at.rows.size + 1), (at.rows, at.columns)), shape)
     nodes, stages = of.nodes[:, : POSE + w], of.stages.reshape(of.elements, -1)
@@ -259,7 +259,7 @@ def _reciprocals(
 
 def _less_stiff(point: Linearised, by: float) -> Linearised:
     """Return the equations with so much less of the stiffness at rest."""
-    at, of = band(point.system.of), point.system.of
+    at, of = point.system.of.band, point.system.of
     diagonal = np.flatnonzero(at.rows == at.columns - of.first)
     at_rest, nonzeros = np.zeros(of.n_states), point.nonzeros.copy()
     at_rest[np.ravel(of.stages)] = rest_stiffness(point.system)[1]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.equilibrium.integration import SCHEME, Integration
-from model.equilibrium.linearised import Linearised, band
+from model.equilibrium.linearised import Linearised
 from model.errors import ConvergenceError
 from model.forward import estimate
 from model.paths import Array
@@ -77,7 +77,7 @@ def _defects(point: Linearised, y: Array) -> Array:
     wrenches = np.zeros(of.n_states)
     wrenches[there[:, POSE : POSE + w]] = y[:, POSE : POSE + w] - states[there[:, POSE : POSE + w]]
     # What an element makes of another wrench beyond it; a node's own wrench is left out.
-    at, inside = band(of), band(of).inside
+    at, inside = of.band, of.band.inside
     products = point.nonzeros[inside] * wrenches[at.columns[inside] - of.first]
     left = wrenches - np.bincount(at.rows[inside], products, of.n_states)
     stages = of.inside.ravel()

@@ -13,6 +13,7 @@ import threading
 from collections.abc import Callable, Sequence
 from functools import cached_property, lru_cache
 from importlib.resources import files
+from itertools import pairwise
 from typing import Any, NamedTuple, TypeVar
 
 import casadi as ca
@@ -22,6 +23,8 @@ from model.machine.compiled import is_short, library
 from model.paths import Array
 
 K = TypeVar("K")
+# Arguments, all results, what runs a function on these, and its buffer.
+Prepared = tuple[list[Array], Array, Callable[[], None], Any]
 # Sets side by side in C, and by NumPy: intermediate numbers stay in the processor's cache.
 LANES, _AT_ONCE = 8, 2048
 
@@ -43,33 +46,44 @@ class Buffered:
     def __init__(self, function: ca.Function) -> None:
         self.function = function
         self._local = threading.local()
+        shapes = [(function.size2_out(i), function.size1_out(i)) for i in range(function.n_out())]
+        ends = np.cumsum([0, *(columns * rows for columns, rows in shapes)]).tolist()
+        self._parts = [
+            (slice(*part), shape) for part, shape in zip(pairwise(ends), shapes, strict=True)
+        ]
 
     def __call__(self, *inputs: Array) -> list[Array]:
         """Return the results, each transposed: (columns, rows)."""
+        whole = self.flat(*inputs).copy()
+        return [whole[part].reshape(shape) for part, shape in self._parts]
+
+    def flat(self, *inputs: Array) -> Array:
+        """Return all results behind each other (n,), as they are until this thread calls again."""
         try:
-            held, results, run, _ = self._local.prepared
+            prepared: Prepared = self._local.prepared
         except AttributeError:
-            held, results, run, _ = self._local.prepared = self.prepared()
+            prepared = self._local.prepared = self.prepared()
+        held, whole, run, _ = prepared
         for each, value in zip(held, inputs, strict=True):
             each[:] = value
         run()
-        return list(map(np.ndarray.copy, results))
+        return whole
 
     def stats(self) -> dict[str, Any]:
         """Return what the function tells of the last call of this thread."""
         return dict(self._local.prepared[3].stats())
 
-    def prepared(self) -> tuple[list[Array], list[Array], Any, Any]:
-        """Return arguments, results, what runs the function on these, and its buffer."""
+    def prepared(self) -> Prepared:
+        """Return arguments, all results, what runs the function on these, and its buffer."""
         f = self.function
         arguments = [np.zeros(f.nnz_in(i)) for i in range(f.n_in())]
-        results = [np.zeros((f.size2_out(i), f.size1_out(i))) for i in range(f.n_out())]
+        whole: Array = np.zeros(self._parts[-1][0].stop)
         buffer, run = f.buffer()
         for i, held in enumerate(arguments):
             buffer.set_arg(i, memoryview(held))  # type: ignore[call-arg,arg-type]
-        for i, result in enumerate(results):
-            buffer.set_res(i, memoryview(result))  # type: ignore[call-arg,arg-type]
-        return arguments, results, run, buffer
+        for i, (part, _) in enumerate(self._parts):
+            buffer.set_res(i, memoryview(whole[part]))  # type: ignore[call-arg,arg-type]
+        return arguments, whole, run, buffer
 
 
 class Mapped:

@@ -128,8 +128,8 @@ class Sum:
 
     def __call__(self, *value: Array) -> Array:
         """Return the nonzeros by x and p, and lam for the Hessian. Raises CompilerError."""
-        (rows, _, index), values = self._placed, np.concatenate(self._each(*value), axis=None)
-        return np.bincount(index, values, rows.size).astype(float, copy=False)
+        rows, _, index = self._placed
+        return np.bincount(index, self._each.flat(*value), rows.size).astype(float, copy=False)
 
     @cached_property
     def function(self) -> ca.Function:

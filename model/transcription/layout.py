@@ -27,6 +27,45 @@ from model.transcription.touch import pressure, touch
 POSE = 7
 
 
+class Band:
+    """Where the nonzeros of a layout's Jacobian are, and in LAPACK's band storage.
+
+    Attributes
+    ----------
+    rows, columns : (nnz,)
+        Of all nonzeros; columns are tensions, load factor, states.
+    first : int
+        The first column of the states.
+    below, above : int
+        Width of the band.
+    height : int
+        Rows of the storage, those that pivoting fills among them.
+    inside : (n,)
+        Which nonzeros are against the states.
+    states, equations : (n_states,)
+        Their order in the storage. Of a node's states the quaternion comes last, on which all of
+        its element depends, and equations come in the order of their first states: the band is as
+        narrow as that, and a factorisation costs its width times what is below the diagonal.
+    stored : (n,)
+        Where those inside stand in the storage, column by column.
+    """
+
+    def __init__(self, of: Layout) -> None:
+        self.rows, self.columns = of.equations.jacobian.triplet
+        self.first, n = of.first, of.n_states
+        self.inside = np.flatnonzero(self.columns >= of.first)
+        self.states = np.arange(n)
+        self.states[of.nodes] = np.roll(of.nodes, -4, axis=1)
+        column = np.argsort(self.states)[self.columns[self.inside] - of.first]
+        earliest = np.full(n, n)
+        np.minimum.at(earliest, self.rows[self.inside], column)
+        self.equations = np.argsort(earliest, kind="stable")
+        row = np.argsort(self.equations)[self.rows[self.inside]]
+        self.below, self.above = int((row - column).max()), int((column - row).max())
+        self.height = 2 * self.below + self.above + 1
+        self.stored = column * self.height + self.below + self.above + row - column
+
+
 class Layout:
     """The structure of an arm's equations on a mesh; numbers are no part of it.
 
@@ -105,6 +144,11 @@ class Layout:
         at = np.array(sorted({end for end in ends if end < elements}), dtype=np.int64)
         k, j = _pairs(at[:, None] < np.array(ends))
         self.kinks: tuple[Places, Places] = (at[k] - 1, j)
+
+    @cached_property
+    def band(self) -> Band:
+        """Where the nonzeros of the Jacobian are, in LAPACK's band storage."""
+        return Band(self)
 
     @cached_property
     def equations(self) -> Equations:
@@ -208,9 +252,5 @@ def _pairs(are: NDArray[np.bool_]) -> tuple[Places, Places]:
     return i, j
 
 
-@lru_cache(maxsize=32)
-def layout(
-    form: Form, ends: tuple[int, ...], elements: int, levers: tuple[int, ...] = ()
-) -> Layout:
-    """Return the layout of a structure, built once."""
-    return Layout(form, ends, elements, levers)
+# The layout of a structure, built once.
+layout = lru_cache(maxsize=32)(Layout)

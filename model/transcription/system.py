@@ -48,6 +48,8 @@ class System:
         Arc lengths of the stages [m].
     sections : Sections
         The cross-sections there; tendons cross them in the order of the layout's crossings.
+    units : (strains,)
+        Sizes of strains below which these are small: 1 / L of curvatures [1/m], 1 of others.
     """
 
     def __init__(
@@ -79,6 +81,8 @@ class System:
         self.of = layout(form, tuple(at[i] for i, _ in arm.tendons), mesh.steps, off)
         self.s, weights, active = mesh.points(stages)
         self.sections = Sections(arm, scene, form.law, self.s, active, machine_code)
+        curvatures = np.arange(form.strains) < 2 + form.law.torsion
+        self.units = np.where(curvatures, 1 / arm.length, 1.0)
         self.p, self.length_numbers = numbers(arm, scene, mesh, self.of, self.sections, weights)
 
     def __reduce__(self) -> tuple[Any, ...]:
