@@ -12,7 +12,7 @@ from model.cross_section.sections import Sections, strains_of
 from model.equilibrium.linearised import Equilibrium, Index
 from model.equilibrium.newton import STAGES
 from model.equilibrium.sensitivities import Sensitivities
-from model.forward import FINEST, REFINEMENTS, maps_of, refined
+from model.forward import FINEST, maps_of, pair_for, refined
 from model.loads import convergence_order
 from model.paths import Array
 from model.shape import Shape
@@ -40,9 +40,7 @@ def compliance_of(shape: Shape, at: float, accuracy: float) -> tuple[Response, i
 
     # The first two refinements are by the error that settling was left with.
     harder = (_HARDER * shape.error / accuracy) ** (1 / (2 * STAGES))
-    wanted = min(max(shape.refinement * harder, 2), FINEST / 2)
-    fine = next(r for r in REFINEMENTS if r >= wanted)
-    pair = max(r for r in REFINEMENTS if r <= fine / 2), fine
+    pair = pair_for(shape.refinement * harder, FINEST / 2)
     order = convergence_order(shape.scene, 2 * STAGES, derivatives=True)
     return refined(pair, accuracy, order, lambda mesh: sensitivities(shape, at, mesh), gap)
 

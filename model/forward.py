@@ -172,8 +172,12 @@ def first_pair(accuracy: float, order: int) -> tuple[int, int]:
     A first mesh is good to about 10^(1 - order) of the length, for arms that are bent but not
     rolled up.
     """
-    guess = (CAUTION * 10.0 ** (1 - order) / accuracy) ** (1 / order)
-    fine = REFINEMENTS[bisect_left(REFINEMENTS, min(max(guess, 2), 64))]
+    return pair_for((CAUTION * 10.0 ** (1 - order) / accuracy) ** (1 / order), 64)
+
+
+def pair_for(wanted: float, finest: float) -> tuple[int, int]:
+    """Return refinements of which the second is as fine as wanted, up to the finest, from 2 on."""
+    fine = REFINEMENTS[bisect_left(REFINEMENTS, min(max(wanted, 2), finest))]
     return REFINEMENTS[bisect_right(REFINEMENTS, fine / 2) - 1], fine
 
 

@@ -36,7 +36,6 @@ from model.loads import beyond, contacts, is_conservative, levers
 from model.machine.functions import Buffered
 from model.obstacles import numbers_of
 from model.paths import Array
-from model.progress import logged
 from model.stations import base_pose, stations, tendon_paths
 from model.transcription.collocation import gauss
 from model.transcription.element import Form
@@ -245,13 +244,8 @@ class LeastEnergy:
         g_low = np.concatenate([np.zeros(poses), np.full(nT, -inf), gaps])
         g_high = np.concatenate([np.zeros(poses), lengths, gaps + inf])
         p = np.concatenate([np.ravel(part, "F") for part in (*energy, *rows)])
-        with logged(LOG):
-            x, _, _, _, lam, _ = (
-                part.ravel()
-                for part in solver(
-                    near.x, p, low, high, g_low, g_high, np.zeros(n + nT), np.zeros(g_low.size)
-                )
-            )
+        begin = near.x, p, low, high, g_low, g_high, np.zeros(n + nT), np.zeros(g_low.size)
+        x, _, _, _, lam, _ = (part.ravel() for part in solver(*begin))
         stats = solver.stats()
         LOG.debug(
             "least energy: %s after %d iterations", stats["return_status"], stats["iter_count"]

@@ -96,26 +96,23 @@ class Sections:
         self.paths = tendon_paths(arm, self.stations, self.place, self.tendon)
 
     @cached_property
-    def _closed(self) -> tuple[ClosedStatics, Array, Array, list[int]]:
-        """The statics without loads, maps from tensions to pull, data; which strains these have."""
+    def _closed(self) -> tuple[ClosedStatics, Array, Array, Array]:
+        """The statics without loads, maps from tensions to pull, data, map of their strains."""
         arm, at, statics = self._arm, self.stations, closed_statics(self._scene, self._arm)
-        every = components(self.law)
-        places = [every.index(each) for each in components(statics.law)]
-        return statics, statics.pulls(arm, at), statics.data(arm.material, at), places
+        same = np.equal.outer(components(statics.law), components(self.law)).astype(float)
+        return statics, statics.pulls(arm, at), statics.data(arm.material, at), same
 
     def strains(self, tensions: Array) -> Array:
         """Return the strains (N, n) without loads under tensions (n_tendons,).
 
         None are twisted or sheared, whatever the law. Raises UnsettledSectionError.
         """
-        statics, maps, data, places = self._closed
+        statics, maps, data, same = self._closed
         v = settled(statics, maps @ tensions, data, self.machine_code)
         lost = np.isnan(v).any(axis=1)
         if lost.any():
             raise UnsettledSectionError(float(self.s[np.argmax(lost)]))
-        strains = np.zeros((len(v), size(self.law)))
-        strains[:, places] = v
-        return strains
+        return np.asarray(v @ same)
 
     def crushed(self, strains: Array) -> CollapsedError | None:
         """Return what to tell of the first section where strains (N, n) leave a tendon no length.

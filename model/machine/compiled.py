@@ -8,7 +8,6 @@ so that several processes may build the same at once.
 
 from __future__ import annotations
 
-import atexit
 import hashlib
 import os
 import shlex
@@ -181,11 +180,9 @@ def _writable(folder: Path) -> Path:
     except OSError as reason:
         message = f"compiled code is not kept, and compiled again by each process: {reason}"
         warn(message, RuntimeWarning)
-        return _scratch()
+        return Path(_scratch().name)
 
 
 @lru_cache(maxsize=1)
-def _scratch() -> Path:
-    folder = tempfile.mkdtemp(prefix="octoplan-")
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return Path(folder)
+def _scratch() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="octoplan-", ignore_cleanup_errors=True)

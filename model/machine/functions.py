@@ -27,6 +27,8 @@ K = TypeVar("K")
 Prepared = tuple[list[Array], Array, Callable[[], None], Any]
 # Sets side by side in C, and by NumPy: intermediate numbers stay in the processor's cache.
 LANES, _AT_ONCE = 8, 2048
+# As few sets as these CasADi interprets sooner, one by one.
+_FEW = 512
 
 
 def built(make: Callable[..., K], *of: Any) -> K:
@@ -89,39 +91,32 @@ class Buffered:
 class Mapped:
     """A function of dense vectors for many sets of arguments, from any thread; rows are sets.
 
-    Few are taken by CasADi's maps, of which the last ones are kept, many, and all with
-    `machine_code`, by Columns. The first argument has all rows; others may have
-    fewer, which are taken again and again.
+    Few are taken by CasADi's maps, of which the last ones are kept; many, and all with
+    `machine_code`, by Columns where these know all operations. The first argument has all rows;
+    others may have fewer, which are taken again and again.
     """
 
     def __init__(self, function: ca.Function, machine_code: bool = False) -> None:
         self._function = function
         self._machine_code = machine_code and is_short(function)
-        # Sets at a time, of scalar functions and of others.
-        self._most = 512 if function.is_a("SXFunction") else 64
         self._sized = lru_cache(maxsize=20)(self._of)
 
     def __call__(self, *value: Array) -> list[Array]:
         """Return the results (N, n_out) of arguments (N, n_in) or (N,)."""
-        count, most = len(value[0]), self._most
-        by_columns = count and (self._machine_code or count > most) and self.columns is not None
-        fit = (1, count) if by_columns else (count,)
+        count = len(value[0])
+        columns = self.columns if self._machine_code or not 0 < count <= _FEW else None
+        fit = (1, count) if columns else (count,)
         rows = [v if len(v) in fit else v[np.arange(count) % len(v)] for v in value]
-        if by_columns and self.columns:
-            results = self.columns(*(v.reshape(len(v), -1).T for v in rows))
+        if columns:
+            results = columns(*(v.reshape(len(v), -1).T for v in rows))
             return [np.ascontiguousarray(result.T) for result in results]
-        if 0 < count <= most:
-            outcome = self._sized(count)(*[v.ravel() for v in rows])
-            return [result.reshape(count, -1) for result in outcome]
-        sizes = [self._function.numel_out(i) for i in range(self._function.n_out())]
-        parts = [self(*(v[i : i + most] for v in rows)) for i in range(0, count, most)]
-        columns = zip(*parts, strict=True) if parts else ([np.zeros((0, n))] for n in sizes)
-        return [np.concatenate(column) for column in columns]
+        outcome = self._sized(count)(*[v.ravel() for v in rows])
+        return [result.reshape(count, -1) for result in outcome]
 
     @cached_property
     def columns(self) -> Columns | None:
         """The function of arguments (n_in, N) with results (n_out, N), of scalar operations."""
-        if not self._function.is_a("SXFunction") or unknown(self._function):
+        if unknown(self._function):
             return None
         return Columns(self._function, self._machine_code)
 

@@ -20,10 +20,11 @@ import numpy as np
 
 from model.machine.functions import Buffered
 from model.paths import Array
-from model.progress import OutOfTime, check_time, logged
+from model.progress import OutOfTime, check_time
 from planner.program.problem import KKT_TOLERANCE, Bounds, Problem
 from planner.program.program import Program
 from planner.question import Solver, Statement
+from planner.solve.log_capture import logged
 
 
 class Watch(ca.Callback):
