@@ -25,8 +25,8 @@ from planner.many import FailedPlan, plan_many
 from planner.plan import Plan, plan
 from planner.program.problem import Problem
 from planner.question import Limits, Statement
-from planner.solve.task import Trial
 from planner.sweeps.sweep import sweep
+from planner.task import Trial
 from planner.trajectory.motion import trajectory
 from planner.trajectory.result import Trajectory
 

@@ -9,7 +9,7 @@ import math
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -22,26 +22,13 @@ from planner.certificate import Certificate, certify
 from planner.contact.remarks import remarks
 from planner.measure import remark_on_slack, strokes
 from planner.mirror import mirror_images
-from planner.program.problem import STABILITY_TOLERANCE, Point, units
+from planner.program.problem import STABILITY_TOLERANCE, Problem, units
 from planner.program.program import STABILITY, STRETCH, STROKES
 from planner.question import Mode, effort
-from planner.solve.refine import defect, settled
-from planner.solve.task import SearchResult, Task, agreed
-from planner.targets.base import OVER_WANTED, Target
-
-
-class Optimum(NamedTuple):
-    """Tensions in equilibrium as a point of their program: unknowns and multipliers of all.
-
-    With the defect of the program's mesh there, and the residual of the first-order conditions.
-    Numbers only, as plans travel by pickle.
-    """
-
-    x: Array
-    lam_x: Array
-    lam_g: Array
-    defect: Array
-    residual: float
+from planner.solve.ipopt import Candidate
+from planner.solve.refine import on_mesh
+from planner.targets.base import OVER_WANTED
+from planner.task import SearchResult, Task, agreed
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +44,13 @@ class Answer(SearchResult, Task):
     @classmethod
     def of(cls, task: Task, result: SearchResult, **more: Any) -> Self:
         """Return the answer to a task from the result of its search; `more` are further fields."""
-        return cls(**vars(task) | vars(result) | more)
+        parts = {f.name: getattr(of, f.name) for of in (task, result) for f in fields(of)}
+        return cls(**parts | more)
 
     @cached_property
     def shape(self) -> Shape:
         """The shape under the tensions, to a hundredth of the accuracy."""
-        return settled(self.arm, self.tensions, self.scene, self.accuracy, self.machine_code)
+        return self.settled(self.tensions)
 
     @property
     def tip(self) -> Array:
@@ -119,7 +107,7 @@ class Answer(SearchResult, Task):
         if not self.certificate.problem:
             missed = not self.certificate.attained and not self.stopped
             said += remarks(self.targets, self.shape, self.limits, missed, self.accuracy)
-            said += remark_on_slack(self.arm, self.targets, self.shape)
+            said += remark_on_slack(self.together, self.shape)
         if not self.scene.effects:
             said += " Statics: bending alone, as in Scene()."
         return f"Stopped at the time limit, the best so far. {said}" if self.stopped else said
@@ -142,7 +130,7 @@ class Answer(SearchResult, Task):
         if not self.lam_x:
             return []
         T, lam, limits = np.ravel(self.tensions), np.array(self.lam_x), self.allowed
-        near, upper = 1e-6 * units(self.arm, limits), np.array(self.limits.upper)
+        near, upper = 1e-6 * units(self.arm, self.limits), np.array(self.limits.upper)
         holds = (np.array(limits.upper) == upper) & (upper - near <= T) & (lam[: T.size] > 1e-9)
         active = [
             (lam[j], f"{self.arm.tendon_name(j)} at its maximum of {upper[j]:g} N")
@@ -166,9 +154,9 @@ class Answer(SearchResult, Task):
         return [name for _, name in sorted(active, key=lambda item: -item[0])]
 
     @property
-    def stated(self) -> tuple[Target, ...]:
-        """The targets of the program."""
-        return self.targets if self.avoidance is None else (*self.targets, self.avoidance)
+    def problem(self) -> Problem:
+        """The program that states it."""
+        return Problem(self.avoiding(self.avoidance))
 
     @property
     def agreed(self) -> int:
@@ -178,26 +166,27 @@ class Answer(SearchResult, Task):
     def _rows(self, name: str) -> Array:
         """Return the multipliers of the constraints of a name, as far as there are any."""
         # Files of earlier versions have the multipliers of equilibrium last.
-        lam, rows = np.array(self.lam_g), self.problem().program.rows
+        lam, rows = np.array(self.lam_g), self.problem.program.rows
         return np.asarray(lam[rows[: lam.size] == name])
 
     @cached_property
-    def optimum(self) -> Optimum | None:
-        """The tensions as a point of their program.
+    def optimum(self) -> Candidate | None:
+        """The tensions as a point of their program, with the defect of its mesh.
 
         None where they do not settle, and where the multipliers are of another program.
         """
-        problem = self.problem()
+        problem = self.problem
         lam_x, lam_g = np.array(self.lam_x), np.array(self.lam_g)
         if lam_x.size < problem.n_free or lam_g.size < problem.n_outer:
             return None
         with suppress(OctoplanError, np.linalg.LinAlgError):
-            x = problem.settled(np.ravel(self.tensions), self.shape.known)
-            error = defect(problem, x, self.shape)
-            point = Point(problem, x, problem.parameters(defect=error))
-            lam = point.extended(lam_x, lam_g)
-            return Optimum(x, *lam, error, point.residual(lam_x, lam_g))
+            known = Candidate(np.zeros(0), lam_x, lam_g, 0.0, True, 0, problem=problem)
+            return on_mesh(known, problem, self.shape)
         return None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what travels by pickle: the numbers, without the program."""
+        return {name: item for name, item in vars(self).items() if name != "optimum"}
 
     def _kkt(self) -> float:
         return np.inf if self.optimum is None else self.optimum.residual

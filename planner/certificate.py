@@ -27,13 +27,11 @@ from model.text import Shown, told
 from model.transcription.system import system
 from planner.avoidance.surroundings import NOTHING, Surroundings
 from planner.contact.grasp import Grasp
-from planner.measure import compliances_along, measure, strokes
+from planner.measure import strokes
 from planner.program.problem import KKT_TOLERANCE, STABILITY_TOLERANCE
-from planner.program.terms import stations_of, terms_of
 from planner.question import Limits
-from planner.solve.refine import sharper
-from planner.solve.task import Task
 from planner.targets.hold import WRENCH, Hold
+from planner.task import Task
 
 # What is less stable under its loads, or yields at so little more of them, is on the brink.
 BRINK = 0.1
@@ -241,21 +239,21 @@ def certify(
 
     `settled` returns the shape, ten times as accurate as the task.
     """
-    arm, targets, tolerance, limits = task.arm, task.targets, task.accuracy, task.limits
+    arm, targets, tolerance, limits = task.arm, task.together, task.accuracy, task.limits
     excess, least_gaps = tension_excess(tensions, limits), surroundings.least
     tell("verifying by initial value integration")
     try:
         shape = settled()
-        stations, sharp = stations_of(arm, targets), sharper(tolerance)
-        poses, tip, error, least, line = _integrated(shape, stations, sharp)
+        checked = _integrated(shape, targets.stations, task.sharper)
+        poses, tip, error, least, line = checked
         gaps = clearances(line(), surroundings.obstacles, least_gaps) if least_gaps else {}
     except (OctoplanError, OutOfTime) as reason:
         why = str(reason) or "the time limit was reached before it was verified"
         return Certificate(bounds=excess, scheme=SCHEME.name, tolerance=tolerance, problem=why)
-    compliances = compliances_along(arm, targets, shape)
-    equality, soft_residual, inequality = measure(arm, targets, poses, compliances)
+    values = targets.values(poses, targets.compliances(shape))
+    equality, soft_residual, inequality, _ = values
     # What is left of the wrenches that are held, over their sizes.
-    holds = (target for target in targets if isinstance(target, Hold))
+    holds = (target for target in task.targets if isinstance(target, Hold))
     if grasps := [Grasp.of(arm, shape.contacts, hold).least for hold in holds]:
         equality[WRENCH] = np.concatenate(grasps)
     over = 0.0
@@ -281,7 +279,7 @@ def certify(
             **clearances(line(), surroundings.obstacles, KINDS - gaps.keys()),
         },
         load_factor_of=lambda: _load_factor(shape),
-        units=terms_of(arm, targets).units,
+        units=targets.terms.units,
         strokes=over,
         complementarity=_violation(shape, line()) if contacts(task.scene) else None,
     )

@@ -17,8 +17,8 @@ from model.shape import Shape
 from planner.certificate import Certificate
 from planner.plan import Plan, plan
 from planner.question import Statement, checked_limits, planned_scene
-from planner.solve.task import SearchResult, Task
 from planner.targets.base import Target
+from planner.task import SearchResult, Task
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,77 +1,32 @@
-"""What is measured of a shape: the values of targets' terms by name, what winches take in."""
+"""What is told of a shape's winches: what they take in, errors of lengths, slack tendons."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from model.arm import Arm
 from model.compliance import length_response
 from model.paths import Array
 from model.shape import Shape
-from model.stiffness import stiffness
 from model.winches import pulls, rest_lengths
-from planner.program.terms import target_numbers, terms_of
-from planner.targets.base import Target
+from planner.program.terms import Targets
 from planner.targets.stiffness import MinimumStiffness
 
 
-def measure(
-    arm: Arm, targets: tuple[Target, ...], poses: Array, compliances: Sequence[Array]
-) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array]]:
-    """Return the targets' equality, soft residual and inequality terms by name.
-
-    Of poses (K, 7) at the targets' stations, and of what `compliances_along` returns.
-    """
-    terms, measured = terms_of(arm, targets), list[dict[str, Array]]()
-    along = np.concatenate([np.zeros(0), *(C.ravel() for C in compliances)])
-    values = terms.dense(poses.ravel(), target_numbers(arm, targets), along)
-    for kind, value in zip(terms.names, values, strict=True):
-        flat, names = value.ravel(), np.array(kind)
-        measured.append({name: flat[names == name] for name in dict.fromkeys(kind)})
-    return measured[0], measured[1], measured[2]
-
-
-def compliances_along(
-    arm: Arm, targets: tuple[Target, ...], shape: Shape, release: bool = False
-) -> list[Array]:
-    """Return the tip's compliance (k, k) along the k directions of each of the targets' requests.
-
-    With lengths held all tendons are locked, as the program's responses have them; or those without
-    tension `release`d, as stiffness has it by default.
-    """
-    terms, compliances = terms_of(arm, targets), []
-    directions = terms.directions.call([target_numbers(arm, targets)])
-    for request, along in zip(terms.requests, directions, strict=True):
-        k = stiffness(
-            arm,
-            shape.tensions,
-            shape.scene,
-            request.hold,
-            accuracy=1e-8,
-            tendon_EA=request.tendon_EA,
-            release=release,
-            compile=shape.machine_code,
-        )
-        D = np.array(along)
-        compliances.append(D.T @ k.compliance[:3, :3] @ D)
-    return compliances
-
-
-def remark_on_slack(arm: Arm, targets: tuple[Target, ...], shape: Shape) -> str:
+def remark_on_slack(targets: Targets, shape: Shape) -> str:
     """Return the stiffness of targets with lengths held when slack tendons are released.
 
     A sentence that begins with a space; empty without such targets, or where all tendons pull.
     """
+    arm = targets.arm
     slack = [arm.tendon_name(int(j)) for j in np.flatnonzero(~pulls(arm, shape.tensions))]
-    pairs = [(target, request) for target in targets if (request := target.compliance_request())]
-    if not slack or all(request.hold == "tension" for _, request in pairs):
+    if not slack or all(request.hold == "tension" for request in targets.requests):
         return ""
-    both = [compliances_along(arm, targets, shape, release) for release in (False, True)]
+    asking = [target for target in targets.each if target.compliance_request()]
+    both = [targets.compliances(shape, release) for release in (False, True)]
     sentences = []
-    for (target, request), *compliances in zip(pairs, *both, strict=True):
+    for target, request, *compliances in zip(asking, targets.requests, *both, strict=True):
         if request.hold == "length":
             unit = "times what is wanted" if isinstance(target, MinimumStiffness) else "N/m"
             locked, released = (1 / np.linalg.eigvalsh(C).max() for C in compliances)

@@ -18,11 +18,9 @@ from model.errors import OctoplanError
 from model.paths import Array
 from model.settle import settle
 from model.shape import Shape
-from planner.measure import measure
-from planner.program.terms import compliance_requests, stations_of
+from planner.program.terms import Targets
 from planner.question import Limits
-from planner.solve.task import Task
-from planner.targets.base import Target
+from planner.task import Task
 
 
 def _planes(arm: Arm, limits: Limits) -> Iterator[tuple[float, Array]]:
@@ -65,26 +63,26 @@ def mirror_images(task: Task, shape: Shape) -> Iterator[tuple[float, Array]]:
     As well as the shape does, to ten times the accuracy. None for targets of stiffness, with limits
     on strokes, and of tensions that are their own mirror image.
     """
-    arm, targets, limits = task.arm, task.targets, task.limits
-    T, stations = shape.tensions, np.array(stations_of(arm, targets))
-    if compliance_requests(targets) or limits.strokes is not None or not T.any():
+    arm, targets, limits = task.arm, task.together, task.limits
+    T, stations = shape.tensions, np.array(targets.stations)
+    if targets.requests or limits.strokes is not None or not T.any():
         return
     poses = shape.poses(stations)
-    most = _off(arm, targets, poses) + 10 * task.accuracy
+    most = _off(targets, poses) + 10 * task.accuracy
     for angle, images in _planes(arm, limits):
         other = T[images]
-        likely = _off(arm, targets, _mirrored(arm, angle, poses)) <= most
+        likely = _off(targets, _mirrored(arm, angle, poses)) <= most
         if not likely or np.abs(T - other).max() <= task.accuracy * T.max():
             continue
         with suppress(OctoplanError):
             settled = settle(arm, other, task.scene, task.accuracy, compile=shape.machine_code)
-            if _off(arm, targets, settled.poses(stations)) <= most:
+            if _off(targets, settled.poses(stations)) <= most:
                 yield angle, other
 
 
-def _off(arm: Arm, targets: tuple[Target, ...], poses: Array) -> float:
+def _off(targets: Targets, poses: Array) -> float:
     """Return how far poses (K, 7) are from the targets, the largest residual."""
-    equality, soft_residual, inequality = measure(arm, targets, poses, ())
+    equality, soft_residual, inequality, _ = targets.values(poses, ())
     gaps = [np.abs(value) for value in (*equality.values(), *soft_residual.values())]
     gaps += [-value for value in inequality.values()]
     return max((float(gap.max(initial=0.0)) for gap in gaps), default=0.0)

@@ -44,17 +44,17 @@ from planner.program.problem import Problem
 from planner.program.program import STABILITY
 from planner.question import (
     Solver,
-    Statement,
     check_targets,
     checked_limits,
     planned_scene,
     stated,
 )
 from planner.solve.search import Search
-from planner.solve.task import SearchResult, Task
 from planner.solve.warm_start import jump, warm_start
 from planner.targets.base import Target
 from planner.targets.hold import Hold
+from planner.targets.wrap import Wrap
+from planner.task import SearchResult, Task
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -131,9 +131,10 @@ class HeldPlan(Plan):
         leans = "It keeps clear of what it may lean on; leaning was not tried."
         return f"{super().outcome} {leans}" if self.beside and self.reached else super().outcome
 
-    def problem(self, statement: Statement | None = None) -> Problem:
-        """See Task.problem: that of the arm without contacts, where it keeps clear of them."""
-        return self.beside.problem(statement) if self.beside else super().problem(statement)
+    @property
+    def problem(self) -> Problem:
+        """See Answer.problem: that of the arm without contacts, where it keeps clear of them."""
+        return self.beside.problem if self.beside else super().problem
 
     def _rows(self, name: str) -> Array:
         """See Answer._rows: where it leans stability alone holds beside limits of tensions."""
@@ -270,21 +271,26 @@ def plan(
         guesses=starts,
         best_margin=stability_margin is None,
     )
-    obstacles = check_obstacles(obstacles) + beside(targets, scene)
+    touches = bool(contacts(scene)) or any(isinstance(each, Hold | Wrap) for each in targets)
+    obstacles = check_obstacles(obstacles) + (beside(targets, scene) if touches else ())
     around = surroundings(arm, targets, obstacles, clearance, self_clearance)
-    check_contact(task, bool(around))
+    wrap = open_wrap(targets) if touches else None
+    if touches:
+        check_contact(task, bool(around))
     if near is not None:
         kind("near", near, Plan, "a Plan for the same arm and scene, or None")
         if near.arm != arm or not is_same(near.scene, scene):
             raise InputError("near", "a plan for another arm or scene", "one for the same")
 
-    def planned(targets: tuple[Target, ...], previous: Plan | None = None) -> Plan:
-        leads = previous is not None and previous.mode == "exact"
-        return _planned(replace(task, targets=targets), around, previous if leads else near)
-
-    wrap = open_wrap(targets)
     with limited_to(seconds):
-        return planned(targets) if wrap is None else with_turns(arm, targets, wrap, planned)
+        if wrap is None:
+            return _planned(task, around, near)
+
+        def planned(targets: tuple[Target, ...], previous: Plan | None) -> Plan:
+            leads = previous is not None and previous.mode == "exact"
+            return _planned(replace(task, targets=targets), around, previous if leads else near)
+
+        return with_turns(arm, targets, wrap, planned)
 
 
 def _planned(task: Task, around: Surroundings, near: Plan | None) -> Plan:
@@ -312,7 +318,7 @@ def searched(task: Task, around: Surroundings, near: Answer | None) -> SearchRes
     """Return what a plan that is near leads to, or the best from all starts."""
     if near is not None and near.avoidance is not None and near.surroundings == around:
         # Among the same obstacles: by the inequalities of its program, if that keeps clear.
-        kept = warm_start(near, replace(task, targets=near.avoidance.beside(task.targets)))
+        kept = warm_start(near, task.avoiding(near.avoidance))
         if kept is not None and not kept.stopped and not kept.jump:
             line = line_of(task, np.ravel(kept.tensions))
             if line is not None and not around.in_the_way(line):

@@ -21,7 +21,7 @@ from model.scene import Scene
 from model.settle import checked_scene, settle
 from model.shape import Shape
 from model.units import STROKE, warn, warn_unusual
-from planner.program.terms import compliance_requests, pulling_tendons
+from planner.program.terms import Targets
 from planner.targets.base import Target
 
 Norm = Literal["2", "1", "inf"]
@@ -46,8 +46,6 @@ class Statement:
         What effort is.
     mode : "exact", "closest" or "nearest"
         How the targets are read, see planner.program.program.
-    limited : bool
-        Whether the total pull has a limit.
     refinement : int
         Of the mesh, whose elements have three Gauss stages.
     margin : float
@@ -56,8 +54,6 @@ class Statement:
         How many of the least stable modes are held to it; none where stability is only checked.
     floor : float
         What these are held to at least: an arm that is about to yield does not settle.
-    wound : bool
-        Whether strokes have limits: then the lengths of the tendons are unknowns.
     iterations : int
         Of a plan, how many its solution took on the last mesh.
     """
@@ -65,12 +61,10 @@ class Statement:
     solver: Solver = "ipopt"
     norm: Norm = "2"
     mode: Mode = "exact"
-    limited: bool = False
     refinement: Annotated[int, Meta(ge=1, le=FINEST)] = 4
     margin: float = 0.0
     modes: Annotated[int, Meta(ge=0, le=1)] = 0
     floor: float = 1e-2
-    wound: bool = False
     iterations: Count = 0
 
     @property
@@ -258,7 +252,7 @@ def stated(
     solvers, norms = get_args(Solver), "2 (least squares), 1 (least total pull) or inf"
     checks = (
         (
-            not (endless and compliance_requests(targets)),
+            not (endless and any(target.compliance_request() for target in targets)),
             ("tension_max", np.inf, "finite limits where a stiffness is wanted"),
         ),
         (solver in solvers, ("solver", solver, ", ".join(solvers))),
@@ -275,8 +269,7 @@ def stated(
     if form is not None:
         advice = "solver= tells what solves it"
         warn(f"form has no effect: there is one program; {advice}", DeprecationWarning)
-    is_limited, wound = limits.total is not None, limits.strokes is not None
-    return Statement(solver, str(norm), limited=is_limited, wound=wound)  # type: ignore[arg-type]
+    return Statement(solver, str(norm))  # type: ignore[arg-type]
 
 
 def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, ...]:
@@ -294,7 +287,7 @@ def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, 
                 allowed = f"one target for it, not two: targets[{prescribed[name]}] prescribes it"
                 raise InputError(f"targets[{i}]", f"another {name}", allowed)
             prescribed[name] = i
-    if not pulling_tendons(arm, targets):
+    if not Targets(arm, targets).tendons:
         raise InputError(
             "target", targets, "targets that leave some tendon to pull for all of them"
         )

@@ -55,10 +55,11 @@ from model.forward import schemes_of
 from model.loads import is_loaded
 from model.paths import Array
 from planner import Plan, Statement, plan
+from planner.program.problem import Problem
 from planner.solve.ipopt import Candidate
-from planner.solve.search import Search
-from planner.solve.task import Task
+from planner.solve.search import attempt
 from planner.targets import Target, TipPose, TipPosition
+from planner.task import Task
 from studies import draws
 from studies.draws import ARM, MAXIMUM, READ, off
 from studies.reporting import asked, keep_finished
@@ -156,12 +157,10 @@ def _solved(
 ) -> list[Candidate]:
     """Return what random starts of a plan's problem lead to, on the mesh of the search."""
     limits = result.limits
-    search = Search(Task(ARM, result.targets, scene, limits, statement, result.accuracy))
-    coarse = search.task.problem(search.task.coarse(result.mode))
+    task = Task(ARM, result.targets, scene, limits, statement, result.accuracy)
+    coarse = Problem(task, task.coarse(result.mode))
     scale = np.minimum(np.repeat([0.6, 5.0, 15.0], 4), limits.upper)
-    tried = (
-        search.solve(coarse, rng.uniform() * rng.uniform(size=12) * scale) for _ in range(count)
-    )
+    tried = (attempt(coarse, rng.uniform() * rng.uniform(size=12) * scale) for _ in range(count))
     return [candidate for candidate in tried if candidate.met]
 
 

@@ -29,9 +29,11 @@ from model import Arm, OctoplanError, Scene, settle
 from model.paths import Array
 from model.stiffness import tip_jacobian
 from planner import Limits, Statement
+from planner.program.problem import Problem
 from planner.solve.search import Search
-from planner.solve.task import Task
+from planner.solve.search import attempt as led_to
 from planner.targets import TipPosition
+from planner.task import Task
 from studies.draws import MAXIMUM, SCENES, shape
 from studies.reporting import asked
 
@@ -41,7 +43,7 @@ Solver = Callable[[Search, Array, Array], Array | None]
 
 def by_shooting(search: Search, tip: Array, guess: Array) -> Array | None:
     """Return the tensions that the planner's program leads to."""
-    candidate = search.solve(search.task.problem(search.task.coarse("exact")), guess)
+    candidate = led_to(Problem(search.task, search.task.coarse("exact")), guess)
     return candidate.tensions if candidate.met else None
 
 

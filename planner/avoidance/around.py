@@ -16,6 +16,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, islice, tee
+from operator import attrgetter
 
 import numpy as np
 
@@ -30,9 +31,9 @@ from planner.avoidance.surroundings import Surroundings
 from planner.question import Mode
 from planner.solve.guesses import drawn_arms
 from planner.solve.ipopt import Candidate
-from planner.solve.refine import refine, settled
-from planner.solve.search import AGREED, Search
-from planner.solve.task import SearchResult, Task, Trial
+from planner.solve.refine import refine
+from planner.solve.search import AGREED, Reading, Search
+from planner.task import SearchResult, Task, Trial
 
 # Drawn arms that are looked at, and those that are tried, at most.
 _LOOKED_AT, _MOST = 100, 6
@@ -41,8 +42,7 @@ _LOOKED_AT, _MOST = 100, 6
 def line_of(task: Task, T: Array) -> Centreline | None:
     """Return the centreline of a plan's settled shape; None if it does not settle."""
     with suppress(OctoplanError, np.linalg.LinAlgError):
-        shape = settled(task.arm, T, task.scene, task.accuracy, task.machine_code)
-        return shape.centreline(grid(task.arm).tolist())
+        return task.settled(T).centreline(grid(task.arm).tolist())
     return None
 
 
@@ -93,7 +93,8 @@ class Around:
         plan reads its targets, and from the last as near to them as can be.
         """
         mode, T = result.statement.mode, np.ravel(result.tensions)
-        optima = [(each.f, each.tensions) for each in search.met] or [(0.0, T)]
+        met = sorted(search.now.met, key=attrgetter("f"))
+        optima = [(each.f, each.tensions) for each in met] or [(0.0, T)]
         others = ((0.0, guess) for guess in islice(search.guesses(), 1, None))
         clear, again = tee((0.0, arm) for arm in islice(self._clear_arms(), _MOST))
         possible = mode == "nearest" or self.surroundings.allows(self.task.arm, self.task.targets)
@@ -138,16 +139,16 @@ class Around:
             lasting = avoidance is not None and all(row.is_lasting for row in avoidance.rows)
             avoidance, gap = avoiding(line, self.surroundings, avoidance)
             if optimum is not None and lasting and gap >= self.surroundings.clearance:
-                fine = refine(optimum, task.accuracy)
+                fine = refine(optimum)
                 line = None if fine is None else line_of(task, fine.tensions)
                 if fine is None or line is None:
                     return None
                 if not self.surroundings.in_the_way(line):
-                    return optimum.f, SearchResult.at(fine, self.trials)
+                    return optimum.f, fine.result(self.trials)
                 avoidance, _ = avoiding(line, self.surroundings, avoidance)
-            search = Search(replace(task, targets=avoidance.beside(task.targets)))
-            optimum = search.exchanged(optimum) if optimum else search.from_tensions(mode, T)
-            self.trials += search.trials
+            reading = Reading(task.avoiding(avoidance), mode)
+            optimum = reading.exchanged(optimum) if optimum else reading.led_to(T)
+            self.trials += reading.trials
             if optimum is None:
                 return None
             point = optimum.problem.linearised(optimum.x)

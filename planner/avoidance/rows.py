@@ -150,11 +150,6 @@ class Avoidance(Target):
         return [(element_of(arm, a.s), element_of(arm, b.s)) for a, b, _ in self.pairs]
 
 
-def avoidance_of(targets: tuple[Target, ...]) -> Avoidance | None:
-    """Return the inequalities among targets that keep the arm clear, None where there are none."""
-    return next((target for target in targets if isinstance(target, Avoidance)), None)
-
-
 @lru_cache(maxsize=64)
 def grid(arm: Arm) -> Array:
     """Return the arc lengths (N + 1,) of base and stations."""

@@ -109,10 +109,12 @@ def surroundings(
     if checked.clearance and not checked:
         allowed = "0, or obstacles to be clear of, or self_clearance=True"
         raise InputError("clearance", clearance, allowed)
+    if not still:
+        return checked
     base = "the arm's base", np.array(arm.base_position), 0.0, "an obstacle away from the base"
     allowed = "an obstacle away from the target, or a target away from the obstacle"
     tips = (("the tip at its target", place, arm.length, allowed) for place in _tips(arm, targets))
-    for name, place, s, allowed in (base, *tips) if still else ():
+    for name, place, s, allowed in (base, *tips):
         gaps = distances_from(still, place[None])[0] - _radius(arm, s) - checked.clearance
         for i in np.flatnonzero(gaps < 0):
             sentence = f"{allowed}: {name} would be {-1e3 * gaps[i]:.3g} mm too near"

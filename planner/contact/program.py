@@ -35,10 +35,9 @@ from model.progress import check_time
 from model.transcription.layout import POSE
 from planner.contact.grasp import COST, Cone, Grasp, conic_program
 from planner.contact.load_path import LoadPath, rubs
-from planner.program.terms import stations_of, target_numbers, terms_of
 from planner.question import natural_tensions
-from planner.solve.task import Task
 from planner.targets.hold import Hold
+from planner.task import Task
 
 # Steps of differences in scaled tensions: of states, and of shapes settled anew.
 _STEP, _CHANGE = 1e-6, 1e-4
@@ -166,13 +165,12 @@ class TensionProgram:
         self, task: Task, refinement: int, least: float = 0.0, load_path: LoadPath = ()
     ) -> None:
         self.task, self.least = task, least
-        self._stations = stations_of(task.arm, task.targets)
+        self._stations = task.together.stations
         more = self._stations, task.machine_code
         self.map = TouchingMap(task.arm, task.scene, STAGES, refinement, *more)
         self.unit, self.n = float(natural_tensions(task.arm).max()), task.arm.n_tendons
         self.holds = [target for target in task.targets if isinstance(target, Hold)]
-        self._terms = terms_of(task.arm, task.targets)
-        self._numbers = target_numbers(task.arm, task.targets)
+        self._terms, self._numbers = task.together.terms, task.together.numbers
         self._counts = self._terms.count, len(self._terms.names[2])
         self.begin = self.along(load_path) if rubs(task.scene) else None
 

@@ -21,12 +21,11 @@ from model.shape import Shape
 from planner.contact.load_path import ON_THE_PATH, LoadPath, rubs, settled_along
 from planner.contact.optimum import ContactOptimum, conditions, optimum
 from planner.contact.program import TensionProgram
-from planner.program.terms import compliance_requests
 from planner.solve.guesses import BendCoordinates, initial_guesses, many_places
 from planner.solve.search import AGREED
-from planner.solve.task import SearchResult, Task, Trial, agreed
 from planner.targets.hold import Hold
 from planner.targets.wrap import Wrap
+from planner.task import SearchResult, Task, Trial, agreed
 
 # The meshes of searches and of plans.
 COARSE = 1
@@ -53,7 +52,7 @@ def check_contact(task: Task, avoids: bool) -> None:
         "none in a scene",
     )
     refused = [
-        (bool(compliance_requests(task.targets)), "target", "a stiffness", shapes),
+        (bool(task.together.requests), "target", "a stiffness", shapes),
         (task.statement.norm != "2", "norm", task.statement.norm, '"2", in a scene with contact'),
         (rubs(task.scene) and holds, "Contact.friction", "above 0", alone),
         (avoids, "obstacles", "given", f"{none} with contact: there they are effects"),
@@ -183,7 +182,7 @@ def _reaching(task: Task, hold: Hold) -> list[Array]:
     tendons = frozenset(j for j in range(arm.n_tendons) if task.allowed.upper[j] > 0)
     bends = BendCoordinates(arm, tendons, task.allowed)
     tensions = bends.tensions(bends.draw(_DRAWN))
-    points, radius = many_places(arm, task.bare, tensions, task.machine_code)
+    points, radius = many_places(task, tensions)
     gap = body.distance(points.reshape(-1, 3)).reshape(points.shape[:2]) - radius
     gap[np.isnan(gap)] = np.inf
     deepest = gap.argmin(axis=1)

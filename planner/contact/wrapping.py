@@ -19,10 +19,10 @@ from model.scene import Scene
 from planner.answer import Answer
 from planner.avoidance.surroundings import Surroundings
 from planner.contact.remarks import LOOKS, turned
-from planner.solve.task import Task
 from planner.targets.base import Target
 from planner.targets.hold import Hold
 from planner.targets.wrap import Wrap
+from planner.task import Task
 
 # Plans from which a part's length follows, and how much longer than estimated they make it.
 _ROUNDS, _SPARE = 4, 0.01

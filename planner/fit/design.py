@@ -19,7 +19,7 @@ from planner.fit.designed import Design, worth
 from planner.fit.making import Making, Objective, Reach, checked_objective
 from planner.fit.unknowns import Parameters, Unknown
 from planner.plan import Plan, plan
-from planner.program.terms import terms_of
+from planner.program.terms import Targets as Together
 from planner.question import Limits, check_targets
 
 
@@ -139,7 +139,7 @@ def _tasks(arm: Arm, targets: Iterable[Any]) -> list[Targets]:
     if not tasks:
         raise InputError("targets", targets, "at least one task")
     for i, task in enumerate(tasks):
-        if terms_of(arm, task).names[1]:
+        if Together(arm, task).terms.names[1]:
             raise InputError(f"targets[{i}]", task, "targets that can be met exactly")
     return tasks
 

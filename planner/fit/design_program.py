@@ -31,11 +31,12 @@ from model.transcription.system import System, neighbour
 from planner.fit.making import Making, Objective, Reach
 from planner.fit.unknowns import Parameters
 from planner.program.problem import Bounds, Problem, units
-from planner.program.terms import stations_of
+from planner.program.terms import Targets as Together
 from planner.question import Limits, Statement
 from planner.solve.ipopt import TOGETHER, WARM, Solution
 from planner.solve.side_by_side import Part, SideBySide, joined
 from planner.targets.base import Target
+from planner.task import Task
 
 Targets = tuple[Target, ...]
 # Of the meshes; the residual up to which a task counts as met: plans are certified afresh.
@@ -93,13 +94,15 @@ class DesignProgram:
             self.weights = [1 / len(tasks)] * len(tasks)
         self.planned = self.tasks[: len(tasks)]
         stated = Statement(refinement=_REFINEMENT)
-        self.problems = [Problem(self.arm, scene, task, limits, stated) for task in self.tasks]
+        self.problems = [
+            Problem(Task(self.arm, task, scene, limits, stated, _MET)) for task in self.tasks
+        ]
         self.K = len(parameters.unknowns)
 
     def system(self, i: int, arm: Arm, scene: Scene) -> System:
         """Return the equations of a task's arm, on nodes that move along with it."""
         of = self.problems[i].forward.system
-        ends = (stations_of(each, self.tasks[i]) for each in (of.arm, arm))
+        ends = (Together(each, self.tasks[i]).stations for each in (of.arm, arm))
         return neighbour(of, arm, scene, *ends)
 
     def numbers(self, values: Array) -> list[Array]:
@@ -111,7 +114,8 @@ class DesignProgram:
         numbers, by_structure = list[Array](), dict[Any, Array]()
         for i, problem in enumerate(self.problems):
             directions = problem.directions
-            key = problem.stations, problem.requests, directions.tobytes()
+            targets = problem.together
+            key = targets.stations, targets.requests, directions.tobytes()
             if key not in by_structure:
                 system = self.system(i, arm, scene)
                 by_structure[key] = problem.program.numbers(system, directions)

@@ -18,11 +18,11 @@ from planner.avoidance.surroundings import surroundings
 from planner.fit.calibration import Calibration
 from planner.io.codec import read, value_of
 from planner.io.files import read_json
-from planner.io.mistakes import checked, located, made, shown
+from planner.io.mistakes import checked, located, made
 from planner.io.saved_records import AnswerRecord, CalibrationQuestion, FitRecord, QuestionRecord
 from planner.plan import HeldPlan, Plan
 from planner.question import check_targets, checked_limits, planned_scene
-from planner.solve.task import Task
+from planner.task import Task
 
 # The number at the end of `schema` of what is written and read.
 _VERSION = 1
@@ -84,10 +84,6 @@ def _task(name: str, question: QuestionRecord, answer: Any) -> Task:
     accuracy = made(name, "question.accuracy", checked_accuracy, question.accuracy)
     statement = value_of(answer.statement)
     made(name, "answer.statement", within, "stability_margin", statement.margin, 0.0, 1.0)
-    for key, has in (("limited", limits.total), ("wound", limits.strokes)):
-        if getattr(statement, key) != (has is not None):
-            text = f"got {shown(getattr(statement, key))}, question.limits tell otherwise"
-            raise FileError(name, f"answer.statement.{key}", text)
     return Task(arm, targets, scene, limits, statement, accuracy)
 
 
@@ -97,7 +93,7 @@ def _check_multipliers(plan: Plan, name: str) -> None:
     if any(sizes) and isinstance(plan, HeldPlan) and not plan.beside:
         wanted = plan.arm.n_tendons, sizes[1]
     elif any(sizes):
-        problem = plan.problem()
+        problem = plan.problem
         wanted = problem.n_free, problem.n_outer
     if any(sizes) and sizes != wanted:
         text = "got {} and {} numbers, allowed are {} and {}, or none".format(*sizes, *wanted)

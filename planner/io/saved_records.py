@@ -33,7 +33,7 @@ from planner.io.records import (
 )
 from planner.io.tables import Number, exact, exact_choices, struct
 from planner.question import Limits
-from planner.solve.task import SearchResult
+from planner.task import SearchResult
 
 WRITE |= dict.fromkeys((Avoidance, Apart, Place))
 ObstacleKind: Any = choice([*exact_choices(Obstacle), exact(Moving)])

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Hashable
 from contextlib import suppress
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.linalg import norm
@@ -32,15 +33,9 @@ from model.transcription.system import system
 from model.winches import rest_lengths
 from planner.program.blocks import States, unit_force
 from planner.program.program import STABILITY, STROKES, Program, factorised
-from planner.program.terms import (
-    Same,
-    compliance_requests,
-    stations_of,
-    structure_of,
-    target_numbers,
-)
+from planner.program.terms import Same
 from planner.question import Limits, Statement, natural_tensions
-from planner.targets.base import Target
+from planner.task import Task
 
 Bounds = tuple[Array, Array, Array, Array]
 # Weight of effort where the targets cannot be met and their residuals are made least: in a search,
@@ -60,14 +55,12 @@ class Problem:
 
     Attributes
     ----------
-    arm, scene, targets, statement
-        What is planned, and how it is stated.
+    task : Task
+        What is asked: of what `arm` in what `scene`, with targets `together`.
     limits : Limits
-        What the tendons may do.
-    machine_code : bool
-        Whether its kernels are compiled.
-    stations, requests
-        Arc lengths that the targets look at, and the compliances.
+        What the tendons may do, but for those that targets do not let pull.
+    statement : Statement
+        How it is stated.
     program : Program
         The structure.
     forward : Collocation
@@ -80,42 +73,37 @@ class Problem:
         Of the responses.
     bounds : tuple of arrays
         Lower and upper bounds of unknowns, then of constraints.
+    slim_at : (k,)
+        Arc lengths at which stretches are measured, inside of their elements [m].
     """
 
-    def __init__(
-        self,
-        arm: Arm,
-        scene: Scene,
-        targets: tuple[Target, ...],
-        limits: Limits,
-        statement: Statement | None = None,
-        machine_code: bool = False,
-    ) -> None:
-        self.arm, self.scene, self.targets, self.limits = arm, scene, targets, limits
-        self.statement = (statement or Statement()).but(iterations=0, solver="ipopt")
-        self.machine_code, self.unit = machine_code, units(arm, limits)
-        self.stations, self.requests = stations_of(arm, targets), compliance_requests(targets)
-        key = structure_of(arm, targets), self.statement.but(margin=0.0, floor=0.0)
-        built = _built(arm, scene, key, Same((targets, self.statement)), machine_code)
+    def __init__(self, task: Task, statement: Statement | None = None) -> None:
+        self.task, self.arm, self.scene = task, task.arm, task.scene
+        self.together, self.limits = task.together, task.allowed
+        self.statement = (statement or task.statement).but(iterations=0, solver="ipopt")
+        self.unit = units(task.arm, task.limits)
+        stated = self.statement.but(margin=0.0, floor=0.0)
+        total, strokes = self.limits.total is not None, self.limits.strokes is not None
+        key = self.together.structure, stated, total, strokes
+        question = Same((self.together, self.limits, self.statement))
+        built = _built(task.arm, task.scene, key, question, task.machine_code)
         self.program, self.forward, self.scale, self.row_scale = of, *_ = built
         self.n_free, self.n_outer = of.n_free, of.outer.numel()
-        numbers = target_numbers(arm, targets)
-        each = of.terms.directions.call([numbers[of.parts["targets"]]])
-        self.directions = np.hstack([np.zeros((3, 0)), *(np.array(D) for D in each)])
-        weights = np.array([self.unit.max(), limits.total or 0.0, REGULARISATION])
+        self.directions = np.hstack([np.zeros((3, 0)), *self.together.own.directions])
+        weights = np.array([self.unit.max(), self.limits.total or 0.0, REGULARISATION])
         equations = of.numbers(self.forward.system, self.directions)
-        values = numbers, weights, self.unit, [unit_force(arm)], equations
+        values = self.together.numbers, weights, self.unit, [unit_force(task.arm)], equations
         defect = np.zeros(sum(of.measured))
         self._p = np.concatenate([*values, self.scale, self.row_scale, defect])
         self.bounds = self._bounds()
+        slim = np.array(of.states.slim, dtype=int).reshape(-1, 2)
+        # At anchorages strains jump.
+        inside = 1e-9 * task.arm.length * (1 - 2 * slim[:, 1])
+        self.slim_at = self.forward.mesh.s[slim.sum(axis=1)] + inside
 
-    def but(
-        self, statement: Statement | None = None, targets: tuple[Target, ...] | None = None
-    ) -> Problem:
-        """Return the same by another statement, or for other targets."""
-        targets = self.targets if targets is None else targets
-        question = (self.arm, self.scene, targets, self.limits, statement or self.statement)
-        return Problem(*question, self.machine_code)
+    def but(self, **changes: Any) -> Problem:
+        """Return the same with some choices of the statement changed."""
+        return Problem(self.task, self.statement.but(**changes))
 
     def parameters(self, weight: float = REGULARISATION, defect: Array | None = None) -> Array:
         """Return the parameters of the program, by a weight of effort.
@@ -177,13 +165,6 @@ class Problem:
             return self.closed(tensions, states)
         return self.closed(tensions, self.forward.without_loads(np.zeros(self.arm.n_tendons)))
 
-    def settled(self, tensions: Array, near: Linearised | None = None) -> Array:
-        """Return the unknowns for tensions in equilibrium, near one of another mesh if any is.
-
-        Raises what settling does.
-        """
-        return self.closed(tensions, self.forward.solve(tensions, near).states)
-
     def closed(self, tensions: Array, states: Array, numbers: Array | None = None) -> Array:
         """Return the unknowns for tensions (n_tendons,) and states of the arm (n_states,).
 
@@ -220,14 +201,6 @@ class Problem:
         """Return what is measured on the mesh at unknowns x, see Program.measured."""
         return self.program.measure(x, self._p)[0].ravel()
 
-    @property
-    def slim_at(self) -> Array:
-        """Arc lengths at which stretches are measured, inside of their elements [m]."""
-        slim = np.array(self.program.states.slim, dtype=int).reshape(-1, 2)
-        # At anchorages strains jump.
-        inside = 1e-9 * self.arm.length * (1 - 2 * slim[:, 1])
-        return np.asarray(self.forward.mesh.s[slim.sum(axis=1)] + inside)
-
     def stands(self, x: Array, margin: float = 0.0) -> bool:
         """Return whether the stability of the equilibrium in unknowns x is above a margin.
 
@@ -255,16 +228,15 @@ def _built(
     arm: Arm, scene: Scene, key: Hashable, question: Same, machine_code: bool
 ) -> tuple[Program, Collocation, Array, Array]:
     """Return what is the same for all targets of one structure, and all limits."""
-    targets, statement = question.value
-    loaded, at = is_loaded(scene) or bool(compliance_requests(targets)), stations_of(arm, targets)
+    targets, limits, statement = question.value
+    loaded, at = is_loaded(scene) or bool(targets.requests), targets.stations
     mesh = STAGES, statement.refinement, at, loaded, machine_code, DENSITY
     forward = Collocation(system(arm, scene, *mesh))
     states = States.seen(forward.system, at)
     # What targets take of an arm besides its shape.
     skeleton = (arm.length, arm.base_frame, arm.base_position, arm.tendons, arm.anchorages)
-    stated = statement.norm, statement.mode, statement.limited, statement.modes, statement.wound
-    structure = skeleton, structure_of(arm, targets), stated, states
-    of = _program(structure, Same((arm, targets, statement, states)))
+    structure = skeleton, key, states
+    of = _program(structure, Same((targets, limits, statement, states)))
     return of, forward, *of.scales(forward.system)
 
 
@@ -285,29 +257,27 @@ class Point:
     def __init__(self, problem: Problem, x: Array, p: Array, bounds: Bounds | None = None) -> None:
         self.x, self._n, self._m = x, problem.n_free, problem.n_outer
         p = problem.with_mode(x, p)
-        _, self._gradient, g, self._jacobian = problem.program.evaluate(x, p)
-        inner = self._jacobian[self._m :].tocsc()
-        self._factors = factorised(inner[:, self._n + 1 :])
+        _, self._gradient, g, jacobian = problem.program.evaluate(x, p)
+        self._outer, inner = jacobian[: self._m], jacobian[self._m :].tocsc()
+        self._by_free, self._factors = inner[:, : self._n], factorised(inner[:, self._n + 1 :])
         values = np.append(x[: self._n], g[: self._m])
         lbx, ubx, lbg, ubg = bounds or problem.bounds
         # How far unknowns before the states and constraints are above and below their bounds.
         self._above = values - np.append(lbx[: self._n], lbg[: self._m])
         self._below = np.append(ubx[: self._n], ubg[: self._m]) - values
-        # Derivatives by a, along the equilibrium, of the objective and of each constraint.
-        rows = np.vstack([self._gradient, self._jacobian[: self._m].toarray()])
-        mu = self._factors.solve(np.ascontiguousarray(-rows[:, self._n + 1 :].T), "T")
-        self._reduced = rows[:, : self._n] + (inner[:, : self._n].T @ mu).T
 
     def extended(self, lam_x: Array, lam_g: Array) -> tuple[Array, Array]:
         """Return the multipliers of all unknowns and constraints from those besides equilibrium."""
         lam_x, lam_g = lam_x[: self._n], lam_g[: self._m]
-        slope = self._gradient + self._jacobian[: self._m].T @ lam_g
+        slope = self._gradient + self._outer.T @ lam_g
         of_states = self._factors.solve(-slope[self._n + 1 :], "T")
         return np.append(lam_x, np.zeros(self.x.size - self._n)), np.append(lam_g, of_states)
 
     def slope(self, lam_g: Array) -> Array:
         """Return the Lagrangian's gradient in a (n_free,), without the multipliers of bounds."""
-        return np.asarray(self._reduced[0] + lam_g[: self._m] @ self._reduced[1:])
+        lam_g, of_states = np.split(self.extended(np.zeros(self._n), lam_g)[1], [self._m])
+        along = self._gradient + self._outer.T @ lam_g
+        return np.asarray(along[: self._n] + self._by_free.T @ of_states)
 
     def multipliers(self) -> tuple[Array, Array, Array]:
         """Return lam_x and lam_g that leave least of the Lagrangian's gradient, and the rest.
@@ -317,11 +287,15 @@ class Point:
         near = KKT_TOLERANCE / 10
         low, high = self._above <= near, self._below <= near
         active, lam = np.flatnonzero(low | high), np.zeros(low.size)
-        rows = np.vstack([np.eye(self._n), self._reduced[1:]])[active]
+        # Derivatives by a, along the equilibrium, of the objective and of each constraint.
+        rows = np.vstack([self._gradient, self._outer.toarray()])
+        mu = self._factors.solve(np.ascontiguousarray(-rows[:, self._n + 1 :].T), "T")
+        slope, *others = rows[:, : self._n] + (self._by_free.T @ mu).T
+        rows = np.vstack([np.eye(self._n), *others])[active]
         ends = np.where(low[active], -np.inf, 0.0), np.where(high[active], np.inf, 0.0)
         if active.size:
-            lam[active] = lsq_linear(rows.T, -self._reduced[0], ends, "bvls").x
-        return lam[: self._n], lam[self._n :], self._reduced[0] + rows.T @ lam[active]
+            lam[active] = lsq_linear(rows.T, -slope, ends, "bvls").x
+        return lam[: self._n], lam[self._n :], slope + rows.T @ lam[active]
 
     def residual(self, lam_x: Array, lam_g: Array) -> float:
         """Return how far the point is from the first-order conditions, scaled.

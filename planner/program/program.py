@@ -28,7 +28,6 @@ import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import SuperLU, splu
 
-from model.arm import Arm
 from model.errors import SingularError
 from model.machine.functions import Buffered
 from model.paths import Array
@@ -36,17 +35,9 @@ from model.stations import base_pose
 from model.transcription.equations import Equations
 from model.transcription.layout import POSE
 from model.transcription.system import System
-from planner.avoidance.rows import avoidance_of
 from planner.program.blocks import Block, LeastMode, Responses, States, TendonLengths
-from planner.program.terms import (
-    HIGH_PRIORITY,
-    LOW_PRIORITY,
-    compliance_requests,
-    stations_of,
-    terms_of,
-)
-from planner.question import Statement
-from planner.targets.base import Target
+from planner.program.terms import HIGH_PRIORITY, LOW_PRIORITY, Targets
+from planner.question import Limits, Statement
 
 STABILITY, STROKES, STRETCH = "stability", "strokes", "stretch"
 LEAST_STRETCH = 1e-3
@@ -105,15 +96,13 @@ class Program:
     """
 
     def __init__(
-        self, arm: Arm, targets: tuple[Target, ...], statement: Statement, states: States
+        self, targets: Targets, limits: Limits, statement: Statement, states: States
     ) -> None:
-        avoidance, of = avoidance_of(targets), states.of
-        # Without what keeps the arm clear, whose gaps see all stations.
-        own = tuple(target for target in targets if target is not avoidance)
-        self.terms = terms_of(arm, own)
-        self._number(targets, statement, states)
+        of, self.terms = states.of, targets.own.terms
+        self._number(limits, statement, states)
         # CasADi cannot differentiate compiled kernels.
-        gaps = avoidance.gaps(arm, stations_of(arm, targets), False) if avoidance else None
+        avoidance = targets.avoidance
+        gaps = avoidance.gaps(targets.arm, targets.stations, False) if avoidance else None
         _, numbers, compliances = map(self.terms.function.numel_in, range(3))
         modes, wound = len(self.modes), of.n_tendons * len(self.lengths)
         poses, stretches = POSE * len(states.nodes), len(states.slim)
@@ -134,12 +123,12 @@ class Program:
         self.x, self.p = ca.MX.sym("x", self.size), ca.MX.sym("p", ends[-1])
         unit = self.p[self.parts["unit"]], ca.MX.ones(self.n_free - of.n_tendons + 1)
         self.scale = ca.vertcat(*unit, self.p[self.parts["scale"]])
-        self._state(arm, targets, own, statement, gaps)
+        self._state(targets, limits, statement, gaps)
         self._differentiate()
 
-    def _number(self, targets: tuple[Target, ...], statement: Statement, states: States) -> None:
+    def _number(self, limits: Limits, statement: Statement, states: States) -> None:
         """Number the unknowns, block by block, and state the equations of the blocks."""
-        of, requests, self.states = states.of, compliance_requests(targets), states
+        of, requests, self.states = states.of, self.terms.requests, states
         # Inequalities have no slack, or those of low priority do, or all.
         kept = {"exact": (), "closest": (LOW_PRIORITY,), "nearest": (LOW_PRIORITY, HIGH_PRIORITY)}
         has_slack = np.isin(self.terms.inequality_weights, kept[statement.mode])
@@ -150,7 +139,7 @@ class Program:
         pairs = zip(requests, firsts, strict=False)
         self.responses = [Responses(states, request, first) for request, first in pairs]
         self.modes = [LeastMode(states) for _ in range(statement.modes)]
-        self.lengths = [TendonLengths(of)] * statement.wound
+        self.lengths = [TendonLengths(of)] * (limits.strokes is not None)
         blocks: list[Block] = [states, *self.responses, *self.modes, *self.lengths]
         first = self.n_free + 1
         ends = list(accumulate((block.size for block in blocks), initial=first))
@@ -169,15 +158,11 @@ class Program:
         self.equations = Equations(self.size, self.n_equations, terms, of.form.machine_code)
 
     def _state(
-        self,
-        arm: Arm,
-        targets: tuple[Target, ...],
-        own: tuple[Target, ...],
-        statement: Statement,
-        gaps: Equations | None,
+        self, targets: Targets, limits: Limits, statement: Statement, gaps: Equations | None
     ) -> None:
         """State the objective and the constraints besides the equations, and the bounds of all."""
         x, p, parts, terms, mode = self.x, self.p, self.parts, self.terms, statement.mode
+        arm, places = targets.arm, targets.stations
         measured, none = self._what_is_measured(), ca.MX(0, 1)
         self.measure = Buffered(ca.Function("measured", [x, p], [ca.densify(measured)]))
         ends = np.cumsum([0, *self.measured]).tolist()
@@ -185,10 +170,9 @@ class Program:
         poses, stretches, compliances, modes, lengths = of_settled
         whole = ca.vertcat(ca.DM(base_pose(arm)), poses)
         clear = gaps.value.function(whole, p[parts["gaps"]]) / arm.length if gaps else none
-        places = stations_of(arm, targets)
-        seen = ca.reshape(poses, POSE, -1)[:, [places.index(s) for s in stations_of(arm, own)]]
+        seen = ca.reshape(poses, POSE, -1)[:, [places.index(s) for s in targets.own.stations]]
         met, missed, inequality, least = terms.function(seen, p[parts["targets"]], compliances)
-        for row, place in terms.shares(own):
+        for row, place in terms.shares:
             inequality[row] = 1 - compliances[place]
         cuts = [0, self.states.of.n_tendons, self.n_free - self.n_slack, self.n_free]
         tensions, peak, slacks = ca.vertsplit(x[: self.n_free], cuts)
@@ -208,7 +192,7 @@ class Program:
             ("inequality", inequality, 0.0, np.inf),
             ("clear", clear, 0.0, np.inf),
             (STRETCH, stretches, LEAST_STRETCH, np.inf),
-            ("total pull", left if statement.limited else none, 0.0, np.inf),
+            ("total pull", none if limits.total is None else left, 0.0, np.inf),
             ("peak", peak - pull if peak.numel() else none, 0.0, np.inf),
             (STABILITY, modes, 0.0, np.inf),
             (STROKES, lengths, -np.inf, np.inf),

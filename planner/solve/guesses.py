@@ -19,22 +19,14 @@ import numpy as np
 
 from model.arm import Arm
 from model.effects import Extension
-from model.forward import explicit_map, schemes_of
+from model.forward import explicit_map
 from model.machine.functions import Mapped
 from model.paths import Array
 from model.progress import check_time
-from model.scene import Scene
 from planner.program.problem import units
-from planner.program.terms import (
-    TargetTerms,
-    pulling_tendons,
-    stations_of,
-    target_numbers,
-    terms_of,
-)
+from planner.program.terms import TargetTerms
 from planner.question import Limits, natural_tensions
-from planner.solve.task import Task
-from planner.targets.base import Target
+from planner.task import Task
 
 # How many conditions a point is, which arms meet in many ways.
 POINT = 3
@@ -51,8 +43,6 @@ _FIRST, _STRONGER = 3, 3.0
 # Bends at the base and at the tip, in units of what bends the arm by about 1 rad. A slender tip
 # takes many: it saturates. The best plans for poses and fetches of a slender arm are between these.
 _LEAST, _MOST = (0.5, 0.2), (60.0, 4.0)
-# No shape is farther off; what is no number is.
-_FAR = 1e3
 
 
 def initial_guesses(task: Task, loaded: bool = False) -> Iterator[Array]:
@@ -61,7 +51,7 @@ def initial_guesses(task: Task, loaded: bool = False) -> Iterator[Array]:
     Fitted ones come by effort. Drawn ones come by how near they are to what the targets want. Of an
     arm that is `loaded` some come again with more pull.
     """
-    limits, count = task.allowed, conditions(task.arm, task.targets)
+    limits, count = task.allowed, task.together.conditions
     # All tendons pull a little, inside of the limits.
     straight = np.clip(5e-3 * units(task.arm, limits), limits.lower, limits.upper)
     if count > POINT:
@@ -78,19 +68,13 @@ def initial_guesses(task: Task, loaded: bool = False) -> Iterator[Array]:
             yield np.clip(_STRONGER * T, limits.lower, limits.upper)
 
 
-def conditions(arm: Arm, targets: tuple[Target, ...]) -> float:
-    """Return how many numbers are to be met; infinite where others are to be kept above 0."""
-    terms = terms_of(arm, targets)
-    return np.inf if terms.names[2] else terms.count
-
-
 def drawn_arms(task: Task) -> Iterator[Array]:
     """Yield drawn tensions that differ: by nearness and effort, and by nearness alone, in turn.
 
     Without a look at the time, of which they take little.
     """
     unit = units(task.arm, task.allowed)
-    bends = BendCoordinates(task.arm, pulling_tendons(task.arm, task.targets), task.allowed)
+    bends = BendCoordinates(task.arm, task.together.tendons, task.allowed)
     drawn = bends.tensions(bends.draw(_DRAWN))
     distance = np.linalg.norm(residuals(task, drawn), axis=1)
     # What a unit of tension counts beside how near an arm is.
@@ -105,7 +89,7 @@ def fitted(task: Task) -> Iterator[Array]:
     Then those that come nearest. Where sections shorten, how hard all tendons of a section pull is
     fitted beside its bends.
     """
-    bends = BendCoordinates(task.arm, pulling_tendons(task.arm, task.targets), task.allowed)
+    bends = BendCoordinates(task.arm, task.together.tendons, task.allowed)
 
     def gaps(points: Array) -> Array:
         return residuals(task, bends.tensions(points))
@@ -175,15 +159,15 @@ def residuals(task: Task, tensions: Array) -> Array:
     Those of the targets, violations of inequalities, and last by how much the arm is crushed.
     Stiffness is left out: compliances are taken to be those that are wanted.
     """
-    arm, scene, targets = task.arm, task.bare, task.targets
-    scheme, at = "magnus4" if "magnus4" in schemes_of(scene) else "rk4", stations_of(arm, targets)
-    forward = explicit_map(arm, scene, scheme, 1, at, task.machine_code)
-    numbers = np.tile(target_numbers(arm, targets), (len(tensions), 1))
+    arm, scene, targets = task.arm, task.bare, task.together
+    at = targets.stations
+    forward = explicit_map(arm, scene, "magnus4", 1, at, task.machine_code)
+    numbers = np.tile(targets.numbers, (len(tensions), 1))
     poses, stretch = forward.many(tensions, [forward.mesh.node(s) for s in at])
-    (gaps,) = _residuals_of(terms_of(arm, targets))(poses.reshape(len(tensions), -1), numbers)
+    (gaps,) = _residuals_of(targets.terms)(poses.reshape(len(tensions), -1), numbers)
     crushed = 10 * np.maximum(0.05 - stretch, 0.0)
     gaps = np.hstack([gaps, crushed[:, None]])
-    return np.asarray(np.clip(np.nan_to_num(gaps, nan=_FAR), -_FAR, _FAR))
+    return np.where(np.isfinite(gaps), gaps, np.nan)
 
 
 @lru_cache(maxsize=16)
@@ -198,12 +182,14 @@ def _residuals_of(terms: TargetTerms) -> Mapped:
     return Mapped(ca.Function("gaps", arguments, function.call(arguments), {"cse": True}))
 
 
-def many_places(arm: Arm, scene: Scene, tensions: Array, machine_code: bool) -> tuple[Array, Array]:
-    """Return places (m, K, 3) of an arm under tensions (m, n_tendons), and radii (K,) there [m]."""
-    scheme = "magnus4" if "magnus4" in schemes_of(scene) else "rk4"
-    forward = explicit_map(arm, scene, scheme, 4, (), machine_code)
+def many_places(task: Task, tensions: Array) -> tuple[Array, Array]:
+    """Return places (m, K, 3) of an arm under tensions (m, n_tendons), and radii (K,) there [m].
+
+    Without its loads.
+    """
+    forward = explicit_map(task.arm, task.bare, "magnus4", 4, (), task.machine_code)
     poses, _ = forward.many(tensions, range(1, forward.mesh.steps + 1))
-    return poses[..., 4:], arm.radius.evaluate(forward.mesh.s[1:], arm.length)[0]
+    return poses[..., 4:], task.arm.radius.evaluate(forward.mesh.s[1:], task.arm.length)[0]
 
 
 class BendCoordinates:

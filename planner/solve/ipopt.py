@@ -9,10 +9,10 @@ from __future__ import annotations
 import logging
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, Literal
 
 import casadi as ca
@@ -21,10 +21,11 @@ import numpy as np
 from model.machine.functions import Buffered
 from model.paths import Array
 from model.progress import OutOfTime, check_time
-from planner.program.problem import KKT_TOLERANCE, Bounds, Problem
+from planner.program.problem import KKT_TOLERANCE, Bounds, Point, Problem
 from planner.program.program import Program
-from planner.question import Solver, Statement
+from planner.question import Solver
 from planner.solve.log_capture import logged
+from planner.task import SearchResult, Trial
 
 
 class Watch(ca.Callback):
@@ -173,19 +174,51 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Candidate(Solution):
-    """A point of a planning problem that a solver stopped at."""
+    """A point of a planning problem that a solver stopped at.
+
+    Attributes
+    ----------
+    problem : Problem
+    defect : (n,) or None
+        By how much what is measured on the mesh is off, as far as the point corrects it; see
+        planner.solve.refine.
+    """
 
     problem: Problem = field(kw_only=True)
-
-    @property
-    def statement(self) -> Statement:
-        """How the problem is stated, with what solved it and in how many iterations."""
-        return self.problem.statement.but(solver=self.solver, iterations=self.iterations)
+    defect: Array | None = field(default=None, kw_only=True)
 
     @property
     def tensions(self) -> Array:
         """The tensions (n_tendons,) [N]."""
         return self.problem.tensions(self.x)
+
+    @cached_property
+    def point(self) -> Point:
+        """Its unknowns, with derivatives of the program there."""
+        return Point(self.problem, self.x, self.problem.parameters(defect=self.defect))
+
+    @property
+    def residual(self) -> float:
+        """How far it is from the first-order conditions, scaled; see Point.residual."""
+        return self.point.residual(self.lam_x, self.lam_g)
+
+    def extended(self) -> Candidate:
+        """Return it with the multipliers of all, from those besides equilibrium."""
+        lam_x, lam_g = self.point.extended(self.lam_x, self.lam_g)
+        return replace(self, lam_x=lam_x, lam_g=lam_g)
+
+    def result(self, trials: Sequence[Trial], **more: Any) -> SearchResult:
+        """Return the result of a search that ends here, after trials."""
+        of = self.problem
+        return SearchResult(
+            of.statement.but(solver=self.solver, iterations=self.iterations),
+            of.arm.by_section(self.tensions),
+            tuple(self.lam_x[: of.n_free].tolist()),
+            tuple(self.lam_g[: of.n_outer].tolist()),
+            tuple(trials),
+            avoidance=of.together.avoidance,
+            **more,
+        )
 
 
 _WATCH = Watch()

@@ -15,21 +15,16 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
-from model.arm import Arm
 from model.equilibrium.newton import STAGES
 from model.errors import CollapsedError, OctoplanError
 from model.forward import FINEST_ACCURACY, by_collocation, next_refinement
 from model.loads import convergence_order, is_loaded
 from model.paths import Array
 from model.progress import check_time
-from model.scene import Scene
-from model.settle import settle
 from model.shape import Shape
-from planner.measure import compliances_along
 from planner.program.blocks import unit_force
 from planner.program.problem import KKT_TOLERANCE, Bounds, Point, Problem
 from planner.solve.ipopt import MAGNIFIED, Candidate, Purpose, solve
@@ -43,92 +38,79 @@ CORRECTIONS, PART = 8, 3
 COARSE, _ROUGH, _ELSEWHERE = 1e-3, 1e-4, 0.1
 
 
-def refine(
-    candidate: Candidate, accuracy: float, corrected: Array | None = None
-) -> Candidate | None:
+def refine(candidate: Candidate) -> Candidate | None:
     """Return the optimum whose settled shape is what its program measures, to the last digits.
 
     To a part of the accuracy. None where the optimum is lost on the way, and where the arm comes to
-    another shape from rest, or buckles. A candidate that is polished already comes with the defect
-    that its program was `corrected` for. The first shape, of which only the defect is read, is
+    another shape from rest, or buckles. The first shape, of which only the defect is read, is
     settled near the candidate's; all others are settled from rest.
     """
+    last, task = None, candidate.problem.task
+    enough = max(min(task.accuracy, KKT_TOLERANCE) / PART, FINEST_ACCURACY)
     with suppress(OctoplanError, np.linalg.LinAlgError):
-        return _refined(candidate, accuracy, corrected)
-    return None
-
-
-def _refined(candidate: Candidate, accuracy: float, corrected: Array | None) -> Candidate | None:
-    """Return what refine does; raises where the arm does not settle, and where it buckles."""
-    last = None
-    enough = max(min(accuracy, KKT_TOLERANCE) / PART, FINEST_ACCURACY)
-    for correction in range(CORRECTIONS):
-        check_time()
-        problem = candidate.problem
-        of = problem.arm, candidate.tensions, problem.scene, accuracy, problem.machine_code
-        begins = not correction and is_loaded(problem.scene)
-        try:
-            shape = _nearby(candidate) if begins else settled(*of)
-        except CollapsedError as crushed:
-            corrected = _stretched(problem, candidate.x, crushed)
-        else:
-            error = defect(problem, candidate.x, shape)
-            if corrected is not None and _defect_size(problem, error - corrected) <= enough:
-                if begins:
-                    continue
-                last = candidate
-                if problem.statement.mode == "exact":
-                    return last
-                # The defect enters the gradient of least squares.
-                point = Point(problem, candidate.x, problem.parameters(defect=error))
-                if point.residual(candidate.lam_x, candidate.lam_g) <= KKT_TOLERANCE / PART:
-                    return last
-            rough = _defect_size(problem, error)
-            if not rough <= _ELSEWHERE:
-                return None
-            corrected = error
-            if rough > _ROUGH:
-                finer = _on_finer_mesh(candidate, rough)
-                if finer is None:
+        for correction in range(CORRECTIONS):
+            check_time()
+            problem, before = candidate.problem, candidate.defect
+            begins = not correction and is_loaded(problem.scene)
+            try:
+                shape = _nearby(candidate) if begins else task.settled(candidate.tensions)
+            except CollapsedError as crushed:
+                corrected = replace(candidate, defect=_stretched(problem, candidate.x, crushed))
+            else:
+                error = defect(problem, candidate.x, shape)
+                corrected, rough = replace(candidate, defect=error), _defect_size(problem, error)
+                if before is not None and _defect_size(problem, error - before) <= enough:
+                    if begins:
+                        continue
+                    last = candidate
+                    # The defect enters the gradient of least squares.
+                    exact = problem.statement.mode == "exact"
+                    if exact or corrected.residual <= KKT_TOLERANCE / PART:
+                        return last
+                if not rough <= _ELSEWHERE:
                     return None
-                candidate, corrected = finer, defect(finer.problem, finer.x, shape)
-        candidate = polish(candidate, candidate.problem.parameters(defect=corrected))
-        if not candidate.met:
-            return last
-    return last
+                if rough > _ROUGH:
+                    order = convergence_order(problem.scene, 2 * STAGES)
+                    mesh = next_refinement(problem.statement.refinement, rough, _ROUGH, order)
+                    if not mesh:
+                        return None
+                    finer = problem.but(refinement=mesh)
+                    corrected = on_mesh(candidate, finer, shape).extended()
+            candidate = replace(polish(corrected), defect=corrected.defect)
+            if not candidate.met:
+                return last
+        return last
+    return None
 
 
 def _nearby(candidate: Candidate) -> Shape:
     """Return the shape near a candidate's, on a mesh so fine that the defect shows."""
     problem = candidate.problem
     arm, scene, mesh = problem.arm, problem.scene, 4 * problem.statement.refinement
-    forward = by_collocation(arm, scene, STAGES, mesh, machine_code=problem.machine_code)
+    forward = by_collocation(arm, scene, STAGES, mesh, machine_code=problem.task.machine_code)
     point = forward.solve(candidate.tensions, problem.linearised(candidate.x))
     return Shape(arm, scene, np.inf, point, mesh)
 
 
-def _on_finer_mesh(candidate: Candidate, rough: float) -> Candidate | None:
-    """Return a candidate on a mesh whose defect is small, in equilibrium there.
+def on_mesh(candidate: Candidate, problem: Problem, shape: Shape) -> Candidate:
+    """Return a candidate as its settled shape is in a problem: in equilibrium, with the defect.
 
-    Strains that are interpolated alone are in none, and the defect would be theirs. None where the
-    mesh would be finer than any.
+    Raises what settling does.
     """
-    before = candidate.problem
-    order = convergence_order(before.scene, 2 * STAGES)
-    finer = next_refinement(before.statement.refinement, rough, _ROUGH, order)
-    if not finer:
-        return None
-    problem = before.but(before.statement.but(refinement=finer))
-    x = problem.settled(candidate.tensions, before.linearised(candidate.x))
-    point = Point(problem, x, problem.parameters())
-    lam_x, lam_g = point.extended(candidate.lam_x, candidate.lam_g)
-    return replace(candidate, problem=problem, x=x, lam_x=lam_x, lam_g=lam_g)
+    T = shape.tensions
+    x = problem.closed(T, problem.forward.solve(T, shape.known).states)
+    return replace(candidate, problem=problem, x=x, defect=defect(problem, x, shape))
 
 
 def polish(
-    candidate: Candidate, p: Array, bounds: Bounds | None = None, warm: bool = False
+    candidate: Candidate,
+    p: Array | None = None,
+    bounds: Bounds | None = None,
+    warm: bool = False,
 ) -> Candidate:
     """Return the optimum to the last digits: tensions at their bounds are there exactly.
+
+    Of the program with the candidate's defect, unless its parameters are given.
 
     An interior-point method stops a little inside of them. Those whose multipliers exceed their
     distance are fixed there, and the program is solved once more, warm. Where no multipliers make
@@ -137,6 +119,7 @@ def polish(
     to stay `warm`, and if that fails the last optimum is kept.
     """
     problem, begun = candidate.problem, candidate
+    p = problem.parameters(defect=candidate.defect) if p is None else p
     n, (lbx, ubx, lbg, ubg) = problem.arm.n_tendons, bounds or problem.bounds
     x, pull = candidate.x[:n], candidate.lam_x[:n] * MAGNIFIED
     at_low, at_high = x - lbx[:n] < -pull, ubx[:n] - x < pull
@@ -180,7 +163,7 @@ def polish(
 def defect(problem: Problem, x: Array, shape: Shape) -> Array:
     """Return what is measured of the shape less what is of unknowns x: see Program.measured."""
     of, on_mesh = problem.program, problem.measured(x)
-    poses = shape.poses(np.array(problem.stations))
+    poses = shape.poses(np.array(problem.together.stations))
     turned = (poses * on_mesh[: poses.size].reshape(poses.shape))[:, :4].sum(axis=1) < 0
     poses[turned, :4] *= -1
     # Cross-sections that are far from being crushed are as they are on the mesh.
@@ -189,7 +172,7 @@ def defect(problem: Problem, x: Array, shape: Shape) -> Array:
     if near.any():
         stretches[near] = 1 + shape.strain(problem.slim_at[near])[:, 3]
     parts = [poses.ravel(), stretches]
-    parts += [C.ravel() for C in compliances_along(problem.arm, problem.targets, shape)]
+    parts += [C.ravel() for C in problem.together.own.compliances(shape)]
     parts += [np.array([shape.stability]) for _ in of.modes]
     parts += [shape.tendon_lengths / problem.arm.length for _ in of.lengths]
     return np.asarray(np.concatenate(parts) - on_mesh)
@@ -211,25 +194,3 @@ def _defect_size(problem: Problem, defect: Array) -> float:
     of_poses = np.tile(pose, poses // pose.size), np.ones(stretches)
     worth = [*of_poses, np.full(compliances, L / unit_force(problem.arm)), np.ones(sum(rest))]
     return float(np.abs(defect / np.concatenate(worth)).max(initial=0.0))
-
-
-def settled(arm: Arm, tensions: Array, scene: Scene, accuracy: float, machine_code: bool) -> Shape:
-    """Return the shape of a plan of an accuracy, two digits more accurate; raises what settle does.
-
-    The error of a shape is that of the tip's place, over the arm's length. Its frame, which targets
-    measure too, may be off by thirty times as much.
-    """
-    flat = tuple(np.ravel(tensions).tolist())
-    return _settled(arm, flat, scene, sharper(accuracy), machine_code)
-
-
-def sharper(accuracy: float) -> float:
-    """Return the accuracy of what has to be judged by an accuracy: two digits more."""
-    return max(accuracy / 100, FINEST_ACCURACY)
-
-
-@lru_cache(maxsize=8)
-def _settled(
-    arm: Arm, tensions: tuple[float, ...], scene: Scene, accuracy: float, machine_code: bool
-) -> Shape:
-    return settle(arm, tensions, scene, accuracy, compile=machine_code)

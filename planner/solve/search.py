@@ -24,13 +24,13 @@ from model.loads import is_loaded
 from model.paths import Array
 from model.progress import OutOfTime, check_time, tell
 from planner.program.problem import KKT_TOLERANCE, SEARCHED, Problem
-from planner.program.terms import LOW_PRIORITY, terms_of
+from planner.program.terms import LOW_PRIORITY
 from planner.question import Mode
 from planner.solve.fatrop import solve as by_stages
-from planner.solve.guesses import POINT, conditions, drawn_arms, initial_guesses
+from planner.solve.guesses import POINT, drawn_arms, initial_guesses
 from planner.solve.ipopt import Candidate, solve
 from planner.solve.refine import COARSE, refine
-from planner.solve.task import SearchResult, Task, Trial, agreed
+from planner.task import SearchResult, Task, Trial, agreed
 
 # Guesses that have to agree; one more where as many lead nowhere, or all miss the targets, and
 # where a point or more is to be met, which arms meet in several ways.
@@ -49,9 +49,20 @@ _PHASES: dict[Mode, str] = {
 }
 
 
+def attempt(problem: Problem, T: Array) -> Candidate:
+    """Return what tensions (n_tendons,) [N] lead to in a program."""
+    x, p = problem.guess(T), problem.parameters(SEARCHED)
+    staged = problem.task.statement.solver == "fatrop"
+    candidate = by_stages(problem, x, p) if staged else None
+    if candidate is None or not candidate.met:
+        candidate = solve(problem, x, p)
+    check_time()
+    return candidate
+
+
 @dataclass(eq=False)
-class _Reading:
-    """One way to read the targets, and what became of the guesses that were tried.
+class Reading:
+    """One way to read the targets of a task, and what became of the guesses that were tried.
 
     Attributes
     ----------
@@ -65,181 +76,80 @@ class _Reading:
         Others.
     lost : list of Candidate
         Optima that finer meshes do not have.
+    last : Candidate or None
+        What the last guess led to.
     """
 
+    task: Task
     mode: Mode
-    guesses: Iterator[Array]
+    guesses: Iterator[Array] = field(default_factory=lambda: iter(()))
     trials: list[Trial] = field(default_factory=list)
     met: list[Candidate] = field(default_factory=list)
     unstable: list[Candidate] = field(default_factory=list)
     lost: list[Candidate] = field(default_factory=list)
+    last: Candidate | None = None
 
     @property
     def optima(self) -> list[Candidate]:
         """All of the coarse mesh, by their objectives."""
         return sorted([*self.met, *self.unstable], key=attrgetter("f"))
 
-
-class Search:
-    """One planning question and the steps that answer it."""
-
-    def __init__(self, task: Task) -> None:
-        self.task, self._now = task, _Reading("exact", iter(()))
-        self._last: Candidate | None = None
-        self._count = conditions(task.arm, task.targets)
-        self._source = initial_guesses(task, is_loaded(task.scene))
-
     @property
-    def trials(self) -> list[Trial]:
-        """One for each initial guess, of the last reading of the targets."""
-        return self._now.trials
+    def is_all_but_met(self) -> bool:
+        """Whether least squares of the targets come to nothing."""
+        return any(optimum.f <= KKT_TOLERANCE for optimum in self.optima)
 
-    @property
-    def met(self) -> list[Candidate]:
-        """Optima that are as stable as they have to be, of the same, by their objectives."""
-        return sorted(self._now.met, key=attrgetter("f"))
-
-    def run(self) -> SearchResult:
-        """Return the best optimum from the guesses it takes, or the best so far out of time."""
-        try:
-            return self._run()
-        except OutOfTime:
-            return self._so_far()
-
-    def _run(self) -> SearchResult:
-        """Return the best optimum of the first reading of the targets that has one.
-
-        Where few guesses meet the targets exactly it is first seen how near they can be had: if
-        that is a near miss, exact shapes are looked for from there, and from more guesses.
-        """
-        unstable, missed = False, None
-        terms = terms_of(self.task.arm, self.task.targets)
-        can_pull = np.greater(self.task.allowed.upper, self.task.allowed.lower)
-        modes: list[Mode] = ["exact"] * bool(terms.count <= can_pull.sum())
-        modes += ["closest"] * bool(terms.names[1] or LOW_PRIORITY in terms.inequality_weights)
-        for mode in [*modes, "nearest"]:
-            near = self._now = _Reading(mode, self.guesses(len(missed.trials) if missed else 1))
-            hasty = mode == "exact" and self.task.guesses is None
-            self._try(AGREED + 1 if hasty else None, until_met=missed is not None)
-            if hasty and not near.optima:
-                missed = near
-                continue
-            readings = [near]
-            if missed is not None and self._all_but_met():
-                missed.guesses = chain([near.optima[0].tensions], missed.guesses)
-                readings, missed = [missed, near], None
-            for self._now in readings:
-                result = self._finished()
-                if result is not None:
-                    return replace(result, unstable=unstable and result.statement.mode != "exact")
-                unstable |= bool(self._now.unstable)
-            missed = near if hasty else missed
-        return replace(self._so_far(stopped=False), unstable=unstable)
-
-    def _finished(self) -> SearchResult | None:
-        """Return the best optimum of a reading of the targets, None where there is none.
-
-        Where finer meshes have none of the coarse mesh's optima others are looked for, as if no
-        guess had led there. That a default margin of stability cannot be had counts less than that
-        targets are missed.
-        """
-        while True:
-            self._try()
-            reading = self._now
-            near = reading.mode != "exact" and any(
-                each.f <= KKT_TOLERANCE for each in reading.unstable
-            )
-            result = self._best(KKT_TOLERANCE if near and self.task.best_margin else np.inf)
-            if result is not None or near or not reading.met:
-                break
-            reading.lost, reading.met = [*reading.lost, *reading.met], []
-            reading.trials = [replace(trial, met=False) for trial in reading.trials]
-        if result is not None or not reading.unstable or not self.task.best_margin:
-            return result
-        # The best that is stable at all.
-        stated = self.task.statement.but(margin=0.0)
-        self.task = replace(self.task, statement=stated, best_margin=False)
-        self._now = replace(reading, met=[], unstable=[])
-        for optimum in reading.optima:
-            stated = optimum.problem.statement.but(margin=0.0)
-            self._sort(replace(optimum, problem=optimum.problem.but(stated)))
-        return self._best()
-
-    def guesses(self, tried: int = 1) -> Iterator[Array]:
-        """Yield initial guesses, tensions (n_tendons,) [N], as many as are tried at most.
-
-        After the likeliest those beyond some that were tried before: another reading of the targets
-        seldom leads farther from these.
-        """
-        self._source, again = tee(self._source)
-        before = list(islice(again, tried))
-        yield from before[:1]
-        yield from islice(again, self.task.most - tried)
-        yield from before[1:]
-
-    def _try(self, most: int | None = None, until_met: bool = False) -> None:
+    def search(self, most: int | None = None, until_met: bool = False) -> None:
         """Solve from guesses until enough of them agree, or from so many.
 
         Or until one all but meets the targets.
         """
-        reading, problem = self._now, self.task.problem(self.task.coarse(self._now.mode))
-        for T in islice(reading.guesses, most):
-            if self._enough() or (until_met and self._all_but_met()):
+        problem = Problem(self.task, self.task.coarse(self.mode))
+        for T in islice(self.guesses, most):
+            if self._enough() or (until_met and self.is_all_but_met):
                 return
-            tell(_PHASES[reading.mode], len(reading.trials), self.task.most)
-            self._keep(self.solve(problem, T))
+            tell(_PHASES[self.mode], len(self.trials), self.task.most)
+            self._keep(attempt(problem, T))
 
-    def _all_but_met(self) -> bool:
-        """Return whether least squares of the targets come to nothing."""
-        return any(optimum.f <= KKT_TOLERANCE for optimum in self._now.optima)
-
-    def solve(self, problem: Problem, T: Array) -> Candidate:
-        """Return what tensions (n_tendons,) [N] lead to in a program of the task's."""
-        x, p = problem.guess(T), problem.parameters(SEARCHED)
-        staged = self.task.statement.solver == "fatrop"
-        candidate = by_stages(problem, x, p) if staged else None
-        if candidate is None or not candidate.met:
-            candidate = solve(problem, x, p)
-        check_time()
-        return candidate
-
-    def _keep(self, candidate: Candidate) -> None:
-        self._now.trials.append(Trial(candidate.f, candidate.met, candidate.iterations))
-        if candidate.is_finite:
-            self._last = candidate
-        if candidate.met:
-            self._sort(candidate)
-
-    def _sort(self, optimum: Candidate) -> None:
-        """Keep an optimum with those that are as stable as they have to be, or with the others."""
-        x, margin = optimum.x, self.task.statement.margin
-        others = [other.x[: x.size] - x[: other.x.size] for other in self._now.optima]
-        if all(np.abs(apart).max() > 1e-4 for apart in others):
-            stable = optimum.problem.stands(x, margin - COARSE * (margin > 0))
-            (self._now.met if stable else self._now.unstable).append(optimum)
-
-    def from_tensions(self, mode: Mode, T: Array) -> Candidate | None:
+    def led_to(self, T: Array) -> Candidate | None:
         """Return the optimum that tensions lead to, as stable as it has to be."""
-        return self._from(mode, self.solve(self.task.problem(self.task.coarse(mode)), T))
+        problem = Problem(self.task, self.task.coarse(self.mode))
+        return self._stable(attempt(problem, T))
 
     def exchanged(self, optimum: Candidate) -> Candidate | None:
         """Return the optimum near one of the same targets, among other inequalities."""
-        before, problem = optimum.problem, optimum.problem.but(targets=self.task.targets)
+        before = optimum.problem
+        problem = Problem(self.task, before.statement)
         old, rows = before.program.rows, problem.program.rows
         lam_g = np.zeros(rows.size)
         for kind in np.unique(old):
             if np.sum(old == kind) == np.sum(rows == kind):
                 lam_g[rows == kind] = optimum.lam_g[old == kind]
         start = optimum.x, problem.parameters(SEARCHED), None, (optimum.lam_x, lam_g)
-        return self._from(before.statement.mode, solve(problem, *start, "near"))
-
-    def _from(self, mode: Mode, candidate: Candidate) -> Candidate | None:
-        """Return a candidate if it is an optimum, held to its stability where need be."""
+        candidate = solve(problem, *start, "near")
         check_time()
-        self._now = _Reading(mode, iter(()))
+        return self._stable(candidate)
+
+    def _stable(self, candidate: Candidate) -> Candidate | None:
+        """Return a candidate if it is an optimum, held to its stability where need be."""
         self._keep(candidate)
-        held = (each for optimum in self._now.unstable for each in self._held(optimum))
-        return next(chain(self._now.met, held), None)
+        held = (each for optimum in self.unstable for each in self._held(optimum))
+        return next(chain(self.met, held), None)
+
+    def _keep(self, candidate: Candidate) -> None:
+        self.trials.append(Trial(candidate.f, candidate.met, candidate.iterations))
+        if candidate.is_finite:
+            self.last = candidate
+        if candidate.met:
+            self.sort(candidate)
+
+    def sort(self, optimum: Candidate) -> None:
+        """Keep an optimum with those that are as stable as they have to be, or with the others."""
+        x, margin = optimum.x, self.task.statement.margin
+        others = [other.x[: x.size] - x[: other.x.size] for other in self.optima]
+        if all(np.abs(apart).max() > 1e-4 for apart in others):
+            stable = optimum.problem.stands(x, margin - COARSE * (margin > 0))
+            (self.met if stable else self.unstable).append(optimum)
 
     def _enough(self) -> bool:
         """Return whether enough guesses led to the best optimum, or later ones to dearer ones.
@@ -249,13 +159,13 @@ class Search:
         """
         if self.task.guesses is not None:
             return False
-        trials, mode, by_effort = self.trials, self._now.mode, self._count > POINT
-        efforts = [trial.objective for trial in trials if trial.met]
+        trials, mode, count = self.trials, self.mode, self.task.together.conditions
+        efforts, by_effort = [trial.objective for trial in trials if trial.met], count > POINT
         missed = mode == "nearest" or (
             mode == "closest" and min(efforts, default=np.inf) > KKT_TOLERANCE
         )
         astray = not by_effort and len(trials) >= 2 * len(efforts)
-        hard = missed or astray or (self._count >= POINT and mode == "exact")
+        hard = missed or astray or (count >= POINT and mode == "exact")
         # Where least squares seldom come to an end, half of the guesses are enough.
         rare = 2 * len(efforts) <= len(trials)
         if mode == "nearest" and efforts and rare and 2 * len(trials) >= self.task.most:
@@ -263,26 +173,26 @@ class Search:
         since = len(efforts) - 1 - int(np.argmin(efforts)) if efforts and by_effort else 0
         return agreed(trials) >= AGREED + hard or (mode == "exact" and since >= AGREED + 1)
 
-    def _best(self, limit: float = np.inf) -> SearchResult | None:
+    def best(self, limit: float = np.inf) -> SearchResult | None:
         """Return the best optimum up to a limit that is stable, and not lost on a finer mesh.
 
         Unstable ones are held to stability, which makes them dearer, when no other is cheaper.
         """
         lost, queue = np.inf, list[tuple[float, Candidate | None, Iterator[Candidate]]]()
-        queue += [(each.f, each, iter(())) for each in self._now.met]
-        unstable = {float(f"{each.f:.3g}"): each for each in self._now.unstable}
+        queue += [(each.f, each, iter(())) for each in self.met]
+        unstable = {float(f"{each.f:.3g}"): each for each in self.unstable}
         queue += [(f, None, self._held(unstable[f])) for f in sorted(unstable)[:4]]
         while queue:
             queue.sort(key=itemgetter(0))
             f, optimum, others = queue.pop(0)
             if f > limit:
                 return None
-            fine = None if optimum is None else refine(optimum, self.task.accuracy)
+            fine = None if optimum is None else refine(optimum)
             if fine is not None:
                 cheaper = 1 - float(np.sqrt(lost / fine.f)) if lost < fine.f else 0.0
                 cheaper = cheaper if cheaper > 10 * COARSE else 0.0
-                return SearchResult.at(fine, self.trials, lost=cheaper)
-            if optimum in self._now.met:
+                return fine.result(self.trials, lost=cheaper)
+            if optimum in self.met:
                 lost = min(lost, f)
             queue += [(held.f, held, others) for held in islice(others, 1)]
         return None
@@ -310,15 +220,6 @@ class Search:
                     return
                 yield optimum
 
-    def _so_far(self, stopped: bool = True) -> SearchResult:
-        """Return the best that was seen: of optima that of least effort, else what came last."""
-        best = min([*self._now.met, *self._now.lost], key=attrgetter("f"), default=self._last)
-        if best is None:
-            *_, T = islice(drawn_arms(self.task), 2)
-            statement = self.task.coarse("nearest")
-            return SearchResult(statement, self.task.arm.by_section(T), (), (), (), stopped)
-        return SearchResult.at(best, self.trials, stopped=stopped)
-
 
 def _held_to(optimum: Candidate, floor: float, margin: float) -> Candidate:
     """Return what a program near an optimum leads to, its least stable mode held to a floor.
@@ -326,8 +227,105 @@ def _held_to(optimum: Candidate, floor: float, margin: float) -> Candidate:
     Raises SingularError where the mode is not told.
     """
     before = optimum.problem
-    problem = before.but(before.statement.but(modes=1, floor=floor, margin=margin))
+    problem = before.but(modes=1, floor=floor, margin=margin)
     x = problem.closed(optimum.tensions, before.linearised(optimum.x).states)
     held = solve(problem, x, problem.parameters(SEARCHED))
     check_time()
     return held
+
+
+class Search:
+    """One planning question and the readings of its targets that answer it; `now` is the last."""
+
+    def __init__(self, task: Task) -> None:
+        self.task, self.now = task, Reading(task, "exact")
+        self._source = initial_guesses(task, is_loaded(task.scene))
+
+    def run(self) -> SearchResult:
+        """Return the best optimum from the guesses it takes, or the best so far out of time."""
+        try:
+            return self._run()
+        except OutOfTime:
+            return self._so_far()
+
+    def _run(self) -> SearchResult:
+        """Return the best optimum of the first reading of the targets that has one.
+
+        Where few guesses meet the targets exactly it is first seen how near they can be had: if
+        that is a near miss, exact shapes are looked for from there, and from more guesses.
+        """
+        unstable, missed = False, None
+        terms = self.task.together.terms
+        can_pull = np.greater(self.task.allowed.upper, self.task.allowed.lower)
+        modes: list[Mode] = ["exact"] * bool(terms.count <= can_pull.sum())
+        modes += ["closest"] * bool(terms.names[1] or LOW_PRIORITY in terms.inequality_weights)
+        for mode in [*modes, "nearest"]:
+            guesses = self.guesses(len(missed.trials) if missed else 1)
+            near = self.now = Reading(self.task, mode, guesses, last=self.now.last)
+            hasty = mode == "exact" and self.task.guesses is None
+            near.search(AGREED + 1 if hasty else None, until_met=missed is not None)
+            if hasty and not near.optima:
+                missed = near
+                continue
+            readings = [near]
+            if missed is not None and near.is_all_but_met:
+                missed.guesses = chain([near.optima[0].tensions], missed.guesses)
+                readings, missed = [missed, near], None
+            for self.now in readings:
+                result = self._finished()
+                if result is not None:
+                    return replace(result, unstable=unstable and result.statement.mode != "exact")
+                unstable |= bool(self.now.unstable)
+            missed = near if hasty else missed
+        return replace(self._so_far(stopped=False), unstable=unstable)
+
+    def _finished(self) -> SearchResult | None:
+        """Return the best optimum of a reading of the targets, None where there is none.
+
+        Where finer meshes have none of the coarse mesh's optima others are looked for, as if no
+        guess had led there. That a default margin of stability cannot be had counts less than that
+        targets are missed.
+        """
+        reading = self.now
+        reading.task = self.task
+        while True:
+            reading.search()
+            near = reading.mode != "exact" and any(
+                each.f <= KKT_TOLERANCE for each in reading.unstable
+            )
+            result = reading.best(KKT_TOLERANCE if near and self.task.best_margin else np.inf)
+            if result is not None or near or not reading.met:
+                break
+            reading.lost, reading.met = [*reading.lost, *reading.met], []
+            reading.trials = [replace(trial, met=False) for trial in reading.trials]
+        if result is not None or not reading.unstable or not self.task.best_margin:
+            return result
+        # The best that is stable at all.
+        stated = self.task.statement.but(margin=0.0)
+        self.task = replace(self.task, statement=stated, best_margin=False)
+        self.now = replace(reading, task=self.task, met=[], unstable=[])
+        for optimum in reading.optima:
+            self.now.sort(replace(optimum, problem=optimum.problem.but(margin=0.0)))
+        return self.now.best()
+
+    def guesses(self, tried: int = 1) -> Iterator[Array]:
+        """Yield initial guesses, tensions (n_tendons,) [N], as many as are tried at most.
+
+        After the likeliest those beyond some that were tried before: another reading of the targets
+        seldom leads farther from these.
+        """
+        self._source, again = tee(self._source)
+        before = list(islice(again, tried))
+        yield from before[:1]
+        yield from islice(again, self.task.most - tried)
+        yield from before[1:]
+
+    def _so_far(self, stopped: bool = True) -> SearchResult:
+        """Return the best that was seen: of optima that of least effort, else what came last."""
+        seen = [*self.now.met, *self.now.lost]
+        best = min(seen, key=attrgetter("f"), default=self.now.last)
+        if best is None:
+            *_, T = islice(drawn_arms(self.task), 2)
+            statement = self.task.coarse("nearest")
+            return SearchResult(statement, self.task.arm.by_section(T), (), (), (), stopped)
+        return best.result(self.now.trials, stopped=stopped)

@@ -15,12 +15,11 @@ import numpy as np
 
 from model.paths import Array
 from model.progress import OutOfTime, check_time
-from planner.answer import Answer, Optimum
-from planner.program.problem import STABILITY_TOLERANCE
-from planner.program.terms import pulling_tendons, structure_of
+from planner.answer import Answer
+from planner.program.problem import STABILITY_TOLERANCE, Problem
 from planner.solve.ipopt import Candidate
 from planner.solve.refine import PART, polish, refine
-from planner.solve.task import SearchResult, Task, Trial
+from planner.task import SearchResult, Task, Trial
 
 # By so much, over their norm, tensions may change from one target to the next; where more is asked
 # of one step, smaller ones tell whether they jump.
@@ -36,28 +35,29 @@ def warm_start(near: Answer, task: Task) -> SearchResult | None:
     optimum is less stable than it has to be.
     """
     arm, limits, margin = task.arm, task.limits, task.statement.margin
+    before = near.avoiding(near.avoidance).together
     is_alike = (
         near.statement.mode == "exact"
         and near.statement.margin == margin
         and replace(near.limits, lower=limits.lower) == limits
-        and structure_of(arm, near.stated) == structure_of(arm, task.targets)
-        and pulling_tendons(arm, near.stated) == pulling_tendons(arm, task.targets)
+        and before.structure == task.together.structure
+        and before.tendons == task.together.tendons
     )
     if not is_alike:
         return None
     try:
         start = near.optimum
-        continued = start and _continued(start, near, task)
+        continued = None if start is None else _continued(start, near, task)
         if start is None or continued is None:
             return None
         optimum, apart = continued
-        fine = refine(optimum, task.accuracy, start.defect)
+        fine = refine(replace(optimum, defect=start.defect))
         if fine is None or not fine.problem.stands(
             fine.x, margin and margin - STABILITY_TOLERANCE / PART
         ):
             return None
         trials = (Trial(optimum.f, True, optimum.iterations),)
-        return SearchResult.at(fine, trials, jump=apart)
+        return fine.result(trials, jump=apart)
     except OutOfTime:
         T = np.clip(np.ravel(near.tensions), limits.lower, limits.upper)
         return SearchResult(near.statement, arm.by_section(T), (), (), (), stopped=True)
@@ -70,15 +70,14 @@ def jump(before: Array, after: Array) -> float:
     return apart / size if apart > _LITTLE * size else 0.0
 
 
-def _continued(origin: Optimum, near: Answer, task: Task) -> tuple[Candidate, float] | None:
+def _continued(origin: Candidate, near: Answer, task: Task) -> tuple[Candidate, float] | None:
     """Return the optimum for a task, by steps in target numbers and minima from one nearby.
 
     And by how much the tensions jump, 0 where they change little by little.
     """
-    problem, n = task.problem(near.statement), task.arm.n_tendons
-    start = Candidate(origin.x, origin.lam_x, origin.lam_g, 0.0, True, 0, problem=problem)
-    before = problem.but(targets=near.stated)
-    first, last = (each.parameters(defect=origin.defect) for each in (before, problem))
+    problem, n = Problem(task, near.statement), task.arm.n_tendons
+    start, both = replace(origin.extended(), problem=problem), (origin.problem, problem)
+    first, last = (each.parameters(defect=origin.defect) for each in both)
     lbx, ubx, lbg, ubg = problem.bounds
     rise, unit = np.zeros(lbx.size), problem.unit
     rise[:n] = (np.array(problem.limits.lower) - near.limits.lower) / unit

@@ -35,7 +35,6 @@ class Terms:
     objective : numbers whose sum is made least, by name, instead of effort
     high_priority : names of equalities that come first where not all can be had
     low_priority : names of inequalities that come last
-    hard : names of inequalities that hold whatever else cannot be had
     shares : names of inequalities that are a share of what is wanted, less 1; their programs see
         the logarithm of the share, which is as easy to raise at a thousandth as near 1
     weights : by name, of the squares of equalities where not all can be had; 1 unless given
@@ -48,7 +47,6 @@ class Terms:
     objective: Mapping[str, ca.MX] = field(default_factory=dict)
     high_priority: frozenset[str] = frozenset()
     low_priority: frozenset[str] = frozenset()
-    hard: frozenset[str] = frozenset()
     shares: frozenset[str] = frozenset()
     weights: Mapping[str, float] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import replace
 from itertools import pairwise
 
 import casadi as ca
@@ -78,10 +77,6 @@ class Wrap(Target):
     def is_open(self) -> bool:
         """Whether a plan has to find where the part begins."""
         return self.turns is not None and self.start is None
-
-    def begun(self, start: float) -> Wrap:
-        """Return the same for a part that begins at an arc length [m]."""
-        return replace(self, start=start)
 
     def part(self, arm: Arm) -> tuple[float, float]:
         """Return where the part begins and ends [m]; with turns of unknown length, a guess."""

@@ -14,8 +14,8 @@ from model.shape import Shape
 from model.text import Shown, told
 from planner.certificate import Certificate, certify, tension_excess
 from planner.question import Statement
-from planner.solve.task import Task
 from planner.targets.base import Target
+from planner.task import Task
 from planner.trajectory.clear import between
 from planner.trajectory.question import Question
 from planner.trajectory.time_law import Timed, fastest_pace

@@ -30,11 +30,11 @@ from planner.contact.load_path import from_rest, rubs
 from planner.plan import HeldPlan, Plan
 from planner.program.problem import Problem
 from planner.program.program import STRETCH
-from planner.program.terms import pulling_tendons
 from planner.question import Statement
 from planner.solve.ipopt import Candidate, solve
-from planner.solve.refine import CORRECTIONS, PART, defect, settled
+from planner.solve.refine import CORRECTIONS, PART, defect
 from planner.solve.warm_start import jump
+from planner.task import Task
 from planner.trajectory.program import MotionProgram
 from planner.trajectory.question import Question, Waypoint
 
@@ -51,7 +51,6 @@ class Waypoints:
         self.statement = first.statement.but(
             mode="exact",
             refinement=1 if question.scene.has(Extension) else 2,
-            wound=question.limits.strokes is not None or bool(np.isfinite(question.rates.pace)),
         )
         self.solve(self._alone(first))
 
@@ -91,22 +90,19 @@ class Waypoints:
         return True
 
     def _problem(self, waypoint: Waypoint, statement: Statement) -> Problem:
-        """Return the problem of a waypoint; tendons that may not pull keep to their minima."""
-        arm, scene, limits = self.question.arm, self.question.scene, self.question.limits
-        definition = arm, scene, waypoint.stated, limits, statement
-        problem = Problem(*definition, self.question.machine_code)
-        lbx, ubx, lbg, ubg = (bound.copy() for bound in problem.bounds)
-        held = list(set(range(arm.n_tendons)) - pulling_tendons(arm, waypoint.stated))
-        ubx[held] = lbx[held]
-        lbg[problem.program.rows == STRETCH] += _CRUSHED
-        problem.bounds = lbx, ubx, lbg, ubg
+        """Return the problem of a waypoint; with lengths of tendons if their rates have limits."""
+        of, limits = self.question, self.question.limits
+        if limits.strokes is None and np.isfinite(of.rates.pace):
+            free = (np.inf,) * of.arm.n_tendons
+            limits = replace(limits, strokes=(tuple(np.negative(free).tolist()), free))
+        definition = of.arm, waypoint.stated, of.scene, limits, statement, of.accuracy
+        problem = Problem(Task(*definition, machine_code=of.machine_code))
+        problem.bounds[2][problem.program.rows == STRETCH] += _CRUSHED
         return problem
 
     def _corrected(self, problem: Problem, x: Array) -> Array:
         """Return the parameters with the defect of the mesh, by the shape that settles."""
-        question = self.question
-        at = question.arm, problem.tensions(x), question.scene, question.accuracy
-        error = defect(problem, x, settled(*at, question.machine_code))
+        error = defect(problem, x, problem.task.settled(problem.tensions(x)))
         return problem.parameters(defect=error)
 
     def _alone(self, first: Plan) -> list[Waypoint]:

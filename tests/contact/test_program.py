@@ -12,8 +12,8 @@ from planner.contact.optimum import steered
 from planner.contact.program import TensionProgram
 from planner.contact.search import FINE
 from planner.question import Limits, Statement
-from planner.solve.task import Task
 from planner.targets import Hold, TipPosition
+from planner.task import Task
 from tests.contact.cases import bar
 
 ARM = bar(0.3, 0.006, 2e5)
@@ -32,7 +32,7 @@ def test_derivatives_of_targets_grip_and_stability_are_those_of_settled_shapes(
     tip = tuple(settle(ARM, T, SCENE).tip.tolist())
     targets = (TipPosition(tip), Hold(ROD, (0.01, 0.0, -0.05, 0.0, 1e-4, 0.0), 0.5))
     limits = Limits((5.0,) * 4, (-1.0,) * 4, 9.0)
-    task = Task(ARM, targets, SCENE, limits, Statement(limited=True), 1e-6)
+    task = Task(ARM, targets, SCENE, limits, Statement(), 1e-6)
     program = TensionProgram(task, FINE, LEAST)
     begin = program.settled(T)
     scaled, h = T / program.unit, 1e-4
@@ -59,7 +59,7 @@ def test_shapes_are_settled_within_the_limits_to_the_last_digit() -> None:
     """Load paths had tensions of -1e-14 N, which the plan's own shape refused."""
     tip = tuple(settle(ARM, T, SCENE).tip.tolist())
     limits = Limits((5.0,) * 4, (0.0,) * 4)
-    task = Task(ARM, (TipPosition(tip),), SCENE, limits, Statement(limited=True), 1e-6)
+    task = Task(ARM, (TipPosition(tip),), SCENE, limits, Statement(), 1e-6)
     program = TensionProgram(task, FINE)
     begin = program.settled(T)
     assert program.at(T / program.unit - 1e-13, begin).point.tensions.min() == 0.0

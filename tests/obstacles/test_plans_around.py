@@ -21,8 +21,8 @@ from planner.avoidance.rows import cubic, element_of, grid
 from planner.avoidance.surroundings import Surroundings
 from planner.io.scene_file import read
 from planner.question import Limits, Statement
-from planner.solve.task import Task
 from planner.targets import BendingPlane, TipPosition
+from planner.task import Task
 from tests.oracles import Array
 
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())

@@ -24,6 +24,7 @@ from model.effects import (
 )
 from planner import Limits, Problem, Statement
 from planner.targets import Backbone, TipPosition
+from planner.task import Task
 from tests.differences import Array, all_of, dense
 
 ARM = Arm.from_paper("table-4")
@@ -75,7 +76,7 @@ def check_derivatives(arm: Arm, scene: Scene, mode: Any, modes: int = 0) -> None
     targets = (TipPosition((0.2, 0.05, 0.01)), through)
     limits = Limits.of(arm, 20.0)
     statement = Statement(mode=mode, refinement=1, modes=modes)
-    problem = Problem(arm, scene, targets, limits, statement)
+    problem = Problem(Task(arm, targets, scene, limits, statement, 1e-6))
     of, sigma, rng = problem.program, 0.7, np.random.default_rng(5)
     f, g, x, p = of.f, of.g, of.x, of.p
     theirs = ca.Function("first", [x, p], [f, ca.gradient(f, x), g, ca.jacobian(g, x)])

@@ -278,9 +278,9 @@ def test_a_cheaper_optimum_that_is_lost_on_finer_meshes_is_told(
     target = TipPosition(tuple(settle(ARM, T, PAPER).tip))
     best = plan(ARM, target, PAPER, 20.0)
 
-    def losing(coarse: Candidate, accuracy: float) -> Candidate | None:
+    def losing(coarse: Candidate) -> Candidate | None:
         same = abs(coarse.f / min(s.objective for s in best.starts) - 1) < 1e-3
-        return None if same else refine(coarse, accuracy)
+        return None if same else refine(coarse)
 
     monkeypatch.setattr(search, "refine", losing)
     found = plan(ARM, target, PAPER, 20.0, starts=8)

@@ -166,11 +166,6 @@ BROKEN: dict[str, tuple[tuple[Any, ...], Any, str]] = {
         "nan",
         "answer.lam_x: allowed are finite numbers",
     ),
-    "a total that is not there": (
-        ("answer", "statement", "limited"),
-        True,
-        "answer.statement.limited: got true",
-    ),
     "steps below 0": (("answer", "starts", 0, "iterations"), -1, "answer.starts[0].iterations"),
     "a jump below 0": (("answer", "jump"), -1.0, "answer.jump"),
     "no targets": (("question", "targets"), [], "question.targets"),

@@ -11,6 +11,7 @@ from model import Arm, Scene, settle
 from model.effects import Extension, TipLoad, Weight
 from planner import Limits, Plan, Problem, Statement, load_plan, plan
 from planner.targets import TipPosition
+from planner.task import Task
 from tests.differences import check_derivatives, whole
 
 ARM = Arm.from_paper("table-4")
@@ -28,7 +29,7 @@ TARGET = TipPosition(tuple(settle(ARM, T, AIR).tip.tolist()))
 
 def test_derivatives_of_a_stability_are_differences_of_it() -> None:
     statement = Statement(refinement=1, modes=1)
-    problem = Problem(ARM, AIR, (TARGET,), Limits.of(ARM, 20.0), statement)
+    problem = Problem(Task(ARM, (TARGET,), AIR, Limits.of(ARM, 20.0), statement, 1e-6))
     check_derivatives(whole(problem, problem.parameters()), problem.guess(T + 0.05), 1e-4)
 
 

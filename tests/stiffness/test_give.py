@@ -10,6 +10,7 @@ from model.effects import Current, Effect, Extension, Friction, Shear, TipLoad
 from planner import Limits, Statement
 from planner.program.problem import Problem
 from planner.targets import MinimumStiffness, Softest, Stiffest, Target, TipPosition
+from planner.task import Task
 from tests.differences import check_derivatives, whole
 from tests.stiffness.cases import IN_WATER, Array, pulling
 
@@ -50,7 +51,7 @@ def stated(arm: Arm, effects: tuple[Effect, ...], target: Target) -> tuple[Probl
     """A small problem with a stiffness, its parameters, and its unknowns at settled tensions."""
     targets, limits = (TipPosition((0.2, 0.05, 0.01)), target), Limits.of(arm, 20.0)
     statement = Statement(refinement=1)
-    problem = Problem(arm, Scene(*effects), targets, limits, statement)
+    problem = Problem(Task(arm, targets, Scene(*effects), limits, statement, 1e-6))
     p, rng = problem.parameters(), np.random.default_rng(5)
     return problem, p, problem.guess(rng.uniform(0.05, 0.3, arm.n_tendons))
 

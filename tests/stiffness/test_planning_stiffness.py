@@ -12,8 +12,7 @@ import pytest
 from model import Arm, Scene, settle
 from model.effects import Extension
 from planner import Plan, plan, stiffness
-from planner.measure import compliances_along, measure
-from planner.program.terms import stations_of
+from planner.program.terms import Targets
 from planner.targets import MinimumStiffness, Softest, Stiffest, TipPosition
 from tests.stiffness.cases import STATICS, Array
 
@@ -194,8 +193,9 @@ def test_a_matrix_that_is_not_attained_leaves_a_margin_below_0(spare: tuple[floa
     inner, turn = np.linalg.eigh(half @ np.diag(1 - np.array(spare)) @ half)
     root = back @ (turn * np.sqrt(inner)) @ turn.T @ back
     targets = (MinimumStiffness(root @ root, 1.0),)
-    poses = shape.poses(np.array(stations_of(ARM, targets)))
-    margin = measure(ARM, targets, poses, compliances_along(ARM, targets, shape))[2]
+    together = Targets(ARM, targets)
+    poses = shape.poses(np.array(together.stations))
+    margin = together.values(poses, together.compliances(shape))[2]
     least_margin = min(float(np.min(rows)) for rows in margin.values())
     assert (least_margin < -1e-3) == (min(spare) < 0)
 

@@ -1,21 +1,25 @@
-"""A planning question with its answer still open, the programs that state it, and the answer."""
+"""A planning question as one value, and what a search for its answer ends with."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import cached_property, lru_cache
+from typing import Self
+
+import numpy as np
 
 from model.arm import Arm
 from model.effects import Extension
+from model.forward import FINEST_ACCURACY
 from model.paths import Array
 from model.quantities import Count
 from model.scene import Scene
-from planner.avoidance.rows import Avoidance, avoidance_of
-from planner.program.problem import Problem
-from planner.program.terms import pulling_tendons
+from model.settle import settle
+from model.shape import Shape
+from planner.avoidance.rows import Avoidance
+from planner.program.terms import Targets
 from planner.question import Limits, Mode, Statement
-from planner.solve.ipopt import Candidate
 from planner.targets.base import Target
 
 # Initial guesses at most by default.
@@ -24,7 +28,7 @@ MOST = 14
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """The question of a search.
+    """What is asked.
 
     Attributes
     ----------
@@ -58,10 +62,10 @@ class Task:
         """How many initial guesses are made at most."""
         return MOST if self.guesses is None else self.guesses
 
-    @property
-    def stated(self) -> tuple[Target, ...]:
-        """The targets of the program."""
-        return self.targets
+    @cached_property
+    def together(self) -> Targets:
+        """The targets as one."""
+        return Targets(self.arm, self.targets)
 
     @property
     def bare(self) -> Scene:
@@ -71,14 +75,29 @@ class Task:
     @property
     def allowed(self) -> Limits:
         """The limits, with tendons that a target does not let pull held at their minima."""
-        pulling, lower = pulling_tendons(self.arm, self.targets), self.limits.lower
+        pulling, lower = self.together.tendons, self.limits.lower
         upper = [most if j in pulling else lower[j] for j, most in enumerate(self.limits.upper)]
         return replace(self.limits, upper=tuple(upper))
 
-    def problem(self, statement: Statement | None = None) -> Problem:
-        """Return the program by a statement, its own unless given."""
-        question = (self.arm, self.scene, self.stated, self.allowed, statement or self.statement)
-        return Problem(*question, self.machine_code)
+    @property
+    def sharper(self) -> float:
+        """The accuracy of what has to be judged by the task's: two digits more."""
+        return max(self.accuracy / 100, FINEST_ACCURACY)
+
+    def avoiding(self, avoidance: Avoidance | None) -> Self:
+        """Return the task with inequalities that keep the arm clear, if there are any."""
+        if avoidance is None:
+            return self
+        return replace(self, targets=avoidance.beside(self.targets))
+
+    def settled(self, tensions: Array) -> Shape:
+        """Return the shape under tensions, two digits more accurate; raises what settle does.
+
+        The error of a shape is that of the tip's place, over the arm's length. Its frame, which
+        targets measure too, may be off by thirty times as much.
+        """
+        T = tuple(np.ravel(tensions).tolist())
+        return _settled(self.arm, T, self.scene, self.sharper, self.machine_code)
 
     def coarse(self, mode: Mode) -> Statement:
         """Return the statement on a mesh that costs little: good to 1e-4 of L or so.
@@ -86,6 +105,13 @@ class Task:
         Without extension a slender tip winds up further, and takes a finer mesh.
         """
         return self.statement.but(mode=mode, refinement=1 if self.scene.has(Extension) else 2)
+
+
+@lru_cache(maxsize=8)
+def _settled(
+    arm: Arm, tensions: tuple[float, ...], scene: Scene, accuracy: float, machine_code: bool
+) -> Shape:
+    return settle(arm, tensions, scene, accuracy, compile=machine_code)
 
 
 @dataclass(frozen=True)
@@ -144,20 +170,6 @@ class SearchResult:
     unstable: bool = False
     load_path: tuple[tuple[float, ...], ...] = ()
     avoidance: Avoidance | None = None
-
-    @classmethod
-    def at(cls, end: Candidate, trials: Sequence[Trial], **more: Any) -> SearchResult:
-        """Return the result of a search that ends at a candidate, after trials."""
-        of = end.problem
-        return SearchResult(
-            end.statement,
-            of.arm.by_section(end.tensions),
-            tuple(end.lam_x[: of.n_free].tolist()),
-            tuple(end.lam_g[: of.n_outer].tolist()),
-            tuple(trials),
-            avoidance=avoidance_of(of.targets),
-            **more,
-        )
 
 
 def agreed(starts: Sequence[Trial]) -> int:
