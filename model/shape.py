@@ -14,8 +14,8 @@ from model.arm import Arm
 from model.centreline import Centreline
 from model.checks import finite_array
 from model.clearance.nearest import ITSELF, clearances
-from model.contact.contacts import Touch, touches_of
 from model.contact.path import Touching
+from model.contact.touches import Touch, touches_of
 from model.cross_section import cross_section_of
 from model.cross_section.sections import Sections
 from model.effects import ExactTendons, PrintedStatics

@@ -19,9 +19,9 @@ import numpy as np
 import scipy
 
 from model.clearance.nearest import ITSELF, Clearance, clearances
-from model.contact.contacts import Touch
 from model.contact.gaps import THROUGH
 from model.contact.path import EXCHANGES, stepped
+from model.contact.touches import Touch
 from model.effects import PointLoad
 from model.errors import OctoplanError, UnsettledContactError
 from model.obstacles import Sphere

@@ -29,7 +29,7 @@ from model.contact.touches import (
 )
 from model.effects import NeoHookean, Shear
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import STEPS_IN_CONTACT, carried_strains, newton
+from model.equilibrium.newton import STEPS_IN_CONTACT, carried_strains, newton, predicted
 from model.loads import contacts
 from model.mesh import Mesh
 from model.obstacles.base import SIZE
@@ -163,9 +163,7 @@ def _gap_at(point: Linearised, s: float, obstacle: int) -> tuple[float, float, f
 
 def _carried(of: Request, near: Linearised, system: System, touches: Touches) -> Array:
     """Return states to begin with on another mesh: forces are those of the nodes nearest."""
-    before, states = near.system, near.states
-    if not np.array_equal(of.tensions, near.tensions):
-        states = states + near.by_tensions @ (of.tensions - near.tensions)
+    before, states = near.system, predicted(near, of.tensions)
     strains = carried_strains(before, states[before.of.stages], system)
     apart, now, were = np.abs(before.mesh.s[:, None] - system.mesh.s), system.of, before.of
     pressed = np.zeros(touches.held.shape)
@@ -247,17 +245,18 @@ def _exchanged(of: Request, point: Linearised, places: Places, settled: bool) ->
 def _bent(of: Request, point: Linearised, place: Place) -> Place:
     """Return a part in place of a point about which the arm bends into the obstacle.
 
-    A force at a point bends an arm that shears by an angle there.
+    A force at a point bends an arm that shears by an angle there: a part is about as long as it
+    takes the gap's curvature to make up for that.
     """
     system, (j, s, _), L = point.system, place, of.base.arm.length
     _, slope, curve = _gap_at(point, s, j)
-    bends = curve < 0
+    half, bends = _NEAR * float(np.diff(system.mesh.s)[system.mesh.node(s) - 1]), curve < 0
     if of.base.scene.has(Shear):
-        bends = slope - _gap_at(point, min(s + SAME * L, L), j)[1] > THROUGH
+        angle = slope - _gap_at(point, min(s + SAME * L, L), j)[1]
+        half, bends = min(half, angle / 2 / max(curve, SMALLEST)), angle > THROUGH
     elif s in of.corners:
         bends = False
-    h = _NEAR * float(np.diff(system.mesh.s)[system.mesh.node(s) - 1])
-    return Place(j, s - h, min(s + h, L)) if bends and not place.lies else place
+    return Place(j, s - half, min(s + half, L)) if bends and not place.lies else place
 
 
 def _joined(places: list[Place], mesh: Mesh) -> Places:

@@ -242,13 +242,18 @@ class Collocation:
 
         Where tensions differ, of the states at these by its derivatives.
         """
-        before, states = near.system, near.states
-        if not np.array_equal(tensions, near.tensions):
-            states = states + near.by_tensions @ (tensions - near.tensions)
+        before, states = near.system, predicted(near, tensions)
         if before.of is self.system.of and np.array_equal(before.mesh.s, self.mesh.s):
             return states
         strains = carried_strains(before, states[before.of.stages], self.system)
         return self.system.start(tensions, strains, 1.0)
+
+
+def predicted(near: Linearised, tensions: Array) -> Array:
+    """Return states under tensions (n_tendons,) by the derivatives of an equilibrium nearby."""
+    if np.array_equal(tensions, near.tensions):
+        return near.states
+    return near.states + near.by_tensions @ (tensions - near.tensions)
 
 
 def carried_strains(before: System, strains: Array, after: System) -> Array:

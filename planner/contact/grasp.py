@@ -13,7 +13,7 @@ from scipy.linalg import block_diag
 from scipy.sparse import csc_array
 
 from model.arm import Arm
-from model.contact.contacts import Touch
+from model.contact.touches import Touch
 from model.obstacles.base import Convex
 from model.paths import Array
 from model.shape import Shape

@@ -23,7 +23,7 @@ import clarabel
 import numpy as np
 
 from model.contact.forward import TouchingMap
-from model.contact.friction import path_sensitivities
+from model.contact.path import path_sensitivities
 from model.contact.touches import Touches, forces, resultants, second
 from model.equilibrium.linearised import Linearised, check_stretch
 from model.equilibrium.newton import STAGES

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from model import OctoplanError, Scene, settle
-from model.contact.contacts import touches_of
 from model.contact.forward import TouchingMap
+from model.contact.touches import touches_of
 from model.effects import Contact, TipLoad
 from model.obstacles import Capsule
 from tests.contact.cases import bar

@@ -10,8 +10,7 @@ from scipy.optimize import root
 
 from model import Arm, Scene, Shape, settle
 from model.contact.forward import TouchingMap
-from model.contact.friction import path_sensitivities
-from model.contact.path import Touching
+from model.contact.path import Touching, path_sensitivities
 from model.contact.touches import Touches, forces, frictions, resultants
 from model.effects import Contact, Effect, ExactTendons, Extension, NeoHookean, TipLoad
 from model.equilibrium.linearised import Linearised
