@@ -309,16 +309,16 @@ def _integrated(
     for mesh in sorted(meshes):
         form = (STAGES, mesh, stations, is_loaded(scene), shape.machine_code)
         equilibrium = by_collocation(arm, scene, *form).solve(shape.tensions, shape.known)
-        check, system = verified(equilibrium, accuracy), equilibrium.system
-        poses = system.poses(check.point.states)
+        check, error = verified(equilibrium, accuracy)
+        system, poses = check.system, check.poses
         gap = np.abs(poses[-1] - shape.poses(arm.length)) / scale
         if gap.max() <= 10 * accuracy:
             break
     places = [system.mesh.node(s) for s in stations]
-    line = partial(Centreline.at_states, system, check.point.states)
+    line = partial(Centreline.at_states, system, check.states)
     # The point does not tell which contacts are closed.
-    least = stability(equilibrium if touching else check.point)
-    return poses[places], poses[-1, 4:], check.error, least, line
+    least = stability(equilibrium if touching else check)
+    return poses[places], poses[-1, 4:], error, least, line
 
 
 def _violation(shape: Shape, line: Centreline) -> float:

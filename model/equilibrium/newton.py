@@ -112,9 +112,7 @@ def step_sizes(system: System, step: Array, states: Array) -> tuple[float, float
     """
     of = system.of
     rotation = float(np.abs(step[of.nodes[:, :4]]).max())
-    curvatures = np.arange(of.form.strains) < 2 + of.form.law.torsion
-    units = np.where(curvatures, 1 / system.arm.length, 1.0)
-    changes = np.abs(step[of.stages]) / (units + np.abs(states[of.stages]))
+    changes = np.abs(step[of.stages]) / (system.units + np.abs(states[of.stages]))
     size = max(rotation, float(changes.max()))
     if of.form.contact_friction:
         h = float(np.diff(system.mesh.s).mean())

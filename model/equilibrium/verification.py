@@ -10,8 +10,6 @@ that turns defects into an error of the tip; not shared are the kernels and the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from model.equilibrium.integration import SCHEME, Integration
@@ -25,27 +23,11 @@ from model.transcription.layout import POSE
 SUBSTEPS = (1, 2, 4, 8, 16)
 
 
-@dataclass(frozen=True, eq=False)
-class Verified:
-    """An equilibrium as an initial value integrator has it.
-
-    Attributes
-    ----------
-    point : Linearised
-        The equilibrium by collocation, at the corrected states.
-    error : float
-        Estimated error of the tip, over arm length.
-    """
-
-    point: Linearised
-    error: float
-
-
-def verified(point: Linearised, accuracy: float) -> Verified:
-    """Return an equilibrium corrected by what an integrator says of it.
+def verified(point: Linearised, accuracy: float) -> tuple[Linearised, float]:
+    """Return an equilibrium corrected by what an integrator says of it, and its estimated error.
 
     Steps are halved until the corrections of two of them differ by less than an accuracy, over the
-    arm's length. Raises ConvergenceError where they do not.
+    arm's length as the error is. Raises ConvergenceError where they do not.
     """
     system, before, error = point.system, None, np.inf
     strains: Array | None = None
@@ -61,7 +43,7 @@ def verified(point: Linearised, accuracy: float) -> Verified:
         if before is not None:
             error = estimate(float(np.abs(poses - before).max()), 1, 2, SCHEME.order)
             if error <= accuracy:
-                return Verified(Linearised(system, x, point), error)
+                return Linearised(system, x, point), error
         before = poses
     raise ConvergenceError(accuracy, error, f"its check by {SCHEME.name} does not converge")
 

@@ -28,7 +28,7 @@ Prepared = tuple[list[Array], Array, Callable[[], None], Any]
 # Sets side by side in C, and by NumPy: intermediate numbers stay in the processor's cache.
 LANES, _AT_ONCE = 8, 2048
 # As few sets as these CasADi interprets sooner, one by one.
-_FEW = 512
+FEW = 512
 
 
 def built(make: Callable[..., K], *of: Any) -> K:
@@ -104,7 +104,7 @@ class Mapped:
     def __call__(self, *value: Array) -> list[Array]:
         """Return the results (N, n_out) of arguments (N, n_in) or (N,)."""
         count = len(value[0])
-        columns = self.columns if self._machine_code or not 0 < count <= _FEW else None
+        columns = self.columns if self._machine_code or not 0 < count <= FEW else None
         fit = (1, count) if columns else (count,)
         rows = [v if len(v) in fit else v[np.arange(count) % len(v)] for v in value]
         if columns:

@@ -24,7 +24,7 @@ from model.cross_section.sections import Sections, reported, settled
 from model.cross_section.statics import ClosedStatics, closed_statics
 from model.integrators import Magnus
 from model.machine.compiled import kernel
-from model.machine.functions import Buffered, Columns, Mapped, built
+from model.machine.functions import FEW, Buffered, Columns, Mapped, built
 from model.mesh import Mesh, graded
 from model.paths import Array, Linear, Path
 from model.rotations import compose
@@ -32,9 +32,8 @@ from model.scene import Scene
 from model.stations import Counts, Stations, base_pose, stations
 from model.unloaded.marched import March
 
-# Arms at a time, interpreted and by machine code: their numbers stay in the processor's cache. As
-# few as the latter are marched one after the other where they are interpreted.
-_ARMS = 2048, 512
+# Arms at a time, interpreted and by machine code: their numbers stay in the processor's cache.
+_ARMS = 2048, 256
 # Of log R and s/L in its meshes: errors of slender tips weigh most where strains follow tensions.
 _GRADED = 1.5, 0.75
 # So few steps are one list of operations, which CasADi runs sooner than a function time and again.
@@ -175,7 +174,7 @@ class ClosedForm(March):
 
     def many(self, tensions: Array, nodes: Sequence[int] | None = None) -> tuple[Array, Array]:
         """See March.many: so many arms at a time that their numbers stay at hand."""
-        if len(tensions) <= _ARMS[True] and not self.machine_code:
+        if len(tensions) <= FEW and not self.machine_code:
             return super().many(tensions, nodes)
         step = built(Columns, built(_step, *self._kind, True), self.machine_code)
         base, some, results = np.append(self._base, np.inf)[:, None], _ARMS[self.machine_code], []

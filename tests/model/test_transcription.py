@@ -98,10 +98,10 @@ def test_what_verifies_an_equilibrium_corrects_a_coarse_one(name: str, arm: str)
     pulls = {"table-4": PULLS, "section-5.2": np.array([0.3, 0.2, 0.0, 0.1])}[arm]
     # As coarse as to be off by some millionths of the length.
     here = Collocation(system(given, scene, 2, 2)).solve(pulls)
-    found = verified(here, 1e-8)
+    corrected, error = verified(here, 1e-8)
     wanted = settle(given, pulls, scene, 1e-10).tip
-    coarse, fine = (at.system.poses(at.states)[-1, 4:] for at in (here, found.point))
-    assert found.error <= 1e-8
+    coarse, fine = (at.system.poses(at.states)[-1, 4:] for at in (here, corrected))
+    assert error <= 1e-8
     assert np.linalg.norm(coarse - wanted) > 5e-7 * given.length
     assert np.linalg.norm(fine - coarse) > 5e-7 * given.length
     assert np.linalg.norm(fine - wanted) < 1e-7 * given.length
