@@ -28,7 +28,6 @@ from model.equilibrium.newton import (
     Collocation,
     carried_strains,
     newton,
-    step_sizes,
 )
 from model.errors import CollapsedError, SnapError, UnsettledContactError, UnsettledSectionError
 from model.forward import ForwardMap, Maps
@@ -54,14 +53,6 @@ _LEAST_STEP = 1 / 64
 
 # An equilibrium under tensions whose lengths, and how these change with tensions, are known.
 _At = TypeVar("_At", Linearised, Lengths)
-
-
-def equilibrium_beside(at: Linearised, tensions: Array) -> Linearised | None:
-    """Return the equilibrium under tensions near those of another; None where there is none."""
-    change = at.by_tensions @ (tensions - at.tensions)
-    is_close = step_sizes(at.system, change, at.states)[1] < CLOSE
-    load, states = float(at.x[at.system.of.n_tendons]), at.states + change
-    return newton(at.system, tensions, load, states, near=at if is_close else None)
 
 
 def tightened(
@@ -156,22 +147,21 @@ class GivenLengths:
 
         Raises InputError where no shape has the lengths.
         """
-        if not (is_loaded(self.maps.scene) and isinstance(forward, Collocation)):
+        if not is_loaded(self.maps.scene):
             return forward.solve(self._unloaded)
-        beside = forward.led_to if isinstance(forward, TouchingMap) else equilibrium_beside
+        assert isinstance(forward, Collocation)
         begins = self._begins(forward, near)
-        result = taken_in(begins, self.winches, beside, self.maps.arm, _NEARLY)
+        result = taken_in(begins, self.winches, forward.led_to, self.maps.arm, _NEARLY)
         if result is None:
             raise unknown_least(self.maps.arm, self.winches)
         return result
 
     def finished(self, forward: ForwardMap, end: Equilibrium) -> Equilibrium:
         """Return an accepted equilibrium with tensions to rounding, itself where none are found."""
-        if not (is_loaded(self.maps.scene) and isinstance(forward, Collocation)):
+        if not (isinstance(end, Linearised) and is_loaded(self.maps.scene)):
             return end
-        assert isinstance(end, Linearised)
-        beside = forward.led_to if isinstance(forward, TouchingMap) else equilibrium_beside
-        return tightened(end, self.winches, beside, self.maps.arm) or end
+        assert isinstance(forward, Collocation)
+        return tightened(end, self.winches, forward.led_to, self.maps.arm) or end
 
     def _begins(
         self, forward: Collocation, near: Equilibrium | None

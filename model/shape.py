@@ -124,9 +124,8 @@ class Shape(Shown):
         """
         if self.winches is None:
             return ()
-        point = self._linearised(is_loaded(self.scene))
         taut = np.flatnonzero(self.winches.held & ~self.slack.ravel())
-        result = point.length_tension[np.ix_(taut, taut)]
+        result = self.equilibrium.length_tension[np.ix_(taut, taut)]
         idle = unfelt(np.diag(self.winches.stretch[taut]) - result)
         return tuple(
             self.arm.tendon_name(int(j)) for j in taut[np.abs(idle).max(axis=0, initial=0) > _PART]
@@ -263,15 +262,11 @@ class Shape(Shown):
         """
         if self.scene.has(PrintedStatics):
             raise InputError("scene", "as printed", "a scene whose equations hold under loads")
-        return stability(self._linearised(True))
-
-    def _linearised(self, loaded: bool) -> Linearised:
-        """Return its equations by collocation, with wrenches as unknowns where it is `loaded`."""
         point = self.known
-        if point is not None and point.system.of.form.loaded == loaded:
-            return point
-        mesh = STAGES, self.refinement, (), loaded, self.machine_code
-        return by_collocation(self.arm, self.scene, *mesh).solve(self.tensions)
+        if point is None or not point.system.of.form.loaded:
+            mesh = STAGES, self.refinement, (), True, self.machine_code
+            point = by_collocation(self.arm, self.scene, *mesh).solve(self.tensions)
+        return stability(point)
 
     @property
     def contacts(self) -> tuple[Touch, ...]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -139,7 +140,7 @@ def follow_on(
     start: Followed,
     most: float,
     least: float,
-    steps: float = np.inf,
+    crushed: Callable[[], object] | None = None,
     looser: float = 1.0,
     on_the_way: float = 1.0,
 ) -> Followed:
@@ -147,14 +148,16 @@ def follow_on(
 
     No step is so long that the tangent turns a frame far. One that leads to no
     equilibrium is halved; the end is where it is down to `least` of the load factor that is
-    reached, or where so many `steps` were tried. `looser` is newton's; on the way, until a step
-    fails, `on_the_way` is.
+    reached, or soon where the arm is `crushed` without loads. `looser` is newton's; on the way,
+    until a step fails, `on_the_way` is.
     """
     at, step, tried, system = start, min(1.0, most), 0, start.point.system
     n, quaternions = system.of.n_tendons, system.of.nodes[:, :4]
     begins_stable: bool | None = None
-    while at.load < most and step >= least * max(at.load, least) and tried < steps:
+    while at.load < most and step >= least * max(at.load, least):
         check_time()
+        if tried == _SOON_IF_CRUSHED and crushed and crushed():
+            break
         tried += 1
         tell("percent of the loads", round(100 * at.load / most), 100)
         if at.point.factor is None:
@@ -222,14 +225,20 @@ class Collocation:
         point = Linearised(at, x)
         if not self._loaded:
             return point
-        crushed = at.sections.crushed(strains)
-        steps = _SOON_IF_CRUSHED if crushed else np.inf
-        end = follow_on(Followed(point, 0.0, ""), 1.0, LEAST_STEP, steps, looser, ROUGHEST)
+        begin, crushed = Followed(point, 0.0, ""), partial(at.sections.crushed, strains)
+        end = follow_on(begin, 1.0, LEAST_STEP, crushed, looser, ROUGHEST)
         if end.load >= 1:
             return end.point
-        if crushed:
-            raise UnsettledSectionError(crushed.s)
+        if section := crushed():
+            raise UnsettledSectionError(section.s)
         raise SnapError(end.load, end.why or SNAPS)
+
+    def led_to(self, at: Linearised, tensions: Array) -> Linearised | None:
+        """Return the equilibrium under tensions near another of this mesh; None for none."""
+        of, change = at.system.of, at.by_tensions @ (tensions - at.tensions)
+        is_close = step_sizes(at.system, change, at.states)[1] < CLOSE
+        load, states = float(at.x[of.n_tendons]), at.states + change
+        return newton(at.system, tensions, load, states, near=at if is_close else None)
 
     def without_loads(self, tensions: Array) -> Array:
         """Return the states under tensions without loads; raises UnsettledSectionError."""

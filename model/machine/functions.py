@@ -103,8 +103,10 @@ class Mapped:
 
     def __call__(self, *value: Array) -> list[Array]:
         """Return the results (N, n_out) of arguments (N, n_in) or (N,)."""
-        count = len(value[0])
-        columns = self.columns if self._machine_code or not 0 < count <= FEW else None
+        count, f = len(value[0]), self._function
+        if not count:
+            return [np.zeros((0, f.numel_out(i))) for i in range(f.n_out())]
+        columns = self.columns if self._machine_code or count > FEW else None
         fit = (1, count) if columns else (count,)
         rows = [v if len(v) in fit else v[np.arange(count) % len(v)] for v in value]
         if columns:

@@ -177,11 +177,21 @@ class Marched:
         return self.march.dense(self.tensions, self.poses, self.strains, s)
 
     @cached_property
+    def _tendons(self) -> Lengths:
+        march = self.march
+        return tendon_lengths(march.arm, march.scene, march.machine_code)(self.tensions)
+
+    @property
+    def length_tension(self) -> Array:
+        """See Linearised; of all but the equations as printed."""
+        return self._tendons.length_tension
+
+    @cached_property
     def lengths(self) -> Array:
         """See Linearised: the integral of ``|du_c/ds|`` by Gauss quadrature."""
         arm, scene, mesh = self.march.arm, self.march.scene, self.mesh
         if not scene.has(PrintedStatics):
-            return tendon_lengths(arm, scene, self.machine_code)(self.tensions).lengths
+            return self._tendons.lengths
         law = cross_section_of(scene, arm.is_curved)
         s, weights, active = mesh.points(_POINTS)
         sections = Sections(arm, scene, law, s, active)

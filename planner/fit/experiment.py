@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from model import InputError, OctoplanError, settle
-from model.by_lengths import equilibrium_beside, tightened
+from model.by_lengths import tightened
 from model.equilibrium.linearised import Linearised, check_stretch
 from model.equilibrium.newton import Collocation
 from model.equilibrium.sensitivities import ByNumbers
@@ -209,7 +209,7 @@ class SessionEquations:
             return reached
         n = self.system.arm.n_tendons
         winches = Winches(np.ones(n, dtype=bool), self._lengths(shape), np.zeros(n))
-        result = tightened(reached, winches, equilibrium_beside, self.system.arm)
+        result = tightened(reached, winches, Collocation(self.system).led_to, self.system.arm)
         return result or OctoplanError("no shape near its lengths is found")
 
     def tensions(self, shape: Measured) -> Array:
