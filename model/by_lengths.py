@@ -33,7 +33,7 @@ from model.errors import CollapsedError, SnapError, UnsettledContactError, Unset
 from model.forward import ForwardMap, Maps
 from model.least_energy import ROUNDS, LeastEnergy
 from model.loads import is_loaded
-from model.paths import Array
+from model.paths import SAME, Array
 from model.progress import check_time
 from model.shortest import SHORT, refuse, unknown_least
 from model.transcription.system import System, system
@@ -45,9 +45,6 @@ _STAGES = 2
 # Newton steps; that one is the last which changes tensions by no more than this share, or which
 # will leave no more than this share of rounding, as its error goes by the square.
 _STEPS, _LAST, _SQUARE = 30, 1e-6, 0.1
-# What is left of tendons that are slack, and what taut ones may be off, over the arm's length; on
-# meshes that are not the last one all.
-_NEARLY = 1e-9
 # The least step towards the lengths, as a share of the whole way, and of a Newton step.
 _LEAST_STEP = 1 / 64
 
@@ -69,7 +66,7 @@ def tightened(
     lengths are not met at all. Newton steps that lead to no equilibrium are halved.
     """
     held, rounding, last = winches.held, rounding * arm.length, 0.0
-    nearly, best, least_missed = _NEARLY * arm.length, None, np.inf
+    nearly, best, least_missed = SAME * arm.length, None, np.inf
     for _ in range(_STEPS):
         check_time()
         now, left = at.tensions, winches.lacks(at.lengths, at.tensions)
@@ -151,7 +148,7 @@ class GivenLengths:
             return forward.solve(self._unloaded)
         assert isinstance(forward, Collocation)
         begins = self._begins(forward, near)
-        result = taken_in(begins, self.winches, forward.led_to, self.maps.arm, _NEARLY)
+        result = taken_in(begins, self.winches, forward.led_to, self.maps.arm, SAME)
         if result is None:
             raise unknown_least(self.maps.arm, self.winches)
         return result

@@ -16,18 +16,15 @@ from scipy.linalg.lapack import dgesdd
 
 from model.arm import Arm
 from model.checks import LARGEST, SMALLEST, not_negative
+from model.effects import Extension
 from model.errors import InputError
-from model.mesh import graded
 from model.paths import Array
 from model.scene import Scene
-from model.stations import crossing, stations
-from model.unloaded.marched import tendon_lengths
+from model.unloaded.marched import Lengths, tendon_lengths
 
 # Compliance of held tendons as a share of the arm's own, so that combinations of lengths that no
 # strain changes do not matter.
 _LEAST_COMPLIANCE = 1e-10
-# Of the mesh on which compliances are summed up.
-_FINE = 16
 # A tendon pulls where its tension shortens it, in the straight arm, by more than this share of the
 # arm's length; below is rounding of solvers.
 _PULLS = 1e-8
@@ -112,15 +109,20 @@ def _given(arm: Arm, values: Any, name: str) -> tuple[Array, NDArray[np.bool_]]:
 
 
 @lru_cache(maxsize=64)
+def _at_rest(arm: Arm) -> Lengths:
+    """Return the tendons of the arm without tensions and loads."""
+    result = tendon_lengths(arm, Scene(Extension()))(np.zeros(arm.n_tendons))
+    result.lengths.setflags(write=False)
+    return result
+
+
 def rest_lengths(arm: Arm) -> Array:
     """Return the length of each tendon in the arm at rest (n_tendons,) [m].
 
     The integral of |t + Y' + kappa_0 x Y|, Y = y d, kappa_0 the arm's curvature at rest. Strokes
     count from there: what a winch has taken in.
     """
-    result = tendon_lengths(arm, Scene())(np.zeros(arm.n_tendons)).lengths
-    result.setflags(write=False)
-    return result
+    return _at_rest(arm).lengths
 
 
 def pulls(arm: Arm, tensions: Array) -> NDArray[np.bool_]:
@@ -132,17 +134,12 @@ def pulls(arm: Arm, tensions: Array) -> NDArray[np.bool_]:
     return np.asarray(tensions > _PULLS * arm.length / arm_compliance(arm))
 
 
-@lru_cache(maxsize=64)
 def arm_compliance(arm: Arm) -> float:
     """Return how much all tendons shorten, in sum, for one newton in each, arm at rest [m/N].
 
-    The straight arm's own compliance: integrals of y2/EJ + 1/EA.
+    Each by its own tension: in a straight arm, but for slopes, the integrals of y2/EJ + 1/EA.
     """
-    s, weights, active = graded(arm, _FINE).points(3)
-    at = stations(arm, s, active)
-    place, tendon = np.nonzero(crossing(arm, at))
-    y, (EA, EJ) = at.y[np.array(arm.offset_of)[tendon], place], at.area[:, place] * arm.material.E
-    return float(weights[place] @ (y**2 / EJ + 1 / EA))
+    return -float(np.trace(_at_rest(arm).length_tension))
 
 
 def least_compliance(arm: Arm) -> float:
