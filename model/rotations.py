@@ -70,14 +70,14 @@ def half_angle(x: ca.SX) -> ca.SX:
     and right to rounding up to two turns.
     """
     versine, sinc, _ = _of_half(x)
-    return ca.vertcat(1 - x / 4 * versine, sinc / 2)
+    return ca.vertcat(1 - 0.25 * x * versine, 0.5 * sinc)
 
 
 def _of_half(x: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Return (1 - cos b) / b^2, sin b / b and (b - sin b) / b^3 of half the angle, b = x^(1/2) / 2.
 
     See half_angle. The first and the last are sums over k of (-b^2)^k / (2 k + 2)! and (2 k + 3)!,
-    by Horner's rule.
+    by Horner's rule. Products in place of quotients: a processor divides several times slower.
     """
     square, versine, cubic = 0.25 ** (_DOUBLINGS + 1) * x, ca.SX(0), ca.SX(0)
     for k in reversed(range(_TERMS + 1)):
@@ -85,8 +85,8 @@ def _of_half(x: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         cubic = (-1.0) ** k / math.factorial(2 * k + 3) + square * cubic
     sinc = 1 - square * cubic
     for _ in range(_DOUBLINGS):
-        cubic = (cubic + sinc * versine) / 4
-        versine, sinc, square = sinc**2 / 2, sinc * (1 - square * versine), 4 * square
+        cubic = 0.25 * (cubic + sinc * versine)
+        versine, sinc, square = 0.5 * sinc**2, sinc * (1 - square * versine), 4 * square
     return versine, sinc, cubic
 
 
@@ -111,8 +111,8 @@ def exponential(w: ca.SX, v: ca.SX) -> ca.SX:
     """
     x, turn = ca.sumsqr(w), ca.cross(w, v)
     versine, sinc, cubic = _of_half(x)
-    shift = v + sinc**2 / 2 * turn + (cubic + sinc * versine) / 4 * ca.cross(w, turn)
-    return ca.vertcat(1 - x / 4 * versine, sinc / 2 * w, shift)
+    shift = v + 0.5 * sinc**2 * turn + 0.25 * (cubic + sinc * versine) * ca.cross(w, turn)
+    return ca.vertcat(1 - 0.25 * x * versine, 0.5 * sinc * w, shift)
 
 
 def cross(a: Array, b: Array) -> Array:

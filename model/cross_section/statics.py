@@ -226,7 +226,10 @@ class PaperStatics:
         v = ca.SX.sym("v", size(self.law))
         wrench = self.wrench(v, pull, data)
         D, rest = ca.jacobian(wrench, v), ca.substitute(wrench, v, 0 * v)
-        bend = -ca.inv_minor(D[:2, :2]) @ rest[:2]
+        over = 1 / (D[0, 0] * D[1, 1] - D[0, 1] * D[1, 0])
+        bend = over * ca.vertcat(
+            D[0, 1] * rest[1] - D[1, 1] * rest[0], D[1, 0] * rest[0] - D[0, 0] * rest[1]
+        )
         return ca.vertcat(bend, (-rest[2:] - D[2:, :2] @ bend) / ca.diag(D)[2:])
 
 

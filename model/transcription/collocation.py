@@ -99,8 +99,8 @@ def _fifth(
 ) -> ca.SX:
     """Return the terms of the fifth order in h that are no single bracket, at x = 1."""
     twice = bracket(k[0], brackets[0, 1])
-    third = bracket(k[0], brackets[0, 2]) / 360 - bracket(k[1], brackets[0, 1]) / 240
-    fifth: ca.SX = h**3 * (third + h * bracket(k[0], twice) / 720)
+    third = (1 / 360) * bracket(k[0], brackets[0, 2]) - (1 / 240) * bracket(k[1], brackets[0, 1])
+    fifth: ca.SX = h**3 * (third + h * (1 / 720) * bracket(k[0], twice))
     return fifth
 
 
