@@ -109,8 +109,9 @@ COLD: Options = {"max_iter": 60, "mu_init": 0.1, "bound_push": 5e-3, "bound_frac
 _ROUGH: Options = {"mu_strategy": "adaptive", "tol": 1e-6, "constr_viol_tol": 1e-6}
 # Of several programs side by side, where no other guess is cheaper: from an optimum of each by
 # itself, so that the barrier begins lower, and falls step by step.
+_BY_STEPS: Options = {"mu_strategy": "monotone", "mu_init": 1e-3}
 TOGETHER: Options = (
-    COLD | _ROUGH | {"mu_strategy": "monotone", "tol": 1e-7, "mu_init": 1e-3, "max_iter": 300}
+    COLD | _ROUGH | _BY_STEPS | {"tol": 1e-7, "max_iter": 300, "barrier_tol_factor": 100.0}
 )
 WARM: Options = {
     "mu_init": 1e-6,
@@ -132,8 +133,8 @@ _FOR: dict[Purpose, Options] = {
     # An objective that outweighs the barrier takes a sixth fewer iterations; steps that lead ten
     # times farther from equilibrium than the guess are cut.
     "search": COLD | _ROUGH | {"obj_scaling_factor": 30 * MAGNIFIED, "theta_max_fact": 10.0},
-    # From the optimum for another target.
-    "follow": WARM | _ROUGH,
+    # From the optimum for another target, which may hold other bounds.
+    "follow": WARM | _ROUGH | _BY_STEPS | {"barrier_tol_factor": 30.0, "max_iter": 60},
     "near": WARM,
     # Bounds that hold are fixed, others are far: there is no barrier left to follow.
     "polish": WARM | {"mu_init": 1e-12},

@@ -111,6 +111,16 @@ class Reading:
             tell(_PHASES[self.mode], len(self.trials), self.task.most)
             self._keep(attempt(problem, T))
 
+    def agrees_on(self, optimum: Candidate) -> bool:
+        """Return whether guesses lead to none that is better, until enough agree, it among them.
+
+        An optimum that is less stable than it has to be is none of those.
+        """
+        self._keep(optimum)
+        self.search()
+        best = min((each.f for each in self.met), default=np.inf)
+        return optimum in self.met and optimum.f <= (1 + COARSE) * best
+
     def led_to(self, T: Array) -> Candidate | None:
         """Return the optimum that tensions lead to, as stable as it has to be."""
         problem = Problem(self.task, self.task.coarse(self.mode))

@@ -34,7 +34,7 @@ _WEIGHT = 3e-3
 # The least effort and time that count.
 _LEAST = 1e-3
 # From the optimum for other defects.
-_AGAIN = WARM | {"tol": 1e-8, "constr_viol_tol": 1e-9, "mu_init": 1e-8}
+_AGAIN = WARM | {"tol": 1e-8, "constr_viol_tol": 1e-9, "mu_init": 1e-9}
 
 
 class MotionProgram:

@@ -184,7 +184,8 @@ class Question:
                 result = plan(self.arm, self.targets[k], self.scene, near=near, **more)
             if result.stopped:
                 raise OutOfTime
-            if result.mode == "exact":
+            # Least squares may meet them, too.
+            if result.mode == "exact" or result.reached:
                 break
             missed.append(result)
         if not missed:

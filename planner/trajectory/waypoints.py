@@ -1,11 +1,11 @@
 """From targets to tensions at the waypoints of a motion: one program over all of them.
 
 It begins at an optimum of each target by itself. They are followed, each from the one before, and
-the last is compared with its plan, which is the best of several optima: where the two differ the
-path has left the better branch, and each target is planned. The mesh is coarse. What targets
-measure on it is off from that of the settled arm by a defect, which changes little from one optimum
-to the next: bounds are shifted by it, and the program is solved again, warm, until the settled arm
-meets them (deferred correction).
+the last has to agree with the best that initial guesses lead to: where it does not the path has
+left the better branch, and each target is planned. The mesh is coarse. What targets measure on it
+is off from that of the settled arm by a defect, which changes little from one optimum to the next:
+bounds are shifted by it, and the program is solved again, warm, until the settled arm meets them
+(deferred correction).
 
 Which of several equilibria an arm in contact is in depends on how it came there: then waypoints
 are planned one after another, each for the least effort to which tensions lead from the one before.
@@ -26,6 +26,8 @@ from model.errors import InputError, OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
 from model.progress import reported, tell
+from model.settle import settle
+from model.shape import Shape
 from planner.contact.load_path import from_rest, rubs
 from planner.plan import HeldPlan, Plan
 from planner.program.problem import Problem
@@ -33,7 +35,7 @@ from planner.program.program import STRETCH
 from planner.question import Statement
 from planner.solve.ipopt import Candidate, solve
 from planner.solve.refine import CORRECTIONS, PART, defect
-from planner.solve.warm_start import jump
+from planner.solve.search import Reading, Search
 from planner.task import Task
 from planner.trajectory.program import MotionProgram
 from planner.trajectory.question import Question, Waypoint
@@ -101,21 +103,24 @@ class Waypoints:
         return problem
 
     def _corrected(self, problem: Problem, x: Array) -> Array:
-        """Return the parameters with the defect of the mesh, by the shape that settles."""
-        error = defect(problem, x, problem.task.settled(problem.tensions(x)))
-        return problem.parameters(defect=error)
+        """Return the parameters with the defect of the mesh, by the shape that settles nearby."""
+        of, point = problem.task, problem.linearised(x)
+        near = Shape(of.arm, of.scene, np.inf, point, problem.statement.refinement)
+        at = of.arm, point.tensions, of.scene, of.sharper
+        shape = settle(*at, compile=of.machine_code, near=near)
+        return problem.parameters(defect=defect(problem, x, shape))
 
     def _alone(self, first: Plan) -> list[Waypoint]:
         """Return an optimum of each target by itself.
 
-        Targets are followed from the plan for the first. Where the last is no longer at its plan,
-        which is the best of several optima, or none is reached, each is planned.
+        Targets are followed from the plan for the first. Where none is reached, or guesses lead to
+        a better one of the last, each is planned.
         """
-        question, last = self.question, len(self.question.targets) - 1
-        waypoint = Waypoint((), np.ravel(first.tensions), first.avoidance)
-        waypoints = list[Waypoint]()
+        question, (begin, *others) = self.question, self.question.targets
+        waypoint = Waypoint(begin, np.ravel(first.tensions), first.avoidance)
+        waypoints = [waypoint]
         optimum: Candidate | None = None
-        for targets in question.targets:
+        for targets in others:
             waypoint = replace(waypoint, targets=targets)
             problem = self._problem(waypoint, self.statement)
             if optimum and problem.program is optimum.problem.program:
@@ -128,12 +133,19 @@ class Waypoints:
                 break
             waypoint = replace(waypoint, tensions=optimum.tensions)
             waypoints.append(waypoint)
-        best = question.planned(last) if last else first
-        if waypoints[last:] and not jump(waypoints[last].tensions, best.tensions):
-            return waypoints
-        between = map(question.planned, reported("plans of waypoints", range(1, last)))
-        pairs = zip(question.targets, [first, *between, best], strict=False)
+        else:
+            if optimum is None or _is_best(optimum):
+                return waypoints
+        later = range(1, len(question.targets))
+        plans = [first, *map(question.planned, reported("plans of waypoints", later))]
+        pairs = zip(question.targets, plans, strict=True)
         return [Waypoint(targets, np.ravel(p.tensions), p.avoidance) for targets, p in pairs]
+
+
+def _is_best(optimum: Candidate) -> bool:
+    """Return whether initial guesses lead to none that is better."""
+    task = optimum.problem.task
+    return Reading(task, "exact", Search(task).guesses()).agrees_on(optimum)
 
 
 def planned_touching(question: Question) -> list[Waypoint]:
