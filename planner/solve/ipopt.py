@@ -23,7 +23,7 @@ from model.paths import Array
 from model.progress import OutOfTime, check_time
 from planner.program.problem import KKT_TOLERANCE, Bounds, Point, Problem
 from planner.program.program import Program
-from planner.question import Solver
+from planner.question import Mode, Solver
 from planner.solve.log_capture import logged
 from planner.task import SearchResult, Trial
 
@@ -149,6 +149,13 @@ _LEAST: dict[Purpose, Options] = {
     "near": WARM | _SMALL,
     "polish": _FOR["polish"] | _SMALL,
 }
+# Some backbones take that many iterations. Of targets out of reach what takes more than half of
+# them seldom ends at all, and another guess is cheaper.
+_BY_MODE: dict[Mode, dict[Purpose, Options]] = {
+    "exact": _FOR,
+    "closest": _LEAST,
+    "nearest": _LEAST | {"search": _LEAST["search"] | {"max_iter": 100}},
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,8 +257,8 @@ def nlp_solver(
 
 
 @lru_cache(maxsize=32)
-def solver(of: Program, purpose: Purpose, is_exact: bool, talks: bool = False) -> Buffered:
-    """Return ipopt for a program and a purpose, built once.
+def solver(of: Program, purpose: Purpose, mode: Mode, talks: bool = False) -> Buffered:
+    """Return ipopt for a program of a mode and a purpose, built once.
 
     The equalities, its first m rows, may be missed by RELAXED t; unknowns are those of the program,
     then t (m,).
@@ -264,7 +271,7 @@ def solver(of: Program, purpose: Purpose, is_exact: bool, talks: bool = False) -
     first = ca.vertcat(gradient, t), ca.horzcat(jacobian, -slack)
     second = ca.diagcat(hessian, sigma * ca.DM.eye(m))
     nlp, derivatives = {"x": x, "p": p, "f": f, "g": g}, named((x, p, sigma, lam), *first, second)
-    return nlp_solver(nlp, derivatives, (_FOR if is_exact else _LEAST)[purpose], talks)
+    return nlp_solver(nlp, derivatives, _BY_MODE[mode][purpose], talks)
 
 
 def stated(of: Program) -> ca.Function:
@@ -310,8 +317,8 @@ def solve(
     lam_x, lam_g = multipliers or (np.zeros(n), np.zeros(lbg.size))
     begin = np.append(x, -RELAXED * lam_g[: none.size])
     relaxed = np.append(lbx, none - np.inf), np.append(ubx, none + np.inf), lbg, ubg
-    exact, talks = problem.statement.mode == "exact", LOG.isEnabledFor(logging.DEBUG)
-    run = solver(problem.program, purpose, exact, talks)
+    mode, talks = problem.statement.mode, LOG.isEnabledFor(logging.DEBUG)
+    run = solver(problem.program, purpose, mode, talks)
     end = solved(run, begin, problem.with_mode(x, p), relaxed, (np.append(lam_x, none), lam_g))
     x, t = np.split(end.x, [n])
     met = end.met and bool(RELAXED * np.abs(t).max(initial=0.0) <= KKT_TOLERANCE)
