@@ -46,12 +46,11 @@ def warm_start(near: Answer, task: Task) -> SearchResult | None:
     if not is_alike:
         return None
     try:
-        start = near.optimum
-        continued = None if start is None else _continued(start, near, task)
-        if start is None or continued is None:
+        continued = _continued(near, task)
+        if continued is None:
             return None
         optimum, apart = continued
-        fine = refine(replace(optimum, defect=start.defect))
+        fine = refine(optimum)
         if fine is None or not fine.problem.stands(
             fine.x, margin and margin - STABILITY_TOLERANCE / PART
         ):
@@ -70,12 +69,14 @@ def jump(before: Array, after: Array) -> float:
     return apart / size if apart > _LITTLE * size else 0.0
 
 
-def _continued(origin: Candidate, near: Answer, task: Task) -> tuple[Candidate, float] | None:
+def _continued(near: Answer, task: Task) -> tuple[Candidate, float] | None:
     """Return the optimum for a task, by steps in target numbers and minima from one nearby.
 
-    And by how much the tensions jump, 0 where they change little by little.
+    By the defect of that; and by how much the tensions jump, 0 where they change little by little.
     """
-    problem, n = Problem(task, near.statement), task.arm.n_tendons
+    origin, problem, n = near.optimum, Problem(task, near.statement), task.arm.n_tendons
+    if origin is None:
+        return None
     start, both = replace(origin.extended(), problem=problem), (origin.problem, problem)
     first, last = (each.parameters(defect=origin.defect) for each in both)
     lbx, ubx, lbg, ubg = problem.bounds
@@ -90,7 +91,7 @@ def _continued(origin: Candidate, near: Answer, task: Task) -> tuple[Candidate, 
             trial = min(1.0, fraction + step)
             p, left = first + trial * (last - first), (1 - trial) * rise
             bounds = lbx - left, np.where(lbx == ubx, ubx - left, ubx), lbg, ubg
-            following = polish(current, p, bounds, warm=True)
+            following = replace(polish(current, p, bounds, warm=True), defect=origin.defect)
             apart = float(np.linalg.norm((following.x - current.x)[:n] * unit))
             if following.met and apart <= most:
                 current, fraction, step = following, trial, 2 * step
