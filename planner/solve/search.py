@@ -218,7 +218,11 @@ class Reading:
             for floor in sorted({max(floor, margin) for floor in _FLOORS}):
                 held_to = floor
                 for _ in range(_HOLDS):
-                    held = _held_to(optimum, held_to, min(held_to, margin))
+                    before = optimum.problem
+                    problem = before.but(modes=1, floor=held_to, margin=min(held_to, margin))
+                    x = problem.closed(optimum.tensions, before.linearised(optimum.x).states)
+                    held = solve(problem, x, problem.parameters(SEARCHED))
+                    check_time()
                     if not held.met:
                         (least,), _ = least_modes(optimum.problem.linearised(optimum.x), 1)
                         held_to = (least + held_to) / 2
@@ -229,19 +233,6 @@ class Reading:
                 else:
                     return
                 yield optimum
-
-
-def _held_to(optimum: Candidate, floor: float, margin: float) -> Candidate:
-    """Return what a program near an optimum leads to, its least stable mode held to a floor.
-
-    Raises SingularError where the mode is not told.
-    """
-    before = optimum.problem
-    problem = before.but(modes=1, floor=floor, margin=margin)
-    x = problem.closed(optimum.tensions, before.linearised(optimum.x).states)
-    held = solve(problem, x, problem.parameters(SEARCHED))
-    check_time()
-    return held
 
 
 class Search:
