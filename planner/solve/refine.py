@@ -63,9 +63,10 @@ def refine(candidate: Candidate) -> Candidate | None:
                     if begins:
                         continue
                     last = candidate
-                    # The defect enters the gradient of least squares.
-                    exact = problem.statement.mode == "exact"
-                    if exact or corrected.residual <= KKT_TOLERANCE / PART:
+                    # The defect enters the gradient of least squares, and of stiffnesses.
+                    of_stiffness = problem.together.own.terms.names[3]
+                    of_effort = problem.statement.mode == "exact" and not of_stiffness
+                    if of_effort or corrected.residual <= KKT_TOLERANCE / PART:
                         return last
                 if not rough <= _ELSEWHERE:
                     return None
