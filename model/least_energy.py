@@ -32,9 +32,8 @@ import numpy as np
 from model.cross_section.energy import EnergySection, ExactSection
 from model.cross_section.sections import body_numbers, reported, strains_of
 from model.effects import NeoHookean
-from model.loads import beyond, contacts, is_conservative, levers
+from model.loads import beyond, bodies_of, is_conservative, levers
 from model.machine.functions import Buffered
-from model.obstacles import numbers_of
 from model.paths import Array
 from model.stations import base_pose, stations, tendon_paths
 from model.transcription.collocation import gauss
@@ -113,7 +112,7 @@ class LeastEnergy:
         self._unit = np.ones(of.n_states)
         self._unit[of.nodes[:, 4:]] = L
         self._unit[of.stages[:, : 2 + law.torsion]] = 1 / L
-        self._bodies = [contact.obstacle for contact in contacts(scene)]
+        self._bodies = bodies_of(scene)
         self._radii = np.asarray(arm.outer_radius(mesh.s[1:])[0])
         at = stations(arm, system.s, np.repeat(mesh.active, m))
         self._stage, self._tendon = of.crossings
@@ -233,7 +232,7 @@ class LeastEnergy:
         ]
         rows = [self._h, np.vstack([self._paths, self._weights[self._stage]])]
         if K:
-            bodies = np.tile(numbers_of(self._bodies).T, of.elements)
+            bodies = np.tile(self._bodies.T, of.elements)
             radii = np.repeat(self._swollen(near) / L, K)
             rows.append(np.vstack([bodies, radii, np.full(radii.size, L)]))
         low, high = np.full(n + nT, -inf), np.full(n + nT, inf)

@@ -24,6 +24,7 @@ from model.effects import (
     Weight,
 )
 from model.errors import InputError
+from model.obstacles import numbers_of
 from model.paths import SAME, Array, Path
 from model.scene import Scene
 from model.units import length_text
@@ -129,6 +130,11 @@ def levers(scene: Scene) -> tuple[Array, Array]:
 def contacts(scene: Scene) -> tuple[Contact, ...]:
     """Return the scene's contacts."""
     return tuple(effect for effect in scene.effects if isinstance(effect, Contact))
+
+
+def bodies_of(scene: Scene) -> Array:
+    """Return the numbers (K, 17) of the obstacles that an arm may touch; see Convex.numbers."""
+    return numbers_of([contact.obstacle for contact in contacts(scene)])
 
 
 def without_friction(scene: Scene) -> Scene:

@@ -18,8 +18,8 @@ from model.equilibrium.stability import stability
 from model.equilibrium.verification import verified
 from model.errors import OctoplanError
 from model.forward import by_collocation
-from model.loads import contacts, is_loaded
-from model.obstacles import distances, numbers_of
+from model.loads import bodies_of, contacts, is_loaded
+from model.obstacles import distances
 from model.paths import Array
 from model.progress import OutOfTime, tell
 from model.shape import Shape
@@ -323,7 +323,7 @@ def _integrated(
 
 def _violation(shape: Shape, line: Centreline) -> float:
     """Return by how much gap >= 0 [m], force >= 0 [N] and their product = 0 [N m] are missed."""
-    bodies = numbers_of([contact.obstacle for contact in contacts(shape.scene)])
+    bodies = bodies_of(shape.scene)
     s = np.linspace(0.0, shape.arm.length, 2001)[1:]
     places, radii = line.at(s)
     worst = float((radii[:, None] - distances(bodies, places)[0]).max(initial=-np.inf))

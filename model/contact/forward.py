@@ -16,9 +16,8 @@ from model.contact.touches import places_of
 from model.equilibrium.linearised import Equilibrium, Linearised
 from model.equilibrium.newton import Collocation
 from model.errors import InputError, SnapError, UnsettledContactError
-from model.loads import contacts, growth, places, without_friction
+from model.loads import bodies_of, growth, places, without_friction
 from model.mesh import Mesh, graded, landmarks
-from model.obstacles import numbers_of
 from model.paths import Array
 from model.scene import Scene
 from model.transcription.system import System
@@ -119,7 +118,7 @@ class TouchingMap(Collocation):
 
 def mesh_with_contact(arm: Arm, scene: Scene, refinement: int, at: tuple[float, ...]) -> Mesh:
     """Return the mesh of a refinement that has the arc lengths `at` as nodes."""
-    bodies = numbers_of([contact.obstacle for contact in contacts(scene)])
+    bodies = bodies_of(scene)
     small = float((bodies[:, 15] + bodies[:, 12:15].min(axis=1)).min())
 
     def density(s: Array) -> Array:

@@ -10,9 +10,9 @@ from model.contact.touches import Place, Places
 from model.equilibrium.integration import poses_and_strains
 from model.equilibrium.linearised import Index
 from model.errors import InputError
-from model.loads import contacts
+from model.loads import bodies_of, contacts
 from model.machine.functions import Mapped, built
-from model.obstacles import distances, numbers_of
+from model.obstacles import distances
 from model.paths import SAME, Array
 from model.transcription.collocation import gauss
 from model.transcription.system import System
@@ -40,7 +40,7 @@ def along(system: System, x: Array, s: Array, obstacles: Index) -> tuple[Array, 
     rate = np.einsum("km,kmn->kn", weights, stages)
     call = built(Mapped, built(gap_along, of.form.law), of.form.machine_code)
     radii = np.array(system.arm.outer_radius(s)).T
-    gaps, _, tangents = call(poses, v, rate, bodies_of(system)[obstacles], radii)
+    gaps, _, tangents = call(poses, v, rate, bodies_of(system.scene)[obstacles], radii)
     return gaps, tangents
 
 
@@ -49,12 +49,10 @@ def gaps_along(system: System, states: Array, samples: int = _SAMPLES) -> tuple[
 
     So many in each element, the last at its end.
     """
-    line, steps = Centreline.at_states(system, states), system.mesh.steps
-    element = np.repeat(np.arange(steps), samples)
-    fraction = np.tile(np.arange(1, samples + 1) / samples, steps)
-    points = line.along(element, np.zeros(element.size), fraction)[0]
-    s = system.mesh.s[element] + fraction * np.diff(system.mesh.s)[element]
-    return s, distances(bodies_of(system), points)[0] - line.radius(element, fraction)[:, None]
+    steps, mesh = system.mesh.steps, system.mesh.s
+    s = np.interp(np.arange(1, samples * steps + 1) / samples, np.arange(steps + 1), mesh)
+    points, radii = Centreline.at_states(system, states).at(s)
+    return s, distances(bodies_of(system.scene), points)[0] - radii[:, None]
 
 
 def least_gaps(system: System, x: Array, places: Places = ()) -> Places:
@@ -96,8 +94,3 @@ def check_outside(system: System, states: Array) -> None:
         ]
         allowed = f"one that the arm at rest is clear of; it is {', and '.join(where)}"
         raise InputError("Contact.obstacle", bodies[first].obstacle, allowed)
-
-
-def bodies_of(system: System) -> Array:
-    """Return the numbers (K, 17) of the obstacles that an arm may touch."""
-    return numbers_of([contact.obstacle for contact in contacts(system.scene)])

@@ -26,7 +26,7 @@ import numpy as np
 import scipy
 from scipy.ndimage import minimum_filter1d
 
-from model.contact.gaps import along, bodies_of, gaps_along, least_gaps
+from model.contact.gaps import along, gaps_along, least_gaps
 from model.contact.sharp import Request, sharpened
 from model.contact.touches import Place, Places, Touches, forces, mesh_with, read_off
 from model.equilibrium.linearised import Linearised
@@ -34,7 +34,7 @@ from model.equilibrium.newton import FOLLOWED, carried_strains, newton
 from model.equilibrium.stability import unstable_mode
 from model.errors import SnapError, UnsettledContactError
 from model.least_energy import LeastEnergy
-from model.loads import without_friction
+from model.loads import bodies_of, without_friction
 from model.obstacles import distances
 from model.paths import Array
 from model.progress import check_time, tell
@@ -165,7 +165,7 @@ def _complementary(request: Request, near: Linearised) -> Linearised | None:
     start, end = near.poses[1:, 4:], there.poses[1:, 4:]
     count = 2 + int((np.linalg.norm(end - start, axis=1) / half).max())
     between = np.linspace(start, end, count).reshape(-1, 3)
-    gaps = distances(bodies_of(there.system), between)[0].min(axis=1).reshape(count, -1)
+    gaps = distances(bodies_of(there.system.scene), between)[0].min(axis=1).reshape(count, -1)
     return None if (gaps < half).any() else there
 
 

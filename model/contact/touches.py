@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from model.centreline import Centreline
 from model.checks import SMALLEST
 from model.equilibrium.linearised import Linearised
-from model.loads import contacts
+from model.loads import bodies_of, contacts
 from model.mesh import Mesh, with_nodes
-from model.obstacles import numbers_of
 from model.obstacles.base import Convex, pair_distances
 from model.paths import Array
 from model.rotations import matrices
@@ -246,7 +245,7 @@ def touches_of(point: Linearised, before: Linearised | None = None) -> tuple[Tou
     if not nodes.size:
         return ()
     s, places = system.mesh.s[nodes], system.poses(states)[nodes, 4:]
-    distance, normals = pair_distances(numbers_of([bodies[j].obstacle for j in numbers]), places)
+    distance, normals = pair_distances(bodies_of(system.scene)[numbers], places)
     # Strains may jump at a node, and with them the radius of a body that swells.
     line = Centreline.at_states(system, states)
     sides = np.clip([nodes - 1, nodes], 0, system.mesh.steps - 1)

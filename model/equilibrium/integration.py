@@ -23,9 +23,9 @@ from model.cross_section.law import join
 from model.cross_section.sections import Sections
 from model.effects import Current
 from model.integrators import RK8
-from model.loads import beyond, contacts
+from model.loads import beyond, bodies_of
 from model.machine.functions import Mapped, built
-from model.obstacles import distances, numbers_of
+from model.obstacles import distances
 from model.paths import Array
 from model.rotations import multiply, unit_matrix
 from model.transcription.collocation import gauss
@@ -181,7 +181,7 @@ class Integration:
             before, after = values[self._elements], values[self._elements + 1]
             return np.asarray(lies * ((1 - x) * before + x * after))
 
-        self._bodies = numbers_of([contact.obstacle for contact in contacts(system.scene)])
+        self._bodies = bodies_of(system.scene)
         self._pressure = linear(states[of.touches[:, :, 1:]])[..., 0]
         self._traction = np.zeros((*self._shape, 3))
         if form.contact_friction:

@@ -93,7 +93,9 @@ def newton(
         contracts = not before or size <= max(CONTRACTION * before, SMALL)
         if not touching and (rotation > farthest or not contracts):
             return None
-        states = states + min(1.0, farthest / max(rotation, farthest)) * step
+        # Where it sticks and slips by turns half a step leads on.
+        share = 0.5 if rubs and not contracts else 1.0
+        states = states + min(share, farthest / max(rotation, farthest)) * step
         if rotation <= farthest and (size < level or size**2 < level * before):
             # So near to where they were linearised the equations have the same derivatives.
             is_close = path < math.sqrt(SETTLED * looser) and not rubs

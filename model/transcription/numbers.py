@@ -7,9 +7,8 @@ import numpy as np
 from model.arm import Arm
 from model.cross_section.sections import Sections, body_numbers
 from model.effects import Current, Friction, TipLoad
-from model.loads import beyond, contacts, directions, heaviness, levers
+from model.loads import beyond, bodies_of, contacts, directions, heaviness, levers
 from model.mesh import Mesh
-from model.obstacles import numbers_of
 from model.paths import Array
 from model.scene import Scene
 from model.stations import base_pose, stations, tendon_paths
@@ -50,7 +49,7 @@ def contact_numbers(arm: Arm, scene: Scene, form: Form, mesh: Mesh) -> list[Arra
     """Return the numbers of the nodes and elements that may touch something; none does yet."""
     h, s = np.diff(mesh.s), mesh.s[1:]
     touched = contacts(scene)
-    bodies = np.tile(numbers_of([contact.obstacle for contact in touched]).T, h.size)
+    bodies = np.tile(bodies_of(scene).T, h.size)
     nodes = np.repeat([*arm.outer_radius(s)[:2], h], len(touched), axis=1)
     results = [np.vstack([bodies, nodes, np.zeros((4, bodies.shape[1]))])]
     if form.contact_friction:
