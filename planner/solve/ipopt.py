@@ -145,7 +145,6 @@ _FOR: dict[Purpose, Options] = {
 _SMALL: Options = {"obj_scaling_factor": 100 * MAGNIFIED, "max_iter": 200}
 _LEAST: dict[Purpose, Options] = {
     "search": COLD | _SMALL | {"mu_init": 1e-3},
-    "follow": WARM | _SMALL,
     "near": WARM | _SMALL,
     "polish": _FOR["polish"] | _SMALL,
 }

@@ -55,7 +55,7 @@ def refine(candidate: Candidate) -> Candidate | None:
             try:
                 shape = _nearby(candidate) if begins else task.settled(candidate.tensions)
             except CollapsedError as crushed:
-                corrected = replace(candidate, defect=_stretched(problem, candidate.x, crushed))
+                corrected = replace(candidate, defect=stretched(problem, candidate.x, crushed))
             else:
                 error = defect(problem, candidate.x, shape)
                 corrected, rough = replace(candidate, defect=error), _defect_size(problem, error)
@@ -179,10 +179,15 @@ def defect(problem: Problem, x: Array, shape: Shape) -> Array:
     return np.asarray(np.concatenate(parts) - on_mesh)
 
 
-def _stretched(problem: Problem, x: Array, crushed: CollapsedError) -> Array:
-    """Return the defect of the least stretch alone, that of a settled arm which is crushed."""
+def stretched(
+    problem: Problem, x: Array, crushed: CollapsedError, before: Array | float = 0.0
+) -> Array:
+    """Return a defect whose least stretch is that of a settled arm which is crushed.
+
+    All others are as before.
+    """
     of, on_mesh = problem.program.measured, problem.measured(x)
-    corrected = np.zeros(on_mesh.size)
+    corrected = before + np.zeros(on_mesh.size)
     worst = of[0] + int(np.abs(problem.slim_at - crushed.s).argmin())
     corrected[worst] = crushed.stretch - on_mesh[worst]
     return corrected

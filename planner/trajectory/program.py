@@ -34,7 +34,7 @@ _WEIGHT = 3e-3
 # The least effort and time that count.
 _LEAST = 1e-3
 # From the optimum for other defects.
-_AGAIN = WARM | {"tol": 1e-8, "constr_viol_tol": 1e-9, "mu_init": 1e-9}
+_AGAIN = WARM | {"tol": 1e-8, "constr_viol_tol": 1e-9, "mu_init": 1e-8}
 
 
 class MotionProgram:
@@ -71,12 +71,15 @@ class MotionProgram:
     ) -> tuple[Solution, list[Array]]:
         """Return the optimum by the parameters of each waypoint, and the unknowns of each there.
 
-        Warm from that for other parameters if there is one.
+        Warm from that for other parameters if there is one, and cold where that leads nowhere.
         """
-        options, x, warm = TOGETHER, self._guess, None
+        x, solution = self._guess if before is None else before.x, None
+        p = self._parameters(each, x)
         if before is not None:
-            options, x, warm = _AGAIN, before.x, (before.lam_x, before.lam_g)
-        solution = self._stated.solve(options, x, self._parameters(each, x), self._bounds, warm)
+            warm = before.lam_x, before.lam_g
+            solution = self._stated.solve(_AGAIN, x, p, self._bounds, warm)
+        if solution is None or not solution.met:
+            solution = self._stated.solve(TOGETHER, x, p, self._bounds)
         check_time()
         return solution, self._stated.split(solution.x)[:-1]
 

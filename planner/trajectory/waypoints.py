@@ -16,13 +16,12 @@ from the waypoint before, which is straight in the tensions.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from model.effects import Extension
-from model.errors import InputError, OctoplanError
+from model.errors import CollapsedError, InputError, OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
 from model.progress import reported, tell
@@ -31,17 +30,13 @@ from model.shape import Shape
 from planner.contact.load_path import from_rest, rubs
 from planner.plan import HeldPlan, Plan
 from planner.program.problem import Problem
-from planner.program.program import STRETCH
 from planner.question import Statement
 from planner.solve.ipopt import Candidate, solve
-from planner.solve.refine import CORRECTIONS, PART, defect
+from planner.solve.refine import CORRECTIONS, PART, defect, stretched
 from planner.solve.search import Reading, Search
 from planner.task import Task
 from planner.trajectory.program import MotionProgram
 from planner.trajectory.question import Question, Waypoint
-
-# What the least stretch of the settled arm may be below that on a coarse mesh.
-_CRUSHED = 0.02
 
 
 class Waypoints:
@@ -84,9 +79,7 @@ class Waypoints:
             tensions = map(Problem.tensions, problems, unknowns)
             pairs = zip(self.waypoints, tensions, strict=True)
             self.waypoints = [replace(waypoint, tensions=T) for waypoint, T in pairs]
-            # Where the arm does not settle the certificate says so.
-            with suppress(OctoplanError):
-                parameters = list(map(self._corrected, problems, unknowns))
+            parameters = list(map(self._corrected, problems, unknowns, parameters))
             if program.violation(solution, parameters) <= self.question.accuracy / PART:
                 break
         return True
@@ -98,17 +91,24 @@ class Waypoints:
             free = (np.inf,) * of.arm.n_tendons
             limits = replace(limits, strokes=(tuple(np.negative(free).tolist()), free))
         definition = of.arm, waypoint.stated, of.scene, limits, statement, of.accuracy
-        problem = Problem(Task(*definition, machine_code=of.machine_code))
-        problem.bounds[2][problem.program.rows == STRETCH] += _CRUSHED
-        return problem
+        return Problem(Task(*definition, machine_code=of.machine_code))
 
-    def _corrected(self, problem: Problem, x: Array) -> Array:
-        """Return the parameters with the defect of the mesh, by the shape that settles nearby."""
-        of, point = problem.task, problem.linearised(x)
+    def _corrected(self, problem: Problem, x: Array, p: Array) -> Array:
+        """Return parameters p with the defect of the mesh, by the shape that settles nearby.
+
+        With that of the least stretch where it is crushed; unchanged where the arm does not settle,
+        which the certificate tells.
+        """
+        of, point, before = problem.task, problem.linearised(x), p[problem.program.parts["defect"]]
         near = Shape(of.arm, of.scene, np.inf, point, problem.statement.refinement)
         at = of.arm, point.tensions, of.scene, of.sharper
-        shape = settle(*at, compile=of.machine_code, near=near)
-        return problem.parameters(defect=defect(problem, x, shape))
+        try:
+            error = defect(problem, x, settle(*at, compile=of.machine_code, near=near))
+        except CollapsedError as crushed:
+            error = stretched(problem, x, crushed, before)
+        except OctoplanError:
+            error = before
+        return problem.parameters(defect=error)
 
     def _alone(self, first: Plan) -> list[Waypoint]:
         """Return an optimum of each target by itself.
