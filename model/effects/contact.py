@@ -29,9 +29,10 @@ class Contact(Effect):
     is at most mu N, or it is mu N against d. So it takes a motion: `settle(..., near=before)` leads
     tensions in a straight line, in eight steps or more, from those of a shape that is known, such
     as one that touches nothing or one settled without friction; `plan(..., near=before)` finds such
-    tensions. Points that roll are off by what
-    they roll in a step. Friction acts on the midline: its moment about it, of its size times the
-    arm's radius, and that the arm may roll sideways, are left out. Where the arm lies along an
+    tensions. Points that roll are off by what they roll in a step. What more steps would change is
+    no part of `Shape.error`: up to 1e-3 of the length was seen. Settle shapes in between, each near
+    the one before, to see it. Friction acts on the midline: its moment about it, of its size times
+    the arm's radius, and that the arm may roll sideways, are left out. Where the arm lies along an
     obstacle the scene has to have Extension, without which forces along the arm between places that
     stick are undetermined; friction there is spread as the pressure is, and where sticking and
     slipping meet is known to a node.
