@@ -122,7 +122,14 @@ Parts = Mapping[str, Callable[[np.random.Generator], Sequence[Row]]]
 
 
 def print_rows(parts: Parts, names: Iterable[str], seed: int) -> None:
-    """Measure parts of a table one after the other, and print each as soon as it is there."""
+    """Measure parts of a table one after the other, and print each as soon as it is there.
+
+    Exits where a table has no such part.
+    """
+    names = list(names)
+    for name in names:
+        if name not in parts:
+            raise SystemExit(f"--rows: {name!r}, allowed: {', '.join(parts)}")
     print(machine())
     print(f"{'work':<42}{'against':<28}{'wanted':>9}  measured: median (quartiles)")
     for name in names:
