@@ -64,7 +64,7 @@ def graded(
     growth: Callable[[Array], Array] | None = None,
     taper: Path | None = None,
     weights: tuple[float, float] = (1.0, 1.0),
-    density: float = 2.0,
+    steps_per_unit: float = 2.0,
 ) -> Mesh:
     """Return a mesh whose steps are equal in log R(s) + s/L, refined by a whole number.
 
@@ -83,7 +83,7 @@ def graded(
         What to grade for; the arm's radius unless given. Its size does not matter.
     weights : (2,)
         Of log R and of s/L.
-    density : float
+    steps_per_unit : float
         Steps in which their sum grows by 1, with a refinement of 1.
     """
     breaks = _breaks(arm, at)
@@ -99,7 +99,7 @@ def graded(
     np.cumsum(weight, axis=1, out=total[:, 1:])
     nodes = [breaks[:1]]
     for each, inside, right in zip(total, fine, breaks[1:], strict=True):
-        count = refinement * max(1, int(np.ceil(density * each[-1])))
+        count = refinement * max(1, int(np.ceil(steps_per_unit * each[-1])))
         inner = np.interp(each[-1] * np.arange(1, count + 1) / count, each, inside)
         inner[-1] = right
         nodes.append(inner)

@@ -211,15 +211,16 @@ def system(
     at: tuple[float, ...] = (),
     loaded: bool = True,
     machine_code: bool = False,
-    density: float = 2.0,
+    steps_per_unit: float = 2.0,
 ) -> System:
     """Return the equations on a mesh of a refinement that has the arc lengths `at` as nodes.
 
     Where nothing is `loaded`, forces and moments are left out; with `machine_code` the kernels are
-    compiled. Of the `density` of meshes see model.mesh.graded.
+    compiled. Of `steps_per_unit` see model.mesh.graded.
     """
     rate = partial(growth, arm, scene) if is_loaded(scene) else None
-    mesh = graded(arm, refinement, (*at, *places(arm, scene)), rate, density=density)
+    nodes = *at, *places(arm, scene)
+    mesh = graded(arm, refinement, nodes, rate, steps_per_unit=steps_per_unit)
     return System(arm, scene, mesh, stages, loaded, machine_code)
 
 

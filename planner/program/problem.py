@@ -42,9 +42,9 @@ Bounds = tuple[Array, Array, Array, Array]
 # and in the end, where it keeps shapes away from points that they could meet by half the default
 # accuracy; with less of it the effort is lost in the solver's tolerance.
 SEARCHED, REGULARISATION = 1e-7, 3e-11
-# Of the meshes of programs, whose error is corrected, see planner.solve.refine; shapes are settled
-# on meshes of 2.
-DENSITY = 1.2
+# Meshes of programs, whose error is corrected (planner.solve.refine), have fewer elements than
+# those that shapes are settled on, which take 2; see model.mesh.graded.
+STEPS_PER_UNIT = 1.2
 # What the conditions of an optimum are held to, scaled; and its stability, of which another mesh
 # has other digits.
 KKT_TOLERANCE, STABILITY_TOLERANCE = 1e-6, 1e-4
@@ -230,7 +230,7 @@ def _built(
     """Return what is the same for all targets of one structure, and all limits."""
     targets, limits, statement = question.value
     loaded, at = is_loaded(scene) or bool(targets.requests), targets.stations
-    mesh = STAGES, statement.refinement, at, loaded, machine_code, DENSITY
+    mesh = STAGES, statement.refinement, at, loaded, machine_code, STEPS_PER_UNIT
     forward = Collocation(system(arm, scene, *mesh))
     states = States.seen(forward.system, at)
     # What targets take of an arm besides its shape.
