@@ -179,8 +179,9 @@ def _label_strains(ax: Axes, right: Axes, length: float) -> None:
         ncol=len(lines),
         frameon=False,
         fontsize=SIZE,
-        handlelength=1.6,
-        columnspacing=1.4,
+        handlelength=1.2,
+        handletextpad=0.4,
+        columnspacing=0.8,
     )
 
 
