@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from model.arm import Arm
-from model.errors import InputError
 from model.paths import SAME, Array, Path
 from model.stations import Counts
 from model.transcription.collocation import gauss
@@ -120,30 +119,6 @@ def _breaks(arm: Arm, at: Iterable[float]) -> Array:
         if 0 <= s <= arm.length and all(abs(s - other) > SAME * arm.length for other in kept):
             kept.append(s)
     return np.sort(kept)
-
-
-def mesh_through(mesh: Mesh, before: Array, new: Array) -> Mesh:
-    """Return a mesh with landmarks (n,) [m] as it fits their new places, node by node.
-
-    Raises InputError where landmarks that coincide would part, or pass each other.
-    """
-    if np.array_equal(before, new):
-        return mesh
-    if before.size != new.size:
-        allowed = f"as many knots and loads as before, {before.size}"
-        raise InputError("places along the arm", new.size, allowed)
-    order, room = np.argsort(before, kind="stable"), SAME * mesh.s[-1]
-    before, after = before[order], new[order]
-    apart, ahead = np.diff(before) > room, np.diff(after)
-    parted, passed = ~apart & (np.abs(ahead) > 2 * room), apart & (ahead <= room)
-    for wrong, allowed in (
-        (parted, "to move all that is there together: tie their keys in one unknown"),
-        (passed, "to stay on its side of its neighbour"),
-    ):
-        if wrong.any():
-            raise InputError("a place along the arm", float(before[:-1][wrong][0]), allowed)
-    kept = np.concatenate([[True], apart])
-    return Mesh(np.interp(mesh.s, before[kept], after[kept]), mesh.active)
 
 
 def landmarks(arm: Arm, at: Iterable[float] = ()) -> Array:

@@ -2,18 +2,10 @@
 
 While tensions and loads grow in proportion the equilibrium is followed with forces at the nodes
 that are complementary to the gaps: by Newton's method, and where that fails by the least energy
-with gaps >= 0. Where frames turn far in however short a step the arm has
-snapped. At the end nodes are exchanged for others where the gap is least (Hettich and Kortanek,
-SIAM Review 35, 1993), until places can be refined; see model.contact.sharp. With friction, which
-looks back over each step, places are refined in each; over a snap the arm slides without.
-
-Friction acts against how far the midline has slipped since the equilibrium before. So along a load
-path whose steps have the equilibria x_k under T_k = T_0 + t_k (T - T_0),
-r(x_k, T_k, u_{k-1}) = 0, and with D_k = dx_k / dT
-
-    D_k = t_k dx/dT (T_k) - (dr/dx)^-1 dr/du_{k-1} (du/dx D_{k-1}),
-
-from D_0 = 0 on. That normals rotate as a point moves along the arm is left out of its history.
+with gaps >= 0. Where frames turn far in however short a step the arm has snapped. At the end nodes
+are exchanged for others where the gap is least (Hettich and Kortanek, SIAM Review 35, 1993), until
+places can be refined; see model.contact.sharp. With friction, which looks back over each step,
+places are refined in each; over a snap the arm slides without.
 """
 
 from __future__ import annotations
@@ -23,10 +15,9 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
-import scipy
 from scipy.ndimage import minimum_filter1d
 
-from model.contact.gaps import along, gaps_along, least_gaps
+from model.contact.gaps import gaps_along, least_gaps
 from model.contact.sharp import Request, sharpened
 from model.contact.touches import Place, Places, Touches, forces, mesh_with, read_off
 from model.equilibrium.linearised import Linearised
@@ -39,7 +30,6 @@ from model.obstacles import distances
 from model.paths import Array
 from model.progress import check_time, tell
 from model.transcription.system import System
-from model.transcription.touch import BEFORE
 
 # First, least and longest step in the load factor; with friction: where a point rolls, that is not
 # to count as slip.
@@ -246,39 +236,3 @@ def _slid(request: Request, near: Linearised) -> Linearised:
     if there is None:
         raise UnsettledContactError(1.0, "where it comes to rest with friction is not found")
     return there
-
-
-def path_sensitivities(path: Path) -> Array:
-    """Return dx/dT (n_states, n_tendons) at the end of a load path, by all of it."""
-    (before, _), *steps = path
-    sensitivity = np.zeros((before.system.of.n_states, before.system.of.n_tendons))
-    for point, factor in steps:
-        by_step = factor * point.by_tensions
-        sensitivity = by_step + _by_history(before, sensitivity, point, by_step)
-        before = point
-    return sensitivity
-
-
-def _by_history(before: Linearised, earlier: Array, point: Linearised, by_step: Array) -> Array:
-    """Return what dx/dT (n_states, n_tendons) has by where the arm was before.
-
-    With dx/dT `earlier` there, and `by_step` by the tensions alone. A point that moves along the
-    arm looks back to another station of it, by the angle between the arm's tangents then and now.
-    """
-    system, touches = point.system, Touches.of(point.system)
-    of, s, n = system.of, system.mesh.s, system.of.n_tendons
-    k, j = np.nonzero(touches.points)
-    # Where nodes were, by the tensions and by how far points move along the arm.
-    were = np.zeros((s.size, 3, n + k.size))
-    nodes = before.system.of.nodes[:, 4:7]
-    were[:, :, :n] = scipy.interpolate.make_interp_spline(before.mesh.s, earlier[nodes])(s)
-    if k.size:
-        now, then = (along(at.system, at.x, s[k], j)[1] for at in (point, before))
-        were[k, :, n + np.arange(k.size)] = then - now
-    change = np.zeros((of.equations.n_p, n + k.size))
-    rows = change[of.equations.numbers_of("touch")]
-    rows.reshape(of.elements, of.form.contacts, -1, n + k.size)[:, :, BEFORE] = were[1:, None]
-    by = -point.solve(of.equations.along_numbers(point.x, system.p, change))
-    by_history, by_shift, shifts = by[:, :n], by[:, n:], of.touches[k, j, 1]
-    shifted = np.linalg.solve(np.eye(k.size) - by_shift[shifts], (by_step + by_history)[shifts])
-    return np.asarray(by_history + by_shift @ shifted)

@@ -5,7 +5,6 @@ States S are an arm's unknowns but for tensions and load factor; see model.trans
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any
@@ -21,7 +20,7 @@ from model.effects import Current, Friction, TipLoad
 from model.loads import contacts, growth, is_loaded, levers, places
 from model.machine.compiled import kernel
 from model.machine.functions import Buffered, Mapped, built
-from model.mesh import Mesh, graded, landmarks, mesh_through
+from model.mesh import Mesh, graded
 from model.paths import Array
 from model.scene import Scene
 from model.transcription.collocation import gauss
@@ -234,24 +233,3 @@ def _march(form: Form, N: int) -> Buffered:
     after = -values.value(y, numbers_of)[-POSE:]
     step = ca.Function("march", [g, v, h], [after], {"cse": True})
     return Buffered(kernel(step, form.machine_code).mapaccum(N))
-
-
-def neighbour(
-    system: System,
-    arm: Arm,
-    scene: Scene,
-    before: Sequence[float] = (),
-    after: Sequence[float] = (),
-) -> System:
-    """Return the equations of an arm in a scene near those of another, node by node.
-
-    Nodes that were at arc lengths `before` are now at `after` [m]. Raises what mesh_through does.
-    """
-    form, now = system.of.form, (*places(arm, scene), *after)
-    old = landmarks(system.arm, (*places(system.arm, system.scene), *before))
-    mesh = mesh_through(system.mesh, old, landmarks(arm, now))
-    result = System(arm, scene, mesh, form.stages, form.loaded, form.machine_code)
-    # A quaternion has either sign.
-    if result.base[:4] @ system.base[:4] < 0:
-        result.base[:4] *= -1
-    return result

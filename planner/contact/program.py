@@ -23,7 +23,6 @@ import clarabel
 import numpy as np
 
 from model.contact.forward import TouchingMap
-from model.contact.path import path_sensitivities
 from model.contact.touches import Touches, forces, resultants, second
 from model.equilibrium.linearised import Linearised, check_stretch
 from model.equilibrium.newton import STAGES
@@ -34,7 +33,7 @@ from model.paths import Array
 from model.progress import check_time
 from model.transcription.layout import POSE
 from planner.contact.grasp import COST, Cone, Grasp, conic_program
-from planner.contact.load_path import LoadPath, rubs
+from planner.contact.load_path import LoadPath, path_sensitivities, rubs
 from planner.question import natural_tensions
 from planner.targets.hold import Hold
 from planner.task import Task

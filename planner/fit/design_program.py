@@ -27,9 +27,9 @@ from model.errors import InputError
 from model.paths import Array
 from model.progress import check_time
 from model.scene import Scene
-from model.transcription.system import System, neighbour
+from model.transcription.system import System
 from planner.fit.making import Making, Objective, Reach
-from planner.fit.unknowns import Parameters
+from planner.fit.unknowns import Parameters, neighbour
 from planner.program.problem import Bounds, Problem, units
 from planner.program.terms import Targets as Together
 from planner.question import Limits, Statement

@@ -26,10 +26,10 @@ from model.equilibrium.newton import Collocation
 from model.equilibrium.sensitivities import ByNumbers
 from model.paths import Array
 from model.transcription.layout import POSE
-from model.transcription.system import System, neighbour, system
+from model.transcription.system import System, system
 from model.winches import Winches, rest_lengths
 from planner.fit.measured import Measured
-from planner.fit.unknowns import Parameters
+from planner.fit.unknowns import Parameters, neighbour
 from planner.io.varied import Setting
 
 Index = NDArray[np.int64]

@@ -11,7 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model import Arm, InputError, Scene
-from model.paths import Array
+from model.loads import places
+from model.mesh import Mesh, landmarks
+from model.paths import SAME, Array
+from model.transcription.system import System
 from model.value import Rule, value
 from planner.io.varied import Setting
 
@@ -233,3 +236,49 @@ class Parameters:
 
         draws = qmc.Halton(len(self.unknowns), seed=seed).random(count - 1)
         return [self.start, *map(self.from_fractions, draws)]
+
+
+def neighbour(
+    system: System,
+    arm: Arm,
+    scene: Scene,
+    before: Sequence[float] = (),
+    after: Sequence[float] = (),
+) -> System:
+    """Return the equations of an arm in a scene near those of another, node by node.
+
+    Nodes that were at arc lengths `before` are now at `after` [m]. Raises InputError
+    where places that coincided part, or pass each other.
+    """
+    form, now = system.of.form, (*places(arm, scene), *after)
+    old = landmarks(system.arm, (*places(system.arm, system.scene), *before))
+    mesh = _mesh_through(system.mesh, old, landmarks(arm, now))
+    result = System(arm, scene, mesh, form.stages, form.loaded, form.machine_code)
+    # A quaternion has either sign.
+    if result.base[:4] @ system.base[:4] < 0:
+        result.base[:4] *= -1
+    return result
+
+
+def _mesh_through(mesh: Mesh, before: Array, new: Array) -> Mesh:
+    """Return a mesh with landmarks (n,) [m] as it fits their new places, node by node.
+
+    Raises InputError where landmarks that coincide would part, or pass each other.
+    """
+    if np.array_equal(before, new):
+        return mesh
+    if before.size != new.size:
+        allowed = f"as many knots and loads as before, {before.size}"
+        raise InputError("places along the arm", new.size, allowed)
+    order, room = np.argsort(before, kind="stable"), SAME * mesh.s[-1]
+    before, after = before[order], new[order]
+    apart, ahead = np.diff(before) > room, np.diff(after)
+    parted, passed = ~apart & (np.abs(ahead) > 2 * room), apart & (ahead <= room)
+    for wrong, allowed in (
+        (parted, "to move all that is there together: tie their keys in one unknown"),
+        (passed, "to stay on its side of its neighbour"),
+    ):
+        if wrong.any():
+            raise InputError("a place along the arm", float(before[:-1][wrong][0]), allowed)
+    kept = np.concatenate([[True], apart])
+    return Mesh(np.interp(mesh.s, before[kept], after[kept]), mesh.active)

@@ -28,10 +28,11 @@ from model.paths import Array
 from model.transcription.collocation import gauss
 from model.transcription.element import run
 from model.transcription.equations import Term
-from model.transcription.kernels import Kernel, Places, mode, tangent
+from model.transcription.kernels import Kernel, Places
 from model.transcription.layout import POSE, Layout
 from model.transcription.system import System
 from model.winches import least_compliance
+from planner.program.tangents import mode, tangent
 from planner.targets.base import ComplianceRequest
 
 

@@ -10,13 +10,14 @@ from scipy.optimize import root
 
 from model import Arm, Scene, Shape, settle
 from model.contact.forward import TouchingMap
-from model.contact.path import Touching, path_sensitivities
+from model.contact.path import Touching
 from model.contact.touches import Touches, forces, frictions, resultants
 from model.effects import Contact, Effect, ExactTendons, Extension, NeoHookean, TipLoad
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.newton import STAGES
 from model.loads import without_friction
 from model.obstacles import Capsule, HalfSpace
+from planner.contact.load_path import path_sensitivities
 from tests.contact.cases import bar, stiffness
 
 NONE = np.zeros(4)
