@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from model.cross_section import cross_section_of
 from model.cross_section.sections import Sections, strains_of
-from model.equilibrium.linearised import Equilibrium, Index
+from model.equilibrium.linearised import Equilibrium, Index, Linearised
 from model.equilibrium.newton import STAGES
 from model.equilibrium.sensitivities import Sensitivities
 from model.forward import FINEST, maps_of, pair_for, refined
@@ -38,9 +38,10 @@ def compliance_of(shape: Shape, at: float, accuracy: float) -> tuple[Response, i
         scaled = [point.pose_wrench / np.outer(size, size) for point in (now, before)]
         return float(np.abs(scaled[0] - scaled[1]).max() / np.abs(scaled[0]).max())
 
-    # The first two refinements are by the error that settling was left with.
+    # The first refinements are that of the shape, and one by the error that it is left with.
     harder = (_HARDER * shape.error / accuracy) ** (1 / (2 * STAGES))
-    pair = pair_for(shape.refinement * harder, FINEST / 2)
+    coarse, fine = pair_for(shape.refinement * harder, FINEST / 2)
+    pair = (shape.refinement if shape.refinement < fine else coarse), fine
     order = convergence_order(shape.scene, 2 * STAGES, derivatives=True)
     return refined(pair, accuracy, order, lambda mesh: sensitivities(shape, at, mesh), gap)
 
@@ -48,9 +49,14 @@ def compliance_of(shape: Shape, at: float, accuracy: float) -> tuple[Response, i
 def sensitivities(shape: Shape, at: float, refinement: int) -> Response:
     """Return the sensitivities of a shape at arc length `at` on the mesh of a refinement."""
     places = () if at == shape.arm.length else (at,)
-    maps = maps_of(shape.arm, shape.scene, None, shape.machine_code)
+    maps, point = maps_of(shape.arm, shape.scene, None, shape.machine_code), shape.equilibrium
     forward = maps.on(refinement, places)
-    return at_node(forward.solve(shape.tensions, shape.known), forward.mesh.node(at))
+    if places or refinement != shape.refinement or maps.scheme != point.scheme:
+        point = forward.solve(shape.tensions, shape.known)
+    if isinstance(point, Linearised) and point.near:
+        # Derivatives nearby would be off by how far that is, which no refinement tells.
+        point = Linearised(point.system, point.x)
+    return at_node(point, forward.mesh.node(at))
 
 
 def at_node(point: Equilibrium, node: int) -> Response:
