@@ -124,12 +124,6 @@ def tendon_paths(
     return tendon_offsets(arm, at)[rows, :, place, tendon].reshape(4, -1)
 
 
-def tendon_offset(arm: Arm, tendon: int, s: Array) -> Array:
-    """Return the offset Y = y d of a tendon along n and b (N, 2) [m] at arc lengths s (N,)."""
-    crossed = np.full(s.size, arm.tendons[tendon][0] + 1)
-    return tendon_offsets(arm, stations(arm, s, crossed))[0, :, :, tendon].T
-
-
 def base_pose(arm: Arm) -> Array:
     """Return the clamped pose (7,) of the arm's base."""
     return np.append(from_matrix(np.array(arm.base_frame)), arm.base_position)

@@ -19,12 +19,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from itertools import product
 from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
-import scipy
 
 from model.checks import SUCH, kind, numbers
 from model.errors import InputError
@@ -36,19 +34,10 @@ from model.rotations import norm
 SIZE = 17
 # The axes of the base frame.
 ALONG_BASE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-# Half the size of what has no end [m].
-ENDLESS = 1e30
-# Points of an outline along half a circle.
-_STEPS = 12
 
 
 class Obstacle(ABC):
     """A body that an arm keeps clear of; frozen values are its kinds."""
-
-    @property
-    @abstractmethod
-    def outline(self) -> tuple[Array, Array]:
-        """Points (N, 3) [m] and triangles (M, 3) of its surface, for figures."""
 
     @property
     @abstractmethod
@@ -97,23 +86,6 @@ class Convex(Obstacle):
     @abstractmethod
     def numbers(self) -> Array:
         """The body as numbers (17,): center, axes column by column, half sizes, layer, open."""
-
-    @property
-    def outline(self) -> tuple[Array, Array]:
-        """See Obstacle.outline: the hull of balls as large as the layer about the box's corners."""
-        center, axes, half, layer, _ = np.split(self.numbers, [3, 12, 15, 16])
-        corners = np.array(list(product((-1, 1), repeat=3))) * half
-        angles = np.pi / _STEPS * np.arange(2 * _STEPS)
-        theta, phi = (each.ravel() for each in np.meshgrid(angles[: _STEPS + 1], angles))
-        across = np.sin(theta) * np.array([np.cos(phi), np.sin(phi)])
-        ball = layer * np.array([np.cos(theta), *across]).T
-        points = np.unique((corners[:, None] + ball).reshape(-1, 3), axis=0) @ axes.reshape(3, 3)
-        hull = scipy.spatial.ConvexHull(points)
-        a, b, c = points[hull.simplices.T]
-        outwards = np.einsum("ki,ki->k", np.cross(b - a, c - a), hull.equations[:, :3]) > 0
-        turned = np.where(outwards[:, None], hull.simplices, hull.simplices[:, ::-1])
-        kept, triangles = np.unique(turned, return_inverse=True)
-        return center + points[kept], np.reshape(triangles, (-1, 3))
 
     def at(self, points: Array) -> tuple[Array, Array]:
         """See Obstacle.at."""

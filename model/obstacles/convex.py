@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from model.checks import LARGEST
 from model.errors import InputError
-from model.obstacles.base import ALONG_BASE, ENDLESS, Convex, axes_with, rounded
+from model.obstacles.base import ALONG_BASE, Convex, axes_with, rounded
 from model.paths import Array
 from model.quantities import Axes, Direction, Length, Place, Sizes
 from model.value import value
@@ -86,10 +87,6 @@ class Box(Convex):
         return rounded(np.array(self.center), np.array(self.frame), half)
 
 
-# How far from the point a figure shows the plane [m].
-_SHOWN = 0.15
-
-
 @value
 class HalfSpace(Convex):
     """All that is behind a plane: a wall, a floor, a table.
@@ -109,13 +106,6 @@ class HalfSpace(Convex):
     @property
     def numbers(self) -> Array:
         """See Convex.numbers: a box without end, but for one side."""
-        half = np.array([0.0, ENDLESS, ENDLESS])
+        half = np.array([0.0, LARGEST, LARGEST])
         axes = axes_with(np.array(self.normal))
         return rounded(np.array(self.point), axes, half, is_open=True)
-
-    @property
-    def outline(self) -> tuple[Array, Array]:
-        """See Obstacle.outline: a square of the plane."""
-        axes = axes_with(np.array(self.normal))
-        corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * _SHOWN
-        return np.array(self.point) + corners @ axes[:, 1:].T, np.array([(0, 1, 2), (0, 2, 3)])

@@ -9,9 +9,9 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta
 
-from model.checks import finite_array, orthonormal
+from model.checks import LARGEST, finite_array, orthonormal
 from model.errors import FileError, InputError, needed
-from model.obstacles.base import ALONG_BASE, ENDLESS, Obstacle, axes_with, rounded
+from model.obstacles.base import ALONG_BASE, Obstacle, axes_with, rounded
 from model.obstacles.triangles import Triangles, check_closed, volume
 from model.paths import Array
 from model.quantities import Corners, Vector
@@ -97,11 +97,6 @@ class Mesh(Obstacle):
         return f"Mesh({len(self.faces)} triangles, from {low} to {high} m)"
 
     @property
-    def outline(self) -> tuple[Array, Array]:
-        """See Obstacle.outline."""
-        return np.array(self.vertices), np.array(self.faces)
-
-    @property
     def is_convex(self) -> bool:
         """See Obstacle.is_convex."""
         return _triangles(self).is_convex
@@ -121,7 +116,7 @@ class Mesh(Obstacle):
         if d[0] <= 0 and self.is_convex:
             return rounded(*surface.box)
         if d[0] <= 0:
-            sizes = np.array([0.0, ENDLESS, ENDLESS])
+            sizes = np.array([0.0, LARGEST, LARGEST])
             return rounded(place[0], axes_with(gradient[0]), sizes, is_open=True)
         return rounded(*surface.rectangle(int(face[0]), place[0]))
 
@@ -136,12 +131,6 @@ class TranslatedMesh(Obstacle):
 
     mesh: Mesh
     by: tuple[float, ...]
-
-    @property
-    def outline(self) -> tuple[Array, Array]:
-        """See Obstacle.outline."""
-        points, triangles = self.mesh.outline
-        return points + np.array(self.by), triangles
 
     @property
     def is_convex(self) -> bool:

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from model.effects import Weight
 from model.paths import Array
 from model.shape import Shape
-from model.stations import tendon_offset
 from planner.bodies.chain import Chain, chain_of
 from planner.bodies.markup import inside, written
+from planner.bodies.surface import tendon_offset
 
 # Damping over stiffness of joints [s]: what swings is still after some of that.
 _DAMPING = 0.05

@@ -1,17 +1,28 @@
-"""The surface of a settled arm as triangles, and its tendons as paths."""
+"""The surfaces of a settled arm and of obstacles as triangles, and tendons as paths."""
 
 from __future__ import annotations
 
+from functools import singledispatch
+from itertools import product
+from typing import Any
+
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from model.arm import Arm
+from model.obstacles import HalfSpace, Mesh
+from model.obstacles.base import Convex, axes_with
+from model.obstacles.mesh import TranslatedMesh
 from model.paths import Array
 from model.rotations import matrices
 from model.shape import Shape
-from model.stations import tendon_offset
+from model.stations import stations, tendon_offsets
+
+# Points of an obstacle's outline along half a circle; how far from its point a plane is shown [m].
+_STEPS, _SHOWN = 12, 0.15
 
 
 def surface(arm: Arm, s: Array, poses: Array, around: int) -> tuple[Array, NDArray[np.int64]]:
@@ -93,3 +104,52 @@ def _faces(along: int, around: int) -> NDArray[np.int64]:
         (last, np.roll(last, -1), tip),
     ]
     return np.vstack([np.stack(corners, axis=-1).reshape(-1, 3) for corners in triangles])
+
+
+def tendon_offset(arm: Arm, tendon: int, s: Array) -> Array:
+    """Return the offset Y = y d of a tendon along n and b (N, 2) [m] at arc lengths s (N,)."""
+    crossed = np.full(s.size, arm.tendons[tendon][0] + 1)
+    return tendon_offsets(arm, stations(arm, s, crossed))[0, :, :, tendon].T
+
+
+@singledispatch
+def outline(obstacle: Any) -> tuple[Array, NDArray[np.int64]]:
+    """Return points (N, 3) [m] and triangles (M, 3) of an obstacle's surface, for figures."""
+    raise TypeError(f"there is no outline of {obstacle}")
+
+
+@outline.register
+def _of_convex(body: Convex) -> tuple[Array, NDArray[np.int64]]:
+    """Return the hull of balls as large as the layer about the box's corners."""
+    center, axes, half, layer, _ = np.split(body.numbers, [3, 12, 15, 16])
+    corners = np.array(list(product((-1, 1), repeat=3))) * half
+    angles = np.pi / _STEPS * np.arange(2 * _STEPS)
+    theta, phi = (each.ravel() for each in np.meshgrid(angles[: _STEPS + 1], angles))
+    across = np.sin(theta) * np.array([np.cos(phi), np.sin(phi)])
+    ball = layer * np.array([np.cos(theta), *across]).T
+    points = np.unique((corners[:, None] + ball).reshape(-1, 3), axis=0) @ axes.reshape(3, 3)
+    hull = scipy.spatial.ConvexHull(points)
+    a, b, c = points[hull.simplices.T]
+    outwards = np.einsum("ki,ki->k", np.cross(b - a, c - a), hull.equations[:, :3]) > 0
+    turned = np.where(outwards[:, None], hull.simplices, hull.simplices[:, ::-1])
+    kept, triangles = np.unique(turned, return_inverse=True)
+    return center + points[kept], np.reshape(triangles, (-1, 3))
+
+
+@outline.register
+def _of_half_space(body: HalfSpace) -> tuple[Array, NDArray[np.int64]]:
+    """Return a square of the plane."""
+    axes = axes_with(np.array(body.normal))
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * _SHOWN
+    return np.array(body.point) + corners @ axes[:, 1:].T, np.array([(0, 1, 2), (0, 2, 3)])
+
+
+@outline.register
+def _of_mesh(body: Mesh) -> tuple[Array, NDArray[np.int64]]:
+    return np.array(body.vertices), np.array(body.faces)
+
+
+@outline.register
+def _of_translated_mesh(body: TranslatedMesh) -> tuple[Array, NDArray[np.int64]]:
+    points, triangles = outline(body.mesh)
+    return points + np.array(body.by), triangles

@@ -12,7 +12,7 @@ from model.obstacles import Obstacle
 from model.paths import Array
 from model.rotations import from_matrix
 from model.shape import Shape
-from planner.bodies.surface import along, sketched_poses, surface, tendon_lines
+from planner.bodies.surface import along, outline, sketched_poses, surface, tendon_lines
 from planner.plan import Plan
 
 Colour = tuple[int, int, int]
@@ -186,7 +186,7 @@ class ArmOnPage:
 
 def add_obstacle(server: Any, name: str, obstacle: Obstacle) -> Any:
     """Draw an obstacle; return what is drawn, to be hidden."""
-    points, triangles = obstacle.outline
+    points, triangles = outline(obstacle)
     return server.scene.add_mesh_simple(name, points, triangles, color=LIGHT.obstacle, opacity=0.6)
 
 

@@ -23,7 +23,7 @@ from model.loads import contacts
 from model.obstacles import HalfSpace, Obstacle
 from model.paths import Array
 from model.shape import Shape
-from planner.bodies.surface import along, rings, tendon_lines
+from planner.bodies.surface import along, outline, rings, tendon_lines
 from planner.certificate import COMPLEMENTARY
 from planner.plots.style import INK, MM, PULL, SIZE, SLACK, pull_norm, pulling
 from planner.plots.targets import draw_target
@@ -70,7 +70,7 @@ def draw_obstacles(obstacles: Sequence[Obstacle], ax: Any) -> Array:
     """Draw obstacles in 3-D axes, in mm; return points (N, 3) [m] that have to be in sight."""
     seen = [np.empty((0, 3))]
     for obstacle in obstacles:
-        points, triangles = obstacle.outline
+        points, triangles = outline(obstacle)
         faces = MM * points[triangles]
         ax.add_collection3d(
             Poly3DCollection(faces, facecolors=_OBSTACLE, alpha=0.28, lw=0, zorder=1)

@@ -13,6 +13,7 @@ from model.clearance import clearance
 from model.effects import Extension
 from model.obstacles import Box, Mesh, Moving, Sphere
 from planner import plan, trajectory
+from planner.bodies.surface import outline
 from planner.io.saved_files import load_plan
 from planner.io.scene_file import load
 from planner.targets import TipPosition
@@ -50,7 +51,7 @@ def dented() -> Mesh:
 
 @pytest.mark.parametrize("mesh", [ring(), dented()], ids=["ring", "dented"])
 def test_distances_are_those_of_trimesh(mesh: Mesh) -> None:
-    other = trimesh.Trimesh(*mesh.outline, process=False)
+    other = trimesh.Trimesh(*outline(mesh), process=False)
     low, high = other.bounds
     points = np.random.default_rng(0).uniform(low - 0.03, high + 0.03, (400, 3))
     _, away, _ = trimesh.proximity.closest_point_naive(other, points)
@@ -78,7 +79,7 @@ def test_a_mesh_of_a_box_is_that_box() -> None:
 @pytest.mark.parametrize("mesh", [ring(), dented()], ids=["ring", "dented"])
 def test_derivatives_are_those_of_differences(mesh: Mesh) -> None:
     assert not mesh.is_convex
-    low, high = mesh.outline[0].min(axis=0), mesh.outline[0].max(axis=0)
+    low, high = outline(mesh)[0].min(axis=0), outline(mesh)[0].max(axis=0)
     points, step = np.random.default_rng(2).uniform(low - 0.05, high + 0.05, (300, 3)), 1e-7
     ends = [mesh.distance(points + s * step * e) for e in np.eye(3) for s in (1, -1)]
     differences = ((np.array(ends[::2]) - np.array(ends[1::2])) / (2 * step)).T
@@ -139,8 +140,8 @@ def test_files_of_meshes_are_read_in_their_unit_and_place(tmp_path: Path) -> Non
         turned = ((0, -1, 0), (1, 0, 0), (0, 0, 1))
         mesh = Mesh.read(tmp_path / name, "mm", (0.1, 0.2, 0.3), turned)
         assert len(mesh.faces) == 12
-        np.testing.assert_allclose(np.ptp(mesh.outline[0], axis=0), (0.03, 0.02, 0.04), atol=1e-7)
-        np.testing.assert_allclose(mesh.outline[0].mean(axis=0), (0.1, 0.2, 0.3), atol=1e-7)
+        np.testing.assert_allclose(np.ptp(outline(mesh)[0], axis=0), (0.03, 0.02, 0.04), atol=1e-7)
+        np.testing.assert_allclose(outline(mesh)[0].mean(axis=0), (0.1, 0.2, 0.3), atol=1e-7)
     box.invert()
     box.export(tmp_path / "inverted.stl")
     assert Mesh.read(tmp_path / "inverted.stl", "mm").distance((0, 0, 0)) < 0

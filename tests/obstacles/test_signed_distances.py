@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere, distances, numbers_of
+from planner.bodies.surface import outline
 from tests.oracles import Array
 
 coal = pytest.importorskip("coal")
@@ -92,7 +93,7 @@ def test_numbers_are_finite_where_there_is_no_derivative() -> None:
 
 @pytest.mark.parametrize("name", ROUND)
 def test_outlines_lie_on_the_surface(name: str) -> None:
-    points, triangles = ROUND[name].outline
+    points, triangles = outline(ROUND[name])
     assert np.abs(ROUND[name].distance(points)).max() < 1e-12
     assert triangles.max() < len(points)
 
