@@ -31,7 +31,6 @@ import numpy as np
 
 from model.cross_section.energy import EnergySection, ExactSection
 from model.cross_section.sections import body_numbers, reported, strains_of
-from model.effects import NeoHookean
 from model.loads import beyond, bodies_of, is_conservative, levers
 from model.machine.functions import Buffered
 from model.paths import Array
@@ -113,7 +112,6 @@ class LeastEnergy:
         self._unit[of.nodes[:, 4:]] = L
         self._unit[of.stages[:, : 2 + law.torsion]] = 1 / L
         self._bodies = bodies_of(scene)
-        self._radii = np.asarray(arm.outer_radius(mesh.s[1:])[0])
         at = stations(arm, system.s, np.repeat(mesh.active, m))
         self._stage, self._tendon = of.crossings
         self._h = np.diff(mesh.s)[None] / L
@@ -174,13 +172,6 @@ class LeastEnergy:
         """Return the poses at the nodes (N + 1, 7)."""
         return self._states(point)[self.of.nodes]
 
-    def _swollen(self, near: Minimum) -> Array:
-        """Return the larger radii (N,) of both sides of the nodes but the base [m]."""
-        if not self.system.scene.has(NeoHookean):
-            return self._radii
-        stretch = np.minimum(*self.system.stretch_beside(self.strains(near)))
-        return np.asarray(self._radii / np.sqrt(stretch))
-
     def least(
         self,
         near: Minimum,
@@ -233,7 +224,7 @@ class LeastEnergy:
         rows = [self._h, np.vstack([self._paths, self._weights[self._stage]])]
         if K:
             bodies = np.tile(self._bodies.T, of.elements)
-            radii = np.repeat(self._swollen(near) / L, K)
+            radii = np.repeat(self.system.outer_radii(self.strains(near)) / L, K)
             rows.append(np.vstack([bodies, radii, np.full(radii.size, L)]))
         low, high = np.full(n + nT, -inf), np.full(n + nT, inf)
         low[:POSE] = high[:POSE] = base_pose(self.system.arm) / self._unit[:POSE]

@@ -148,9 +148,9 @@ def _widened(system: System, states: Array) -> System:
     """
     if not (system.of.form.contact_friction and system.scene.has(NeoHookean)):
         return system
-    before, beyond = system.stretch_beside(states[system.of.stages])
-    result, radius = copy.copy(system), system.arm.outer_radius(system.mesh.s[1:])[0]
-    wider = radius * np.sqrt(np.maximum(before / beyond, 1.0))
+    strains, result = states[system.of.stages], copy.copy(system)
+    # The kernel divides by the root of the stretch before a node.
+    wider = system.outer_radii(strains) * np.sqrt(system.stretch_beside(strains)[0])
     kernel_numbers(result, "touch")[:, :, SIZE] = wider[:, None]
     return result
 

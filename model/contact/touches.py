@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from model.centreline import Centreline
 from model.checks import SMALLEST
 from model.equilibrium.linearised import Linearised
 from model.loads import bodies_of, contacts
@@ -246,10 +245,7 @@ def touches_of(point: Linearised, before: Linearised | None = None) -> tuple[Tou
         return ()
     s, places = system.mesh.s[nodes], system.poses(states)[nodes, 4:]
     distance, normals = pair_distances(bodies_of(system.scene)[numbers], places)
-    # Strains may jump at a node, and with them the radius of a body that swells.
-    line = Centreline.at_states(system, states)
-    sides = np.clip([nodes - 1, nodes], 0, system.mesh.steps - 1)
-    gaps = distance - np.max([line.radius(k, (nodes > k).astype(float)) for k in sides], axis=0)
+    gaps = distance - system.outer_radii(states[system.of.stages])[nodes - 1]
     slipped = 0 * places if before is None else places - before.at(s)[0][:, 4:]
     slipped -= (slipped * normals).sum(axis=1, keepdims=True) * normals
     rubbed = frictions(system, states)[nodes, numbers]

@@ -16,7 +16,7 @@ from scipy.sparse import csr_array
 from model.arm import Arm
 from model.cross_section import cross_section_of
 from model.cross_section.sections import Sections, kinematics
-from model.effects import Current, Friction, TipLoad
+from model.effects import Current, Friction, NeoHookean, TipLoad
 from model.loads import contacts, growth, is_loaded, levers, places
 from model.machine.compiled import kernel
 from model.machine.functions import Buffered, Mapped, built
@@ -161,6 +161,17 @@ class System:
         before, beyond = stretch @ method.at(1.0), np.roll(stretch @ method.at(0.0), -1)
         beyond[-1] = before[-1]
         return before, beyond
+
+    def outer_radii(self, strains: Array) -> Array:
+        """Return the larger of the arm's outer radii (N,) on both sides of the nodes but the base.
+
+        Strains (N stages, strains) may jump there, and with them the radius of a body that keeps
+        its volume, which swells by lambda^(-1/2) where it is shortened to lambda [m].
+        """
+        radii = self.arm.outer_radius(self.mesh.s[1:])[0]
+        if not self.scene.has(NeoHookean):
+            return radii
+        return np.asarray(radii / np.sqrt(np.minimum(*self.stretch_beside(strains))))
 
     def marched(self, strains: Array) -> Array:
         """Return the poses at the nodes (N + 1, 7) of strains at the stages (N stages, strains)."""
