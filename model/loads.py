@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 
 from model.arm import Arm
+from model.checks import LARGEST
 from model.effects import (
     Buoyancy,
     Contact,
@@ -31,8 +32,6 @@ from model.units import length_text
 
 _LOADS = (Contact, Current, Friction, PointLoad, PointMass, Shear, TipLoad, Weight)
 _NAMES = tuple(kind.__name__ for kind in _LOADS)
-# The steepest growth per length that a mesh follows [1/m], whatever the loads.
-_STEEPEST = 1e80
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
@@ -175,12 +174,12 @@ def growth(arm: Arm, scene: Scene, s: Array) -> Array:
     for load in acting(scene):
         force += _size(load.force) * (s <= load.s)
     if current:
-        drag = min(current.density * current.coefficient * R.max(), _STEEPEST)
+        drag = min(current.density * current.coefficient * R.max(), LARGEST)
         # The last place may be beyond the tip by rounding.
         force += drag * _size(current.velocity) ** 2 * np.maximum(arm.length - s, 0.0)
     EA = arm.material.E * np.pi * R**2
     longer = 1 + force / EA * scene.has(Extension)
-    return np.asarray(np.minimum(longer * np.sqrt(force / (EA * R**2 / 4)), _STEEPEST))
+    return np.asarray(np.minimum(longer * np.sqrt(force / (EA * R**2 / 4)), LARGEST))
 
 
 def beyond(arm: Arm, scene: Scene, s: Array, end: Array) -> Array:
@@ -243,4 +242,4 @@ def _crossings(arm: Arm) -> list[float]:
 
 def _size(vector: Any) -> float:
     """Return the size of a vector, capped for loads out of this world."""
-    return float(np.linalg.norm(np.clip(vector, -_STEEPEST, _STEEPEST)))
+    return float(np.linalg.norm(np.clip(vector, -LARGEST, LARGEST)))

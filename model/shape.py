@@ -17,7 +17,7 @@ from model.clearance.nearest import ITSELF, clearances
 from model.contact.path import Touching
 from model.contact.touches import Touch, touches_of
 from model.cross_section import cross_section_of
-from model.cross_section.sections import Sections
+from model.cross_section.sections import Sections, strains_of
 from model.effects import ExactTendons, PrintedStatics
 from model.equilibrium.integration import sliding_tensions
 from model.equilibrium.linearised import Equilibrium, Linearised
@@ -222,10 +222,9 @@ class Shape(Shown):
         s = s[np.append(True, np.diff(s) > SAME * self.arm.length)]
         inside = s[:-1, None] + np.diff(s)[:, None] * gauss(STAGES).c
         rows = self.strains(inside.ravel())
-        stretch = 1 + rows[:, 3:4]
-        nu = np.hstack([stretch, rows[:, 4:], np.zeros((len(rows), 6 - rows.shape[1]))])
-        kappa, nu = (values.reshape(-1, STAGES, 3) for values in (rows[:, :3] * stretch, nu))
-        return Centreline(self.arm, self.scene, s, self.poses(s), kappa, nu)
+        law = cross_section_of(self.scene, self.arm.is_curved)
+        v, poses = strains_of(law, rows), self.poses(s)
+        return Centreline.at_strains(self.arm, self.scene, s, poses, law, v)
 
     def strains(self, s: Any) -> Array:
         """Return tau, xi, k, q, and nu_n, nu_b with shear, (N, 4 or 6), at arc length s [m]."""

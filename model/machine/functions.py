@@ -112,8 +112,7 @@ class Mapped:
         if columns:
             results = columns(*(v.reshape(len(v), -1).T for v in rows))
             return [np.ascontiguousarray(result.T) for result in results]
-        outcome = self._sized(count)(*[v.ravel() for v in rows])
-        return [result.reshape(count, -1) for result in outcome]
+        return self._sized(count)(*[v.ravel() for v in rows])
 
     @cached_property
     def columns(self) -> Columns | None:
