@@ -22,10 +22,9 @@ from planner.certificate import Certificate, certify
 from planner.contact.remarks import remarks
 from planner.measure import remark_on_slack, strokes
 from planner.mirror import mirror_images
-from planner.program.problem import STABILITY_TOLERANCE, Problem, units
+from planner.program.problem import STABILITY_TOLERANCE, Candidate, Problem, units
 from planner.program.program import STABILITY, STRETCH, STROKES
 from planner.question import Mode, effort
-from planner.solve.ipopt import Candidate
 from planner.solve.refine import on_mesh
 from planner.targets.base import OVER_WANTED
 from planner.task import SearchResult, Task, agreed

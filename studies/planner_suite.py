@@ -55,8 +55,7 @@ from model.forward import schemes_of
 from model.loads import is_loaded
 from model.paths import Array
 from planner import Plan, Statement, plan
-from planner.program.problem import Problem
-from planner.solve.ipopt import Candidate
+from planner.program.problem import Candidate, Problem
 from planner.solve.search import attempt
 from planner.targets import Target, TipPose, TipPosition
 from planner.task import Task

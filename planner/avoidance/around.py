@@ -28,9 +28,9 @@ from model.progress import OutOfTime, tell
 from planner.avoidance.places import EXCHANGED, avoiding
 from planner.avoidance.rows import Avoidance, grid
 from planner.avoidance.surroundings import Surroundings
+from planner.program.problem import Candidate
 from planner.question import Mode
 from planner.solve.guesses import drawn_arms
-from planner.solve.ipopt import Candidate
 from planner.solve.refine import refine
 from planner.solve.search import AGREED, Reading, Search
 from planner.task import SearchResult, Task, Trial

@@ -30,10 +30,10 @@ from model.scene import Scene
 from model.transcription.system import System
 from planner.fit.making import Making, Objective, Reach
 from planner.fit.unknowns import Parameters, neighbour
-from planner.program.problem import Bounds, Problem, units
+from planner.program.problem import Bounds, Problem, Solution, units
 from planner.program.terms import Targets as Together
 from planner.question import Limits, Statement
-from planner.solve.ipopt import TOGETHER, WARM, Solution
+from planner.solve.ipopt import TOGETHER, WARM
 from planner.solve.side_by_side import Part, SideBySide, joined
 from planner.targets.base import Target
 from planner.task import Task
@@ -233,15 +233,11 @@ def _part(
     And the weights of its constraints and of the objective. The equations see y = (unknowns in SI,
     n); the chain rule takes them to (x, z).
     """
-    of, p, K = problem.program, problem.parameters(), by_z.size2()
-    whole = ca.Function("scale", [of.p], [of.scale])(p)
-    scale = ca.DM(p[of.parts["row_scale"]])
-    arguments, m, equations = [of.x, of.p], of.outer.numel(), of.equations.in_numbers()
-    first = [of.f, of.gradient, of.outer, of.outer_jacobian]
-    f, gradient, outer, outer_J = ca.Function("outer", arguments, first)(x, ca.DM(p))
-    arguments += [of.sigma, of.outer_lam]
-    second = ca.Function("outer_hessian", arguments, [of.outer_hessian])
-    outer_H = second(x, ca.DM(p), weight * sigma, lam[:m])
+    of, p, K = problem.program, ca.DM(problem.parameters()), by_z.size2()
+    whole, scale, m = of.scale(p), p[of.parts["row_scale"]], of.n_outer
+    weights = weight * sigma, lam[:m]
+    f, gradient, outer, outer_J, outer_H = of.outer.call([x, p, *weights], True, False)
+    equations = of.equations.in_numbers()
     y, none = ca.vertcat(whole * x, numbers), ca.MX(0, 1)
     chain = ca.diagcat(ca.MX(ca.diag(whole)), by_z)
     J, H = equations.jacobian, equations.hessian

@@ -1,8 +1,8 @@
 """A planning problem: a program with the numbers of an arm, a scene, targets and limits.
 
-And whether a point of it is an optimum: multipliers, residuals of the first-order conditions. With
-unknowns (a, S), a before the states, equations of equilibrium c(a, S) = 0 with a square and regular
-Jacobian c_S, a function r of both has, along the equilibrium, the derivative
+And points that solvers stop at, with the residual of their first-order conditions. With unknowns
+(a, S), a before the states, equations of equilibrium c(a, S) = 0 with a square and regular Jacobian
+c_S, a function r of both has, along the equilibrium, the derivative
 
     dr/da = r_a + mu^T c_a,    c_S^T mu = -r_S.
 
@@ -12,14 +12,15 @@ of the latter those of the equations are mu of the Lagrangian.
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from contextlib import suppress
-from functools import lru_cache
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.linalg import norm
-from scipy.optimize import lsq_linear
+from scipy.sparse import csc_array
 
 from model.arm import Arm
 from model.equilibrium.linearised import Linearised
@@ -34,8 +35,8 @@ from model.winches import rest_lengths
 from planner.program.blocks import States, unit_force
 from planner.program.program import STABILITY, STROKES, Program, factorised
 from planner.program.terms import Same
-from planner.question import Limits, Statement, natural_tensions
-from planner.task import Task
+from planner.question import Limits, Solver, Statement, natural_tensions
+from planner.task import SearchResult, Task, Trial
 
 Bounds = tuple[Array, Array, Array, Array]
 # Weight of effort where the targets cannot be met and their residuals are made least: in a search,
@@ -88,7 +89,7 @@ class Problem:
         question = Same((self.together, self.limits, self.statement))
         built = _built(task.arm, task.scene, key, question, task.machine_code)
         self.program, self.forward, self.scale, self.row_scale = of, *_ = built
-        self.n_free, self.n_outer = of.n_free, of.outer.numel()
+        self.n_free, self.n_outer = of.n_free, of.n_outer
         self.directions = np.hstack([np.zeros((3, 0)), *self.together.own.directions])
         weights = np.array([self.unit.max(), self.limits.total or 0.0, REGULARISATION])
         equations = of.numbers(self.forward.system, self.directions)
@@ -246,69 +247,94 @@ def _program(structure: Hashable, question: Same) -> Program:
     return Program(*question.value)
 
 
-class Point:
-    """Unknowns x in equilibrium, and the first-order conditions there.
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A point that a solver stopped at, in numbers.
 
-    Multipliers lam_x and lam_g are of CasADi's signs, below 0 at a lower bound; those (n_free,) of
-    the unknowns before the states count, and those (n_outer,) of the constraints besides
-    equilibrium. Bounds are the problem's, unless others are given.
+    Multipliers lam_x and lam_g are of CasADi's signs, below 0 at a lower bound. `met` says that the
+    solver believes in the point, all numbers of which are finite; that is a hint, never a verdict.
     """
 
-    def __init__(self, problem: Problem, x: Array, p: Array, bounds: Bounds | None = None) -> None:
-        self.x, self._n, self._m = x, problem.n_free, problem.n_outer
-        p = problem.with_mode(x, p)
-        _, self._gradient, g, jacobian = problem.program.evaluate(x, p)
-        self._outer, inner = jacobian[: self._m], jacobian[self._m :].tocsc()
-        self._by_free, self._factors = inner[:, : self._n], factorised(inner[:, self._n + 1 :])
-        values = np.append(x[: self._n], g[: self._m])
-        lbx, ubx, lbg, ubg = bounds or problem.bounds
-        # How far unknowns before the states and constraints are above and below their bounds.
-        self._above = values - np.append(lbx[: self._n], lbg[: self._m])
-        self._below = np.append(ubx[: self._n], ubg[: self._m]) - values
+    x: Array
+    lam_x: Array
+    lam_g: Array
+    f: float
+    met: bool
+    iterations: int
+    solver: Solver = "ipopt"
 
-    def extended(self, lam_x: Array, lam_g: Array) -> tuple[Array, Array]:
-        """Return the multipliers of all unknowns and constraints from those besides equilibrium."""
-        lam_x, lam_g = lam_x[: self._n], lam_g[: self._m]
-        slope = self._gradient + self._outer.T @ lam_g
-        of_states = self._factors.solve(-slope[self._n + 1 :], "T")
-        return np.append(lam_x, np.zeros(self.x.size - self._n)), np.append(lam_g, of_states)
+    @property
+    def is_finite(self) -> bool:
+        """Whether every number is finite."""
+        return bool(np.isfinite(np.hstack([self.x, self.f, self.lam_x, self.lam_g])).all())
 
-    def slope(self, lam_g: Array) -> Array:
-        """Return the Lagrangian's gradient in a (n_free,), without the multipliers of bounds."""
-        lam_g, of_states = np.split(self.extended(np.zeros(self._n), lam_g)[1], [self._m])
-        along = self._gradient + self._outer.T @ lam_g
-        return np.asarray(along[: self._n] + self._by_free.T @ of_states)
 
-    def multipliers(self) -> tuple[Array, Array, Array]:
-        """Return lam_x and lam_g that leave least of the Lagrangian's gradient, and the rest.
+@dataclass(frozen=True, eq=False)
+class Candidate(Solution):
+    """A point of a planning problem that a solver stopped at.
 
-        Where constraints depend on each other there are many such; 0 of what is not active.
-        """
-        near = KKT_TOLERANCE / 10
-        low, high = self._above <= near, self._below <= near
-        active, lam = np.flatnonzero(low | high), np.zeros(low.size)
-        # Derivatives by a, along the equilibrium, of the objective and of each constraint.
-        rows = np.vstack([self._gradient, self._outer.toarray()])
-        mu = self._factors.solve(np.ascontiguousarray(-rows[:, self._n + 1 :].T), "T")
-        slope, *others = rows[:, : self._n] + (self._by_free.T @ mu).T
-        rows = np.vstack([np.eye(self._n), *others])[active]
-        ends = np.where(low[active], -np.inf, 0.0), np.where(high[active], np.inf, 0.0)
-        if active.size:
-            lam[active] = lsq_linear(rows.T, -slope, ends, "bvls").x
-        return lam[: self._n], lam[self._n :], slope + rows.T @ lam[active]
+    Attributes
+    ----------
+    problem : Problem
+    defect : (n,) or None
+        By how much what is measured on the mesh is off, as far as the point corrects it; see
+        planner.solve.refine.
+    """
 
-    def residual(self, lam_x: Array, lam_g: Array) -> float:
-        """Return how far the point is from the first-order conditions, scaled.
+    problem: Problem = field(kw_only=True)
+    defect: Array | None = field(default=None, kw_only=True)
+
+    @property
+    def tensions(self) -> Array:
+        """The tensions (n_tendons,) [N]."""
+        return self.problem.tensions(self.x)
+
+    @cached_property
+    def derivatives(self) -> tuple[Array, Array, csc_array]:
+        """The gradient of the objective, the constraints and their Jacobian."""
+        p = self.problem.parameters(defect=self.defect)
+        return self.problem.program.evaluate(self.x, self.problem.with_mode(self.x, p))[1:]
+
+    def extended(self) -> Candidate:
+        """Return it with multipliers of all, by those of what comes before states and equations."""
+        n, m = self.problem.n_free, self.problem.n_outer
+        (gradient, _, J), lam_g = self.derivatives, self.lam_g[:m]
+        slope = gradient + J[:m].T @ lam_g
+        of_states = factorised(J[m:].tocsc()[:, n + 1 :]).solve(-slope[n + 1 :], "T")
+        lam_x = np.append(self.lam_x[:n], np.zeros(self.x.size - n))
+        return replace(self, lam_x=lam_x, lam_g=np.append(lam_g, of_states))
+
+    @property
+    def residual(self) -> float:
+        """How far it is from the first-order conditions, scaled, in equilibrium.
 
         The largest of: a component of the Lagrangian's gradient; a violation of a constraint or a
         bound; the product of a multiplier and the distance to its bound. NaN counts as infinite.
         """
-        lam_x, lam_g = lam_x[: self._n], lam_g[: self._m]
-        lam, rest = np.append(lam_x, lam_g), self.slope(lam_g) + lam_x
+        (gradient, g, J), n, m = self.derivatives, self.problem.n_free, self.problem.n_outer
+        whole = self.extended()
+        lam = np.append(whole.lam_x[:n], whole.lam_g[:m])
+        rest = (gradient + J.T @ whole.lam_g + whole.lam_x)[:n]
+        values, (lbx, ubx, lbg, ubg) = np.append(self.x[:n], g[:m]), self.problem.bounds
+        # How far unknowns before the states and constraints are above and below their bounds.
+        above, below = values - np.append(lbx[:n], lbg[:m]), np.append(ubx[:n], ubg[:m]) - values
         # Multipliers of 0 leave no scale.
-        scale = 1e-2 + norm(self._gradient[: self._n], np.inf) + norm(np.append(lam_g, 0.0), np.inf)
+        scale = 1e-2 + norm(gradient[:n], np.inf) + norm(np.append(lam[n:], 0.0), np.inf)
         # No multiplier counts with a bound that is farther than a thousand units.
-        room = np.minimum(np.abs(np.where(lam < 0, self._above, self._below)), 1e3)
-        violation = np.maximum(-np.minimum(self._above, self._below), 0.0)
+        room = np.minimum(np.abs(np.where(lam < 0, above, below)), 1e3)
+        violation = np.maximum(-np.minimum(above, below), 0.0)
         worst = float(norm(np.concatenate([rest / scale, violation, lam * room / scale]), np.inf))
         return worst if np.isfinite(worst) else np.inf
+
+    def result(self, trials: Sequence[Trial], **more: Any) -> SearchResult:
+        """Return the result of a search that ends here, after trials."""
+        of = self.problem
+        return SearchResult(
+            of.statement.but(solver=self.solver, iterations=self.iterations),
+            of.arm.by_section(self.tensions),
+            tuple(self.lam_x[: of.n_free].tolist()),
+            tuple(self.lam_g[: of.n_outer].tolist()),
+            tuple(trials),
+            avoidance=of.together.avoidance,
+            **more,
+        )

@@ -22,6 +22,7 @@ are three readings of them, tried in this order:
 from __future__ import annotations
 
 from itertools import accumulate, pairwise
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -83,14 +84,14 @@ class Program:
         Of all targets but those that keep the arm clear.
     measured : tuple of int
         How many numbers are measured: of poses, least stretches, compliances, eigenvalues, lengths.
-    x, p, f, outer, g : casadi.MX
-        Unknowns, parameters, objective, constraints besides the equations, and all of them.
-    sigma, outer_lam, lam : casadi.MX
-        Weights of the objective, of the constraints besides equations, and of all.
-    gradient, outer_jacobian, jacobian, outer_hessian, hessian : casadi.MX
-        Of f, outer, g, and of the objective and constraints by their weights.
-    scale : casadi.MX
-        What one unit of each unknown is worth.
+    x, p : casadi.MX
+        Unknowns and parameters.
+    n_outer : int
+        How many constraints there are besides the equations.
+    outer, function : casadi.Function
+        x, p, weights of the objective and of constraints -> objective (1,), its gradient,
+        constraints, their Jacobian, the upper half of the Hessian of the weighted sum. Constraints
+        are those besides the equations of `outer`, all of `function`.
     measure : Buffered
         x, p -> what is measured on the mesh.
     """
@@ -121,10 +122,7 @@ class Program:
         ends = list(accumulate(sizes.values(), initial=0))
         self.parts = dict(zip(sizes, map(slice, ends, ends[1:]), strict=False))
         self.x, self.p = ca.MX.sym("x", self.size), ca.MX.sym("p", ends[-1])
-        unit = self.p[self.parts["unit"]], ca.MX.ones(self.n_free - of.n_tendons + 1)
-        self.scale = ca.vertcat(*unit, self.p[self.parts["scale"]])
-        self._state(targets, limits, statement, gaps)
-        self._differentiate()
+        self._differentiate(*self._state(targets, limits, statement, gaps))
 
     def _number(self, limits: Limits, statement: Statement, states: States) -> None:
         """Number the unknowns, block by block, and state the equations of the blocks."""
@@ -159,8 +157,8 @@ class Program:
 
     def _state(
         self, targets: Targets, limits: Limits, statement: Statement, gaps: Equations | None
-    ) -> None:
-        """State the objective and the constraints besides the equations, and the bounds of all."""
+    ) -> tuple[ca.MX, ca.MX]:
+        """Return the objective and the constraints besides the equations; state bounds of all."""
         x, p, parts, terms, mode = self.x, self.p, self.parts, self.terms, statement.mode
         arm, places = targets.arm, targets.stations
         measured, none = self._what_is_measured(), ca.MX(0, 1)
@@ -203,11 +201,12 @@ class Program:
         self.rows, self.lower, self.upper = (np.repeat(each, sizes) for each in (names, *ends))
         self.n_equalities = sizes[0]
         self.slack_rows = [sizes[0] + row for row in soft]
-        self.outer, self.f = ca.vertcat(*values[:-1]), aim if mode == "exact" else missing
+        return aim if mode == "exact" else missing, ca.vertcat(*values[:-1])
 
     def _what_is_measured(self) -> ca.MX:
         """Return what is measured, one below the other: see `measured`."""
-        values = {block: self.x[at] * self.scale[at] for block, at in self.places.items()}
+        scaled = self.x * self.scale(self.p)
+        values = {block: scaled[at] for block, at in self.places.items()}
         directions = self.terms.directions.call([self.p[self.parts["targets"]]])
         states = values[self.states]
         measured = [ca.vec(self.states.poses(states)), self.states.stretches(states)]
@@ -217,34 +216,36 @@ class Program:
         measured += [self.x[self.places[mode]][-1] for mode in self.modes]
         return ca.vertcat(*measured, *(self.x[self.places[lengths]] for lengths in self.lengths))
 
-    def _differentiate(self) -> None:
+    def _differentiate(self, f: ca.MX, outer: ca.MX) -> None:
         """Put the constraints together, and the derivatives: the blocks' come from kernels."""
-        x, p, m = self.x, self.p, self.outer.numel()
-        scale, row_scale, numbers = self.scale, p[self.parts["row_scale"]], p[self.parts["numbers"]]
-        self.sigma, self.outer_lam = ca.MX.sym("sigma"), ca.MX.sym("lam", m)
-        self.lam = ca.MX.sym("lam", m + self.n_equations)
-        self.gradient = ca.densify(ca.gradient(self.f, x))
-        self.outer_jacobian = ca.jacobian(self.outer, x)
-        weighted = self.sigma * self.f + ca.dot(self.outer_lam, self.outer)
-        self.outer_hessian = ca.hessian(weighted, x)[0]
-        balance = self.equations.value.function(x * scale, numbers)
-        self.g = ca.vertcat(self.outer, balance / row_scale)
+        x, p, m = self.x, self.p, outer.numel()
+        self.n_outer = m
+        sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", m)
+        hessian = ca.triu(ca.hessian(sigma * f + ca.dot(lam, outer), x)[0])
+        first = [f, ca.densify(ca.gradient(f, x)), outer, ca.jacobian(outer, x)]
+        self.outer = ca.Function("outer", [x, p, sigma, lam], [*first, hessian])
+        lam = ca.MX.sym("lam", m + self.n_equations)
+        f, gradient, outer, J, H = self.outer.call([x, p, sigma, lam[:m]], True, False)
+        row_scale, numbers = (p[self.parts[name]] for name in ("row_scale", "numbers"))
+        scale = self.scale(p)
+        g = ca.vertcat(outer, self.equations.value.function(x * scale, numbers) / row_scale)
         of, places = self.equations.jacobian, self.equations.jacobian.places
         row, column = places.row(), places.get_col()
-        J = ca.MX(places, of.function(x * scale, numbers) * scale[column] / row_scale[row])
-        self.jacobian = ca.vertcat(self.outer_jacobian, J)
+        nonzeros = of.function(x * scale, numbers) * scale[column] / row_scale[row]
+        J = ca.vertcat(J, ca.MX(places, nonzeros))
         of, places = self.equations.hessian, self.equations.hessian.places
         row, column = places.row(), places.get_col()
-        nonzeros = of.function(x * scale, numbers, self.lam[m:] / row_scale)
-        arguments = [x, p, self.sigma]
-        outer = ca.Function("outer", [*arguments, self.outer_lam], [self.outer_hessian])
-        H = ca.MX(places, nonzeros * scale[column] * scale[row])
-        self.hessian = outer(*arguments, self.lam[:m]) + H
-        values = [self.f, self.gradient, self.g, self.jacobian.nz[:]]
-        dense = [ca.densify(value) for value in values]
-        self._function = Buffered(ca.Function("program", [x, p], dense))
-        J_at = self.jacobian.sparsity()
-        self._nonzeros = np.array(J_at.row(), np.int32), np.array(J_at.colind(), np.int32)
+        nonzeros = of.function(x * scale, numbers, lam[m:] / row_scale)
+        H += ca.triu(ca.MX(places, nonzeros * scale[column] * scale[row]))
+        self.function = ca.Function("program", [x, p, sigma, lam], [f, gradient, g, J, H])
+        values = list(map(ca.densify, (f, gradient, g, J.nz[:])))
+        self._evaluated = Buffered(ca.Function("program", [x, p], values))
+        self._nonzeros = np.array(J.row(), np.int32), np.array(J.sparsity().colind(), np.int32)
+
+    def scale(self, p: Any) -> Any:
+        """Return what one unit of each unknown is worth (size,), of parameters."""
+        unit, scale = (p[self.parts[name]] for name in ("unit", "scale"))
+        return ca.vertcat(unit, ca.DM.ones(self.n_free - self.states.of.n_tendons + 1), scale)
 
     def numbers(self, at: System, along: Array) -> Array:
         """Return the numbers of the equations of an arm, by the directions (3, k) of responses."""
@@ -261,5 +262,5 @@ class Program:
 
         The rows of equilibrium come last.
         """
-        f, gradient, g, nonzeros = (value.ravel() for value in self._function(x, p))
+        f, gradient, g, nonzeros = (value.ravel() for value in self._evaluated(x, p))
         return f, gradient, g, csc_array((nonzeros, *self._nonzeros), shape=(g.size, x.size))

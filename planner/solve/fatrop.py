@@ -21,9 +21,9 @@ from model.machine.functions import Buffered
 from model.paths import Array
 from model.transcription.kernels import Places
 from model.transcription.layout import POSE
-from planner.program.problem import Problem
+from planner.program.problem import Candidate, Problem
 from planner.program.program import Program
-from planner.solve.ipopt import MAGNIFIED, Candidate
+from planner.solve.ipopt import MAGNIFIED
 
 # It goes no further than this tolerance, and what takes longer wanders: that is left to ipopt.
 _OPTIONS = {"print_level": 0, "tol": 1e-6, "mu_init": 0.1, "max_iter": 30}
@@ -62,7 +62,7 @@ class Stages:
         self.place = np.where(all_of < self.same, all_of, self.same + self.place)
         self.origin = self._seen(all_of, np.maximum(self.stage, 0))
         # Stages of rows, and the first in each that give x_{k+1}; then those that tie copies.
-        J, m = program.jacobian.sparsity(), program.outer.numel()
+        J, m = program.function.sparsity_out(3), program.n_outer
         row, column = np.array(J.row()), np.array(J.get_col())
         outer = np.zeros(m, dtype=np.int64)
         np.maximum.at(outer, row[row < m], self.stage[column[row < m]])
@@ -87,17 +87,16 @@ class Stages:
 
     def _solver(self, of: Program) -> Buffered:
         """Return fatrop, of z, parameters and bounds; multipliers to begin with are of no use."""
-        n, rows, p, sigma = self.unknown.size, self.order.tolist(), of.p, of.sigma
+        n, rows = self.unknown.size, self.order.tolist()
+        _, p, sigma, _ = of.function.mx_in()
         z, lam = ca.MX.sym("z", n), ca.MX.sym("lam", len(rows))
-        program = ca.Function(
-            "program", [of.x, p, sigma, of.lam], [of.f, of.gradient, of.g, of.jacobian, of.hessian]
-        )
-        weights = lam[np.argsort(self.order)[: of.lam.numel()].tolist()]
+        weights = lam[np.argsort(self.order)[: of.rows.size].tolist()]
         arguments = z[self.origin.tolist()], p, MAGNIFIED * sigma, weights
-        f, slope, g, J, H = program.call(arguments, True, False)
+        f, slope, g, J, H = of.function.call(arguments, True, False)
         slope = _placed(MAGNIFIED * slope, self.origin, 0 * self.origin, (n, 1))
         row, column = np.array(J.row()), np.array(J.sparsity().get_col())
         J = _placed(J, row, self._seen(column, self._of_row[row]), (of.rows.size, n))
+        H = ca.triu2symm(H)
         row, column = np.array(H.row()), np.array(H.sparsity().get_col())
         pair = np.sort(self.stage[[row, column]], axis=0)
         first = np.maximum(np.where(pair[0] < 0, pair[1], pair[0]), 0)

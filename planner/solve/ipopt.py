@@ -6,13 +6,14 @@ and time limits reach it by a callback, as it takes exceptions for failed evalua
 
 from __future__ import annotations
 
+import io
 import logging
 import signal
 import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
+from dataclasses import replace
+from functools import lru_cache
 from typing import Any, Literal
 
 import casadi as ca
@@ -21,11 +22,9 @@ import numpy as np
 from model.machine.functions import Buffered
 from model.paths import Array
 from model.progress import OutOfTime, check_time
-from planner.program.problem import KKT_TOLERANCE, Bounds, Point, Problem
+from planner.program.problem import KKT_TOLERANCE, Bounds, Candidate, Problem, Solution
 from planner.program.program import Program
-from planner.question import Mode, Solver
-from planner.solve.log_capture import logged
-from planner.task import SearchResult, Trial
+from planner.question import Mode
 
 
 class Watch(ca.Callback):
@@ -83,6 +82,8 @@ def _is_main() -> bool:
 
 
 LOG = logging.getLogger(__name__)
+# Held by the thread whose solver writes to the standard output, which all threads have in common.
+_TALKING = threading.RLock()
 
 # Efforts are about 1e-2 in the program's units: so magnified they weigh as much as the barrier.
 MAGNIFIED = 1e3
@@ -157,77 +158,6 @@ _BY_MODE: dict[Mode, dict[Purpose, Options]] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """A point that the solver stopped at, in numbers.
-
-    `met` says that the solver believes in the point, all numbers of which are finite; that is a
-    hint, never a verdict.
-    """
-
-    x: Array
-    lam_x: Array
-    lam_g: Array
-    f: float
-    met: bool
-    iterations: int
-    solver: Solver = "ipopt"
-
-    @property
-    def is_finite(self) -> bool:
-        """Whether every number is finite."""
-        return bool(np.isfinite(np.hstack([self.x, self.f, self.lam_x, self.lam_g])).all())
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate(Solution):
-    """A point of a planning problem that a solver stopped at.
-
-    Attributes
-    ----------
-    problem : Problem
-    defect : (n,) or None
-        By how much what is measured on the mesh is off, as far as the point corrects it; see
-        planner.solve.refine.
-    """
-
-    problem: Problem = field(kw_only=True)
-    defect: Array | None = field(default=None, kw_only=True)
-
-    @property
-    def tensions(self) -> Array:
-        """The tensions (n_tendons,) [N]."""
-        return self.problem.tensions(self.x)
-
-    @cached_property
-    def point(self) -> Point:
-        """Its unknowns, with derivatives of the program there."""
-        return Point(self.problem, self.x, self.problem.parameters(defect=self.defect))
-
-    @property
-    def residual(self) -> float:
-        """How far it is from the first-order conditions, scaled; see Point.residual."""
-        return self.point.residual(self.lam_x, self.lam_g)
-
-    def extended(self) -> Candidate:
-        """Return it with the multipliers of all, from those besides equilibrium."""
-        lam_x, lam_g = self.point.extended(self.lam_x, self.lam_g)
-        return replace(self, lam_x=lam_x, lam_g=lam_g)
-
-    def result(self, trials: Sequence[Trial], **more: Any) -> SearchResult:
-        """Return the result of a search that ends here, after trials."""
-        of = self.problem
-        return SearchResult(
-            of.statement.but(solver=self.solver, iterations=self.iterations),
-            of.arm.by_section(self.tensions),
-            tuple(self.lam_x[: of.n_free].tolist()),
-            tuple(self.lam_g[: of.n_outer].tolist()),
-            tuple(trials),
-            avoidance=of.together.avoidance,
-            **more,
-        )
-
-
 _WATCH = Watch()
 
 
@@ -245,6 +175,8 @@ def nlp_solver(
     options: Options = {
         "print_time": False,
         "show_eval_warnings": False,
+        # It would warn of more equations than unknowns, as where a plane holds an arm.
+        "inputs_check": False,
         "calc_lam_p": False,
         "no_nlp_grad": True,
         "error_on_fail": False,
@@ -262,21 +194,15 @@ def solver(of: Program, purpose: Purpose, mode: Mode, talks: bool = False) -> Bu
     The equalities, its first m rows, may be missed by RELAXED t; unknowns are those of the program,
     then t (m,).
     """
-    n, m, k, p, sigma, lam = of.size, of.n_equalities, of.rows.size, of.p, of.sigma, of.lam
-    x = ca.MX.sym("x", n + m)
-    f, gradient, g, jacobian, hessian = stated(of).call([x[:n], p, sigma, lam], True, False)
-    t, slack = x[n:], ca.DM(ca.Sparsity.diag(k, m), RELAXED)
+    n, m = of.size, of.n_equalities
+    x, (_, p, sigma, lam) = ca.MX.sym("x", n + m), of.function.mx_in()
+    f, gradient, g, jacobian, hessian = of.function.call([x[:n], p, sigma, lam], True, False)
+    t, slack = x[n:], ca.DM(ca.Sparsity.diag(of.rows.size, m), RELAXED)
     f, g = f + ca.sumsqr(t) / 2, g - slack @ t
     first = ca.vertcat(gradient, t), ca.horzcat(jacobian, -slack)
     second = ca.diagcat(hessian, sigma * ca.DM.eye(m))
     nlp, derivatives = {"x": x, "p": p, "f": f, "g": g}, named((x, p, sigma, lam), *first, second)
     return nlp_solver(nlp, derivatives, _BY_MODE[mode][purpose], talks)
-
-
-def stated(of: Program) -> ca.Function:
-    """Return a program as a function of x, p, sigma, lam: values, and derivatives as in `named`."""
-    values = [of.f, of.gradient, of.g, of.jacobian, ca.triu(of.hessian)]
-    return ca.Function("program", [of.x, of.p, of.sigma, of.lam], values)
 
 
 def named(
@@ -332,13 +258,23 @@ def solved(
     bounds: Bounds,
     multipliers: tuple[Array, Array] | None = None,
 ) -> Solution:
-    """Return what a solver makes of x."""
+    """Return what a solver makes of x; what it writes, if it does, is logged."""
     multipliers = multipliers or (np.zeros(bounds[0].size), np.zeros(bounds[2].size))
-    # To stderr goes that there are more equations than unknowns, as where a plane holds an arm.
-    with _WATCH.held(), logged(LOG, stdout=LOG.isEnabledFor(logging.DEBUG)):
+    with _WATCH.held(), _logged():
         x, f, _, lam_x, lam_g, _ = (value.ravel() for value in run(x, p, *bounds, *multipliers))
     status, count = run.stats()["return_status"], int(run.stats()["iter_count"])
     met = status in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
     LOG.debug("%s after %d iterations", "met" if met else f"not met: {status}", count)
     end = Solution(x, lam_x, lam_g, float(f[0]), met, count)
     return end if end.is_finite else replace(end, met=False)
+
+
+@contextmanager
+def _logged() -> Iterator[None]:
+    """Log what is written to the standard output, by one thread at a time; at DEBUG alone."""
+    if not LOG.isEnabledFor(logging.DEBUG):
+        yield
+        return
+    with _TALKING, redirect_stdout(io.StringIO()) as said:
+        yield
+    LOG.debug(said.getvalue().strip())

@@ -26,8 +26,8 @@ from model.paths import Array
 from model.progress import check_time
 from model.shape import Shape
 from planner.program.blocks import unit_force
-from planner.program.problem import KKT_TOLERANCE, Bounds, Point, Problem
-from planner.solve.ipopt import MAGNIFIED, Candidate, Purpose, solve
+from planner.program.problem import KKT_TOLERANCE, Bounds, Candidate, Problem
+from planner.solve.ipopt import MAGNIFIED, Purpose, solve
 
 # Corrections and meshes that are tried; the part of the accuracy that a defect may be off by, and
 # of what optimality is held to.
@@ -114,8 +114,8 @@ def polish(
     Of the program with the candidate's defect, unless its parameters are given.
 
     An interior-point method stops a little inside of them. Those whose multipliers exceed their
-    distance are fixed there, and the program is solved once more, warm. Where no multipliers make
-    that an optimum those of the wrong sign tell which are let go again. All are where too few are
+    distance are fixed there, and the program is solved once more, warm. Multipliers of the wrong
+    sign tell which are let go again. All are where too few are
     left to meet the targets; where even that leads nowhere it is solved afresh, unless the start is
     to stay `warm`, and if that fails the last optimum is kept.
     """
@@ -140,22 +140,18 @@ def polish(
             at_low[:] = at_high[:] = False
             purpose = "near"
             continue
-        point = Point(problem, trial.x, p, (lbx, ubx, lbg, ubg))
-        lam_x, lam_g, rest = point.multipliers()
-        optimal = bool(np.abs(rest).max() <= KKT_TOLERANCE / 1000)
-        if not optimal:
-            lam_x, lam_g = trial.lam_x.copy(), trial.lam_g
-            lam_x[:n] = np.where(at_low | at_high | even, -point.slope(lam_g)[:n], lam_x[:n])
-        lam_x, lam_g = point.extended(lam_x, lam_g)
+        # It takes unknowns that are fixed for numbers.
+        _, gradient, _, J = problem.program.evaluate(trial.x, problem.with_mode(trial.x, p))
+        slope, lam_x = gradient + J.T @ trial.lam_g, trial.lam_x.copy()
+        lam_x[:n] = np.where(at_low | at_high | even, -slope[:n], lam_x[:n])
         candidate = replace(
             trial,
             lam_x=lam_x,
-            lam_g=lam_g,
             iterations=candidate.iterations + trial.iterations,
             solver=candidate.solver,
         )
         wrong = ~even & ((at_low & (lam_x[:n] > 0)) | (at_high & (lam_x[:n] < 0)))
-        if optimal or not wrong.any():
+        if not wrong.any():
             break
         at_low, at_high = at_low & ~wrong, at_high & ~wrong
     return candidate

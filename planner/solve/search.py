@@ -23,12 +23,12 @@ from model.errors import OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
 from model.progress import OutOfTime, check_time, tell
-from planner.program.problem import KKT_TOLERANCE, SEARCHED, Problem
+from planner.program.problem import KKT_TOLERANCE, SEARCHED, Candidate, Problem
 from planner.program.terms import LOW_PRIORITY
 from planner.question import Mode
 from planner.solve.fatrop import solve as by_stages
 from planner.solve.guesses import POINT, drawn_arms, initial_guesses
-from planner.solve.ipopt import Candidate, solve
+from planner.solve.ipopt import solve
 from planner.solve.refine import COARSE, refine
 from planner.task import SearchResult, Task, Trial, agreed
 

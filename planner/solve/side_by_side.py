@@ -18,8 +18,8 @@ import numpy as np
 
 from model.machine.functions import Buffered
 from model.paths import Array
-from planner.program.problem import Bounds
-from planner.solve.ipopt import Options, Solution, named, nlp_solver, solved
+from planner.program.problem import Bounds, Solution
+from planner.solve.ipopt import Options, named, nlp_solver, solved
 
 
 class Part(NamedTuple):

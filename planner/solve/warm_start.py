@@ -16,8 +16,7 @@ import numpy as np
 from model.paths import Array
 from model.progress import OutOfTime, check_time
 from planner.answer import Answer
-from planner.program.problem import STABILITY_TOLERANCE, Problem
-from planner.solve.ipopt import Candidate
+from planner.program.problem import STABILITY_TOLERANCE, Candidate, Problem
 from planner.solve.refine import PART, polish, refine
 from planner.task import SearchResult, Task, Trial
 

@@ -21,9 +21,9 @@ import numpy as np
 
 from model.paths import Array
 from model.progress import check_time
-from planner.program.problem import Problem, units
+from planner.program.problem import Problem, Solution, units
 from planner.program.program import Program
-from planner.solve.ipopt import TOGETHER, WARM, Solution, stated
+from planner.solve.ipopt import TOGETHER, WARM
 from planner.solve.side_by_side import Part, SideBySide, joined
 from planner.trajectory.question import Question, Waypoint
 
@@ -126,7 +126,6 @@ def _stated(
     """
     N, M, m = len(programs), group[-1] + 1, len(places[0])
     rows = [program.rows.size for program in programs]
-    whole = {program: stated(program) for program in programs}
     n_p = [2, m, m, N, *(program.p.numel() for program in programs)]
 
     def state(at: SideBySide) -> tuple[list[Part], Part]:
@@ -136,7 +135,7 @@ def _stated(
         parts, coupled, none = list[Part](), [ca.MX(0, 1)], ca.MX(M, M)
         for k, (program, x, p) in enumerate(zip(programs, unknowns, ps, strict=True)):
             symbols = x, p, effort * at.sigma, at.multipliers[k]
-            f, gradient, g, J, H = whole[program].call(symbols, True, False)
+            f, gradient, g, J, H = program.function.call(symbols, True, False)
             first = ca.vertcat(effort * gradient, ca.MX(M, 1)), ca.horzcat(J, ca.MX(g.numel(), M))
             parts.append(Part(effort * f, first[0], g, first[1], ca.diagcat(H, none)))
             most, after = rate * fractions[k] * durations[group[k]], x[list(places[k])]

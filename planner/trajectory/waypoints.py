@@ -29,9 +29,9 @@ from model.settle import settle
 from model.shape import Shape
 from planner.contact.load_path import from_rest, rubs
 from planner.plan import HeldPlan, Plan
-from planner.program.problem import Problem
+from planner.program.problem import Candidate, Problem
 from planner.question import Statement
-from planner.solve.ipopt import Candidate, solve
+from planner.solve.ipopt import solve
 from planner.solve.refine import CORRECTIONS, PART, defect, stretched
 from planner.solve.search import Reading, Search
 from planner.task import Task

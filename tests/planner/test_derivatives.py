@@ -78,11 +78,12 @@ def check_derivatives(arm: Arm, scene: Scene, mode: Any, modes: int = 0) -> None
     statement = Statement(mode=mode, refinement=1, modes=modes)
     problem = Problem(Task(arm, targets, scene, limits, statement, 1e-6))
     of, sigma, rng = problem.program, 0.7, np.random.default_rng(5)
-    f, g, x, p = of.f, of.g, of.x, of.p
+    x, p, sigma_of, lam_of = given = of.function.mx_in()
+    f, _, g, _, H_of = of.function.call(given, True, False)
     theirs = ca.Function("first", [x, p], [f, ca.gradient(f, x), g, ca.jacobian(g, x)])
-    lagrangian = of.sigma * f + ca.dot(of.lam, g)
-    given = [x, p, of.sigma, of.lam]
-    second = ca.Function("second", given, [of.hessian, ca.hessian(lagrangian, x)[0]])
+    lagrangian = sigma_of * f + ca.dot(lam_of, g)
+    upper = ca.triu(ca.hessian(lagrangian, x)[0])
+    second = ca.Function("second", given, [H_of, upper])
     here = problem.guess(rng.uniform(0, 0.3, arm.n_tendons))
     at = problem.with_mode(here, problem.parameters())
     here = here + 1e-2 * rng.normal(size=here.size)
@@ -92,7 +93,6 @@ def check_derivatives(arm: Arm, scene: Scene, mode: Any, modes: int = 0) -> None
     lam = rng.normal(size=g.numel())
     H, curvature = (dense(own) for own in second(here, at, sigma, lam))
     check_close(H, curvature)
-    assert np.abs(H - H.T).max() < 1e-12 * np.abs(H).max()
 
 
 def check_close(ours: Array, wanted: Array) -> None:

@@ -11,8 +11,8 @@ from scipy.optimize import minimize
 from model import Arm, Scene, settle
 from model.effects import Buoyancy, ExactTendons, Extension, TipLoad, Weight
 from planner import Plan, load_plan, plan
+from planner.program.problem import Candidate
 from planner.solve import search
-from planner.solve.ipopt import Candidate
 from planner.solve.refine import refine
 from planner.targets import Bend, Fetch, TipPosition
 from tests.planner.cases import PAPER, Array, off, read
