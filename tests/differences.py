@@ -45,10 +45,9 @@ def whole(problem: Problem, p: Array) -> Twice:
     """The program with the states among its unknowns."""
 
     of = problem.program
-    hessian = ca.Function("hessian", [of.x, of.p, of.sigma, of.lam], [of.hessian])
 
     def second(x: Array, sigma: float, lam: Array) -> Array:
-        return dense(hessian(x, p, sigma, lam))
+        return dense(ca.triu2symm(of.function(x, p, sigma, lam)[-1]))
 
     return Twice(lambda x: all_of(of, x, p), second)
 

@@ -45,43 +45,52 @@ def refine(candidate: Candidate) -> Candidate | None:
     another shape from rest, or buckles. The first shape, of which only the defect is read, is
     settled near the candidate's; all others are settled from rest.
     """
-    last, task = None, candidate.problem.task
+    task, last = candidate.problem.task, None
     enough = max(min(task.accuracy, KKT_TOLERANCE) / PART, FINEST_ACCURACY)
     with suppress(OctoplanError, np.linalg.LinAlgError):
         for correction in range(CORRECTIONS):
             check_time()
-            problem, before = candidate.problem, candidate.defect
-            begins = not correction and is_loaded(problem.scene)
-            try:
-                shape = _nearby(candidate) if begins else task.settled(candidate.tensions)
-            except CollapsedError as crushed:
-                corrected = replace(candidate, defect=stretched(problem, candidate.x, crushed))
-            else:
-                error = defect(problem, candidate.x, shape)
-                corrected, rough = replace(candidate, defect=error), _defect_size(problem, error)
-                if before is not None and _defect_size(problem, error - before) <= enough:
-                    if begins:
-                        continue
-                    last = candidate
-                    # The defect enters the gradient of least squares, and of stiffnesses.
-                    of_stiffness = problem.together.own.terms.names[3]
-                    of_effort = problem.statement.mode == "exact" and not of_stiffness
-                    if of_effort or corrected.residual <= KKT_TOLERANCE / PART:
-                        return last
-                if not rough <= _ELSEWHERE:
-                    return None
-                if rough > _ROUGH:
-                    order = convergence_order(problem.scene, 2 * STAGES)
-                    mesh = next_refinement(problem.statement.refinement, rough, _ROUGH, order)
-                    if not mesh:
-                        return None
-                    finer = problem.but(refinement=mesh)
-                    corrected = on_mesh(candidate, finer, shape).extended()
+            begins = not correction and is_loaded(task.scene)
+            corrected, change = _corrected(candidate, begins)
+            if corrected is None:
+                return None
+            if change <= enough and begins:
+                continue
+            if change <= enough:
+                last, problem = candidate, candidate.problem
+                # The defect enters the gradient of least squares, and of stiffnesses.
+                of_stiffness = problem.together.own.terms.names[3]
+                of_effort = problem.statement.mode == "exact" and not of_stiffness
+                if of_effort or corrected.residual <= KKT_TOLERANCE / PART:
+                    return last
             candidate = replace(polish(corrected), defect=corrected.defect)
             if not candidate.met:
                 return last
         return last
     return None
+
+
+def _corrected(candidate: Candidate, begins: bool) -> tuple[Candidate | None, float]:
+    """Return a candidate with the defect of its shape, and how much that differs from the last.
+
+    Where it is large on a finer mesh, which differs by any amount. None where the shape is another
+    one, and where there is no such mesh.
+    """
+    problem, before = candidate.problem, candidate.defect
+    try:
+        shape = _nearby(candidate) if begins else problem.task.settled(candidate.tensions)
+    except CollapsedError as crushed:
+        return replace(candidate, defect=stretched(problem, candidate.x, crushed)), np.inf
+    error = defect(problem, candidate.x, shape)
+    size = _defect_size(problem, error)
+    if size <= _ROUGH:
+        change = np.inf if before is None else _defect_size(problem, error - before)
+        return replace(candidate, defect=error), change
+    order, mesh = convergence_order(problem.scene, 2 * STAGES), problem.statement.refinement
+    finer = next_refinement(mesh, size, _ROUGH, order) if size <= _ELSEWHERE else None
+    if not finer:
+        return None, np.inf
+    return on_mesh(candidate, problem.but(refinement=finer), shape).extended(), np.inf
 
 
 def _nearby(candidate: Candidate) -> Shape:

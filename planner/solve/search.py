@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from heapq import merge
 from itertools import chain, islice, tee
 from operator import attrgetter, itemgetter
 
@@ -143,7 +144,7 @@ class Reading:
     def _stable(self, candidate: Candidate) -> Candidate | None:
         """Return a candidate if it is an optimum, held to its stability where need be."""
         self._keep(candidate)
-        held = (each for optimum in self.unstable for each in self._held(optimum))
+        held = (each for optimum in self.unstable for _, each in self._held(optimum) if each)
         return next(chain(self.met, held), None)
 
     def _keep(self, candidate: Candidate) -> None:
@@ -188,13 +189,10 @@ class Reading:
 
         Unstable ones are held to stability, which makes them dearer, when no other is cheaper.
         """
-        lost, queue = np.inf, list[tuple[float, Candidate | None, Iterator[Candidate]]]()
-        queue += [(each.f, each, iter(())) for each in self.met]
-        unstable = {float(f"{each.f:.3g}"): each for each in self.unstable}
-        queue += [(f, None, self._held(unstable[f])) for f in sorted(unstable)[:4]]
-        while queue:
-            queue.sort(key=itemgetter(0))
-            f, optimum, others = queue.pop(0)
+        lost, unstable = np.inf, {float(f"{each.f:.3g}"): each for each in self.unstable}
+        streams = [self._held(unstable[f]) for f in sorted(unstable)[:4]]
+        stable = sorted(((each.f, each) for each in self.met), key=itemgetter(0))
+        for f, optimum in merge(stable, *streams, key=itemgetter(0)):
             if f > limit:
                 return None
             fine = None if optimum is None else refine(optimum)
@@ -204,35 +202,46 @@ class Reading:
                 return fine.result(self.trials, lost=cheaper)
             if optimum in self.met:
                 lost = min(lost, f)
-            queue += [(held.f, held, others) for held in islice(others, 1)]
         return None
 
-    def _held(self, optimum: Candidate) -> Iterator[Candidate]:
+    def _held(self, optimum: Candidate) -> Iterator[tuple[float, Candidate | None]]:
         """Yield the optimum near an unstable one whose least mode is held to more and more.
 
-        Up to where there is none. Where another mode is less stable then, that one is held next;
-        where no optimum is near, first to half as much more.
+        Each with its objective, up to where there is none; first, as no more than these, that of
+        the unstable one alone.
         """
-        margin = self.task.statement.margin
+        yield optimum.f, None
+        margin, near = self.task.statement.margin, optimum
         with suppress(OctoplanError, np.linalg.LinAlgError):
             for floor in sorted({max(floor, margin) for floor in _FLOORS}):
-                held_to = floor
-                for _ in range(_HOLDS):
-                    before = optimum.problem
-                    problem = before.but(modes=1, floor=held_to, margin=min(held_to, margin))
-                    x = problem.closed(optimum.tensions, before.linearised(optimum.x).states)
-                    held = solve(problem, x, problem.parameters(SEARCHED))
-                    check_time()
-                    if not held.met:
-                        (least,), _ = least_modes(optimum.problem.linearised(optimum.x), 1)
-                        held_to = (least + held_to) / 2
-                        continue
-                    optimum, held_to = held, floor
-                    if held.problem.stands(held.x, floor - COARSE * floor):
-                        break
-                else:
+                held = self._held_to(floor, near)
+                if held is None:
                     return
-                yield optimum
+                yield held.f, held
+                near = held
+
+    def _held_to(self, floor: float, near: Candidate) -> Candidate | None:
+        """Return the optimum near another as stable as a floor says, None where none is found.
+
+        Where another mode is less stable then, that one is held next; where no optimum is near,
+        first to half as much more.
+        """
+        margin, goal = self.task.statement.margin, floor
+        for _ in range(_HOLDS):
+            before = near.problem
+            equilibrium = before.linearised(near.x)
+            problem = before.but(modes=1, floor=goal, margin=min(goal, margin))
+            x = problem.closed(near.tensions, equilibrium.states)
+            held = solve(problem, x, problem.parameters(SEARCHED))
+            check_time()
+            if not held.met:
+                (least,), _ = least_modes(equilibrium, 1)
+                goal = (least + goal) / 2
+            elif problem.stands(held.x, floor - COARSE * floor):
+                return held
+            else:
+                near, goal = held, floor
+        return None
 
 
 class Search:
