@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from model.arm import Arm
 from model.centreline import Centreline
 from model.checks import finite_array
-from model.clearance.nearest import ITSELF, clearances
+from model.clearance.nearest import from_itself
 from model.contact.path import Touching
 from model.contact.touches import Touch, touches_of
 from model.cross_section import cross_section_of
@@ -163,7 +163,7 @@ class Shape(Shown):
             f"no arm bends so far: at s = {self.folded:.6g} m a tendon has no length left; "
             "lower the tensions that cross it"
         )
-        gap: Any = clearances(self.centreline(), (), {ITSELF})[ITSELF]
+        gap = from_itself(self)
         crosses = gap.gap < -_TOUCHES * self.arm.length and (
             f"{gap}; SelfContact among the effects keeps its parts apart"
         )

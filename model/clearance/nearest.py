@@ -76,6 +76,11 @@ def clearances(
     return results
 
 
+def from_itself(shape: Settled) -> Clearance:
+    """Return between which cross-sections the gap is least, none where no parts can meet."""
+    return clearances(shape.centreline(), of={ITSELF})[ITSELF]
+
+
 def base_plane(arm: Arm) -> HalfSpace:
     """Return what is behind the plane of an arm's base."""
     return HalfSpace(arm.base_position, tuple(np.array(arm.base_frame)[:, 0].tolist()))

@@ -10,7 +10,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.contact.gaps import check_outside
-from model.contact.path import Touching, close, follow
+from model.contact.path import Touching, follow
 from model.contact.sharp import Request, sharpened
 from model.contact.touches import places_of
 from model.equilibrium.linearised import Equilibrium, Linearised
@@ -70,17 +70,17 @@ class TouchingMap(Collocation):
             if self._rubs:
                 free = self._untouched(tensions)
                 return replace(self.solve(tensions, free), snaps=free.snaps)
-            return follow(replace(end, tensions=0 * tensions, load=0.0), end, self._at_rest)
+            return follow(end, self._at_rest)
         stays = np.array_equal(tensions, near.tensions)
         if self._rubs:
             past = near.before if isinstance(near, Touching) and stays else None
             end = replace(end, before=past or near)
         if stays or not self._rubs:
             there = sharpened(end, near)
-            if there is not None and close(near, there):
+            if there is not None:
                 path = ((end.before, 0.0), (there, 1.0)) if end.before else ()
                 return Touching.of(there, (), path)
-        return follow(replace(end, tensions=near.tensions), end, near, jumps)
+        return follow(end, near, jumps)
 
     def led_to(self, at: Linearised, tensions: Array) -> Linearised | None:
         """Return the equilibrium that another leads to, by load steps; None where it jumps."""
@@ -93,8 +93,7 @@ class TouchingMap(Collocation):
 
         Places move on, come and go from those of the other.
         """
-        there = sharpened(Request(self.system, self._fixed, tensions), at)
-        return there if there is not None and close(at, there) else None
+        return sharpened(Request(self.system, self._fixed, tensions), at)
 
     def _untouched(self, tensions: Array) -> Touching:
         """Return the equilibrium of an arm without friction that touches nothing; or InputError."""

@@ -18,10 +18,10 @@ import numpy as np
 from scipy.ndimage import minimum_filter1d
 
 from model.contact.gaps import gaps_along, least_gaps
-from model.contact.sharp import Request, sharpened
-from model.contact.touches import Place, Places, Touches, forces, mesh_with, read_off
+from model.contact.sharp import Request, close, sharpened
+from model.contact.touches import Place, Places, Touches, forces, read_off
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import FOLLOWED, carried_strains, newton
+from model.equilibrium.newton import carried_strains, newton
 from model.equilibrium.stability import unstable_mode
 from model.errors import SnapError, UnsettledContactError
 from model.least_energy import LeastEnergy
@@ -74,23 +74,20 @@ class Touching(Linearised):
         return Touching, (self.system, self.x, None, None, self.snaps, self.path[-2:])
 
 
-def follow(start: Request, end: Request, near: Linearised, jumps: bool = True) -> Touching:
-    """Return where an arm comes to from an equilibrium, by all that lies between two requests.
+def follow(end: Request, near: Linearised, jumps: bool = True) -> Touching:
+    """Return where an arm comes to from an equilibrium, by all that lies between it and a request.
 
     Raises UnsettledContactError where none is found; unless it may jump, SnapError where it would.
     """
     snaps, rubs, base = list[float](), end.before is not None, end.base
-    ways = [sharpened] if rubs else [_complementary, _least]
-    # Without a potential the least energy takes several programs: only the least steps are by it.
-    quick = ways if LeastEnergy(base).conservative else ways[:1]
+    begin, goal = near.x[: near.system.of.first], np.append(end.tensions, end.load)
 
     def solve(before: float, factor: float, near: Linearised, least: bool) -> Linearised | None:
-        to, there = start.towards(end, factor), None
-        to = replace(to, before=near) if rubs else to
-        for way in ways if least else quick:
-            there = way(to, near)
-            if there is not None and close(near, there):
-                return there
+        x = begin + factor * (goal - begin)
+        to = replace(end, tensions=x[:-1], load=float(x[-1]), before=near if rubs else None)
+        there = sharpened(to, near) if rubs else _complementary(to, near) or _least(to, near)
+        if there is not None and close(near, there):
+            return there
         if not least:
             return None
         if there is None and not rubs:
@@ -104,18 +101,9 @@ def follow(start: Request, end: Request, near: Linearised, jumps: bool = True) -
         path = stepped(solve, near, _WITH_FRICTION)
         return Touching.of(path[-1][0], tuple(snaps), tuple(path))
     strains = carried_strains(near.system, near.states[near.system.of.stages], base)
-    states = base.start(start.tensions, strains, start.load)
-    free = Linearised(base, base.x(start.tensions, start.load, states))
+    free = Linearised(base, np.append(begin, base.start(begin[:-1], strains, float(begin[-1]))))
     rough, _ = stepped(solve, free, _STEPS)[-1]
     return Touching.of(_sharp(end, rough), tuple(snaps))
-
-
-def close(one: Linearised, other: Linearised) -> bool:
-    """Return whether no frame turns far between equilibria, be they on two meshes."""
-    before, after = one.poses[:, :4], other.poses[:, :4]
-    there = np.array([np.interp(other.mesh.s, one.mesh.s, column) for column in before.T]).T
-    same = np.abs((there * after).sum(axis=1)) / np.linalg.norm(there, axis=1)
-    return bool(same.min() > np.cos(FOLLOWED / 2))
 
 
 def stepped(
@@ -144,12 +132,12 @@ def stepped(
 def _complementary(request: Request, near: Linearised) -> Linearised | None:
     """Return the equilibrium with forces at nodes on the mesh of one near.
 
-    None where Newton's method does not lead to one, or nodes go through an obstacle, by half the
-    arm's radius or more; looked at where they are no farther apart than that.
+    None where Newton's method does not lead to one that is close, or nodes go through an obstacle,
+    by half the arm's radius or more; looked at where they are no farther apart than that.
     """
     to = request.tensions, request.load
     there = newton(near.system, *to, near.states, touching=_active)
-    if there is None:
+    if there is None or not close(near, there):
         return None
     half = there.system.arm.outer_radius(there.mesh.s[1:])[0] / 2
     start, end = near.poses[1:, 4:], there.poses[1:, 4:]
@@ -172,7 +160,10 @@ def _active(system: System, states: Array) -> System:
 
 
 def _least(request: Request, near: Linearised) -> Linearised | None:
-    """Return the least energy with forces at nodes near an equilibrium on the mesh of a request."""
+    """Return the least energy with forces at nodes near an equilibrium on the mesh of a request.
+
+    None where none is found.
+    """
     program, system = LeastEnergy(request.base), request.base
     strains = carried_strains(near.system, near.states[near.system.of.stages], system)
     to = request.tensions, request.load
@@ -197,15 +188,15 @@ def _sharp(request: Request, rough: Linearised) -> Linearised:
         touching = Touches.of(rough.system).points
         force = forces(rough.system, rough.states)
         end = sharpened(request, rough, read_off(rough.system, touching, touching, force))
-        if end is not None and close(rough, end):
+        if end is not None:
             mode, rough = unstable_mode(end), end
             if mode is None:
                 return end
             x, of = end.x.copy(), end.system.of
             x[of.first + of.stages] += _ASIDE * mode
             rough = Linearised(end.system, x)
-        mesh = mesh_with(request.base, request.fixed, _nodes(rough))
-        after = None if mesh is None else _least(replace(request, base=request.on(mesh)), rough)
+        base = request.on(_nodes(rough))
+        after = None if base is None else _least(replace(request, base=base), rough)
         if after is None:
             break
         rough = after
@@ -229,8 +220,10 @@ def _nodes(rough: Linearised) -> Places:
 
 def _slid(request: Request, near: Linearised) -> Linearised:
     """Return the equilibrium with friction near that which the arm without it snaps to."""
-    smooth, scene = replace(request, before=None), without_friction(request.base.scene)
-    smooth = replace(smooth, base=smooth.on(request.base.mesh, scene=scene))
+    base, form = request.base, request.base.of.form
+    scene = without_friction(base.scene)
+    base = System(base.arm, scene, base.mesh, form.stages, True, form.machine_code)
+    smooth = replace(request, base=base, before=None)
     rough = _least(smooth, near)
     there = None if rough is None else sharpened(request, _sharp(smooth, rough))
     if there is None:

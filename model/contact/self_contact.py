@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from model.clearance.nearest import ITSELF, Clearance, clearances
+from model.clearance.nearest import from_itself
 from model.contact.gaps import THROUGH
 from model.contact.path import EXCHANGES, stepped
 from model.contact.touches import Touch
@@ -108,11 +108,6 @@ def loaded_by(scene: Scene, pairs: Sequence[Pair]) -> Scene:
     return Scene(*rest, *(PointLoad(s, tuple(f.tolist())) for s, f in sorted(forces.items())))
 
 
-def nearest(shape: Shape) -> Clearance:
-    """Return between which cross-sections the gap is least, none where no parts can meet."""
-    return clearances(shape.centreline(), (), {ITSELF})[ITSELF]
-
-
 # An equilibrium, and the pairs that are closed.
 _State = tuple[Shape, tuple[Pair, ...]]
 
@@ -135,7 +130,7 @@ def pressed_on_itself(tensions: Array, scene: Scene, settle: Settle) -> Shape:
         return there
 
     rest = settle(0 * tensions, scene, None)
-    if nearest(rest).gap < 0:
+    if from_itself(rest).gap < 0:
         raise UnsettledContactError(0.0, "the arm without tensions is inside of itself")
     start: _State = rest, ()
     shape, pairs = stepped(solve, start, _STEPS)[-1][0]
@@ -159,11 +154,11 @@ def _step(tensions: Array, scene: Scene, settle: Settle, state: _State) -> _Stat
     It is where parts that were apart may be deep in each other, or beyond.
     """
     (before, _), (near, pairs) = state, state
-    L, apart = before.arm.length, max(nearest(before).gap, 0.0)
+    L, apart = before.arm.length, max(from_itself(before).gap, 0.0)
     s, radius = before.s[1:], float(before.arm.outer_radius(before.s[1:])[0].min())
     for _ in range(EXCHANGES):
         near, pairs = _closed(tensions, scene, settle, pairs, near)
-        new, way = nearest(near), near.position(s) - before.position(s)
+        new, way = from_itself(near), near.position(s) - before.position(s)
         # A pair may begin by half the lesser radius inside of each other.
         deep, far = radius / 2, float(np.linalg.norm(way, axis=1).max())
         if new.gap < -deep or far > max(L / 10, apart / 2 + deep):

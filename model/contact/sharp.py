@@ -9,7 +9,7 @@ the arm passes through it between places there are new ones.
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,12 +29,11 @@ from model.contact.touches import (
 )
 from model.effects import NeoHookean, Shear
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import STEPS_IN_CONTACT, carried_strains, newton, predicted
+from model.equilibrium.newton import FOLLOWED, STEPS_IN_CONTACT, carried_strains, newton, predicted
 from model.loads import contacts
 from model.mesh import Mesh
 from model.obstacles.base import SIZE
 from model.paths import SAME, Array
-from model.scene import Scene
 from model.transcription.system import System
 from model.transcription.touch import BEFORE
 
@@ -68,20 +67,18 @@ class Request:
     load: float = 1.0
     before: Linearised | None = None
 
-    def on(self, mesh: Mesh, pressed: bool = False, scene: Scene | None = None) -> System:
-        """Return the equations on another mesh, in another scene if one is given."""
-        base = self.base
-        form = base.of.form.stages, True, base.of.form.machine_code, pressed
-        system = System(base.arm, scene or base.scene, mesh, *form)
+    def on(self, places: Places) -> System | None:
+        """Return the equations on a mesh with nodes at places; None where there is none."""
+        base, mesh = self.base, mesh_with(self.base, self.fixed, places)
+        if mesh is None:
+            return None
+        form, pressed = base.of.form, any(place.lies for place in places)
+        structure = form.stages, True, form.machine_code, pressed
+        system = System(base.arm, base.scene, mesh, *structure)
         if self.before is not None:
             were = self.before.at(mesh.s[1:])[0][:, 4:]
             kernel_numbers(system, "touch")[:, :, BEFORE] = were[:, None]
         return system
-
-    def towards(self, end: Request, factor: float) -> Request:
-        """Return the request so far on the way to another one, a factor of 0 to 1."""
-        tensions = self.tensions + factor * (end.tensions - self.tensions)
-        return replace(end, tensions=tensions, load=self.load + factor * (end.load - self.load))
 
     @property
     def corners(self) -> tuple[float, ...]:
@@ -93,15 +90,24 @@ class Request:
         return (*(arm.anchorages if self.base.scene.has(NeoHookean) else ()), arm.length)
 
 
+def close(one: Linearised, other: Linearised) -> bool:
+    """Return whether no frame turns far between equilibria, be they on two meshes."""
+    before, after = one.poses[:, :4], other.poses[:, :4]
+    there = np.array([np.interp(other.mesh.s, one.mesh.s, column) for column in before.T]).T
+    same = np.abs((there * after).sum(axis=1)) / np.linalg.norm(there, axis=1)
+    return bool(same.min() > np.cos(FOLLOWED / 2))
+
+
 def sharpened(
     request: Request, near: Linearised, places: Places | None = None
 ) -> Linearised | None:
-    """Return the equilibrium near one whose places are about right; None if there is none.
+    """Return the equilibrium near one whose places are about right; None if there is none close.
 
     The places are those where it touches unless others are given. Places come and go where they are
     refined, or are near and move on slowly: by no less than half as far as in the round before.
     """
     places, last = places_of(near.system) if places is None else places, np.inf
+    begin = near
     for _ in range(STEPS_IN_CONTACT):
         point = _with_places(request, near, places)
         if point is None:
@@ -118,18 +124,17 @@ def sharpened(
                 places, last = exchanged, np.inf
                 continue
             if settled:
-                return point
+                return point if close(begin, point) else None
         places, last = refined, off
     return None
 
 
 def _with_places(of: Request, near: Linearised, places: Places) -> Linearised | None:
     """Return the equilibrium that touches at given places, near another one."""
-    mesh = mesh_with(of.base, of.fixed, places)
-    if mesh is None:
+    system = of.on(places)
+    if system is None:
         return None
-    system = of.on(mesh, any(place.lies for place in places))
-    touches, sheared = Touches.of(system), of.base.scene.has(Shear)
+    mesh, touches, sheared = system.mesh, Touches.of(system), of.base.scene.has(Shear)
     for place in places:
         j, first, last = place.obstacle, mesh.node(place.start), mesh.node(place.end)
         # Parts of an arm that shears have no forces at their ends.

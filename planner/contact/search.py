@@ -11,7 +11,7 @@ from operator import attrgetter
 import numpy as np
 
 from model.contact.forward import TouchingMap
-from model.contact.path import close
+from model.contact.sharp import close
 from model.equilibrium.newton import STAGES
 from model.errors import InputError, OctoplanError, UnsettledContactError
 from model.loads import contacts, without_friction
