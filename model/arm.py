@@ -140,6 +140,16 @@ class Arm(Shown):
         """(section index from 0, angle [rad]) of each tendon, in tendon order."""
         return tuple((i, phi) for i, sec in enumerate(self.sections) for phi in sec.angles)
 
+    @property
+    def base_radius(self) -> float:
+        """The radius of the body at the base [m]."""
+        return float(self.radius.evaluate(np.zeros(1), self.length)[0][0])
+
+    @property
+    def bending_force(self) -> float:
+        """What bends the straight arm by about 1 rad: E J / L^2 of its base [N]."""
+        return self.material.E * np.pi * self.base_radius**4 / 4 / self.length**2
+
     def outer_radius(self, s: Array) -> tuple[Array, Array, Array]:
         """Return the radius of body or hull, whichever is wider, and two derivatives at s (N,)."""
         values = self.radius.evaluate(s, self.length)

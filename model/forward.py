@@ -133,8 +133,8 @@ class Maps:
         if explicit:
             self.order, self.rounding = explicit.order, ROUNDING
         self.contacts, self.least_order = contacts(scene), convergence_order(scene, self.order)
-        base = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0])
-        self.lever, self.by_sections = base * is_loaded(scene), not scene.has(PrintedStatics)
+        self.lever = arm.base_radius * is_loaded(scene)
+        self.by_sections = not scene.has(PrintedStatics)
         self._kept: dict[int, ForwardMap] = {}
 
     def on(self, refinement: int, at: tuple[float, ...] = ()) -> ForwardMap:

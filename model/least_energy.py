@@ -106,8 +106,7 @@ class LeastEnergy:
             Form(law, m, loaded=False), system.of.ends, mesh.steps, system.of.levers
         )
         self.conservative = law == form.law and is_conservative(scene)
-        radius = float(arm.radius.evaluate(np.zeros(1), L)[0][0])
-        self.force_unit = F = float(arm.material.E * np.pi * radius**4 / 4) / L**2
+        self.force_unit = F = arm.bending_force
         self._unit = np.ones(of.n_states)
         self._unit[of.nodes[:, 4:]] = L
         self._unit[of.stages[:, : 2 + law.torsion]] = 1 / L

@@ -189,8 +189,7 @@ def _closed(
     """
     if not pairs:
         return settle(tensions, scene, near), ()
-    L, last = near.arm.length, (near, pairs)
-    unit = near.arm.material.E * float(near.arm.outer_radius(np.zeros(1))[0][0]) ** 4 / L**2
+    L, unit, last = near.arm.length, near.arm.bending_force, (near, pairs)
 
     def residual(z: Array) -> Array:
         nonlocal last

@@ -54,9 +54,8 @@ def contact_numbers(arm: Arm, scene: Scene, form: Form, mesh: Mesh) -> list[Arra
     results = [np.vstack([bodies, nodes, np.zeros((4, bodies.shape[1]))])]
     if form.contact_friction:
         mu = np.tile([contact.friction for contact in touched], h.size)
-        radius = float(arm.outer_radius(np.zeros(1))[0][0])
         # By the stiffness along the arm, E A / L, steps went from sticking to slip and back.
-        r = _RESISTS * arm.material.E * np.pi * radius**4 / 4 / arm.length**3
+        r = _RESISTS * arm.bending_force / arm.length
         results[0] = np.vstack([*results, mu, np.full(mu.size, r), np.zeros((3, mu.size))])
     if form.pressed:
         results.append(np.vstack([bodies, nodes[2], 0 * nodes[2]]))

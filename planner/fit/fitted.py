@@ -248,8 +248,7 @@ class Fitted:
                 "units, the order of the tendons, and the bounds. " + self._farthest(far)
             )
             most = max((max(shape.tensions or (0.0,)) for shape in self.measured), default=0.0)
-            radius = self.given_arm.radius.evaluate(np.zeros(1), self.given_arm.length)[0][0]
-            stiff = self.given_arm.material.E * np.pi * radius**2
+            stiff = self.given_arm.material.E * np.pi * self.given_arm.base_radius**2
             if most > stiff:
                 lines.append(
                     f"Tensions of up to {most:g} N are {most / stiff:.3g} times the arm's E A at "

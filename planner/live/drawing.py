@@ -97,7 +97,7 @@ def draw_surroundings(server: Any, arm: Arm, style: Style) -> None:
     Nothing casts shadows: without a graphics card they took three quarters of a frame.
     """
     server.scene.configure_default_lights(cast_shadow=False)
-    R = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0])
+    R = arm.base_radius
     frame, thickness = np.array(arm.base_frame), 0.02 * arm.length
     server.scene.add_cylinder(
         "/base",

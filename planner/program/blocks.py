@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from model.arm import Arm
 from model.cross_section.law import CrossSection, size
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.stability import least_modes, rest_stiffness
@@ -174,7 +173,7 @@ class Responses:
             for term, numbers in zip(of.equations.terms, of_terms, strict=True):
                 change = np.zeros_like(numbers)
                 if term.kernel.name == "element":
-                    change[1:4] = unit_force(at.arm) * along[:, k, None]
+                    change[1:4] = at.arm.bending_force * along[:, k, None]
                 columns.append(np.vstack([numbers, change]))
             columns.append(np.ones((1, 1)))
             kept = 1.0
@@ -189,7 +188,7 @@ class Responses:
     def scales(self, at: System) -> tuple[Array, Array]:
         """See planner.program.blocks."""
         state, row = self.states.scales(at)
-        force, n, width = unit_force(at.arm), self.states.of.n_tendons, self.request.width
+        force, n, width = at.arm.bending_force, self.states.of.n_tendons, self.request.width
         length = at.arm.length if self.request.hold == "length" else force
         unknowns = np.concatenate([np.full(n + 1, force), state])
         rows = np.concatenate([row, np.full(n, length), [1.0]])
@@ -199,12 +198,6 @@ class Responses:
         """Return the displacements (3, width) of the tip, of its unknowns in SI."""
         by_force = ca.reshape(unknowns, self.states.of.n_x, self.request.width)
         return by_force[(self.states.of.first + self.states.of.nodes[-1, 4:POSE]).tolist(), :]
-
-
-def unit_force(arm: Arm) -> float:
-    """Return the small force of the responses [N]: it bends the straight arm by about 1 rad."""
-    R = float(arm.radius.evaluate(np.zeros(1), arm.length)[0][0])
-    return float(arm.material.E * np.pi * R**4 / 4 / arm.length**2)
 
 
 def _locked(law: CrossSection) -> Kernel:

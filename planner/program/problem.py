@@ -32,7 +32,7 @@ from model.paths import Array
 from model.scene import Scene
 from model.transcription.system import system
 from model.winches import rest_lengths
-from planner.program.blocks import States, unit_force
+from planner.program.blocks import States
 from planner.program.program import STABILITY, STROKES, Program, factorised
 from planner.program.terms import Same
 from planner.question import Limits, Solver, Statement, natural_tensions
@@ -93,7 +93,7 @@ class Problem:
         self.directions = np.hstack([np.zeros((3, 0)), *self.together.own.directions])
         weights = np.array([self.unit.max(), self.limits.total or 0.0, REGULARISATION])
         equations = of.numbers(self.forward.system, self.directions)
-        values = self.together.numbers, weights, self.unit, [unit_force(task.arm)], equations
+        values = self.together.numbers, weights, self.unit, [task.arm.bending_force], equations
         defect = np.zeros(sum(of.measured))
         self._p = np.concatenate([*values, self.scale, self.row_scale, defect])
         self.bounds = self._bounds()

@@ -25,7 +25,6 @@ from model.loads import convergence_order, is_loaded
 from model.paths import Array
 from model.progress import check_time
 from model.shape import Shape
-from planner.program.blocks import unit_force
 from planner.program.problem import KKT_TOLERANCE, Bounds, Candidate, Problem
 from planner.solve.ipopt import MAGNIFIED, Purpose, solve
 
@@ -203,5 +202,5 @@ def _defect_size(problem: Problem, defect: Array) -> float:
     poses, stretches, compliances, *rest = problem.program.measured
     L, pose = problem.arm.length, np.repeat([1.0, problem.arm.length], [4, 3])
     of_poses = np.tile(pose, poses // pose.size), np.ones(stretches)
-    worth = [*of_poses, np.full(compliances, L / unit_force(problem.arm)), np.ones(sum(rest))]
+    worth = [*of_poses, np.full(compliances, L / problem.arm.bending_force), np.ones(sum(rest))]
     return float(np.abs(defect / np.concatenate(worth)).max(initial=0.0))
