@@ -16,6 +16,7 @@ from model.units import length_text
 from model.value import value
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 # Arc lengths nearer to each other, over the arm's length, are one.
 SAME = 1e-9
 

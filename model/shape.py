@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.centreline import Centreline
@@ -26,7 +25,7 @@ from model.equilibrium.stability import stability
 from model.errors import InputError
 from model.forward import by_collocation
 from model.loads import is_loaded
-from model.paths import SAME, Array
+from model.paths import SAME, Array, Mask
 from model.rotations import matrices
 from model.scene import Scene
 from model.text import Shown, plotted, shape_text, tendon_table
@@ -104,7 +103,7 @@ class Shape(Shown):
         return np.where(self.winches.held, left, np.nan)
 
     @property
-    def slack(self) -> NDArray[np.bool_]:
+    def slack(self) -> Mask:
         """Whether each tendon is slack (n_sections, n), or (n_tendons,) where sections differ.
 
         One held by length that does not pull and has some of it left; one held by tension that does

@@ -12,11 +12,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.errors import CollapsedError, InputError, OctoplanError
 from model.least_energy import LeastEnergy
+from model.paths import Mask
 from model.winches import Winches, arm_compliance, rest_lengths
 
 # What tendons may lack over the arm's length.
@@ -94,7 +94,7 @@ def too_short(
     if share[j] <= 0:
         return problem
 
-    def ends(longer: NDArray[np.bool_], share: float) -> OctoplanError | None:
+    def ends(longer: Mask, share: float) -> OctoplanError | None:
         """Return what settling ends with where winches are paid out by a share; None if well."""
         try:
             settle(replace(winches, lengths=winches.lengths + share * np.where(longer, taken, 0.0)))

@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesdd
 
 from model.arm import Arm
 from model.checks import LARGEST, SMALLEST, not_negative
 from model.effects import Extension
 from model.errors import InputError
-from model.paths import Array
+from model.paths import Array, Mask
 from model.scene import Scene
 from model.unloaded.marched import Lengths, tendon_lengths
 
@@ -51,7 +50,7 @@ class Winches:
         How much more of each tendon there is between its winch and the base [m].
     """
 
-    held: NDArray[np.bool_]
+    held: Mask
     lengths: Array
     tensions: Array
     tendon_EA: float = np.inf
@@ -95,7 +94,7 @@ def checked_EA(value: Any) -> float:
     return float(value)
 
 
-def _given(arm: Arm, values: Any, name: str) -> tuple[Array, NDArray[np.bool_]]:
+def _given(arm: Arm, values: Any, name: str) -> tuple[Array, Mask]:
     """Return a number for each tendon, 0 where there is None or nan, and where there is one."""
     try:
         parts = [np.array(row) for row in values]
@@ -125,7 +124,7 @@ def rest_lengths(arm: Arm) -> Array:
     return _at_rest(arm).lengths
 
 
-def pulls(arm: Arm, tensions: Array) -> NDArray[np.bool_]:
+def pulls(arm: Arm, tensions: Array) -> Mask:
     """Return which tendons pull, of tensions (..., n_tendons) [N]; the others are slack.
 
     A tendon is slack below 1e-8 L / C, with C the compliance of all tendons, see arm_compliance:

@@ -16,22 +16,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from model.centreline import Centreline, Counts
-from model.clearance.lines import Moving
-from model.clearance.pieces import Parts, Pieces
-from model.clearance.strain_bounds import Mask
+from model.clearance.pieces import Parts, Pieces, Spread
 from model.obstacles import Obstacle
 from model.obstacles.base import distances_from
-from model.paths import Array
+from model.paths import Array, Mask
 from model.progress import check_time
 
 # How close bounds come, over L and over the gap; how often parts and pieces are halved, and how
 # many rows there are at most.
 _CLOSE, _RELATIVE, _LEVELS, _MOST = 2e-5, 1e-2, 30, 40_000
+
+
+class Way(Protocol):
+    """The way of an arm whose tensions change steadily on each of its stretches."""
+
+    def lines(self, stretch: Counts, share: Array) -> list[Centreline | None]:
+        """Return the arms at shares (K,) of stretches (K,); None where one has no equilibrium."""
+
+    def spread(self, stretch: Counts, start: Array, end: Array) -> Spread:
+        """Return how far strains are from straight lines from shares (P,) to others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +113,7 @@ class _Rows(NamedTuple):
         return _Rows._make(each[which] for each in self)
 
 
-def closest(way: Centreline | Moving, count: int, around: Around, enough: float = 0.0) -> Found:
+def closest(way: Centreline | Way, count: int, around: Around, enough: float = 0.0) -> Found:
     """Return how clear an arm stays on so many stretches; on one at rest.
 
     Bounds are refined until they are `enough` [m] beyond what is to be kept, or close to the truth.
@@ -130,7 +138,7 @@ def closest(way: Centreline | Moving, count: int, around: Around, enough: float 
 class _Search:
     """The search for the least distances; `found` is what it knows so far."""
 
-    way: Centreline | Moving
+    way: Centreline | Way
     around: Around
     enough: float
     found: Found

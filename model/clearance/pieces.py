@@ -10,7 +10,7 @@ to 1, with O(s) the integral of |dkappa/dt| from the base. Frames R turn at w wi
 |dw/dt| <= O^2 / 2, so that the acceleration of a place r(s), the integral of (R nu)'' from the
 base, is at most the integral of 3/2 O^2 |nu| + 2 O |dnu/dt|; an eighth of that bounds how far a
 place is from the line between where it begins and ends. By how much strains are off from straight
-lines, e_kappa and e_nu (model.clearance.strain_bounds), moves it by at most the integral of e_nu
+lines, e_kappa and e_nu (see Spread), moves it by at most the integral of e_nu
 plus e_kappa times the arm's length from there to s. Both grow along the arm.
 
 So a piece during a part is in the convex hull of four points, widened by a length.
@@ -24,11 +24,26 @@ from typing import NamedTuple
 import numpy as np
 
 from model.centreline import Centreline, Counts
-from model.clearance.strain_bounds import Mask, Spread
 from model.effects import NeoHookean
 from model.equilibrium.newton import STAGES
-from model.paths import Array
+from model.paths import Array, Mask
 from model.transcription.collocation import gauss
+
+
+class Spread(NamedTuple):
+    """By how much strains may be off from a straight line during P parts of a way.
+
+    Attributes
+    ----------
+    kappa, nu : (P, N)
+        Of curvature [1/m] and tangent [-] at N stages, as lengths of vectors.
+    known : (P,)
+        Whether that holds; else the part is too long to tell.
+    """
+
+    kappa: Array
+    nu: Array
+    known: Mask
 
 
 class Pieces(NamedTuple):

@@ -12,19 +12,17 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.checks import SMALLEST
 from model.equilibrium.linearised import Linearised
 from model.loads import bodies_of, contacts
 from model.mesh import Mesh, with_nodes
 from model.obstacles.base import Convex, pair_distances
-from model.paths import Array
+from model.paths import Array, Mask
 from model.rotations import matrices
 from model.transcription.system import System
 from model.transcription.touch import FLAGS
 
-Mask = NDArray[np.bool_]
 # Arc lengths of points that share a node, over the arm's.
 _BESIDE = 1e-6
 

@@ -15,9 +15,9 @@ from __future__ import annotations
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.machine.functions import built
+from model.paths import Mask
 from model.transcription.element import Form, at_zero, body, clamp, element, lever, run, tendon, tip
 from model.transcription.equations import Equations, Term
 from model.transcription.friction import body_rates, idle_tendon, kink, sliding_tendon
@@ -246,7 +246,7 @@ class Layout:
         ]
 
 
-def _pairs(are: NDArray[np.bool_]) -> tuple[Places, Places]:
+def _pairs(are: Mask) -> tuple[Places, Places]:
     """Return rows and columns of what is true."""
     i, j = np.nonzero(are)
     return i, j

@@ -21,10 +21,10 @@ from operator import attrgetter
 import numpy as np
 
 from model.centreline import Centreline
-from model.clearance.lines import Lines
 from model.errors import OctoplanError
 from model.paths import Array
 from model.progress import OutOfTime, tell
+from planner.avoidance.lines import Lines
 from planner.avoidance.places import EXCHANGED, avoiding
 from planner.avoidance.rows import Avoidance, grid
 from planner.avoidance.surroundings import Surroundings

@@ -58,7 +58,7 @@ class MotionCertificate(Shown):
         What is kept of the clearance asked for, at waypoints and between them [m]; a lower bound,
         refined until it is 0 or more or close to the truth, below 0 where it is not kept, and
         -infinite where it cannot be verified. Infinite where nothing was asked. Proven without
-        loads; under loads verified at steps, see model.clearance.strain_bounds.
+        loads; under loads verified at steps, see planner.avoidance.strain_bounds.
     nearest : float
         When that is [s].
     step : float

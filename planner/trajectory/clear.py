@@ -12,12 +12,12 @@ import numpy as np
 
 from model.centreline import Counts
 from model.clearance.bisection import closest
-from model.clearance.lines import Lines, Moving
 from model.clearance.nearest import BASE, ITSELF, OBSTACLES, around
 from model.errors import InputError
 from model.obstacles import numbers_of
 from model.obstacles.base import Convex
 from model.paths import Array
+from planner.avoidance.lines import Lines, Moving
 from planner.avoidance.places import EXCHANGED, avoiding
 from planner.avoidance.rows import Place
 from planner.avoidance.surroundings import Surroundings

@@ -12,7 +12,6 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import finite_array, kind, positive
-from model.clearance.lines import Lines
 from model.effects import Weight
 from model.errors import InputError
 from model.forward import FINEST_ACCURACY
@@ -22,6 +21,7 @@ from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
 from model.units import STROKE, warn_unusual
+from planner.avoidance.lines import Lines
 from planner.avoidance.rows import Avoidance, grid
 from planner.avoidance.surroundings import Surroundings
 from planner.contact.load_path import settled_along

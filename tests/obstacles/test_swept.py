@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from model import Arm, Scene
 from model.centreline import Centreline
 from model.clearance.bisection import Around, closest
-from model.clearance.lines import Lines, Moving
 from model.clearance.nearest import BASE, ITSELF, around
 from model.effects import Buoyancy, ExactTendons, Extension, Weight
 from model.loads import is_loaded
 from model.obstacles import Box, Capsule, Obstacle, Sphere
+from planner.avoidance.lines import Lines, Moving
 from tests.model.cases import paper_tensions
 from tests.oracles import Array
 

@@ -19,40 +19,21 @@ check at steps, of which the largest is told (`Found.step`), and no proof.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from model.clearance.intervals import Bounded, times
+from model.clearance.pieces import Spread
 from model.cross_section.law import CrossSection, body_size
 from model.cross_section.sections import Sections
 from model.machine.functions import built
-from model.paths import SAME, Array
+from model.paths import SAME, Array, Mask
+from planner.avoidance.intervals import Bounded, times
 
-Mask = NDArray[np.bool_]
 # The box around both ends, over their distance.
 _AROUND = 0.4
 # Under loads: how often farther than halfway, the most that the bent way may be of the change, and
 # how far the arm may turn in a part [rad].
 _FARTHER, _BENT, _TURN = 2.0, 0.25, 1.0
-
-
-class Spread(NamedTuple):
-    """By how much strains may be off from a straight line during P parts of a way.
-
-    Attributes
-    ----------
-    kappa, nu : (P, N)
-        Of curvature [1/m] and tangent [-] at N stages, as lengths of vectors.
-    known : (P,)
-        Whether that holds; else the part is too long to tell.
-    """
-
-    kappa: Array
-    nu: Array
-    known: Mask
 
 
 def proven(sections: Sections, T: Array, y: Array) -> Spread:

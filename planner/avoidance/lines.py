@@ -12,7 +12,7 @@ import numpy as np
 from model.arm import Arm
 from model.centreline import Centreline, Counts
 from model.checks import SMALLEST
-from model.clearance.strain_bounds import Spread, estimated, proven
+from model.clearance.pieces import Spread
 from model.cross_section import cross_section_of
 from model.cross_section.sections import Sections, strains_of
 from model.effects import PrintedStatics
@@ -24,6 +24,7 @@ from model.paths import Array
 from model.scene import Scene
 from model.transcription.system import system
 from model.unloaded.marched import tendon_lengths
+from planner.avoidance.strain_bounds import estimated, proven
 
 # Which stretches (K,) and shares of them (K,) -> tensions (K, n_tendons), on a straight line each.
 Tensions = Callable[[Counts, Array], Array]
@@ -108,14 +109,14 @@ class Lines:
 
 
 class Moving:
-    """The way of an arm whose tensions change steadily on each of its stretches."""
+    """The way of an arm whose tensions change steadily; see model.clearance.bisection.Way."""
 
     def __init__(self, lines: Lines, tensions: Tensions) -> None:
         self._lines, self._tensions = lines, tensions
         self._known: dict[tuple[int, float], Centreline | None] = {}
 
     def lines(self, stretch: Counts, share: Array) -> list[Centreline | None]:
-        """Return the arms at shares (K,) of stretches (K,); None where one has no equilibrium."""
+        """See Way.lines."""
         keys = list(zip(stretch.tolist(), share.tolist(), strict=True))
         for key, T in zip(keys, self._tensions(stretch, share), strict=True):
             if key not in self._known:
@@ -125,7 +126,7 @@ class Moving:
     def spread(self, stretch: Counts, start: Array, end: Array) -> Spread:
         """Return how far strains are from straight lines from shares (P,) to others.
 
-        Proven without loads, estimated under loads; see model.clearance.strain_bounds.
+        Proven without loads, estimated under loads; see planner.avoidance.strain_bounds.
         """
         ends = np.array([_strains(self.lines(stretch, share)) for share in (start, end)])
         if not self._lines.loaded:
