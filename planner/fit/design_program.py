@@ -186,37 +186,24 @@ class DesignProgram:
         return np.vstack(parts) * self.parameters.range
 
     @cached_property
-    def stated(self) -> Stated:
-        """The program in symbols."""
-        return Stated(self)
-
-
-class Stated(SideBySide):
-    """The program in CasADi's symbols: the tasks, with the numbers of the arm in common."""
-
-    def __init__(self, of: DesignProgram) -> None:
-        cuts = np.cumsum([0, *map(len, of.numbers(of.parameters.start))]).tolist()
-        room, K = cuts[-1] - cuts[-2], of.K
+    def stated(self) -> SideBySide:
+        """The program in symbols: the tasks, with the numbers of the arm in common."""
+        cuts = np.cumsum([0, *map(len, self.numbers(self.parameters.start))]).tolist()
+        room, K = cuts[-1] - cuts[-2], self.K
+        sizes = [problem.program.size for problem in self.problems]
+        rows = [problem.program.rows.size for problem in self.problems]
+        at = SideBySide(sizes, rows, K, room, 0)
+        (*xs, z), (*lams, _) = at.unknowns, at.multipliers
         # CasADi does not keep the closed forms that a program calls.
         self._closed = [
-            NumbersOfArm(of.all_numbers, K, (cuts[-1], 1)),
-            NumbersOfArm(of.first_derivatives, K, (cuts[-1], K)),
+            NumbersOfArm(self.all_numbers, K, (cuts[-1], 1)),
+            NumbersOfArm(self.first_derivatives, K, (cuts[-1], K)),
         ]
-
-        def state(at: SideBySide) -> tuple[list[Part], Part]:
-            *xs, z = at.unknowns
-            *lams, _ = at.multipliers
-            values, by_z = (ca.vertsplit(each(z), cuts) for each in self._closed)
-            tasks = zip(of.problems, of.weights, xs, values, by_z, lams, strict=False)
-            parts = [
-                _part(problem, w, x, n, J, lam, at.sigma) for problem, w, x, n, J, lam in tasks
-            ]
-            J = ca.horzcat(ca.MX(room, at.ends[-1]), by_z[-1])
-            return parts, Part(ca.MX(0), ca.MX(K, 1), values[-1], J, ca.MX(K, K))
-
-        sizes = [problem.program.size for problem in of.problems]
-        rows = [problem.program.rows.size for problem in of.problems]
-        super().__init__(sizes, rows, K, room, 0, state)
+        values, by_z = (ca.vertsplit(each(z), cuts) for each in self._closed)
+        tasks = zip(self.problems, self.weights, xs, values, by_z, lams, strict=False)
+        parts = [_part(problem, w, x, n, J, lam, at.sigma) for problem, w, x, n, J, lam in tasks]
+        J = ca.horzcat(ca.MX(room, at.ends[-1]), by_z[-1])
+        return at.stated(parts, Part(ca.MX(0), ca.MX(K, 1), values[-1], J, ca.MX(K, K)))
 
 
 def _part(

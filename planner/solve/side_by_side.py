@@ -10,8 +10,8 @@ block-diagonal but for the columns of z and the rows of c.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, Self
 
 import casadi as ca
 import numpy as np
@@ -36,53 +36,31 @@ class Part(NamedTuple):
 
 
 class SideBySide:
-    """N programs as one, in CasADi's symbols.
+    """N programs as one, in CasADi's symbols; their parts are made of these, then it is `stated`.
 
     Attributes
     ----------
     x, p, sigma, lam : casadi.MX
         Unknowns, parameters, and the weights of objective and constraints in the Hessian.
+    unknowns, multipliers : list of casadi.MX
+        The unknowns of each program, then those in common; the weights of the constraints of each
+        program, then of the coupling.
     ends : list of int
         Where the unknowns of each program begin, and those in common.
     """
 
     def __init__(
-        self,
-        sizes: Sequence[int],
-        rows: Sequence[int],
-        common: int,
-        coupled: int,
-        n_p: int,
-        state: Callable[[SideBySide], tuple[Sequence[Part], Part]],
+        self, sizes: Sequence[int], rows: Sequence[int], common: int, coupled: int, n_p: int
     ) -> None:
-        self.ends = np.cumsum([0, *sizes]).tolist()
-        self._rows = np.cumsum([0, *rows]).tolist()
-        self.x = ca.MX.sym("x", self.ends[-1] + common)
+        self.ends, last = (np.cumsum([0, *each]).tolist() for each in (sizes, rows))
+        self.x, self.lam = (ca.MX.sym("x", n) for n in (self.ends[-1] + common, last[-1] + coupled))
         self.p, self.sigma = ca.MX.sym("p", n_p), ca.MX.sym("sigma")
-        self.lam = ca.MX.sym("lam", self._rows[-1] + coupled)
-        parts, coupling = state(self)
-        self._nlp, self.derivatives = self._stated(parts, coupling)
-        self.values = ca.Function("values", [self.x, self.p], [self._nlp["f"], self._nlp["g"]])
+        self.unknowns = ca.vertsplit(self.x, [*self.ends, self.x.numel()])
+        self.multipliers = ca.vertsplit(self.lam, [*last, self.lam.numel()])
         self._solvers = dict[tuple[tuple[str, object], ...], Buffered]()
 
-    @property
-    def unknowns(self) -> list[ca.MX]:
-        """Those of each program, then those in common."""
-        return list(ca.vertsplit(self.x, [*self.ends, self.x.numel()]))
-
-    @property
-    def multipliers(self) -> list[ca.MX]:
-        """Those of the constraints of each program, then of the coupling."""
-        return list(ca.vertsplit(self.lam, [*self._rows, self.lam.numel()]))
-
-    def split(self, x: Array) -> list[Array]:
-        """Return the unknowns (size,) of each program, then those in common."""
-        return np.split(x, self.ends[1:])
-
-    def _stated(
-        self, parts: Sequence[Part], coupling: Part
-    ) -> tuple[dict[str, ca.MX], dict[str, ca.Function]]:
-        """Return the program as CasADi's solvers take it, and its derivatives."""
+    def stated(self, parts: Sequence[Part], coupling: Part) -> Self:
+        """Return it, stated as CasADi's solvers take it, with its derivatives."""
         f, gradient, g, jacobian, hessian = zip(*parts, strict=True)
         n, common = self.ends[-1], self.x.numel() - self.ends[-1]
         ends = [[0, each.numel() - common, each.numel()] for each in gradient]
@@ -97,14 +75,16 @@ class SideBySide:
         by_own, across, _, by_common = hessians
         H = ca.horzcat(ca.diagcat(*by_own), ca.vertcat(*across))
         corner = ca.horzcat(ca.MX(common, n), coupling.hessian + sum(by_common))
-        nlp = {
-            "x": self.x,
-            "p": self.p,
-            "f": ca.MX(coupling.f + sum(f)),
-            "g": ca.vertcat(*g, coupling.g),
-        }
+        whole = [ca.MX(coupling.f + sum(f)), ca.vertcat(*g, coupling.g)]
         symbols = self.x, self.p, self.sigma, self.lam
-        return nlp, named(symbols, slope, J, ca.triu(ca.vertcat(H, corner)))
+        self._nlp = {"x": self.x, "p": self.p, "f": whole[0], "g": whole[1]}
+        self.derivatives = named(symbols, slope, J, ca.triu(ca.vertcat(H, corner)))
+        self.values = ca.Function("values", [self.x, self.p], whole)
+        return self
+
+    def split(self, x: Array) -> list[Array]:
+        """Return the unknowns (size,) of each program, then those in common."""
+        return np.split(x, self.ends[1:])
 
     def solve(
         self,

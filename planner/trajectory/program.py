@@ -125,25 +125,22 @@ def _stated(
     places in the unknowns of each waypoint; the waypoints' fractions, and their parameters.
     """
     N, M, m = len(programs), group[-1] + 1, len(places[0])
+    sizes = [program.size for program in programs]
     rows = [program.rows.size for program in programs]
     n_p = [2, m, m, N, *(program.p.numel() for program in programs)]
-
-    def state(at: SideBySide) -> tuple[list[Part], Part]:
-        weights, before, rate, fractions, *ps = ca.vertsplit(at.p, np.cumsum([0, *n_p]).tolist())
-        effort, time = ca.vertsplit(weights)
-        *unknowns, durations = at.unknowns
-        parts, coupled, none = list[Part](), [ca.MX(0, 1)], ca.MX(M, M)
-        for k, (program, x, p) in enumerate(zip(programs, unknowns, ps, strict=True)):
-            symbols = x, p, effort * at.sigma, at.multipliers[k]
-            f, gradient, g, J, H = program.function.call(symbols, True, False)
-            first = ca.vertcat(effort * gradient, ca.MX(M, 1)), ca.horzcat(J, ca.MX(g.numel(), M))
-            parts.append(Part(effort * f, first[0], g, first[1], ca.diagcat(H, none)))
-            most, after = rate * fractions[k] * durations[group[k]], x[list(places[k])]
-            coupled += [after - before - most, before - after - most]
-            before = after
-        c = ca.vertcat(*coupled)
-        slope = time * ca.MX.ones(M)
-        return parts, Part(time * ca.sum1(durations), slope, c, ca.jacobian(c, at.x), none)
-
-    sizes = [program.size for program in programs]
-    return SideBySide(sizes, rows, M, 2 * N * m, sum(n_p), state)
+    at = SideBySide(sizes, rows, M, 2 * N * m, sum(n_p))
+    weights, before, rate, fractions, *ps = ca.vertsplit(at.p, np.cumsum([0, *n_p]).tolist())
+    effort, time = ca.vertsplit(weights)
+    *unknowns, durations = at.unknowns
+    parts, coupled, none = list[Part](), [ca.MX(0, 1)], ca.MX(M, M)
+    for k, (program, x, p) in enumerate(zip(programs, unknowns, ps, strict=True)):
+        symbols = x, p, effort * at.sigma, at.multipliers[k]
+        f, gradient, g, J, H = program.function.call(symbols, True, False)
+        first = ca.vertcat(effort * gradient, ca.MX(M, 1)), ca.horzcat(J, ca.MX(g.numel(), M))
+        parts.append(Part(effort * f, first[0], g, first[1], ca.diagcat(H, none)))
+        most, after = rate * fractions[k] * durations[group[k]], x[list(places[k])]
+        coupled += [after - before - most, before - after - most]
+        before = after
+    c, slope = ca.vertcat(*coupled), time * ca.MX.ones(M)
+    coupling = Part(time * ca.sum1(durations), slope, c, ca.jacobian(c, at.x), none)
+    return at.stated(parts, coupling)
