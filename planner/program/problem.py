@@ -66,8 +66,8 @@ class Problem:
         The structure.
     forward : Collocation
         The same equations of equilibrium without targets.
-    scale, row_scale : (n,)
-        What one unit of each unknown of the blocks, and of each equation, is worth.
+    scale : (size,)
+        What one unit of each unknown is worth.
     n_free, n_outer
         How many unknowns come before the states, and constraints before the equations.
     directions : (3, k)
@@ -88,14 +88,15 @@ class Problem:
         key = self.together.structure, stated, total, strokes
         question = Same((self.together, self.limits, self.statement))
         built = _built(task.arm, task.scene, key, question, task.machine_code)
-        self.program, self.forward, self.scale, self.row_scale = of, *_ = built
+        self.program, self.forward, scale, row_scale = of, *_ = built
         self.n_free, self.n_outer = of.n_free, of.n_outer
         self.directions = np.hstack([np.zeros((3, 0)), *self.together.own.directions])
         weights = np.array([self.unit.max(), self.limits.total or 0.0, REGULARISATION])
         equations = of.numbers(self.forward.system, self.directions)
         values = self.together.numbers, weights, self.unit, [task.arm.bending_force], equations
         defect = np.zeros(sum(of.measured))
-        self._p = np.concatenate([*values, self.scale, self.row_scale, defect])
+        self._p = np.concatenate([*values, scale, row_scale, defect])
+        self.scale = np.array(of.scale(self._p)).ravel()
         self.bounds = self._bounds()
         slim = np.array(of.states.slim, dtype=int).reshape(-1, 2)
         # At anchorages strains jump.
@@ -123,11 +124,8 @@ class Problem:
         if not of.modes:
             return p
         (mode,), p = of.modes, p.copy()
-        at, begin = of.places[mode], self.n_free + 1
-        y = x[at] * self.scale[at.start - begin : at.stop - begin]
-        terms = zip(of.equations.terms, of.equations.slices, strict=True)
-        (size,) = (numbers for term, numbers in terms if term.kernel.name == "size")
-        p[of.parts["numbers"]][size] = mode.share_of(y, self.forward.system).ravel("F")
+        share = mode.share_of((x * self.scale)[of.places[mode]], self.forward.system)
+        p[of.parts["numbers"]][of.equations.numbers_of("size")] = share.ravel("F")
         return p
 
     def _bounds(self) -> Bounds:
@@ -178,15 +176,16 @@ class Problem:
         program, x, n = self.program, np.zeros(self.program.size), tensions.size
         x[:n], x[self.n_free] = tensions / self.unit, 1.0
         x[n : self.n_free - program.n_slack] = tensions.max() / self.unit.max()
-        x[program.places[program.states]] = states / self.scale[: states.size]
+        at = program.places[program.states]
+        x[at] = states / self.scale[at]
         linear = program.linear
         if linear.size:
             _, _, g, J = program.evaluate(x, p)
             rows = self.n_outer + linear - self.n_free - 1
             x[linear] = -factorised(J.tocsr()[rows].tocsc()[:, linear]).solve(g[rows])
         for mode in program.modes:
-            at, begin = program.places[mode], self.n_free + 1
-            x[at] = mode.at(self.linearised(x)) / self.scale[at.start - begin : at.stop - begin]
+            at = program.places[mode]
+            x[at] = mode.at(self.linearised(x)) / self.scale[at]
         if program.n_slack:
             missed = -program.evaluate(x, p)[2][program.slack_rows]
             x[self.n_free - program.n_slack : self.n_free] = np.maximum(missed, 0.0)
@@ -195,8 +194,7 @@ class Problem:
     def linearised(self, x: Array) -> Linearised:
         """Return the equations at the tensions and states in unknowns x."""
         system, at = self.forward.system, self.program.places[self.program.states]
-        states = x[at] * self.scale[: at.stop - at.start]
-        return Linearised(system, system.x(self.tensions(x), 1.0, states))
+        return Linearised(system, system.x(self.tensions(x), 1.0, x[at] * self.scale[at]))
 
     def measured(self, x: Array) -> Array:
         """Return what is measured on the mesh at unknowns x, see Program.measured."""
