@@ -61,9 +61,12 @@ def warm_start(near: Answer, task: Task) -> SearchResult | None:
         return SearchResult(near.statement, arm.by_section(T), (), (), (), stopped=True)
 
 
-def jump(before: Array, after: Array) -> float:
-    """Return how far tensions are apart, over their larger norm; 0 where that is little."""
-    size = max(float(np.linalg.norm(before)), float(np.linalg.norm(after)))
+def jump(before: Array, after: Array, *others: Array) -> float:
+    """Return how far tensions are apart, over the largest norm; 0 where that is little.
+
+    Others count by their norms alone.
+    """
+    size = max(float(np.linalg.norm(T)) for T in (before, after, *others))
     apart = float(np.linalg.norm(np.ravel(after) - np.ravel(before)))
     return apart / size if apart > _LITTLE * size else 0.0
 
@@ -76,36 +79,24 @@ def _continued(near: Answer, task: Task) -> tuple[Candidate, float] | None:
     origin, problem, n = near.optimum, Problem(task, near.statement), task.arm.n_tendons
     if origin is None:
         return None
-    start, both = replace(origin.extended(), problem=problem), (origin.problem, problem)
-    first, last = (each.parameters(defect=origin.defect) for each in both)
+    begin = current = replace(origin.extended(), problem=problem)
+    first, last = (of.parameters(defect=origin.defect) for of in (origin.problem, problem))
     lbx, ubx, lbg, ubg = problem.bounds
-    rise, unit = np.zeros(lbx.size), problem.unit
-    rise[:n] = (np.array(problem.limits.lower) - near.limits.lower) / unit
-
-    def stepped(step: float, most: float) -> Candidate | None:
-        """Follow by steps whose tensions change by no more than `most`; None where that ends."""
-        current, fraction = start, 0.0
-        while fraction < 1:
-            check_time()
-            trial = min(1.0, fraction + step)
-            p, left = first + trial * (last - first), (1 - trial) * rise
-            bounds = lbx - left, np.where(lbx == ubx, ubx - left, ubx), lbg, ubg
-            following = replace(polish(current, p, bounds, warm=True), defect=origin.defect)
-            apart = float(np.linalg.norm((following.x - current.x)[:n] * unit))
-            if following.met and apart <= most:
-                current, fraction, step = following, trial, 2 * step
-            elif step <= _LEAST_STEP:
-                return None
-            else:
-                step /= 2
-        return current
-
-    optimum = stepped(1.0, np.inf)
-    if optimum is None:
-        return None
-    ends = [s.x[:n] * unit for s in (start, optimum)]
-    apart = jump(*ends)
-    if not apart:
-        return optimum, 0.0
-    kept = stepped(0.5, _LITTLE * max(float(np.linalg.norm(T)) for T in ends))
-    return (optimum, apart) if kept is None else (kept, 0.0)
+    rise = np.zeros(lbx.size)
+    rise[:n] = (np.array(problem.limits.lower) - near.limits.lower) / problem.unit
+    fraction, step, left = 0.0, 1.0, False
+    while fraction < 1:
+        check_time()
+        trial = min(1.0, fraction + step)
+        p, lag = first + trial * (last - first), (1 - trial) * rise
+        bounds = lbx - lag, np.where(lbx == ubx, ubx - lag, ubx), lbg, ubg
+        following = replace(polish(current, p, bounds, warm=True), defect=origin.defect)
+        jumps = jump(current.tensions, following.tensions, begin.tensions) > 0
+        if following.met and (step <= _LEAST_STEP or not jumps):
+            left |= jumps
+            current, fraction, step = following, trial, 2 * step
+        elif step <= _LEAST_STEP:
+            return None
+        else:
+            step /= 2
+    return current, jump(begin.tensions, current.tensions) if left else 0.0
