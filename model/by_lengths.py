@@ -22,13 +22,8 @@ import numpy as np
 from model.arm import Arm
 from model.contact.forward import TouchingMap
 from model.equilibrium.linearised import Equilibrium, Linearised
-from model.equilibrium.newton import (
-    CLOSE,
-    STAGES,
-    Collocation,
-    carried_strains,
-    newton,
-)
+from model.equilibrium.load_steps import Collocation, carried_strains
+from model.equilibrium.newton import CLOSE, STAGES, Start, newton
 from model.errors import CollapsedError, SnapError, UnsettledContactError, UnsettledSectionError
 from model.forward import ForwardMap, Maps
 from model.least_energy import ROUNDS, LeastEnergy
@@ -172,14 +167,16 @@ class GivenLengths:
             if touching:
                 yield forward.solve(T, near)
             else:
-                yield newton(forward.system, T, 1.0, forward.carried(T, near), CLOSE)
+                start = Start(T, 1.0, forward.carried(T[None], [near])[0])
+                yield from newton(forward.system, [start], CLOSE)
         for coarse, T, v in self._least():
             if touching:
                 with suppress(SnapError, UnsettledContactError):
                     yield forward.solve(T)
             else:
                 strains = carried_strains(coarse, v, forward.system)
-                yield newton(forward.system, T, 1.0, forward.system.start(T, strains, 1.0))
+                start = Start(T, 1.0, forward.system.start(T, strains, 1.0))
+                yield from newton(forward.system, [start])
         with suppress(SnapError, UnsettledContactError, UnsettledSectionError):
             yield forward.solve(winches.tensions)
 

@@ -8,7 +8,8 @@ from typing import Any
 from model.arm import Arm
 from model.checks import positive
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import STAGES, Followed, follow_on
+from model.equilibrium.load_steps import Followed, follow_on
+from model.equilibrium.newton import STAGES
 from model.errors import InputError
 from model.forward import by_collocation, first_pair, refined
 from model.loads import check_loads, convergence_order, is_loaded
@@ -57,7 +58,8 @@ def critical_load_factor(
         """Return where the branch ends on the mesh of a refinement, four times as accurate."""
         forward = by_collocation(arm, scene, STAGES, refinement)
         x = forward.system.x(T, 0.0, forward.without_loads(T))
-        return follow_on(Followed(Linearised(forward.system, x), 0.0, ""), most, accuracy / 4)
+        begin = Followed(Linearised(forward.system, x), 0.0, "")
+        return follow_on([begin], most, accuracy / 4)[0]
 
     def gap(now: Followed, before: Followed) -> float:
         return abs(now.load - before.load) / now.load

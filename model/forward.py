@@ -19,7 +19,7 @@ from model.arm import Arm
 from model.checks import within
 from model.contact.forward import TouchingMap
 from model.effects import PrintedStatics
-from model.equilibrium.newton import Collocation
+from model.equilibrium.load_steps import Collocation
 from model.errors import ConvergenceError, InputError
 from model.integrators import MAGNUS2, MAGNUS4, MAGNUS6, RK4, RK6, RK8
 from model.loads import check_loads, contacts, convergence_order, is_loaded

@@ -14,20 +14,24 @@ from numpy.typing import NDArray
 from model.arm import Arm
 from model.checks import LARGEST
 from model.cross_section.sections import LEAST_STRETCH
-from model.equilibrium.newton import Collocation
+from model.effects import SelfContact
+from model.equilibrium.linearised import Linearised
+from model.equilibrium.load_steps import Collocation
 from model.errors import CollapsedError, InputError, OctoplanError, UnsettledSectionError
 from model.forward import Maps, checked_accuracy, estimate, first_pair, maps_of, next_refinement
-from model.loads import is_loaded
+from model.loads import contacts
 from model.machine.compiled import Compile, checked_compile
 from model.paths import Array
 from model.progress import check_time
 from model.rotations import matrices
 from model.scene import Scene
-from model.settle import ACCURACY, checked_scene, settle
+from model.settle import ACCURACY, checked_scene, loosest, settle
 from model.text import MOST_LINES, columns, counted, shortened_lines
 from model.winches import pulls
 
 Errors = Literal["raise", "nan"]
+# Sets at a time under loads: their equations stay in the processor's cache.
+_AT_ONCE = 128
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,29 +71,41 @@ class Shapes:
         return "\n".join([said, *table, *shortened_lines(lost)])
 
 
-def _marched(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
-    """Return the poses (M, 7) of tips under tensions (M, n_tendons) without loads, errors (M,).
+def _side_by_side(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
+    """Return the poses (M, 7) of tips under tensions (M, n_tendons), and errors (M,).
 
-    Side by side, and only those that a mesh does not settle go on to a finer one. Errors are nan
-    of those that are to be settled alone: what is crushed, or has no equilibrium.
+    Only those that a mesh does not settle go on to a finer one. Errors are nan of those that are to
+    be settled alone: what is crushed, or has no equilibrium, or none on a first mesh.
     """
     coarse, fine = first_pair(accuracy, maps.order)
     poses, errors = np.zeros((len(T), 7)), np.full(len(T), np.nan)
     last, wanted = np.zeros(len(T), int), np.full(len(T), coarse)
+    near = dict[int, Linearised]()
     while wanted.any():
         check_time()
         refinement = int(wanted[wanted > 0].min())
         now, forward = np.flatnonzero(wanted == refinement), maps.on(refinement)
-        assert not isinstance(forward, Collocation)
-        tips, least = forward.many(T[now])
-        before, poses[now] = poses[now], tips[:, 0]
+        before = poses[now]
+        if isinstance(forward, Collocation):
+            looser = loosest(accuracy) if refinement == coarse else 1.0
+            least = np.full(now.size, np.nan)
+            for k in range(0, now.size, _AT_ONCE):
+                some = now[k : k + _AT_ONCE]
+                ends = forward.many(T[some], [near[i] for i in some if i in near], looser)
+                for j, (i, end) in enumerate(zip(some, ends, strict=True), k):
+                    if isinstance(end, Linearised):
+                        near[i], poses[i], least[j] = end, end.poses[-1], end.extremes.stretch
+        else:
+            tips, least = forward.many(T[now])
+            poses[now] = tips[:, 0]
         wanted[now] = fine
         if refinement != coarse:
-            gap = np.linalg.norm(poses[now, 4:] - before[:, 4:], axis=1)
-            gap, of = gap / maps.arm.length, (maps.least_order, maps.rounding)
-            errors[now] = estimate(gap, last[now], refinement, *of)
+            moved = np.linalg.norm(poses[now, 4:] - before[:, 4:], axis=1)
+            turned = 2 * np.linalg.norm(poses[now, :4] - before[:, :4], axis=1)
+            gap = np.maximum(moved, maps.lever * turned) / maps.arm.length
+            errors[now] = estimate(gap, last[now], refinement, maps.least_order, maps.rounding)
             wanted[now], late = 0, now[~(errors[now] <= accuracy)]
-            finer = partial(next_refinement, refinement, accuracy=accuracy, order=maps.order)
+            finer = partial(next_refinement, refinement, accuracy=accuracy, order=maps.least_order)
             wanted[late] = [*map(finer, errors[late].tolist())]
         last[now], alone = refinement, now[~(least > LEAST_STRETCH)]
         wanted[alone], errors[alone] = 0, np.nan
@@ -111,9 +127,9 @@ def settle_many(
 ) -> Shapes:
     """Return the tips for many sets of tensions (m, n_sections, n) or (m, n_tendons) [N].
 
-    As settle, but for rounding: without loads side by side, and only those that a mesh does not
-    settle to the accuracy go on to a finer one; with loads one set after the other. With `lengths`,
-    of the same form [m], tendons are held by these.
+    As settle, but for rounding: side by side, and only those that a mesh does not settle to the
+    accuracy go on to a finer one; in contact one set after the other. With `lengths`, of the same
+    form [m], tendons are held by these, and settled one after the other too.
 
     Parameters
     ----------
@@ -144,11 +160,11 @@ def settle_many(
     count, problems = len(sets), [""] * len(sets)
     poses, error = np.full((count, 7), np.nan), np.full(count, np.nan)
     pulling = np.full((count, arm.n_tendons), np.nan)
-    if lengths is None and not is_loaded(scene):
+    if lengths is None and not (contacts(scene) or scene.has(SelfContact)):
         pulling = _rows(arm, tensions)
         allowed = np.flatnonzero(((pulling >= 0) & (pulling <= LARGEST)).all(axis=1))
         maps = maps_of(arm, scene, None, options["compile"])
-        poses[allowed], error[allowed] = _marched(maps, pulling[allowed], accuracy)
+        poses[allowed], error[allowed] = _side_by_side(maps, pulling[allowed], accuracy)
     slack = ~pulls(arm, pulling)
     for i in np.flatnonzero(np.isnan(error)).tolist():
         poses[i], pulling[i], slack[i] = np.nan, np.nan, False

@@ -20,7 +20,8 @@ from model.contact.path import Touching
 from model.contact.self_contact import pressed_on_itself
 from model.effects import PrintedStatics, SelfContact
 from model.equilibrium.linearised import Equilibrium, check_stretch
-from model.equilibrium.newton import ROUGHEST, SETTLED
+from model.equilibrium.load_steps import ROUGHEST
+from model.equilibrium.newton import SETTLED
 from model.errors import (
     CollapsedError,
     ConvergenceError,
@@ -212,7 +213,7 @@ def _settled(
     """Return the shape on the first mesh that is accurate enough."""
     # A first mesh is as good in any scene; what it gains by refinement may be less.
     refinement, fine = first_pair(accuracy, maps.order)
-    looser = min(max(10 * accuracy / SETTLED, 1.0), ROUGHEST)
+    looser = loosest(accuracy)
     coarse, before, error, snaps = 0, list[float](), np.inf, tuple[float, ...]()
     begun = time.process_time() if maps.contacts else 0.0
     while refinement:
@@ -256,6 +257,11 @@ def _settled(
             refinement = next_refinement(coarse, error, accuracy, maps.least_order)
     check_stretch(point)
     raise ConvergenceError(accuracy, error, COARSE)
+
+
+def loosest(accuracy: float) -> float:
+    """Return how many times larger last steps on a first mesh may be, which is only near."""
+    return min(max(10 * accuracy / SETTLED, 1.0), ROUGHEST)
 
 
 def scene_of(arm: Arm, scene: Scene | None) -> Scene:

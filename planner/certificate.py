@@ -13,7 +13,8 @@ import numpy as np
 from model.centreline import Centreline
 from model.clearance import KINDS, Clearance, clearances
 from model.equilibrium.integration import SCHEME
-from model.equilibrium.newton import LEAST_STEP, STAGES, Collocation, Followed, follow_on
+from model.equilibrium.load_steps import LEAST_STEP, Collocation, Followed, follow_on
+from model.equilibrium.newton import STAGES
 from model.equilibrium.stability import stability
 from model.equilibrium.verification import verified
 from model.errors import OctoplanError
@@ -344,5 +345,5 @@ def _load_factor(shape: Shape) -> float | None:
     mesh = STAGES, 1, (), True, shape.machine_code
     coarsest = Collocation(system(shape.arm, shape.scene, *mesh))
     begin = Followed(coarsest.solve(shape.tensions, shape.known), 1.0, "")
-    end = follow_on(begin, MOST_LOADS, LEAST_STEP)
+    (end,) = follow_on([begin], MOST_LOADS, LEAST_STEP)
     return end.load if end.why else np.inf

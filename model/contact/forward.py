@@ -14,7 +14,7 @@ from model.contact.path import Touching, follow
 from model.contact.sharp import Request, sharpened
 from model.contact.touches import places_of
 from model.equilibrium.linearised import Equilibrium, Linearised
-from model.equilibrium.newton import Collocation
+from model.equilibrium.load_steps import Collocation
 from model.errors import InputError, SnapError, UnsettledContactError
 from model.loads import bodies_of, growth, places, without_friction
 from model.mesh import Mesh, graded, landmarks

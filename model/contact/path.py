@@ -21,7 +21,8 @@ from model.contact.gaps import gaps_along, least_gaps
 from model.contact.sharp import Request, close, sharpened
 from model.contact.touches import Place, Places, Touches, forces, read_off
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import carried_strains, newton
+from model.equilibrium.load_steps import carried_strains
+from model.equilibrium.newton import Start, newton
 from model.equilibrium.stability import unstable_mode
 from model.errors import SnapError, UnsettledContactError
 from model.least_energy import LeastEnergy
@@ -136,7 +137,7 @@ def _complementary(request: Request, near: Linearised) -> Linearised | None:
     by half the arm's radius or more; looked at where they are no farther apart than that.
     """
     to = request.tensions, request.load
-    there = newton(near.system, *to, near.states, touching=_active)
+    (there,) = newton(near.system, [Start(*to, near.states)], touching=_active)
     if there is None or not close(near, there):
         return None
     half = there.system.arm.outer_radius(there.mesh.s[1:])[0] / 2

@@ -29,7 +29,8 @@ from model.contact.touches import (
 )
 from model.effects import NeoHookean, Shear
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import FOLLOWED, STEPS_IN_CONTACT, carried_strains, newton, predicted
+from model.equilibrium.load_steps import carried_strains, predicted
+from model.equilibrium.newton import FOLLOWED, STEPS_IN_CONTACT, Start, newton
 from model.loads import contacts
 from model.mesh import Mesh
 from model.obstacles.base import SIZE
@@ -143,7 +144,7 @@ def _with_places(of: Request, near: Linearised, places: Places) -> Linearised | 
         touches.moves[first, j] = not (place.lies or place.start in of.corners)
     system = touches.on(system)
     states = _carried(of, near, system, touches)
-    return newton(system, of.tensions, of.load, states, touching=_widened)
+    return newton(system, [Start(of.tensions, of.load, states)], touching=_widened)[0]
 
 
 def _widened(system: System, states: Array) -> System:

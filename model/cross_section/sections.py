@@ -107,12 +107,21 @@ class Sections:
 
         None are twisted or sheared, whatever the law. Raises UnsettledSectionError.
         """
-        statics, maps, data, same = self._closed
-        v = settled(statics, maps @ tensions, data, self.machine_code)
+        (v,) = self.unloaded(tensions[None])
         lost = np.isnan(v).any(axis=1)
         if lost.any():
             raise UnsettledSectionError(float(self.s[np.argmax(lost)]))
-        return np.asarray(v @ same)
+        return np.asarray(v)
+
+    def unloaded(self, tensions: Array) -> Array:
+        """Return the strains (M, N, n) without loads under tensions (M, n_tendons), NaN for none.
+
+        See `strains`.
+        """
+        statics, maps, data, same = self._closed
+        pull = (tensions @ maps.reshape(-1, maps.shape[-1]).T).reshape(-1, maps.shape[1])
+        v = settled(statics, pull, data, self.machine_code)
+        return np.asarray((v @ same).reshape(len(tensions), *self.s.shape, same.shape[1]))
 
     def crushed(self, strains: Array) -> CollapsedError | None:
         """Return what to tell of the first section where strains (N, n) leave a tendon no length.

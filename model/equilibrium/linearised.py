@@ -42,7 +42,7 @@ class Linearised:
     near : Linearised
         The equations linearised so near that their Jacobian and its factors are as good.
     jacobian : (nnz,)
-        The nonzeros, where they are not those of the system: of a body that resists more.
+        The nonzeros, where they are known, or not those of the system: of a body that resists more.
     """
 
     system: System
@@ -99,17 +99,6 @@ class Linearised:
         result: Array = np.empty_like(solution)
         result[after] = solution
         return result
-
-    def newton_step(self) -> Array | None:
-        """Return the change of the states (n_states,) by Newton's method; None if there is none.
-
-        There is none where the equations are singular or no numbers.
-        """
-        residual = self.system.residual(self.x)
-        if not np.isfinite(residual).all() or self.factor is None:
-            return None
-        change = -self.solve(residual)
-        return change if np.isfinite(change).all() else None
 
     @cached_property
     def by_tensions(self) -> Array:
@@ -174,6 +163,18 @@ class Linearised:
         nodes = np.minimum(np.searchsorted(self.mesh.s, s), self.mesh.steps)
         exact = (self.mesh.s[nodes] == s)[:, None]
         return np.where(exact, self.poses[nodes], poses), reported(self.system.of.form.law, v)
+
+
+def linearised(system: System, x: Array, near: list[Linearised | None]) -> list[Linearised]:
+    """Return equations linearised at points (M, n_x), by themselves or near others."""
+    points, jacobians = list[Linearised](), iter(np.zeros((0, 0)))
+    if near.count(None) > 1:
+        alone = [each is None for each in near]
+        jacobians = iter(system.of.equations.jacobian(x[alone], system.p))
+    for row, each in zip(x, near, strict=True):
+        jacobian = next(jacobians, None) if each is None else None
+        points.append(Linearised(system, row, each, jacobian))
+    return points
 
 
 Equilibrium = Linearised | Marched

@@ -10,10 +10,12 @@ spread along the tendons are held as they are.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
@@ -43,58 +45,70 @@ _LOWEST = -1e6
 
 def stands(point: Linearised, margin: float = 0.0) -> bool:
     """Return whether the stability of an equilibrium is above a margin, with contacts closed."""
-    if margin:
-        point = _less_stiff(point, margin)
-    if not point.system.of.form.contacts:
-        return _is_minimum(point)
-    return point.factor is not None and unstable_mode(point) is None
+    return bool(stands_each([_less_stiff(point, margin) if margin else point])[0])
 
 
-def _is_minimum(point: Linearised) -> bool:
-    """Return whether all pivots of the Hessian of an arm's energy are positive.
+def stands_each(candidates: Sequence[Linearised | None]) -> NDArray[np.bool_]:
+    """Return whether equilibria of one system are stable, with contacts closed; None is not.
 
+    Without contacts: whether all pivots of the Hessian of the arm's energy are positive.
     Elements are eliminated from tip to base. With w_k = P_k theta_k what the part beyond a node
     needs to be turned there by theta_k, P = 0 at the tip under dead loads, the strains of the next
     element meet the stiffness S of body, tendons and of what lies beyond: all S definite, and only
     then, all of the energy's Hessian is. Source: inertia is additive (Haynsworth, Linear Algebra
     and its Applications 1, 1968).
     """
-    of, nonzeros = point.system.of, np.append(point.nonzeros, 0.0)  # the last is that of place -1
+    stable = np.array([each is not None for each in candidates], dtype=bool)
+    points = [each for each in candidates if each is not None]
+    if not points:
+        return stable
+    if points[0].system.of.form.contacts:
+        stable[stable] = [p.factor is not None and unstable_mode(p) is None for p in points]
+        return stable
+    of = points[0].system.of
+    nonzeros = np.array([np.append(each.nonzeros, 0.0) for each in points])  # the last for place -1
     blocks, at_tip = _block_places(of)
-    J, tip = nonzeros[blocks], nonzeros[at_tip]
+    J, tip = nonzeros.take(blocks, axis=1), nonzeros.take(at_tip, axis=1)
     w, n = of.form.wrench, of.form.stages * of.form.strains
-    small = turns(point.states[of.nodes[:, :4]])
+    small = turns(np.array([each.states for each in points])[:, of.nodes[:, :4]])
     v, nxt = slice(POSE + w, POSE + w + n), POSE + w + n
     after = slice(nxt + POSE, nxt + POSE + w)
-    moment, quaternion = J[:, :w], J[:, w + n : w + n + 4]
-    back, turned = 4 * small[1:].swapaxes(1, 2), small[:-1]
+    moment, quaternion = J[..., :w, :], J[..., w + n : w + n + 4, :]
+    back, turned = 4 * small[:, 1:].swapaxes(2, 3), small[:, :-1]
     # By the turn at the first node and the strains: the turn at the last, then the balances of the
     # node and of the stages, these two without what lies beyond. Stages count by their weights.
     by_turn = -back @ (quaternion[..., :4] @ turned)
-    on = np.concatenate([by_turn, -back @ quaternion[..., v]], axis=2)
+    on = np.concatenate([by_turn, -back @ quaternion[..., v]], axis=3)
     weight = np.repeat(gauss(of.form.stages).b, of.form.strains)
-    counted = J[:, : w + n] * np.concatenate([np.ones(w), weight])[:, None]
-    values = np.concatenate([counted[..., :4] @ turned, counted[..., v]], axis=2)
+    counted = J[..., : w + n, :] * np.concatenate([np.ones(w), weight])[:, None]
+    values = np.concatenate([counted[..., :4] @ turned, counted[..., v]], axis=3)
     beyond = counted[..., after]
     held = -np.linalg.inv(moment[..., POSE : POSE + w])
-    P = -np.linalg.solve(tip[:, 4:], tip[:, :4]) @ small[-1]
+    P = -np.linalg.solve(tip[..., 4:], tip[..., :4]) @ small[:, -1]
+    left = np.flatnonzero(stable)
     for k in range(of.elements)[::-1]:
-        both = values[k] + beyond[k] @ (P @ on[k])
-        S = both[w:, 3:]
-        # All eigenvalues of a pivot have positive real parts, where they are numbers.
-        if dpotrf(S + S.T)[1] and not (
-            np.isfinite(S).all() and (np.linalg.eigvals(S).real > 0).all()
-        ):
-            return False
-        P = held[k] @ (both[:w, :3] - both[:w, 3:] @ np.linalg.solve(S, both[w:, :3]))
-    return bool(np.isfinite(P).all())  # what is no number once stays so
+        both = values[:, k] + beyond[:, k] @ (P @ on[:, k])
+        definite = np.ones(len(both), dtype=bool)
+        for i, S in enumerate(both[:, w:, 3:]):
+            # All eigenvalues of a pivot have positive real parts, where they are numbers.
+            if dpotrf(S + S.T)[1]:
+                definite[i] = np.isfinite(S).all() and (np.linalg.eigvals(S).real > 0).all()
+        if not definite.all():
+            left, both, values, beyond, on, held = (
+                each[definite] for each in (left, both, values, beyond, on, held)
+            )
+        S, across = both[:, w:, 3:], both[:, w:, :3]
+        P = held[:, k] @ (both[:, :w, :3] - both[:, :w, 3:] @ np.linalg.solve(S, across))
+    stable[:] = False
+    stable[left[np.isfinite(P).all(axis=(1, 2))]] = True  # what is no number once stays so
+    return stable
 
 
 def turns(q: Array) -> Array:
-    """Return the changes (N, 4, 3) of unit quaternions (N, 4) by small turns, base frame."""
-    w, x, y, z = q.T / 2
+    """Return the changes (..., 4, 3) of unit quaternions (..., 4) by small turns, base frame."""
+    w, x, y, z = np.moveaxis(q / 2, -1, 0)
     rows = [[-x, -y, -z], [w, z, -y], [-z, w, x], [y, -x, w]]
-    return np.moveaxis(np.array(rows), 2, 0)
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 @lru_cache(maxsize=16)

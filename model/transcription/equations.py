@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from model.machine.compiled import kernels
-from model.machine.functions import Buffered
+from model.machine.functions import FEW, Buffered, Columns, Mapped, built
 from model.paths import Array
 from model.transcription.kernels import Kernel, Places, What
 
@@ -126,10 +126,48 @@ class Sum:
         order, index = np.unique(np.concatenate(keys), return_inverse=True)
         return order % height, order // height, index
 
-    def __call__(self, *value: Array) -> Array:
-        """Return the nonzeros by x and p, and lam for the Hessian. Raises CompilerError."""
+    def __call__(self, x: Array, *value: Array) -> Array:
+        """Return the nonzeros by x and p, and lam for the Hessian. Raises CompilerError.
+
+        Of values and Jacobians those of many unknowns (M, n_x), too, as (M, nonzeros).
+        """
         rows, _, index = self._placed
-        return np.bincount(index, self._each.flat(*value), rows.size).astype(float, copy=False)
+        if x.ndim == 1:
+            values = self._each.flat(x, *value)
+            return np.bincount(index, values, rows.size).astype(float, copy=False)
+        if len(x) == 1:
+            return self(x[0], *value)[None]
+        most = max((term.count for term in self._of.terms), default=0)
+        if (self._of.machine_code or len(x) * most > FEW) and all(self._columns):
+            return self._side_by_side(x, *value)
+        return np.array([self(row, *value) for row in x])
+
+    def _side_by_side(self, x: Array, p: Array) -> Array:
+        """Return the nonzeros (M, nonzeros) by many unknowns (M, n_x), and p."""
+        unknowns, values = np.ascontiguousarray(x.T), []
+        for run, term, numbers in zip(self._columns, self._of.terms, self._of.slices, strict=True):
+            assert run is not None
+            y, c = unknowns[term.unknowns], p[numbers].reshape(term.count, -1).T
+            (r,) = run(y.reshape(len(y), -1), np.repeat(c, len(x), axis=1))
+            values.append(r.reshape(-1, len(x)))
+        return np.ascontiguousarray((self._adding @ np.concatenate(values)).T)
+
+    @cached_property
+    def _columns(self) -> list[Columns | None]:
+        """The kernels for all repetitions of many unknowns; None for what these cannot do."""
+        return [built(Mapped, each, self._of.machine_code).columns for each in self._functions]
+
+    @cached_property
+    def _adding(self) -> csr_array:
+        """The matrix that adds values, those of each kernel row by row, to nonzeros."""
+        rows, _, index = self._placed
+        ends, order = 0, []
+        for term, each in zip(self._of.terms, self._functions, strict=True):
+            size = term.count * each.numel_out(0)
+            order.append(ends + np.arange(size).reshape(term.count, -1).ravel("F"))
+            ends += size
+        at = index[np.concatenate(order)]
+        return csr_array((np.ones(at.size), (at, np.arange(at.size))), (rows.size, at.size))
 
     @cached_property
     def function(self) -> ca.Function:
@@ -146,12 +184,7 @@ class Sum:
         sizes = [("x", of.n_x), ("p", of.n_p), ("lam", of.n_g)]
         arguments = [ca.MX.sym(name, size) for name, size in sizes[: 3 if what == "hessian" else 2]]
         x, p, *lam = arguments
-        terms = [term.kernel for term in of.terms]
-        functions = kernels(
-            [each.value if what == "value" else each.derivative(what)[0] for each in terms],
-            of.machine_code,
-        )
-        results = []
+        functions, results = kernels(self._functions, of.machine_code), []
         for f, term, numbers in zip(functions, of.terms, of.slices, strict=True):
             # Unknowns, numbers and any multipliers, repetitions as columns.
             gathered = [x[term.unknowns.ravel("F").tolist()], p[numbers]]
@@ -159,3 +192,9 @@ class Sum:
             columns = [ca.reshape(values, -1, term.count) for values in gathered]
             results.append(f.map(term.count)(*columns))
         return Buffered(ca.Function(f"{what}_of_kernels", arguments, results))
+
+    @property
+    def _functions(self) -> list[ca.Function]:
+        """What each kernel adds, once."""
+        what, terms = self._what, [term.kernel for term in self._of.terms]
+        return [each.value if what == "value" else each.derivative(what)[0] for each in terms]

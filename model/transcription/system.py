@@ -100,11 +100,12 @@ class System:
         return self.p[:POSE]
 
     def x(self, tensions: Array, load: float, states: Array) -> Array:
-        """Return all unknowns: tensions (n_tendons,), load factor, states."""
-        return np.concatenate([tensions, [load], states])
+        """Return all unknowns (..., n_x): tensions (..., n_tendons), load factor, states."""
+        factor = [load] if tensions.ndim == 1 else np.full((len(tensions), 1), load)
+        return np.concatenate([tensions, factor, states], axis=-1)
 
     def residual(self, x: Array) -> Array:
-        """Return what vanishes at equilibrium (n_states,)."""
+        """Return the residuals of equilibrium (..., n_states)."""
         return np.asarray(self.of.equations.value(x, self.p))
 
     def lengths(self, x: Array) -> Array:
@@ -182,26 +183,31 @@ class System:
     def start(
         self, tensions: Array, strains: Array, load: float = 0.0, pressed: Array | None = None
     ) -> Array:
-        """Return the states (n_states,) of strains at the stages (N stages, strains).
+        """Return the states (..., n_states) of strains at the stages (..., N stages, strains).
 
-        Poses follow from the base on, forces and moments from the tip on; with the forces `pressed`
-        (N, contacts) of obstacles on the nodes but the base, if given [N].
+        Of an arm or of many, tensions (..., n_tendons). Poses follow from the base on, forces and
+        moments from the tip on; with the forces `pressed` (N, contacts) of obstacles on the nodes
+        but the base, if given [N].
         """
         of, m = self.of, self.of.form.stages
-        x = self.x(tensions, load, np.zeros(of.n_states))
-        states = x[of.first :]
-        states[of.stages], states[of.nodes[:, :POSE]] = strains, self.marched(strains)
+        x = self.x(tensions, load, np.zeros((*tensions.shape[:-1], of.n_states)))
+        states = x[..., of.first :]
+        states[..., of.stages] = strains
+        by_arm = strains.reshape(-1, *strains.shape[-2:])
+        poses = np.array([self.marched(each) for each in by_arm])
+        states[..., of.nodes[:, :POSE]] = poses.reshape(*tensions.shape[:-1], *poses.shape[1:])
         if pressed is not None:
-            states[of.touches[1:, :, 0]] = pressed
+            states[..., of.touches[1:, :, 0]] = pressed
         if of.form.friction:
             slope = np.arange(1, m) * gauss(m).c[:, None] ** np.arange(m - 1)
-            by_stage = strains.reshape(self.mesh.steps, m, -1)
+            by_stage = strains.reshape(*tensions.shape[:-1], self.mesh.steps, m, -1)
             rates = slope @ gauss(m).powers[1:] @ by_stage / np.diff(self.mesh.s)[:, None, None]
-            states[of.rates] = rates.reshape(len(strains), -1)
-            states[of.turned] = np.cumsum(-self.residual(x)[of.turned], axis=0)
+            states[..., of.rates] = rates.reshape(strains.shape)
+            states[..., of.turned] = np.cumsum(-self.residual(x)[..., of.turned], axis=-2)
         for first in range(POSE, POSE + of.form.wrench, 3)[::-1]:
             places = of.nodes[:, first : first + 3]
-            states[places] = np.cumsum(-self.residual(x)[places][::-1], axis=0)[::-1]
+            unmet = self.residual(x)[..., places]
+            states[..., places] = np.cumsum(-unmet[..., ::-1, :], axis=-2)[..., ::-1, :]
         return states
 
 

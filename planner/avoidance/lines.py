@@ -16,7 +16,8 @@ from model.clearance.pieces import Spread
 from model.cross_section import cross_section_of
 from model.cross_section.sections import Sections, strains_of
 from model.effects import PrintedStatics
-from model.equilibrium.newton import STAGES, Collocation, newton
+from model.equilibrium.load_steps import Collocation
+from model.equilibrium.newton import STAGES, Start, newton
 from model.errors import InputError, OctoplanError
 from model.forward import explicit_map
 from model.loads import is_loaded
@@ -98,9 +99,9 @@ class Lines:
             way = self._tensions[b] - self._tensions[a]
             share = (tensions - self._tensions[a]) @ way / max(float(way @ way), SMALLEST)
             guess = self._states[a] + np.clip(share, 0, 1) * (self._states[b] - self._states[a])
-            point = newton(forward.system, tensions, 1.0, guess)
+            (point,) = newton(forward.system, [Start(tensions, 1.0, guess)])
         with suppress(OctoplanError):
-            point = point or forward.from_rest(tensions)
+            point = point or forward.solve(tensions)
         if point is None:
             return None
         self._tensions = np.vstack([self._tensions, tensions])

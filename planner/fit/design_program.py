@@ -22,7 +22,7 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.equilibrium.newton import Collocation
+from model.equilibrium.load_steps import Collocation
 from model.errors import InputError
 from model.paths import Array
 from model.progress import check_time

@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from model import InputError, OctoplanError, settle
 from model.by_lengths import tightened
 from model.equilibrium.linearised import Linearised, check_stretch
-from model.equilibrium.newton import Collocation
+from model.equilibrium.load_steps import Collocation
 from model.equilibrium.sensitivities import ByNumbers
 from model.paths import Array
 from model.transcription.layout import POSE
@@ -197,7 +197,7 @@ class SessionEquations:
         """
         shape = self.experiment.shapes[i]
         try:
-            result = Collocation(self.system).from_rest(self.tensions(shape), looser)
+            result = Collocation(self.system).solve(self.tensions(shape), looser=looser)
             check_stretch(result)
         except OctoplanError as reason:
             return reason

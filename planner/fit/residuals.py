@@ -18,7 +18,8 @@ import numpy as np
 
 from model import OctoplanError
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import CLOSE, Collocation, newton
+from model.equilibrium.load_steps import Collocation
+from model.equilibrium.newton import CLOSE, Start, newton
 from model.equilibrium.sensitivities import ByNumbers, along
 from model.machine.functions import Mapped, built
 from model.paths import Array
@@ -170,10 +171,10 @@ class Evaluation:
             T = tensions if shape.by_length else to.tensions(shape)
             of, near = before.system.of, None
             if to.system.of is not of:
-                states = Collocation(to.system).carried(T, before)
+                states = Collocation(to.system).carried(T[None], [before])[0]
             elif np.abs(states - before.states)[of.nodes[:, :4]].max() < CLOSE:
                 near = before
-            end = newton(to.system, T, 1.0, states, near=near, looser=LOOSER)
+            (end,) = newton(to.system, [Start(T, 1.0, states, near, LOOSER)])
             reached[i] = to.held(shape, end or OctoplanError("it jumps"))
         return Evaluation.of(experiment, values, at, reached)
 

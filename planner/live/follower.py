@@ -19,7 +19,8 @@ from scipy.optimize import lsq_linear
 from model.arm import Arm
 from model.compliance import at_node
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import STAGES, Collocation, newton
+from model.equilibrium.load_steps import Collocation
+from model.equilibrium.newton import STAGES, Start, newton
 from model.equilibrium.stability import stability_slope, stands
 from model.errors import OctoplanError, SingularError
 from model.forward import by_collocation
@@ -202,8 +203,8 @@ class Follower:
 
     def _near(self, forward: Collocation, now: Linearised, tensions: Array) -> Shape | None:
         """Return the shape on a mesh near the one now; None where none stands there."""
-        guess, shape = forward.carried(tensions, now), self.shape
-        point = newton(forward.system, tensions, 1.0, guess, looser=_LOOSER)
+        guess, shape = forward.carried(tensions[None], [now])[0], self.shape
+        (point,) = newton(forward.system, [Start(tensions, 1.0, guess, looser=_LOOSER)])
         if point is None or not stands(point):
             return None
         return Shape(shape.arm, shape.scene, ACCURACY, point, shape.refinement)

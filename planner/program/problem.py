@@ -24,7 +24,8 @@ from scipy.sparse import csc_array
 
 from model.arm import Arm
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import STAGES, Collocation, newton
+from model.equilibrium.load_steps import Collocation
+from model.equilibrium.newton import STAGES, Start, newton
 from model.equilibrium.stability import stands
 from model.errors import OctoplanError
 from model.loads import is_loaded
@@ -159,7 +160,7 @@ class Problem:
             states = self.forward.without_loads(tensions)
             if soon and is_loaded(self.scene):
                 with suppress(OctoplanError, np.linalg.LinAlgError):
-                    equilibrium = newton(self.forward.system, tensions, 1.0, states)
+                    (equilibrium,) = newton(self.forward.system, [Start(tensions, 1.0, states)])
                     states = states if equilibrium is None else equilibrium.states
             return self.closed(tensions, states)
         return self.closed(tensions, self.forward.without_loads(np.zeros(self.arm.n_tendons)))

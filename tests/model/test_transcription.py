@@ -19,7 +19,7 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.equilibrium.newton import Collocation
+from model.equilibrium.load_steps import Collocation
 from model.equilibrium.verification import verified
 from model.transcription.system import System, system
 from tests.differences import Array, check_rows, fourth_order

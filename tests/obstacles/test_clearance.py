@@ -10,7 +10,8 @@ from model.centreline import Centreline
 from model.clearance import clearance
 from model.clearance.nearest import BASE, ITSELF, clearances
 from model.effects import Buoyancy, Extension, TipLoad, Weight
-from model.equilibrium.newton import STAGES, Collocation
+from model.equilibrium.load_steps import Collocation
+from model.equilibrium.newton import STAGES
 from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from model.transcription.system import system
 from tests.model.cases import paper_tensions
