@@ -120,9 +120,6 @@ class Maps:
         What it leaves of the tip's error over the arm's length.
     lever : float
         How far off the tip the error is looked at as well [m]: loads can twist a straight arm.
-    by_sections : bool
-        Whether strains that are no numbers say that a section has no equilibrium; as printed they
-        may be those of a step that is too long.
     """
 
     def __init__(self, arm: Arm, scene: Scene, scheme: str, machine_code: bool) -> None:
@@ -134,7 +131,6 @@ class Maps:
             self.order, self.rounding = explicit.order, ROUNDING
         self.contacts, self.least_order = contacts(scene), convergence_order(scene, self.order)
         self.lever = arm.base_radius * is_loaded(scene)
-        self.by_sections = not scene.has(PrintedStatics)
         self._kept: dict[int, ForwardMap] = {}
 
     def on(self, refinement: int, at: tuple[float, ...] = ()) -> ForwardMap:

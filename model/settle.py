@@ -229,7 +229,9 @@ def _settled(
             if math.isnan(tip[4]):
                 check_stretch(point)
         except (SnapError, UnsettledContactError, UnsettledSectionError) as problem:
-            in_closed_form = isinstance(problem, UnsettledSectionError) and maps.by_sections
+            # As printed strains may be no numbers where a step is too long.
+            printed = maps.scene.has(PrintedStatics)
+            in_closed_form = isinstance(problem, UnsettledSectionError) and not printed
             slow = bool(maps.contacts) and time.process_time() - begun > PATIENCE
             if refinement >= _COARSE or in_closed_form or slow:
                 raise
@@ -242,10 +244,8 @@ def _settled(
         if not isinstance(point, Touching) or point.before is None:
             near = point
         if coarse:
-            gap = math.dist(tip[4:], before[4:])
-            if maps.lever:
-                gap = max(gap, 2 * maps.lever * math.dist(tip[:4], before[:4]))
-            gap /= maps.arm.length
+            turned = 2 * maps.lever * math.dist(tip[:4], before[:4])
+            gap = max(math.dist(tip[4:], before[4:]), turned) / maps.arm.length
             error = estimate(gap, coarse, refinement, maps.least_order, maps.rounding)
             LOG.debug("%s, mesh %d: estimated tip error %.1e of L", maps.scheme, refinement, error)
             if error <= accuracy:
