@@ -35,8 +35,8 @@ from model.transcription.system import System
 # First, least and longest step in the load factor; with friction: where a point rolls, that is not
 # to count as slip.
 _STEPS, _WITH_FRICTION = (1 / 4, 1 / 16, 1.0), (1 / 8, 1 / 128, 1 / 8)
-# How often nodes or pairs are exchanged; forces of an interior point alone, over the largest.
-EXCHANGES, _NONE = 8, 1e-5
+# How often nodes or pairs are exchanged.
+EXCHANGES = 8
 # How often forces without a potential are updated in a step: places are refined with them in full.
 _ROUNDS = 3
 # How far frames turn off an unstable equilibrium at first [rad].
@@ -171,9 +171,10 @@ def _least(request: Request, near: Linearised) -> Linearised | None:
     minimum = program.least(program.near(near.tensions, strains), *to, rounds=_ROUNDS)
     if minimum is None:
         return None
-    touches, largest = Touches.of(system), max(minimum.forces.max(), program.force_unit)
-    touches.held[1:] = minimum.forces > _NONE * largest
-    states = program.states(minimum, request.load)
+    touches, states = Touches.of(system), program.states(minimum, request.load)
+    gaps, L = gaps_along(system, states, 1)[1], system.arm.length
+    # Of an interior point, what touches has the larger force, and what does not the larger gap.
+    touches.held[1:] = minimum.forces / program.force_unit > gaps / L
     return Linearised(touches.on(system), system.x(minimum.tensions, request.load, states))
 
 
