@@ -26,7 +26,7 @@ from model.paths import Array
 from model.progress import check_time
 from model.shape import Shape
 from planner.program.problem import KKT_TOLERANCE, Bounds, Candidate, Problem
-from planner.solve.ipopt import MAGNIFIED, Purpose, solve
+from planner.solve.ipopt import MAGNIFIED, solve
 
 # Corrections and meshes that are tried; the part of the accuracy that a defect may be off by, and
 # of what optimality is held to.
@@ -62,7 +62,7 @@ def refine(candidate: Candidate) -> Candidate | None:
                 of_effort = problem.statement.mode == "exact" and not of_stiffness
                 if of_effort or corrected.residual <= KKT_TOLERANCE / PART:
                     return last
-            candidate = replace(polish(corrected), defect=corrected.defect)
+            candidate = polish(corrected)
             if not candidate.met:
                 return last
         return last
@@ -123,9 +123,8 @@ def polish(
 
     An interior-point method stops a little inside of them. Those whose multipliers exceed their
     distance are fixed there, and the program is solved once more, warm. Multipliers of the wrong
-    sign tell which are let go again. All are where too few are
-    left to meet the targets; where even that leads nowhere it is solved afresh, unless the start is
-    to stay `warm`, and if that fails the last optimum is kept.
+    sign tell which are let go again. All are where too few are left to meet the targets, and it is
+    solved afresh, unless the start is to stay `warm`; if that fails the last optimum is kept.
     """
     problem, begun = candidate.problem, candidate
     p = problem.parameters(defect=candidate.defect) if p is None else p
@@ -133,21 +132,18 @@ def polish(
     x, pull = candidate.x[:n], candidate.lam_x[:n] * MAGNIFIED
     at_low, at_high = x - lbx[:n] < -pull, ubx[:n] - x < pull
     even = lbx[:n] == ubx[:n]
-    purpose: Purpose = "polish"
     for _ in range(4):
         low, high = lbx.copy(), ubx.copy()
         high[:n] = np.where(at_low, lbx[:n], ubx[:n])
         low[:n] = np.where(at_high & ~at_low, ubx[:n], lbx[:n])
-        guess = np.clip(candidate.x, low, high)
-        lam = candidate.lam_x, candidate.lam_g
-        trial = solve(problem, guess, p, (low, high, lbg, ubg), lam, purpose)
+        lam, guess = (candidate.lam_x, candidate.lam_g), np.clip(candidate.x, low, high)
+        trial = solve(problem, guess, p, (low, high, lbg, ubg), lam, "polish")
         if not trial.met:
-            if not (at_low | at_high).any():
-                last = trial if warm else solve(problem, candidate.x, p, (lbx, ubx, lbg, ubg))
-                return last if last.met or candidate is begun else candidate
             at_low[:] = at_high[:] = False
-            purpose = "near"
-            continue
+            again = (lam, "near") if warm else (None, "search")
+            trial = solve(problem, candidate.x, p, (lbx, ubx, lbg, ubg), *again)
+        if not trial.met:
+            return trial if candidate is begun else candidate
         # It takes unknowns that are fixed for numbers.
         _, gradient, _, J = problem.program.evaluate(trial.x, problem.with_mode(trial.x, p))
         slope, lam_x = gradient + J.T @ trial.lam_g, trial.lam_x.copy()
@@ -157,6 +153,7 @@ def polish(
             lam_x=lam_x,
             iterations=candidate.iterations + trial.iterations,
             solver=candidate.solver,
+            defect=candidate.defect,
         )
         wrong = ~even & ((at_low & (lam_x[:n] > 0)) | (at_high & (lam_x[:n] < 0)))
         if not wrong.any():

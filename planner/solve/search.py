@@ -26,7 +26,7 @@ from model.paths import Array
 from model.progress import OutOfTime, check_time, tell
 from planner.program.problem import KKT_TOLERANCE, SEARCHED, Candidate, Problem
 from planner.program.terms import LOW_PRIORITY
-from planner.question import Mode
+from planner.question import Mode, Statement
 from planner.solve.fatrop import solve as by_stages
 from planner.solve.guesses import POINT, drawn_arms, initial_guesses
 from planner.solve.ipopt import solve
@@ -40,7 +40,7 @@ from planner.task import SearchResult, Task, Trial, agreed
 AGREED = 2
 # What unstable optima are held to, one after the other, where the arm comes to another shape from
 # rest; the first is what any are held to by default.
-_FLOORS = (0.01, 0.1, 0.3)
+_FLOORS = (Statement.floor, 0.1, 0.3)
 # Programs that hold a mode of an optimum, one after the other.
 _HOLDS = 6
 _PHASES: dict[Mode, str] = {

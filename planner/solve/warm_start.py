@@ -90,7 +90,7 @@ def _continued(near: Answer, task: Task) -> tuple[Candidate, float] | None:
         trial = min(1.0, fraction + step)
         p, lag = first + trial * (last - first), (1 - trial) * rise
         bounds = lbx - lag, np.where(lbx == ubx, ubx - lag, ubx), lbg, ubg
-        following = replace(polish(current, p, bounds, warm=True), defect=origin.defect)
+        following = polish(current, p, bounds, warm=True)
         jumps = jump(current.tensions, following.tensions, begin.tensions) > 0
         if following.met and (step <= _LEAST_STEP or not jumps):
             left |= jumps
