@@ -54,11 +54,6 @@ class Integration:
         Tensions, load factor and states.
     parts : (P,), (P,)
         Elements, and the shares of them that are integrated; all of each unless given.
-
-    Attributes
-    ----------
-    by_stages : (..., P, n)
-        The strains of the polynomials through the stages of collocation.
     """
 
     def __init__(
@@ -77,7 +72,6 @@ class Integration:
         self._h = reach[:, None] * self._length / substeps
         self._shape = self._share.shape
         self._dead, self._drag = load * dead, drag * np.array([load, 1, 1, 1])[: drag.shape[-1]]
-        self.by_stages = self._through_stages(gauss(of.form.stages).at(self._share), of.stages)
         if of.form.friction:
             self._friction = load * friction_coefficients(system.arm, system.scene)
             # Derivatives of the strains along s, by the polynomials through the stages.
@@ -95,11 +89,22 @@ class Integration:
         rows = self._states[places].reshape(self._system.of.elements, self._form.stages, -1)
         return np.asarray(np.einsum("...pm,pmn->...pn", weights, rows[self._elements]))
 
-    def within(self, strains: Array) -> Array:
-        """Return those of the polynomials through others (nodes, P, n) that are one step's."""
-        powers = np.arange(len(strains))
+    def begin(self, before: Array | None = None) -> Array:
+        """Return strains (..., P, n) to begin with.
+
+        Where nothing couples the cross-sections what each has by itself: near places where one is
+        all but crushed no polynomial is near enough. Else of the polynomials through the stages of
+        collocation, or through those of one step an element `before` (nodes, P, n).
+        """
+        of = self._system.of
+        if not (of.form.loaded or of.form.friction):
+            alone = self._sections.unloaded(self._x[None, : of.n_tendons])
+            return alone.reshape(*self._shape, -1)
+        if before is None:
+            return self._through_stages(gauss(of.form.stages).at(self._share), of.stages)
+        powers = np.arange(len(before))
         basis = self._share[:, :, :1] ** powers @ np.linalg.inv(_SAMPLES[:, None] ** powers)
-        return np.asarray(np.tensordot(basis, strains, 1))
+        return np.asarray(np.tensordot(basis, before, 1))
 
     def run(self, v: Array, known: Array | None = None) -> tuple[Array, Array]:
         """Return pose, wrench and turning where the parts end (P, n), and strains (..., P, n).
@@ -258,7 +263,7 @@ def poses_and_strains(system: System, x: Array, s: Array) -> tuple[Array, Array]
     at_nodes = x[system.of.first + system.of.nodes[elements + 1, : POSE + system.of.form.wrench]]
     known = np.where(reach[:, None] < 1, np.nan, at_nodes)
     parts = Integration(system, x, 1, (elements, reach))
-    y, strains = parts.run(parts.by_stages, known)
+    y, strains = parts.run(parts.begin(), known)
     return y[:, :POSE], strains[-1, -1]
 
 

@@ -35,8 +35,7 @@ def verified(point: Linearised, accuracy: float) -> tuple[Linearised, float]:
     for substeps in SUBSTEPS:
         check_time()
         x, elements = point.x.copy(), Integration(system, point.x, substeps)
-        begin = elements.by_stages if strains is None else elements.within(strains)
-        y, first = elements.run(begin)
+        y, first = elements.run(elements.begin(strains))
         strains = first[0] if strains is None else strains
         x[system.of.first :] -= point.solve(_defects(point, y))
         poses = system.poses(x[system.of.first :]) / scale

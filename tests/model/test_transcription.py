@@ -107,3 +107,14 @@ def test_what_verifies_an_equilibrium_corrects_a_coarse_one(name: str, arm: str)
     assert np.linalg.norm(fine - wanted) < 1e-7 * given.length
     with pytest.raises(ConvergenceError, match="rk8"):
         verified(here, 1e-17)
+
+
+def test_an_arm_that_is_all_but_crushed_is_integrated() -> None:
+    """Strains there change faster along the arm than any polynomial through those of elements."""
+    arm, scene = Arm.from_paper("table-4"), Scene(Extension(), ExactTendons())
+    T = np.array([0.306, 0.335, 0.66, 0.343, 0.015, 4.82, 5.377, 0.075, 2.965, 0, 0, 2.958])
+    collocation = Collocation(system(arm, scene, 3, 16, (), False))
+    here = collocation.solve(T)
+    corrected, error = verified(here, 1e-6)
+    assert error <= 1e-6
+    assert corrected.poses[-1, 4:] == pytest.approx(here.poses[-1, 4:], abs=1e-3 * arm.length)
