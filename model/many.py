@@ -14,18 +14,19 @@ from numpy.typing import NDArray
 from model.arm import Arm
 from model.checks import LARGEST
 from model.cross_section.sections import LEAST_STRETCH
-from model.effects import SelfContact
+from model.effects import ExactTendons, SelfContact
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_steps import Collocation
 from model.errors import CollapsedError, InputError, OctoplanError, UnsettledSectionError
 from model.forward import Maps, checked_accuracy, estimate, first_pair, maps_of, next_refinement
-from model.loads import contacts
+from model.loads import contacts, is_loaded
 from model.machine.compiled import Compile, checked_compile
 from model.paths import Array
 from model.progress import check_time
 from model.rotations import matrices
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, loosest, settle
+from model.shape import at_ends
 from model.text import MOST_LINES, columns, counted, shortened_lines
 from model.winches import pulls
 
@@ -75,7 +76,7 @@ def _side_by_side(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
     """Return the poses (M, 7) of tips under tensions (M, n_tendons), and errors (M,).
 
     Only those that a mesh does not settle go on to a finer one. Errors are nan of those that are to
-    be settled alone: what is crushed, or has no equilibrium, or none on a first mesh.
+    be settled alone: what is crushed or folded, or has no equilibrium, or none on a first mesh.
     """
     coarse, fine = first_pair(accuracy, maps.order)
     poses, errors = np.zeros((len(T), 7)), np.full(len(T), np.nan)
@@ -110,6 +111,10 @@ def _side_by_side(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
         last[now], alone = refinement, now[~(least > LEAST_STRETCH)]
         wanted[alone], errors[alone] = 0, np.nan
     errors[~(errors <= accuracy)] = np.nan
+    settled = np.flatnonzero(np.isfinite(errors))
+    if settled.size and maps.scene.has(ExactTendons) and not is_loaded(maps.scene):
+        at = at_ends(maps.arm, maps.scene, maps.on(fine).mesh)
+        errors[settled[at.folds(at.unloaded(T[settled])).any(axis=1)]] = np.nan
     return poses, errors
 
 

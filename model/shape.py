@@ -25,6 +25,7 @@ from model.equilibrium.stability import stability
 from model.errors import InputError
 from model.forward import by_collocation
 from model.loads import is_loaded
+from model.mesh import Mesh
 from model.paths import SAME, Array, Mask
 from model.rotations import matrices
 from model.scene import Scene
@@ -139,10 +140,7 @@ class Shape(Shown):
         """
         if is_loaded(self.scene) or not self.scene.has(ExactTendons):
             return None
-        law = cross_section_of(self.scene, self.arm.is_curved, loaded=False)
-        s, active = self.s, self.equilibrium.mesh.active
-        ends = np.column_stack([s[:-1], s[1:]]).ravel()
-        at = Sections(self.arm, self.scene, law, ends, np.repeat(active, 2))
+        at = at_ends(self.arm, self.scene, self.equilibrium.mesh)
         crushed = at.crushed(at.strains(self.tensions))
         return crushed.s if crushed else None
 
@@ -296,6 +294,13 @@ class Shape(Shown):
 
 # How deep parts may be in each other, over the arm's length: what contact of them leaves.
 _TOUCHES = 1e-6
+
+
+def at_ends(arm: Arm, scene: Scene, mesh: Mesh) -> Sections:
+    """Return the cross-sections at both ends of the elements of a mesh, without loads."""
+    ends = np.column_stack([mesh.s[:-1], mesh.s[1:]]).ravel()
+    law = cross_section_of(scene, arm.is_curved, loaded=False)
+    return Sections(arm, scene, law, ends, np.repeat(mesh.active, 2))
 
 
 def sharp(shape: Shape) -> str:

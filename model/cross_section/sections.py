@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from model.arm import Arm
 from model.cross_section.energy import EnergySection
@@ -128,14 +129,23 @@ class Sections:
 
         None where they do so nowhere: only exact tendons come to that.
         """
-        if not isinstance(self.law, EnergySection):
-            return None
-        short = self.place[self.speeds(strains)[:, 0] <= LEAST_STRETCH]
+        short = self.place[self.folds(strains[None])[0]]
         if not short.size:
             return None
         i = int(short.min())
         stretch = 1 + reported(self.law, strains[i : i + 1])[0, 3]
         return CollapsedError(float(self.s[i]), float(stretch))
+
+    def folds(self, strains: Array) -> NDArray[np.bool_]:
+        """Return whether tendons have no length left at their crossings (M, P).
+
+        By strains (M, N, n) of many arms. Only exact tendons come to that.
+        """
+        if not isinstance(self.law, EnergySection):
+            return np.zeros((len(strains), self.place.size), dtype=bool)
+        v = strains[:, self.place].reshape(-1, strains.shape[-1])
+        lengths = self._kernel(_run, v, self.paths.T)[:, 0].reshape(len(strains), -1)
+        return np.asarray(lengths <= LEAST_STRETCH)
 
     def balance(self, v: Array, tensions: Array) -> Balance:
         """Return the wrenches of body and tendons at strains v (N, n), and their derivatives.
