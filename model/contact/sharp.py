@@ -32,7 +32,6 @@ from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_steps import carried_strains, predicted
 from model.equilibrium.newton import FOLLOWED, STEPS_IN_CONTACT, Start, newton
 from model.loads import contacts
-from model.mesh import Mesh
 from model.obstacles.base import SIZE
 from model.paths import SAME, Array
 from model.transcription.system import System
@@ -114,10 +113,9 @@ def sharpened(
         if point is None:
             return None
         after = [Place(place.obstacle, *_refined(request, point, place)) for place in places]
-        refined = _joined(after, point.system.mesh)
-        # How far places move [m]; infinite where there are fewer.
-        same = len(refined) == len(places)
-        off = float(np.abs(np.subtract(refined, places)).max(initial=0.0)) if same else np.inf
+        refined = tuple(sorted(after))
+        # How far places move [m].
+        off = float(np.abs(np.subtract(refined, places)).max(initial=0.0))
         near, settled = point, off <= _OFF * request.base.arm.length
         if settled or last / 2 < off < _NEAR * np.diff(point.system.mesh.s).max():
             exchanged = _exchanged(request, point, places, settled)
@@ -245,7 +243,7 @@ def _exchanged(of: Request, point: Linearised, places: Places, settled: bool) ->
         for place in read_off(system, presses, touches.lies > 0, pressed)
     ]
     new = least_gaps(system, point.x, places) if tuple(kept) == places else ()
-    return _joined([*kept, *new], system.mesh)
+    return tuple(sorted([*kept, *new]))
 
 
 def _bent(of: Request, point: Linearised, place: Place) -> Place:
@@ -263,18 +261,3 @@ def _bent(of: Request, point: Linearised, place: Place) -> Place:
     elif s in of.corners:
         bends = False
     return Place(j, s - half, min(s + half, L)) if bends and not place.lies else place
-
-
-def _joined(places: list[Place], mesh: Mesh) -> Places:
-    """Return places in order, points next to a part that lies on the same obstacle within it."""
-    joined = list[Place]()
-    for place in sorted(places):
-        last = joined[-1] if joined else place
-        k = mesh.node(last.end)
-        near = last.end + (mesh.s[min(k + 1, mesh.steps)] - mesh.s[k]) / 10
-        alike = last.obstacle == place.obstacle and (last.lies or place.lies)
-        if joined and alike and place.start <= near:
-            joined[-1] = Place(place.obstacle, last.start, max(place.end, last.end))
-        else:
-            joined.append(place)
-    return tuple(joined)
