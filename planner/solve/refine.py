@@ -50,7 +50,7 @@ def refine(candidate: Candidate) -> Candidate | None:
         for correction in range(CORRECTIONS):
             check_time()
             begins = not correction and is_loaded(task.scene)
-            corrected, change = _corrected(candidate, begins)
+            corrected, change = _corrected(candidate, begins, enough)
             if corrected is None:
                 return None
             if change <= enough and begins:
@@ -69,11 +69,11 @@ def refine(candidate: Candidate) -> Candidate | None:
     return None
 
 
-def _corrected(candidate: Candidate, begins: bool) -> tuple[Candidate | None, float]:
+def _corrected(candidate: Candidate, begins: bool, enough: float) -> tuple[Candidate | None, float]:
     """Return a candidate with the defect of its shape, and how much that differs from the last.
 
-    Where it is large on a finer mesh, which differs by any amount. None where the shape is another
-    one, and where there is no such mesh.
+    Where it is large, and differs by more than is enough, on a finer mesh, which differs by any
+    amount. None where the shape is another one, and where there is no such mesh.
     """
     problem, before = candidate.problem, candidate.defect
     try:
@@ -82,8 +82,8 @@ def _corrected(candidate: Candidate, begins: bool) -> tuple[Candidate | None, fl
         return replace(candidate, defect=stretched(problem, candidate.x, crushed)), np.inf
     error = defect(problem, candidate.x, shape)
     size = _defect_size(problem, error)
-    if size <= _ROUGH:
-        change = np.inf if before is None else _defect_size(problem, error - before)
+    change = np.inf if before is None else _defect_size(problem, error - before)
+    if size <= _ROUGH or change <= enough:
         return replace(candidate, defect=error), change
     order, mesh = convergence_order(problem.scene, 2 * STAGES), problem.statement.refinement
     finer = next_refinement(mesh, size, _ROUGH, order) if size <= _ELSEWHERE else None
