@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from itertools import zip_longest
 from typing import Any, TypeVar
@@ -180,6 +180,19 @@ def pair_for(wanted: float, finest: float) -> tuple[int, int]:
 def estimate(gap: Any, coarse: Any, fine: int, order: int, rounding: float = ROUNDING) -> Any:
     """Return the tip error over L of the finer of two meshes whose tips are a gap apart, over L."""
     return CAUTION * gap / ((fine / coarse) ** order - 1) + rounding
+
+
+def estimated(gaps: Sequence[tuple[float, int, int]], order: int, rounding: float) -> float:
+    """Return the estimated error of the last mesh, over L, by the gaps from mesh to mesh.
+
+    Gaps are with the refinements of both meshes. By the larger one of the last two, as far as the
+    order lowers it: where solutions have kinks a gap may be small by chance, by where nodes are.
+    """
+    fine, errors = gaps[-1][2], list[float]()
+    for gap, coarse, refinement in gaps[-2:]:
+        scale = (refinement / fine) ** order
+        errors.append(scale * estimate(gap, coarse, refinement, order, rounding=0.0))
+    return max(errors) + rounding
 
 
 def refined(

@@ -32,6 +32,8 @@ from model.units import length_text
 
 _LOADS = (Contact, Current, Friction, PointLoad, PointMass, Shear, TipLoad, Weight)
 _NAMES = tuple(kind.__name__ for kind in _LOADS)
+# Those that may bend an arm to the other side than its tendons do.
+_BENDING = tuple(kind for kind in _LOADS if kind not in (Friction, Shear))
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
@@ -53,13 +55,16 @@ def is_conservative(scene: Scene) -> bool:
 def convergence_order(scene: Scene, order: int, derivatives: bool = False) -> int:
     """Return the order at which errors in a scene fall; `order` is that where all is smooth.
 
-    Tendon friction leaves one less, where a fine mesh is needed to see it; friction of a part that
+    Tendon friction leaves one less, where a fine mesh is needed to see it; under loads, where an
+    arm may bend to both sides, how fast a tendon turns has a kink between. Friction of a part that
     lies on an obstacle acts at nodes. Where a current runs along the arm its load |v_n| v_n has a
-    kink in its derivative, and the `derivatives` of the equilibrium have one themselves.
+    kink in its derivative. Of `derivatives` of the equilibrium there is one order less.
     """
     orders = [order - scene.has(Friction)]
     if any(contact.friction for contact in contacts(scene)):
         orders.append(2)
+    if scene.has(Friction) and scene.has(*_BENDING):
+        orders.append(1 if derivatives else 2)
     if scene.has(Current):
         orders.append(2 if derivatives else 3)
     return min(orders)

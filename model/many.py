@@ -80,7 +80,8 @@ def _side_by_side(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
     """
     coarse, fine = first_pair(accuracy, maps.order)
     poses, errors = np.zeros((len(T), 7)), np.full(len(T), np.nan)
-    last, wanted = np.zeros(len(T), int), np.full(len(T), coarse)
+    estimates, last = np.zeros(len(T)), np.zeros(len(T), int)
+    wanted = np.full(len(T), coarse)
     near = dict[int, Linearised]()
     while wanted.any():
         check_time()
@@ -104,7 +105,10 @@ def _side_by_side(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
             moved = np.linalg.norm(poses[now, 4:] - before[:, 4:], axis=1)
             turned = 2 * np.linalg.norm(poses[now, :4] - before[:, :4], axis=1)
             gap = np.maximum(moved, maps.lever * turned) / maps.arm.length
-            errors[now] = estimate(gap, last[now], refinement, maps.least_order, maps.rounding)
+            order = maps.least_order
+            scaled = estimates[now] * (last[now] / refinement) ** order
+            estimates[now] = estimate(gap, last[now], refinement, order, rounding=0.0)
+            errors[now] = np.maximum(estimates[now], scaled) + maps.rounding
             wanted[now], late = 0, now[~(errors[now] <= accuracy)]
             finer = partial(next_refinement, refinement, accuracy=accuracy, order=maps.least_order)
             wanted[late] = [*map(finer, errors[late].tolist())]

@@ -35,7 +35,7 @@ from model.forward import (
     COARSE,
     Maps,
     checked_accuracy,
-    estimate,
+    estimated,
     first_pair,
     maps_of,
     next_refinement,
@@ -215,7 +215,7 @@ def _settled(
     refinement, fine = first_pair(accuracy, maps.order)
     looser = loosest(accuracy)
     coarse, before, error, snaps = 0, list[float](), np.inf, tuple[float, ...]()
-    last = np.inf
+    gaps = list[tuple[float, int, int]]()
     begun = time.process_time() if maps.contacts else 0.0
     while refinement:
         check_time()
@@ -247,18 +247,16 @@ def _settled(
         if coarse:
             turned = 2 * maps.lever * math.dist(tip[:4], before[:4])
             gap = max(math.dist(tip[4:], before[4:]), turned) / maps.arm.length
-            error = estimate(gap, coarse, refinement, maps.least_order, maps.rounding)
+            gaps.append((gap, coarse, refinement))
+            error = estimated(gaps, maps.least_order, maps.rounding)
             LOG.debug("%s, mesh %d: estimated tip error %.1e of L", maps.scheme, refinement, error)
-            # Where strains jump along the arm the order is one, and errors go up and down with
-            # where the nodes are: the larger one of two meshes counts.
-            first = estimate(gap, coarse, refinement, 1, maps.rounding)
-            worst, last = max(first, last * coarse / refinement), first
             if error <= accuracy:
                 check_stretch(point)
                 shape = Shape(maps.arm, maps.scene, error, point, refinement, snaps=snaps)
                 if point.extremes.bend <= 1 or shape.folded is None:
                     return shape
-                error = worst
+                # Strains jump along the arm, and one gap by itself says little.
+                error = estimated(gaps, 1, maps.rounding) if len(gaps) > 1 else np.inf
                 if error <= accuracy:
                     return replace(shape, error=error)
         before, coarse = tip, refinement

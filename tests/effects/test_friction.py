@@ -10,7 +10,7 @@ import pytest
 from numpy.polynomial import Chebyshev
 
 from model import Anchorage, Arm, Linear, Scene, Shape, settle
-from model.effects import ExactTendons, Extension, Friction, TipLoad, Weight
+from model.effects import Buoyancy, ExactTendons, Extension, Friction, TipLoad, Weight
 from tests.effects.bars import capstan, one_tendon
 from tests.effects.cases import Array
 
@@ -209,3 +209,23 @@ def test_friction_keeps_no_arm_from_settling(mu: float) -> None:
     for _ in range(60):
         T = rng.uniform(size=(3, 4)) * [[0.1], [1], [3]] * (rng.uniform(size=(3, 4)) < 0.4)
         assert settle(arm, T, Scene(Extension(), Friction(mu)), 1e-7).error <= 1e-7
+
+
+@pytest.mark.parametrize(
+    ("arm", "pulled", "accuracy"),
+    [
+        ("section-5.2", {3: 1.3088}, 1e-6),
+        ("section-5.2", {3: 0.8494}, 1e-4),
+        ("table-4", {3: 0.4773, 5: 0.5606, 9: 20.1486}, 1e-5),
+    ],
+)
+def test_errors_are_true_where_an_arm_bends_to_both_sides(
+    arm: str, pulled: dict[int, float], accuracy: float
+) -> None:
+    """How fast tendons turn has a kink between, and estimates counted on order five."""
+    scene, given = Scene.silicone(Weight(), Buoyancy(), Friction(0.1)), Arm.from_paper(arm)
+    T = np.zeros(given.n_tendons)
+    T[[*pulled]] = [*pulled.values()]
+    shape, fine = (settle(given, T, scene, each) for each in (accuracy, 1e-2 * accuracy))
+    gap = np.linalg.norm(shape.tip - fine.tip) / given.length
+    assert gap <= shape.error + fine.error <= 1.01 * accuracy
