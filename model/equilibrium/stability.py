@@ -11,6 +11,7 @@ spread along the tendons are held as they are.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import lru_cache
 from typing import Literal
 
@@ -32,6 +33,8 @@ from model.transcription.system import System
 # Of Arnoldi's method, vectors for each mode and restarts; the tolerance of an eigenvalue alone,
 # whose error is the square of that where the Hessian is symmetric, and of one whose sign matters.
 _VECTORS, _RESTARTS, _CLOSE, _ROUGH = 40, 10, 1e-8, 1e-2
+# So many times as many of both are tried before all of a matrix, which on fine meshes is too large.
+_MANY = 1, 4
 # Reciprocals nearer to 0 are rounding, and the 0 of contacts; over the largest of the whole matrix.
 _NONE, _ZERO = 1e-4, 1e-12
 # How many more eigenvalues are looked at where they may be complex: the least real part need not be
@@ -263,11 +266,13 @@ def _reciprocals(
 
     n = stiff.size
     operator, start = LinearOperator((n, n), matvec=inverse), np.random.default_rng(0)
-    size = {"ncv": min(_VECTORS * count, n), "maxiter": _RESTARTS, "v0": start.standard_normal(n)}
-    try:
-        values, vectors = eigs(operator, count, which=which, tol=tolerance, **size)
-    except ArpackNoConvergence:
-        values, vectors = np.linalg.eig(inverse(np.eye(n)))
+    v0 = start.standard_normal(n)
+    for more in _MANY:
+        size = {"ncv": min(more * _VECTORS * count, n), "maxiter": more * _RESTARTS, "v0": v0}
+        with suppress(ArpackNoConvergence):
+            values, vectors = eigs(operator, count, which=which, tol=tolerance, **size)
+            return values, (vectors.T / after).T
+    values, vectors = np.linalg.eig(inverse(np.eye(n)))
     return values, (vectors.T / after).T
 
 

@@ -30,7 +30,7 @@ from planner.solve.ipopt import MAGNIFIED, solve
 
 # Corrections and meshes that are tried; the part of the accuracy that a defect may be off by, and
 # of what optimality is held to.
-CORRECTIONS, PART = 8, 3
+CORRECTIONS, PART = 16, 3
 # What a coarse mesh may be off by of a margin and of effort. Defects over L above which the mesh is
 # made finer: tensions are off by a few times as much. What is farther off comes to another shape;
 # stretches that are farther from 0 need no correction.
@@ -81,7 +81,7 @@ def _corrected(candidate: Candidate, begins: bool, enough: float) -> tuple[Candi
     except CollapsedError as crushed:
         return replace(candidate, defect=stretched(problem, candidate.x, crushed)), np.inf
     error = defect(problem, candidate.x, shape)
-    size = _defect_size(problem, error)
+    size = _defect_size(problem, error, stabilities=np.inf)
     change = np.inf if before is None else _defect_size(problem, error - before)
     if size <= _ROUGH or change <= enough:
         return replace(candidate, defect=error), change
@@ -194,10 +194,15 @@ def stretched(
     return corrected
 
 
-def _defect_size(problem: Problem, defect: Array) -> float:
-    """Return the largest part of a defect, lengths over the arm's, angles in rad."""
-    poses, stretches, compliances, *rest = problem.program.measured
+def _defect_size(problem: Problem, defect: Array, stabilities: float = 1.0) -> float:
+    """Return the largest part of a defect, lengths over the arm's, angles in rad.
+
+    Stabilities over what is given: those of a settled shape are of its mesh, so that no finer one
+    of the program comes nearer to them.
+    """
+    poses, stretches, compliances, modes, lengths = problem.program.measured
     L, pose = problem.arm.length, np.repeat([1.0, problem.arm.length], [4, 3])
     of_poses = np.tile(pose, poses // pose.size), np.ones(stretches)
-    worth = [*of_poses, np.full(compliances, L / problem.arm.bending_force), np.ones(sum(rest))]
+    worth = [*of_poses, np.full(compliances, L / problem.arm.bending_force)]
+    worth += [np.full(modes, stabilities), np.ones(lengths)]
     return float(np.abs(defect / np.concatenate(worth)).max(initial=0.0))
