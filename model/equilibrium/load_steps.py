@@ -81,6 +81,8 @@ def follow_on(
             level = looser if loads[i] == most else levels[i]
             begun.append(Start(point.tensions, loads[i], states, looser=level))
             going.append(i)
+        if not going:
+            break
         tell("percent of the loads", round(100 * min(loads) / most), 100)
         tried, points = tried + 1, newton(system, begun)
         for k, (i, there) in enumerate(zip(going, points, strict=True)):
