@@ -33,8 +33,6 @@ from model.transcription.system import System
 # Of Arnoldi's method, vectors for each mode and restarts; the tolerance of an eigenvalue alone,
 # whose error is the square of that where the Hessian is symmetric, and of one whose sign matters.
 _VECTORS, _RESTARTS, _CLOSE, _ROUGH = 40, 10, 1e-8, 1e-2
-# So many times as many of both are tried before all of a matrix, which on fine meshes is too large.
-_MANY = 1, 4
 # Reciprocals nearer to 0 are rounding, and the 0 of contacts; over the largest of the whole matrix.
 _NONE, _ZERO = 1e-4, 1e-12
 # How many more eigenvalues are looked at where they may be complex: the least real part need not be
@@ -267,7 +265,8 @@ def _reciprocals(
     n = stiff.size
     operator, start = LinearOperator((n, n), matvec=inverse), np.random.default_rng(0)
     v0 = start.standard_normal(n)
-    for more in _MANY:
+    # More of both before all of the matrix, which on fine meshes is too large.
+    for more in (1, 4):
         size = {"ncv": min(more * _VECTORS * count, n), "maxiter": more * _RESTARTS, "v0": v0}
         with suppress(ArpackNoConvergence):
             values, vectors = eigs(operator, count, which=which, tol=tolerance, **size)
