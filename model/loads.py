@@ -58,7 +58,7 @@ def convergence_order(scene: Scene, order: int, derivatives: bool = False) -> in
     Tendon friction leaves one less, where a fine mesh is needed to see it; under loads, where an
     arm may bend to both sides, how fast a tendon turns has a kink between. Friction of a part that
     lies on an obstacle acts at nodes. Where a current runs along the arm its load |v_n| v_n has a
-    kink in its derivative. Of `derivatives` of the equilibrium there is one order less.
+    kink in its derivative. `derivatives` of the equilibrium jump at kinks.
     """
     orders = [order - scene.has(Friction)]
     if any(contact.friction for contact in contacts(scene)):
@@ -66,7 +66,7 @@ def convergence_order(scene: Scene, order: int, derivatives: bool = False) -> in
     if scene.has(Friction) and scene.has(*_BENDING):
         orders.append(1 if derivatives else 2)
     if scene.has(Current):
-        orders.append(2 if derivatives else 3)
+        orders.append(1 if derivatives else 3)
     return min(orders)
 
 

@@ -18,7 +18,15 @@ from model.effects import ExactTendons, SelfContact
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_steps import Collocation
 from model.errors import CollapsedError, InputError, OctoplanError, UnsettledSectionError
-from model.forward import Maps, checked_accuracy, estimate, first_pair, maps_of, next_refinement
+from model.forward import (
+    JUMPY,
+    Maps,
+    checked_accuracy,
+    estimate,
+    first_pair,
+    maps_of,
+    next_refinement,
+)
 from model.loads import contacts, is_loaded
 from model.machine.compiled import Compile, checked_compile
 from model.paths import Array
@@ -80,7 +88,8 @@ def _side_by_side(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
     """
     coarse, fine = first_pair(accuracy, maps.order)
     poses, errors = np.zeros((len(T), 7)), np.full(len(T), np.nan)
-    estimates, last = np.zeros(len(T)), np.zeros(len(T), int)
+    first = np.inf if maps.least_order <= JUMPY else 0.0
+    estimates, last = np.full(len(T), first), np.zeros(len(T), int)
     wanted = np.full(len(T), coarse)
     near = dict[int, Linearised]()
     while wanted.any():

@@ -255,8 +255,8 @@ def _settled(
                 shape = Shape(maps.arm, maps.scene, error, point, refinement, snaps=snaps)
                 if point.extremes.bend <= 1 or shape.folded is None:
                     return shape
-                # Strains jump along the arm, and one gap by itself says little.
-                error = estimated(gaps, 1, maps.rounding) if len(gaps) > 1 else np.inf
+                # Strains jump along the arm.
+                error = estimated(gaps, 1, maps.rounding)
                 if error <= accuracy:
                     return replace(shape, error=error)
         before, coarse = tip, refinement
