@@ -201,7 +201,8 @@ def _defect_size(problem: Problem, defect: Array, stabilities: float = 1.0) -> f
     of the program comes nearer to them.
     """
     poses, stretches, compliances, modes, lengths = problem.program.measured
-    L, pose = problem.arm.length, np.repeat([1.0, problem.arm.length], [4, 3])
+    L = problem.arm.length
+    pose = np.repeat([0.5, L], [4, 3])  # quaternions change by half the angle
     of_poses = np.tile(pose, poses // pose.size), np.ones(stretches)
     worth = [*of_poses, np.full(compliances, L / problem.arm.bending_force)]
     worth += [np.full(modes, stabilities), np.ones(lengths)]
