@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import lru_cache
 from itertools import zip_longest
 from typing import Any, TypeVar
@@ -184,18 +184,21 @@ def estimate(gap: Any, coarse: Any, fine: int, order: int, rounding: float = ROU
     return CAUTION * gap / ((fine / coarse) ** order - 1) + rounding
 
 
-def estimated(gaps: Sequence[tuple[float, int, int]], order: int, rounding: float) -> float:
-    """Return the estimated error of the last mesh, over L, by the gaps from mesh to mesh.
+def no_estimate(order: int) -> float:
+    """Return what stands for the estimate of a mesh before the first; see larger_estimate."""
+    return np.inf if order <= JUMPY else 0.0
 
-    Gaps are with the refinements of both meshes. By the larger one of the last two, as far as the
+
+def larger_estimate(
+    before: Any, gap: Any, coarse: Any, fine: int, order: int, rounding: float = ROUNDING
+) -> tuple[Any, Any]:
+    """Return the estimated error of the finer of two meshes, over L, and the estimate by their gap.
+
+    The error is the larger of that and of the estimate before, of the coarser mesh, as far as the
     order lowers it: where solutions have kinks a gap may be small by chance, by where nodes are.
-    Infinite for a single gap of an order that is JUMPY.
     """
-    fine, errors = gaps[-1][2], [np.inf] * (order <= JUMPY and len(gaps) == 1)
-    for gap, coarse, refinement in gaps[-2:]:
-        scale = (refinement / fine) ** order
-        errors.append(scale * estimate(gap, coarse, refinement, order, rounding=0.0))
-    return max(errors) + rounding
+    now = estimate(gap, coarse, fine, order, rounding=0.0)
+    return np.maximum(now, before * (coarse / fine) ** order) + rounding, now
 
 
 def refined(
@@ -211,12 +214,11 @@ def refined(
     `pair` are the first two refinements. Raises ConvergenceError.
     """
     (coarse, refinement), error = pair, np.inf
-    before, gaps = on(coarse), list[tuple[float, int, int]]()
+    before, known = on(coarse), no_estimate(order)
     while refinement:
         check_time()
         result = on(refinement)
-        gaps.append((gap(result, before), coarse, refinement))
-        error = estimated(gaps, order, ROUNDING)
+        error, known = larger_estimate(known, gap(result, before), coarse, refinement, order)
         if error <= accuracy:
             return result, refinement, error
         before, coarse = result, refinement

@@ -19,13 +19,13 @@ from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_steps import Collocation
 from model.errors import CollapsedError, InputError, OctoplanError, UnsettledSectionError
 from model.forward import (
-    JUMPY,
     Maps,
     checked_accuracy,
-    estimate,
     first_pair,
+    larger_estimate,
     maps_of,
     next_refinement,
+    no_estimate,
 )
 from model.loads import contacts, is_loaded
 from model.machine.compiled import Compile, checked_compile
@@ -88,8 +88,7 @@ def _side_by_side(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
     """
     coarse, fine = first_pair(accuracy, maps.order)
     poses, errors = np.zeros((len(T), 7)), np.full(len(T), np.nan)
-    first = np.inf if maps.least_order <= JUMPY else 0.0
-    estimates, last = np.full(len(T), first), np.zeros(len(T), int)
+    estimates, last = np.full(len(T), no_estimate(maps.least_order)), np.zeros(len(T), int)
     wanted = np.full(len(T), coarse)
     near = dict[int, Linearised]()
     while wanted.any():
@@ -115,11 +114,12 @@ def _side_by_side(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
             turned = 2 * np.linalg.norm(poses[now, :4] - before[:, :4], axis=1)
             gap = np.maximum(moved, maps.lever * turned) / maps.arm.length
             order = maps.least_order
-            scaled = estimates[now] * (last[now] / refinement) ** order
-            estimates[now] = estimate(gap, last[now], refinement, order, rounding=0.0)
-            errors[now] = np.maximum(estimates[now], scaled) + maps.rounding
+            pair = last[now], refinement
+            errors[now], estimates[now] = larger_estimate(
+                estimates[now], gap, *pair, order, maps.rounding
+            )
             wanted[now], late = 0, now[~(errors[now] <= accuracy)]
-            finer = partial(next_refinement, refinement, accuracy=accuracy, order=maps.least_order)
+            finer = partial(next_refinement, refinement, accuracy=accuracy, order=order)
             wanted[late] = [*map(finer, errors[late].tolist())]
         last[now], alone = refinement, now[~(least > LEAST_STRETCH)]
         wanted[alone], errors[alone] = 0, np.nan

@@ -35,10 +35,11 @@ from model.forward import (
     COARSE,
     Maps,
     checked_accuracy,
-    estimated,
     first_pair,
+    larger_estimate,
     maps_of,
     next_refinement,
+    no_estimate,
 )
 from model.loads import check_loads, contacts, is_loaded, without_friction
 from model.machine.compiled import Compile, checked_compile
@@ -215,7 +216,7 @@ def _settled(
     refinement, fine = first_pair(accuracy, maps.order)
     looser = loosest(accuracy)
     coarse, before, error, snaps = 0, list[float](), np.inf, tuple[float, ...]()
-    gaps = list[tuple[float, int, int]]()
+    known, by_jumps = no_estimate(maps.least_order), no_estimate(1)
     begun = time.process_time() if maps.contacts else 0.0
     while refinement:
         check_time()
@@ -247,8 +248,9 @@ def _settled(
         if coarse:
             turned = 2 * maps.lever * math.dist(tip[:4], before[:4])
             gap = max(math.dist(tip[4:], before[4:]), turned) / maps.arm.length
-            gaps.append((gap, coarse, refinement))
-            error = estimated(gaps, maps.least_order, maps.rounding)
+            pair = coarse, refinement
+            error, known = larger_estimate(known, gap, *pair, maps.least_order, maps.rounding)
+            jumpy, by_jumps = larger_estimate(by_jumps, gap, *pair, 1, maps.rounding)
             LOG.debug("%s, mesh %d: estimated tip error %.1e of L", maps.scheme, refinement, error)
             if error <= accuracy:
                 check_stretch(point)
@@ -256,7 +258,7 @@ def _settled(
                 if point.extremes.bend <= 1 or shape.folded is None:
                     return shape
                 # Strains jump along the arm.
-                error = estimated(gaps, 1, maps.rounding)
+                error = jumpy
                 if error <= accuracy:
                     return replace(shape, error=error)
         before, coarse = tip, refinement
