@@ -220,7 +220,7 @@ def refined(
         result = on(refinement)
         error, known = larger_estimate(known, gap(result, before), coarse, refinement, order)
         if error <= accuracy:
-            return result, refinement, error
+            return result, refinement, float(error)
         before, coarse = result, refinement
         refinement = next_refinement(refinement, error, accuracy, order)
     raise ConvergenceError(accuracy, error, COARSE)

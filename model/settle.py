@@ -254,13 +254,13 @@ def _settled(
             LOG.debug("%s, mesh %d: estimated tip error %.1e of L", maps.scheme, refinement, error)
             if error <= accuracy:
                 check_stretch(point)
-                shape = Shape(maps.arm, maps.scene, error, point, refinement, snaps=snaps)
+                shape = Shape(maps.arm, maps.scene, float(error), point, refinement, snaps=snaps)
                 if point.extremes.bend <= 1 or shape.folded is None:
                     return shape
                 # Strains jump along the arm.
                 error = jumpy
                 if error <= accuracy:
-                    return replace(shape, error=error)
+                    return replace(shape, error=float(error))
         before, coarse = tip, refinement
         refinement = max(fine, refinement)
         if refinement == coarse:
