@@ -36,8 +36,6 @@ LOOSEST, FINEST_ACCURACY = 0.1, 1e-12
 REFINEMENTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 FINEST = REFINEMENTS[-1]
 CAUTION = 4.0
-# Orders up to this one are of solutions with kinks: errors go up and down by where nodes are.
-JUMPY = 1
 # What to do where the finest mesh is not accurate enough.
 COARSE = "ask for less accuracy or a smoother arm"
 # What rounding leaves, over L: of explicit maps, and of equilibria found by Newton's method.
@@ -185,8 +183,11 @@ def estimate(gap: Any, coarse: Any, fine: int, order: int, rounding: float = ROU
 
 
 def no_estimate(order: int) -> float:
-    """Return what stands for the estimate of a mesh before the first; see larger_estimate."""
-    return np.inf if order <= JUMPY else 0.0
+    """Return what stands for the estimate of a mesh before the first; see larger_estimate.
+
+    Infinite for order one, of solutions that jump: a single gap says too little of them.
+    """
+    return np.inf if order == 1 else 0.0
 
 
 def larger_estimate(
