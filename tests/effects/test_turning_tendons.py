@@ -36,7 +36,7 @@ def _arm(turn: Linear | Sampled | None = TURNING) -> Arm:
     return Arm(L, Linear(R, R), (anchorage,), Material(E, NU))
 
 
-def _tip_of_helix(T: float) -> np.ndarray:
+def _tip_of_helix(T: float, turn: float = TURN) -> np.ndarray:
     """Integrate u' = R nu, R' = R kappa where energy plus T |c| is stationary at each section.
 
     Strain energies of a linear section; c = nu + Y' + kappa x Y with Y turning along s. A single
@@ -46,7 +46,7 @@ def _tip_of_helix(T: float) -> np.ndarray:
     EA, EJ, GI = E * A, E * J, E / (2 * (1 + NU)) * 2 * J
 
     def strains(s: float, guess: np.ndarray) -> np.ndarray:
-        phi, rate = ANGLE + TURN * s / L, TURN / L
+        phi, rate = ANGLE + turn * s / L, turn / L
         offset = Y * np.array([0.0, np.cos(phi), np.sin(phi)])
         slope = Y * rate * np.array([0.0, -np.sin(phi), np.cos(phi)])
 
@@ -75,6 +75,14 @@ def test_a_helical_tendon_bends_and_twists_as_its_balance_says(T: float) -> None
     shape = settle(_arm(), [T, 0.0], EXACT, accuracy=1e-9)
     assert np.allclose(shape.tip, _tip_of_helix(T), atol=1e-8 * L)
     assert abs(shape.strain(L / 2)[0]) > 0.01
+
+
+@pytest.mark.parametrize("turn", [1.1, 4.0])
+def test_a_helical_tendon_that_bends_the_arm_far_is_borne(turn: float) -> None:
+    """Equilibria without loads had no torsion to begin with: "at 0.0 % of the loads it snaps"."""
+    shape = settle(_arm(Linear(0.0, turn)), [4.0, 0.0], EXACT, accuracy=1e-9)
+    assert np.allclose(shape.tip, _tip_of_helix(4.0, turn), atol=1e-8 * L)
+    assert shape.stability == pytest.approx(1.0)
 
 
 def test_a_turn_of_the_whole_tendon_is_an_angle() -> None:
