@@ -82,15 +82,10 @@ def _relative(shape: Shape, s: Array) -> tuple[Array, Array]:
     middle = (s[:-1] + s[1:]) / 2
     chords = np.diff(shape.position(s), axis=0)
     lengths = np.linalg.norm(chords, axis=1)
-    frames = [_along(F, c) for F, c in zip(shape.frame(middle), chords, strict=True)]
+    # By the least rotations that turn x axes along the chords.
+    frames = [
+        Rotation.align_vectors(chord, frame[:, 0])[0].as_matrix() @ frame
+        for chord, frame in zip(chords, shape.frame(middle), strict=True)
+    ]
     world = np.array([np.array(shape.arm.base_frame), *frames, shape.tip_frame])
     return np.swapaxes(world[:-1], 1, 2) @ world[1:], lengths
-
-
-def _along(frame: Array, chord: Array) -> Array:
-    """Return a frame by the least rotation with its x axis along a chord."""
-    wanted = chord / np.linalg.norm(chord)
-    axis, cos = np.cross(frame[:, 0], wanted), float(frame[:, 0] @ wanted)
-    sin = float(np.linalg.norm(axis))
-    vector = axis / sin * np.arctan2(sin, cos) if sin > 0 else axis
-    return np.asarray(Rotation.from_rotvec(vector).as_matrix() @ frame)

@@ -13,6 +13,7 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from decimal import Decimal
 from functools import cache
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
@@ -229,10 +230,7 @@ def _number_in_si(value: float, unit: str) -> float:
     power = UNITS[unit]
     if power is None:
         return value * (math.pi / 180)
-    if not math.isfinite(value):
-        return value
-    digits, _, exponent = repr(float(value)).partition("e")
-    return float(f"{digits}e{int(exponent or 0) + power}")
+    return float(Decimal(repr(float(value))).scaleb(power))
 
 
 def _read_path(value: Any, key: str, unit: str | None) -> Path:

@@ -160,14 +160,15 @@ def _refused(value: Any, step: Step, here: str) -> str:
 
 def changed(scene: dict[str, Any], keys: Sequence[str], values: Sequence[Any]) -> dict[str, Any]:
     """Return a scene with other values at key paths; what is not on these is that of the given."""
-    new, copied = dict(scene), set[int]()
     for key, value in zip(keys, values, strict=True):
-        *path, last = steps(key)
-        place: Any = new
-        for step in path:
-            if id(place[step]) not in copied:
-                place[step] = copy.copy(place[step])
-                copied.add(id(place[step]))
-            place = place[step]
-        place[last] = value
+        scene = _with_value(scene, steps(key), value)
+    return scene
+
+
+def _with_value(table: Any, path: list[Step], value: Any) -> Any:
+    """Return a table, or a list, with another value at a path."""
+    if not path:
+        return value
+    new = copy.copy(table)
+    new[path[0]] = _with_value(table[path[0]], path[1:], value)
     return new
