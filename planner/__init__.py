@@ -7,8 +7,7 @@ check_own("model")  # before what would fail without naming the file
 import planner.report  # noqa: F401  (it tells how results are shown)
 from model.stiffness import stiffness
 from planner.bodies.files import export_shape, save_mesh
-from planner.bodies.mjcf import mjcf
-from planner.bodies.urdf import ros_messages, urdf
+from planner.bodies.links import mjcf, ros_messages, urdf
 from planner.c_code.export import export, export_plan
 from planner.certificate import Certificate
 from planner.effect_ablation import Switch, switch_effects

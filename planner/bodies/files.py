@@ -10,9 +10,8 @@ import numpy as np
 from model.checks import within
 from model.errors import InputError, needed
 from model.shape import Shape
-from planner.bodies.mjcf import mjcf
+from planner.bodies.links import mjcf, ros_messages, urdf
 from planner.bodies.surface import surface
-from planner.bodies.urdf import ros_messages, urdf
 from planner.io.files import placed, to_json, write_together
 
 MESHES = (".stl", ".glb", ".ply", ".obj")

@@ -11,19 +11,21 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from model.arm import Arm
 from model.errors import FileError, InputError
 from model.forward import checked_accuracy
 from model.loads import is_loaded
+from model.rotations import matrices
 from model.scene import Scene
 from model.settle import ACCURACY, checked_scene, settle
 from model.shape import Shape
+from model.stiffness import tip_jacobian_function
 from planner.c_code.inverse import check_inverse, inverse_values
-from planner.c_code.source import PRECISIONS, CSource, Precision
-from planner.c_code.steps import steps_source
-from planner.c_code.values import BYTES, c_values
-from planner.c_code.whole import whole_source
-from planner.io.files import write_together
+from planner.c_code.maps import steps_source, whole_source
+from planner.c_code.source import PRECISIONS, CSource, Precision, numbers
+from planner.io.files import versions, write_together
 from planner.plan import Plan
 
 _TEMPLATES = {
@@ -41,6 +43,9 @@ _PLAN_TEMPLATES = {
 }
 _NAME = re.compile(r"[A-Za-z](_?[A-Za-z0-9])*")
 _FINEST_FLOAT = 1e-6
+# How well C agrees with Python: positions over the length, frames, derivatives over the largest.
+_TOLERANCE: dict[Precision, float] = {"double": 1e-12, "float": 1e-5}
+_BYTES: dict[Precision, int] = {"double": 8, "float": 4}
 TAKEN = ("main", "test_vector", "plan_main", "plan_vector", "casadi", "null", "jac", "hess")
 
 
@@ -100,7 +105,7 @@ def export(
     scene = _checked(arm, scene, precision, name, accuracy)
     shape = settle(arm, tensions, scene, accuracy)
     source = steps_source(shape, precision) or whole_source(shape, precision)
-    values = c_values(shape, source, precision, name)
+    values = _values(shape, source, precision, name)
     return _written(to, shape, source, values, precision)
 
 
@@ -140,7 +145,7 @@ def export_plan(
     if source is None:
         allowed = "one whose tendons run straight along the straight arm, not as printed"
         raise InputError("scene", scene, f"{allowed}: others' second derivatives are not exported")
-    values = c_values(shape, source, precision, name) | inverse_values(p, shape, precision)
+    values = _values(shape, source, precision, name) | inverse_values(p, shape, precision)
     values["HESSIAN"] = _template("hessian.c", values)
     values["HESSIAN_DECLARED"] = _template("hessian.h", values)
     return _written(to, shape, source, values, precision, _PLAN_TEMPLATES)
@@ -164,7 +169,7 @@ def _written(
     write_together(folder, {file: text.encode() for file, text in texts.items()})
     written = tuple(folder / file for file in texts)
     used = source.numbers + int(values.get("PLAN_NUMBERS", 0))
-    return Exported(written, shape, BYTES[precision] * used)
+    return Exported(written, shape, _BYTES[precision] * used)
 
 
 def _template(name: str, values: dict[str, str]) -> str:
@@ -209,3 +214,38 @@ def _checked(arm: Arm, scene: Scene | None, precision: Any, name: Any, accuracy:
 
 def _filled(text: str, values: dict[str, str]) -> str:
     return re.sub("@([A-Z_]+)@", lambda place: values[place[1]], text)
+
+
+def _values(shape: Shape, source: CSource, precision: Precision, name: str) -> dict[str, str]:
+    """Return what fills the places that are marked in the files, by the places' names."""
+    written_by = versions()
+    mesh = shape.arm, shape.scene, shape.scheme, shape.refinement
+    jacobian = np.array(tip_jacobian_function(*mesh)(shape.tensions))
+    test_vector = {
+        "TEST_TENSION": shape.tensions,
+        "TEST_POSITION": shape.states[:, 4:7],
+        "TEST_FRAME": matrices(shape.states[:, :4]),
+        "TEST_SHIFT": jacobian[:3],
+        "TEST_TURN": jacobian[3:],
+        "TEST_TOLERANCE": _TOLERANCE[precision],
+        "TEST_LENGTH": shape.arm.length,
+    }
+    return {
+        "OCTOPLAN": written_by["octoplan"],
+        "CASADI": written_by["casadi"],
+        "NAME": name,
+        "NAME_UPPER": name.upper(),
+        "REAL": precision,
+        "LENGTH": f"{shape.arm.length:g}",
+        "SCENE": " ".join(repr(shape.scene).split()),
+        "SCHEME": shape.scheme,
+        "ERROR": f"{shape.error:.1e}",
+        "TENDONS": str(shape.arm.n_tendons),
+        "NODES": str(shape.s.size),
+        "S": numbers(shape.s, precision),
+        "NUMBERS": str(source.numbers),
+        "HESSIAN": "",
+        "HESSIAN_DECLARED": "",
+        **source.code(f"{name}.c", precision),
+        **{place: numbers(value, precision) for place, value in test_vector.items()},
+    }

@@ -20,7 +20,6 @@ from msgspec import inspect
 from model.errors import FileError, InputError, as_given, shortened
 from model.units import UnitWarning, millimetres, warn
 from planner.io.codec import ENDS, about_type, in_si
-from planner.io.effect_tables import KEYS
 from planner.io.key_paths import (
     Step,
     described,
@@ -33,6 +32,7 @@ from planner.io.key_paths import (
     type_at,
     value_at,
 )
+from planner.io.scene_tables import KEYS
 
 R = TypeVar("R")
 _LONG = 60

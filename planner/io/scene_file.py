@@ -19,7 +19,6 @@ from model.units import STROKE, length_text, warn_unusual
 from model.winches import Winches, rest_lengths
 from planner.avoidance.surroundings import surroundings
 from planner.io.codec import arguments, arguments_of, in_si, table_of, value_of, written
-from planner.io.effect_tables import scene_of
 from planner.io.files import read_toml, toml_of
 from planner.io.key_paths import steps, value_at
 from planner.io.mistakes import check_modulus, checked, made, warn_of_slips
@@ -29,6 +28,7 @@ from planner.io.scene_tables import (
     OptionsTable,
     SceneTable,
     StiffnessTable,
+    scene_of,
     whole,
 )
 from planner.question import Limits, check_targets

@@ -22,12 +22,11 @@ from model.paths import Array
 from model.scene import Scene
 from model.units import UnitWarning
 from planner.io.codec import Table, arguments_of, keys_of, quantity, unit_of_type
-from planner.io.effect_tables import EffectsTable, scene_of
 from planner.io.key_paths import changed, checked_key, kinds_at, steps, type_at, value_at
 from planner.io.mistakes import checked
 from planner.io.object_tables import VECTOR, ArmTable, arm_of
 from planner.io.scene_file import checked_table, scene_table
-from planner.io.scene_tables import whole
+from planner.io.scene_tables import EffectsTable, scene_of, whole
 
 
 class MarkerTable(Table, frozen=True):

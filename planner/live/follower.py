@@ -32,7 +32,7 @@ from model.progress import limited
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
-from planner.live.goal import Goal
+from planner.live.handles import Goal
 from planner.question import Limits, natural_tensions
 
 # What is drawn is as accurate as a pixel or so, over the arm's length: nearer than that the arm is

@@ -17,8 +17,7 @@ from model.scene import Scene
 from model.shape import Shape
 from model.stiffness import stiffness
 from planner.live.follower import ACCURACY, Follower
-from planner.live.goal import Goal, goal_of
-from planner.live.handles import Handle
+from planner.live.handles import Goal, Handle, goal_of
 from planner.measure import strokes
 from planner.plan import Plan, plan
 from planner.question import checked_limits

@@ -16,8 +16,7 @@ from model.effects import Buoyancy, Extension, TipLoad, Weight
 from model.obstacles import Sphere
 from model.progress import OutOfTime, check_time
 from planner.cli import main
-from planner.live.goal import goal_of
-from planner.live.handles import handle_of
+from planner.live.handles import goal_of, handle_of
 from planner.live.page import Page
 from planner.live.session import Session
 from planner.live.words import following, places, planned, tendons

@@ -1,6 +1,8 @@
-"""A map in closed form as a loop in C: functions of one step, and tables of the steps' numbers.
+"""A map in closed form as functions in C, and tables of the numbers that they take.
 
-Work arrays hold one step, however fine the mesh is.
+Where pull is a polynomial of arc length it is a loop over functions of one step: work arrays hold
+one step, however fine the mesh is. Any other map is the functions of all tensions at once that
+Python calls too.
 """
 
 from __future__ import annotations
@@ -11,16 +13,25 @@ import casadi as ca
 import numpy as np
 
 from model.cross_section.statics import ClosedStatics, EnergyStatics, closed_statics
+from model.effects import ExactTendons
+from model.errors import InputError
 from model.forward import explicit_map
 from model.paths import Array
 from model.rotations import compose
 from model.shape import Shape
 from model.stations import base_pose, stations
+from model.stiffness import tip_jacobian_function
 from model.unloaded.closed_form import ClosedForm
-from planner.c_code.hessian_step import own_step
+from planner.c_code.derivatives import own_step, strain_function, twist, twist_step
 from planner.c_code.pulls import TERMS, PullPolynomials
-from planner.c_code.source import CSource, Precision, frame_function, numbers, whole_numbers
-from planner.c_code.tip_jacobian import shifts_and_turns, strain_function, twist, twist_step
+from planner.c_code.source import (
+    CSource,
+    Precision,
+    frame_function,
+    numbers,
+    whole_numbers,
+    work_of,
+)
 
 # Steps of Newton's method end in rounding at about 1e-6; they shrink by squares before.
 _SETTLED_FLOAT = 1e-4
@@ -108,7 +119,9 @@ def _rows(polynomials: PullPolynomials) -> ca.Function:
     columns = [
         ca.reshape(sums[:, i], 6, -1) @ ca.DM(each) for i, each in enumerate(polynomials.own)
     ]
-    jacobian = shifts_and_turns(pose, ca.horzcat(*columns))
+    twists = ca.horzcat(*columns)
+    turns = twists[:3, :]
+    jacobian = ca.vertcat(twists[3:, :] - ca.skew(pose[4:]) @ turns, turns)
     return ca.Function("tip_rows", [pose, sums], [ca.densify(jacobian).T], {"cse": True})
 
 
@@ -127,3 +140,27 @@ def _tables(
         "END_BASIS": polynomials.basis(ends).T,
         "END_BODY": statics.data(arm.material, stations(arm, ends, at_ends)),
     }
+
+
+def whole_source(shape: Shape, precision: Precision) -> CSource:
+    """Return the map of a shape's mesh; its work arrays grow with the number of steps.
+
+    Poses are positions (3, N) and frames (9, N), column by column those of one node, and with them
+    goes 1 + q. Raises InputError in single precision where sections settle by Newton's method.
+    """
+    if precision == "float" and shape.scene.has(ExactTendons):
+        allowed = "double with ExactTendons or NeoHookean where tendons run in curves"
+        raise InputError("precision", precision, allowed)
+    arm, scene, mesh = shape.arm, shape.scene, (shape.scheme, shape.refinement)
+    forward, frame = explicit_map(arm, scene, *mesh), frame_function()
+    T = ca.MX.sym("T", arm.n_tendons)
+    poses, stretch = forward.function(T)[:2]
+    tip, frames = poses[:, -1], frame.map(poses.shape[1])(poses[:4, :])
+    functions = (
+        ca.Function("tip_pose", [T], [tip[4:], frame(tip[:4]), stretch]),
+        ca.Function("node_poses", [T], [poses[4:, :], frames, stretch]),
+        ca.Function("tip_rows", [T], [tip_jacobian_function(arm, scene, *mesh)(T).T]),
+    )
+    stretches = stretch.numel()
+    used = stretches + work_of(functions)["SZ_W"]
+    return CSource("whole.c", functions, {"STRETCHES": str(stretches)}, used)

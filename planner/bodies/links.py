@@ -1,0 +1,248 @@
+"""A settled arm as links and joints: for MuJoCo as MJCF, for ROS as URDF and messages."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from model.effects import Weight
+from model.paths import Array
+from model.shape import Shape
+from planner.bodies.chain import Chain, chain_of
+from planner.bodies.surface import tendon_offset
+from planner.io.records import POINTS
+from planner.measure import strokes
+
+# Damping over stiffness of joints [s]: what swings is still after some of that.
+_DAMPING = 0.05
+# Mass of the tip, which has no extent, over that of the last link.
+_TIP = 1e-3
+# Of URDF: the root, and no displacement or rotation.
+BASE = "base_link"
+_NOT = (0.0, 0.0, 0.0)
+
+
+def mjcf(shape: Shape, links: int = 30, name: str = "arm") -> str:
+    """Return a chain of links that follows a settled arm as an MJCF model.
+
+    Its joints are springs with the arm's stiffness, at rest where the arm is; spatial tendons run
+    through sites at the nodes, pulled by actuators whose controls are tensions [N]. The keyframe
+    `settled` holds joints and controls of the shape. Gravity is the scene's; other loads, contact,
+    friction and how exact tendons and rubber differ from springs are left out.
+
+    Parameters
+    ----------
+    links : int
+        1 to 1000.
+
+    Raises
+    ------
+    InputError
+        For another number of links.
+    """
+    chain, arm = chain_of(shape, links), shape.arm
+    root = ET.Element("mujoco", model=name)
+    _inside(root, "compiler", angle="radian", autolimits="true")
+    weight = shape.scene.find(Weight)
+    gravity = weight.g if weight is not None else (0.0, 0.0, 0.0)
+    _inside(root, "option", gravity=gravity, integrator="implicitfast", timestep=1e-3)
+    world, frame = _inside(root, "worldbody"), np.array(arm.base_frame)
+    place = {"pos": arm.base_position, "quat": _quaternion(frame)}
+    _bodies(_inside(world, "body", name="base", **place), chain, shape)
+    _tendons(root, chain, shape)
+    driven = [j for j in range(arm.n_tendons) if _count(chain, shape, j) > 1]
+    # Positions of all joints in the model's order.
+    joints = [*chain.angles[0], *np.column_stack([chain.slides, chain.angles[1:]]).ravel()]
+    settled = {"qpos": joints, "ctrl": shape.tensions[driven]}
+    _inside(_inside(root, "keyframe"), "key", name="settled", **settled)
+    return _written(root)
+
+
+def _bodies(base: ET.Element, chain: Chain, shape: Shape) -> None:
+    body, last = base, chain.s.size - 1
+    for i in range(chain.s.size):
+        place = (chain.chords[i - 1] if i else 0.0, 0.0, 0.0)
+        name = "tip" if i == last else f"link_{i}"
+        body = _inside(body, "body", name=name, pos=place, quat=_quaternion(chain.rest[i]))
+        if i:
+            axis = chain.rest[i].T[:, 0]
+            _joint(body, f"slide_{i}", "slide", axis, chain.slide_stiffness[i - 1])
+        for axis, letter, k in zip(np.eye(3), "xyz", chain.hinge_stiffness[i], strict=True):
+            _joint(body, f"{letter}_{i}", "hinge", axis, k)
+        if i == last:
+            inertia = chain.masses[-1] * chain.radii[-1] ** 2
+            mass = {"mass": _TIP * chain.masses[-1], "diaginertia": [_TIP * inertia] * 3}
+            _inside(body, "inertial", pos=(0, 0, 0), **mass)
+            _inside(body, "site", name="tip", size=1e-3)
+        else:
+            ends = (0, 0, 0, chain.chords[i], 0, 0)
+            look = {"rgba": "0.85 0.55 0.45 1", "contype": "0", "conaffinity": "0"}
+            solid = {"type": "cylinder", "fromto": ends, "size": chain.radii[i]}
+            _inside(body, "geom", mass=chain.masses[i], **solid, **look)
+        # Sites where tendons pass the node, across the midline at rest.
+        for j in (j for j in range(shape.arm.n_tendons) if i < _count(chain, shape, j)):
+            n, b = tendon_offset(shape.arm, j, chain.s[i : i + 1])[0]
+            site = f"{shape.arm.tendon_name(j)}_{i}"
+            _inside(body, "site", name=site, pos=(0.0, n, b), size=5e-4)
+
+
+def _joint(body: ET.Element, name: str, kind: str, axis: Array, stiffness: float) -> None:
+    spring = {"stiffness": stiffness, "damping": _DAMPING * stiffness}
+    _inside(body, "joint", name=name, type=kind, axis=axis, **spring)
+
+
+def _tendons(root: ET.Element, chain: Chain, shape: Shape) -> None:
+    tendons, motors = _inside(root, "tendon"), _inside(root, "actuator")
+    for j in range(shape.arm.n_tendons):
+        name, count = shape.arm.tendon_name(j), _count(chain, shape, j)
+        if count > 1:
+            path = _inside(tendons, "spatial", name=name, width=5e-4, rgba="0.2 0.3 0.8 1")
+            for i in range(count):
+                _inside(path, "site", site=f"{name}_{i}")
+            _inside(motors, "motor", name=name, tendon=name, gear=-1)
+
+
+def _count(chain: Chain, shape: Shape, j: int) -> int:
+    """Return how many nodes a tendon passes."""
+    at = shape.arm.sections[shape.arm.tendons[j][0]].at
+    return int(np.sum(chain.s <= at * (1 + 1e-12)))
+
+
+def _quaternion(frame: Array) -> Array:
+    return np.asarray(Rotation.from_matrix(frame).as_quat(scalar_first=True))
+
+
+def urdf(shape: Shape, links: int = 30, name: str = "arm") -> str:
+    """Return a chain of links that follows a settled arm as URDF.
+
+    Its root is `base_link`, at the arm's base; joints are named slide_i, x_i, y_i, z_i, and their
+    positions in the settled shape are in `ros_messages`, for robot_state_publisher. Links are named
+    after the joints that they hang on; link_z_i has the body, the others between a slide and three
+    hinges have no extent. link_z_N, N the number of links, is the tip's frame.
+
+    Raises InputError for a number of links that is not 1 to 1000.
+    """
+    chain = chain_of(shape, links)
+    root, parent = ET.Element("robot", name=name), BASE
+    _inside(root, "link", name=BASE)
+    for i in range(links + 1):
+        if i:
+            place, along = (chain.chords[i - 1], 0, 0), (1, 0, 0)
+            parent = _jointed(root, parent, f"slide_{i}", "prismatic", along, xyz=place)
+        turned = Rotation.from_matrix(chain.rest[i]).as_euler("xyz")
+        for letter, axis, rpy in zip("xyz", np.eye(3), [turned, _NOT, _NOT], strict=True):
+            parent = _jointed(root, parent, f"{letter}_{i}", "revolute", axis, rpy=rpy)
+        if i < links:
+            _solid(root, parent, chain, i)
+    return _written(root)
+
+
+def _jointed(
+    root: ET.Element,
+    parent: str,
+    joint: str,
+    kind: str,
+    axis: Any,
+    xyz: Any = _NOT,
+    rpy: Any = _NOT,
+) -> str:
+    """Hang a link on another by a joint; return its name."""
+    child = f"link_{joint}"
+    values = _inside(root, "joint", name=joint, type=kind)
+    _inside(values, "parent", link=parent)
+    _inside(values, "child", link=child)
+    _inside(values, "origin", xyz=xyz, rpy=rpy)
+    _inside(values, "axis", xyz=axis)
+    most = 1.0 if kind == "prismatic" else np.pi
+    _inside(values, "limit", lower=-most, upper=most, effort=1000, velocity=1000)
+    _inside(root, "link", name=child)
+    return child
+
+
+def _solid(root: ET.Element, name: str, chain: Chain, i: int) -> None:
+    """Give a link its body and mass."""
+    link = next(each for each in root if each.tag == "link" and each.get("name") == name)
+    length, radius, mass = (float(x[i]) for x in (chain.chords, chain.radii, chain.masses))
+    # Cylinders stand along z; the link's own axis is x.
+    place = {"xyz": (length / 2, 0, 0), "rpy": (0, np.pi / 2, 0)}
+    for tag in ("visual", "collision"):
+        values = _inside(link, tag)
+        _inside(values, "origin", **place)
+        _inside(_inside(values, "geometry"), "cylinder", radius=radius, length=length)
+    values = _inside(link, "inertial")
+    _inside(values, "origin", **place)
+    _inside(values, "mass", value=mass)
+    across, along = mass * (3 * radius**2 + length**2) / 12, mass * radius**2 / 2
+    off = {"ixy": 0, "ixz": 0, "iyz": 0}
+    _inside(values, "inertia", ixx=across, iyy=across, izz=along, **off)
+
+
+def ros_messages(shape: Shape, links: int = 30) -> dict[str, Any]:
+    """Return a settled arm as ROS messages, as JSON has them (rosbridge, `ros2 topic pub`).
+
+    `tendons` is a sensor_msgs/JointState of strokes [m] and tensions [N], `chain` one of the joints
+    of `urdf`, `path` a nav_msgs/Path of the frames along the midline as the base sees them, their x
+    axes along the arm.
+    """
+    arm, chain = shape.arm, chain_of(shape, links)
+    joints: dict[str, float] = {}
+    for i in range(chain.s.size):
+        if i:
+            joints[f"slide_{i}"] = float(chain.slides[i - 1])
+        angles = zip("xyz", chain.angles[i], strict=True)
+        joints |= {f"{letter}_{i}": float(angle) for letter, angle in angles}
+    header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": BASE}
+    # The frames along the midline, as the base sees them.
+    base, s = np.array(arm.base_frame), np.linspace(0.0, arm.length, POINTS)
+    places = (shape.position(s) - np.array(arm.base_position)) @ base
+    turned = Rotation.from_matrix(base.T @ shape.frame(s)).as_quat()
+    poses = [
+        {
+            "position": dict(zip("xyz", place, strict=True)),
+            "orientation": dict(zip("xyzw", quaternion, strict=True)),
+        }
+        for place, quaternion in zip(places.tolist(), turned.tolist(), strict=True)
+    ]
+    return {
+        "tendons": {
+            "header": header,
+            "name": arm.tendon_names,
+            "position": strokes(shape).tolist(),
+            "velocity": [],
+            "effort": shape.tensions.tolist(),
+        },
+        "chain": {
+            "header": header,
+            "name": list(joints),
+            "position": list(joints.values()),
+            "velocity": [],
+            "effort": [],
+        },
+        "path": {
+            "header": header,
+            "poses": [{"header": header, "pose": pose} for pose in poses],
+        },
+    }
+
+
+# Elements of XML
+
+
+def _inside(parent: ET.Element, tag: str, **attributes: object) -> ET.Element:
+    """Return a new element inside another; numbers are written in full, lists with blanks."""
+    return ET.SubElement(parent, tag, {key: _text(value) for key, value in attributes.items()})
+
+
+def _text(value: object) -> str:
+    if isinstance(value, str):
+        return value
+    return " ".join(f"{float(x):.15g}" for x in np.ravel(np.asarray(value, dtype=float)))
+
+
+def _written(root: ET.Element) -> str:
+    """Return a document as text, indented."""
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
