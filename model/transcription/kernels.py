@@ -123,5 +123,6 @@ class Kernel:
         # What is there twice, a tenth of the operations, stays: to look for it takes as long as all
         # else that is built, and evaluations take no longer.
         inputs = [self.y, self.c, lam][: 2 + (what == "hessian")]
-        values = A.nz[:] if rows.size else ca.SX(0, 1)
+        # Of a matrix of one row CasADi gives them in a row.
+        values = ca.vec(A.nz[:])
         return ca.Function(f"{self.name}_{what}", inputs, [values]), rows, columns

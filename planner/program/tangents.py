@@ -45,7 +45,7 @@ class Tangent(Kernel):
         also = np.flatnonzero(self.change_of[j] >= 0)
         across, change = whole[also.tolist()], self.change_of[j[also]]
         rows, columns = [i[kept], i[also]], [j[kept], change]
-        values = [changed.nz[:] if kept.size else ca.SX(0, 1), across]
+        values = [ca.vec(changed.nz[:]), across]
         if symmetric:
             rows, columns, values = [*rows, change], [*columns, i[also]], [*values, across]
         inputs = [self.y, self.c, lam][: 2 + symmetric]

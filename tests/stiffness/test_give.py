@@ -39,6 +39,7 @@ PROGRAMS: dict[str, Case] = {
     "follower": (ARM, (TipLoad((0.0, 1e-3, 0.0), follower=True),), Softest(ALONG)),
     "shear": (ARM, (Extension(), Shear()), Stiffest(ALONG)),
     "friction": (ONE_SECTION, (Extension(), Friction(0.1, (1, 1, -1, -1))), Stiffest(ALONG)),
+    "friction of tendons that end": (ARM, (Friction(0.1),), Stiffest(ALONG)),
     "silicone in water": (
         ONE_SECTION,
         (*Scene.silicone().effects, *IN_WATER),
