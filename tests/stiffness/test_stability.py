@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.linalg import eigvals
+from scipy.sparse.linalg import eigs
 
 from model import Anchorage, Arm, Linear, Scene, SnapError, settle
-from model.effects import Buoyancy, Contact, Effect, Extension, PointLoad, TipLoad, Weight
+from model.effects import Buoyancy, Contact, Current, Effect, Extension, PointLoad, TipLoad, Weight
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.stability import rest_stiffness, stability, stability_slope, stands
 from model.obstacles import Sphere
@@ -77,6 +78,29 @@ def test_the_slope_of_stability_is_that_of_differences(effects: tuple[Effect, ..
         for e in np.eye(T.size)
     ]
     np.testing.assert_allclose(slope, np.array(differences) / (2 * step), atol=1e-5)
+
+
+def test_a_stability_that_is_alone_is_found_without_those_near_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Nine eigenvalues were sought, eight of them in a cluster: on fine meshes for minutes."""
+    widths = list[int]()
+
+    def counted(operator: Any, width: int, **options: Any) -> Any:
+        widths.append(width)
+        return eigs(operator, width, **options)
+
+    monkeypatch.setattr("model.equilibrium.stability.eigs", counted)
+    arm, scene = Arm.from_paper("table-4"), Scene.silicone(Current((0.0, 0.05, 0.0)))
+    T = np.array([0, 0.05, 0, 0.1, 0, 0, 0.3, 1.0, 0, 0, 0.5, 0.9])
+    shape = settle(arm, T, scene, 1e-3)
+    assert shape.known is not None
+    of, (_, stiff) = shape.known.system.of, rest_stiffness(shape.known.system)
+    solved = np.zeros((of.n_states, stiff.size))
+    solved[np.ravel(of.stages)] = np.diag(stiff)
+    reciprocals = np.linalg.eigvals(shape.known.solve(solved)[np.ravel(of.stages)])
+    assert shape.stability == pytest.approx((1 / reciprocals).real.min(), rel=1e-6)
+    assert widths == [1]
 
 
 # A column, its second moment of area, Euler's load, and the weight per length that buckles it:
