@@ -87,9 +87,11 @@ _TALKING = threading.RLock()
 
 # Efforts are about 1e-2 in the program's units: so magnified they weigh as much as the barrier.
 MAGNIFIED = 1e3
-# Equalities r = 0 are stated as r = RELAXED t, t^2 / 2 added to the objective: r is RELAXED^2 times
-# its multiplier then, a rounding error but where equalities all but depend on each other, whose
-# multipliers are of any size else.
+# Equalities r = 0 are stated as r = RELAXED (t - c), t^2 / 2 added to the objective: t is RELAXED
+# times the multiplier then, which is of any size where equalities all but depend on each other. So
+# r is RELAXED^2 times what the multiplier differs by from that of the start, of which c is made: 0
+# in a search, so that r is small; warm it is a rounding error. Source: Rockafellar, "Augmented
+# Lagrangians and applications of the proximal point algorithm", Math. Oper. Res. 1 (1976).
 RELAXED = 3e-5
 Options = dict[str, Any]
 _QUIET: Options = {
@@ -191,14 +193,16 @@ def nlp_solver(
 def solver(of: Program, purpose: Purpose, mode: Mode, talks: bool = False) -> Buffered:
     """Return ipopt for a program of a mode and a purpose, built once.
 
-    The equalities, its first m rows, may be missed by RELAXED t; unknowns are those of the program,
-    then t (m,).
+    The equalities, its first m rows, may be missed by RELAXED (t - c); unknowns are those of the
+    program, then t (m,), parameters those of the program, then c (m,).
     """
     n, m = of.size, of.n_equalities
     x, (_, p, sigma, lam) = ca.MX.sym("x", n + m), of.function.mx_in()
-    f, gradient, g, jacobian, hessian = of.function.call([x[:n], p, sigma, lam], True, False)
+    p = ca.MX.sym("p", p.numel() + m)
+    numbers, centre = ca.vertsplit(p, [0, p.numel() - m, p.numel()])
+    f, gradient, g, jacobian, hessian = of.function.call([x[:n], numbers, sigma, lam], True, False)
     t, slack = x[n:], ca.DM(ca.Sparsity.diag(of.rows.size, m), RELAXED)
-    f, g = f + ca.sumsqr(t) / 2, g - slack @ t
+    f, g = f + ca.sumsqr(t) / 2, g - slack @ (t - centre)
     first = ca.vertcat(gradient, t), ca.horzcat(jacobian, -slack)
     second = ca.diagcat(hessian, sigma * ca.DM.eye(m))
     nlp, derivatives = {"x": x, "p": p, "f": f, "g": g}, named((x, p, sigma, lam), *first, second)
@@ -240,13 +244,16 @@ def solve(
     lbx, ubx, lbg, ubg = bounds or problem.bounds
     n, none = x.size, np.zeros(problem.program.n_equalities)
     lam_x, lam_g = multipliers or (np.zeros(n), np.zeros(lbg.size))
-    begin = np.append(x, -RELAXED * lam_g[: none.size])
+    centre = RELAXED * lam_g[: none.size]
+    begin = np.append(x, centre)
     relaxed = np.append(lbx, none - np.inf), np.append(ubx, none + np.inf), lbg, ubg
     mode, talks = problem.statement.mode, LOG.isEnabledFor(logging.DEBUG)
     run = solver(problem.program, purpose, mode, talks)
-    end = solved(run, begin, problem.with_mode(x, p), relaxed, (np.append(lam_x, none), lam_g))
+    p = np.append(problem.with_mode(x, p), centre)
+    end = solved(run, begin, p, relaxed, (np.append(lam_x, none), lam_g))
     x, t = np.split(end.x, [n])
-    met = end.met and bool(RELAXED * np.abs(t).max(initial=0.0) <= KKT_TOLERANCE)
+    missed = RELAXED * float(np.abs(t - centre).max(initial=0.0))
+    met = end.met and missed <= KKT_TOLERANCE
     f = end.f - float(t @ t) / 2
     return Candidate(x, end.lam_x[:n], end.lam_g, f, met, end.iterations, problem=problem)
 

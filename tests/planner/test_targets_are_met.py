@@ -235,6 +235,15 @@ def test_weights_move_a_backbone_towards_the_points_that_weigh_more() -> None:
     assert gaps[1] < gaps[0]
 
 
+@pytest.mark.parametrize("norm", ["1", "inf"])
+def test_a_place_is_met_to_nine_digits_whatever_it_costs_to_get_nearer(norm: str) -> None:
+    """It was missed by 5e-9: by a billionth of what effort changes by along the arm's length."""
+    found = plan(ARM, TipPosition((0.43, 0.1, -0.05)), PAPER, 20.0, norm=norm, accuracy=1e-9)
+    assert found.reached, found.outcome
+    tip = settle(ARM, found.tensions, PAPER, 1e-11, "gauss6").tip
+    assert np.linalg.norm(tip - found.targets[0].position) < 1e-9 * ARM.length
+
+
 def test_targets_combine() -> None:
     shape = settle(ARM, moderate(), PAPER, 1e-9)
     through = Backbone((tuple(shape.position(0.2)),), (0.2,))
