@@ -73,7 +73,7 @@ class Answer(SearchResult, Task):
     def certificate(self) -> Certificate:
         """The check of the tensions by another integrator; see planner.certificate."""
         T = np.ravel(self.tensions)
-        return certify(self, T, lambda: self.shape, self._kkt(), self.surroundings)
+        return certify(self, T, lambda: self.shape, self._kkt, self.surroundings)
 
     @property
     def mode(self) -> Mode:
@@ -214,7 +214,7 @@ def _happened(plan: Any) -> str:
     certificate, count = plan.certificate, len(plan.starts)
     if certificate.problem:
         return f"Not certified: {certificate.problem}"
-    guesses = "initial guesses" if count > 1 else "initial guess"
+    guesses = "initial guess" if count == 1 else "initial guesses"
     tried = f"{count} {guesses} tried, {plan.agreed} led to the best optimum"
     if certificate.passed:
         bears = f"stability {certificate.stability:.3g}, {certificate.bears}; "

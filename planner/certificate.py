@@ -233,12 +233,13 @@ def certify(
     task: Task,
     tensions: Array,
     settled: Callable[[], Shape],
-    kkt: float,
+    kkt: Callable[[], float],
     surroundings: Surroundings = NOTHING,
 ) -> Certificate:
     """Verify the settled tensions by initial value integration, and evaluate targets and limits.
 
-    `settled` returns the shape, ten times as accurate as the task.
+    `settled` returns the shape, ten times as accurate as the task; `kkt` the residual of the
+    first-order conditions of that shape.
     """
     arm, targets, tolerance, limits = task.arm, task.together, task.accuracy, task.limits
     excess, least_gaps = tension_excess(tensions, limits), surroundings.least
@@ -266,7 +267,7 @@ def certify(
         {name: float(np.linalg.norm(values)) for name, values in soft_residual.items()},
         {name: float(np.min(values)) for name, values in inequality.items()},
         excess,
-        kkt,
+        kkt(),
         math.dist(tip, shape.tip) / arm.length,
         error,
         least,

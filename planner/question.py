@@ -140,7 +140,7 @@ class Limits:
                 raise InputError("stroke_min", least, allowed)
             paid_out = each_tendon(arm, "stroke_min", np.abs(negative))
             warn_unusual("stroke_min", (paid_out / arm.length).tolist(), STROKE)
-        return replace(self, strokes=(tuple((-paid_out).tolist()), tuple(high.tolist())))
+        return replace(self, strokes=(tuple((0.0 - paid_out).tolist()), tuple(high.tolist())))
 
     @property
     def keywords(self) -> dict[str, Any]:
@@ -279,7 +279,7 @@ def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, 
         raise InputError("target", target, "at least one target")
     prescribed = dict[str, int]()
     for i, t in enumerate(targets):
-        if not hasattr(t, "terms"):
+        if not isinstance(t, Target):
             raise InputError("target", t, "a target such as TipPosition(...)")
         t.check(arm)
         for name in t.prescribed(arm):

@@ -53,8 +53,10 @@ class Backbone(Target):
             raise InputError(
                 "Backbone.s", self.s[-1], f"up to the arm's length, {length_text(arm.length)}"
             )
-        if min(np.diff(self.stations(arm), prepend=0.0)) < 1e-6 * arm.length:
-            raise InputError("Backbone.points", self.points, "points apart from each other")
+        apart = np.diff(self.stations(arm), prepend=0.0)
+        if not np.all(apart >= 1e-6 * arm.length):
+            allowed = "points apart from each other, and the first from the base"
+            raise InputError("Backbone.points", self.points, allowed)
 
     def stations(self, arm: Arm) -> tuple[float, ...]:
         """See Target.stations."""
@@ -62,7 +64,8 @@ class Backbone(Target):
             return self.s
         points = np.vstack([arm.base_position, self.points])
         chord = np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))
-        return tuple((chord / chord[-1] * arm.length).tolist())
+        longest = max(chord[-1], np.finfo(float).tiny)
+        return tuple((chord / longest * arm.length).tolist())
 
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters: the points, then the roots of the weights over their sum."""

@@ -243,7 +243,7 @@ def waypoints_of(
         if isinstance(count, bool) or not isinstance(count, int) or count < 1:
             raise InputError("waypoints", count, "a whole number from 1")
         places = [path(float(share)) for share in np.linspace(0, 1, count)]
-        path = [place if hasattr(place, "terms") else TipPosition(place) for place in places]
+        path = [place if isinstance(place, Target) else TipPosition(place) for place in places]
     if not isinstance(path, Iterable):
         allowed = "targets in order, a function, or the name of a .csv file"
         raise InputError("targets", path, allowed)

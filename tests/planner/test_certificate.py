@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model import Arm, settle
+from model import Arm, OctoplanError, Shape, settle
 from planner import Limits, plan
 from planner.certificate import certify
 from planner.targets import TipPosition
@@ -127,10 +127,27 @@ def test_a_shape_on_the_brink_is_warned_of(load_factor: float | None, why: str) 
     assert f"it stands on the brink: {why}" in brink.warnings
 
 
+def test_tensions_that_settle_to_no_shape_are_settled_once() -> None:
+    """They were twice, and an arm that yields under its loads takes long."""
+    asked = list[str]()
+
+    def settled() -> Shape:
+        asked.append("a shape")
+        raise OctoplanError("no shape")
+
+    def kkt() -> float:
+        asked.append("optimality")
+        return 0.0
+
+    found = certify(PLAN, PLAN.tensions.ravel(), settled, kkt)
+    assert found.problem == "no shape"
+    assert asked == ["a shape"]
+
+
 def test_the_tip_of_a_shape_is_held_against_that_of_the_check() -> None:
     tensions = 2 * PLAN.tensions
     rough, sharp = (settle(ARM, tensions, PAPER, own) for own in (1e-2, 1e-11))
-    found = certify(PLAN, tensions.ravel(), lambda: rough, 0.0)
+    found = certify(PLAN, tensions.ravel(), lambda: rough, float)
     apart = np.linalg.norm(rough.tip - sharp.tip) / ARM.length
     assert apart > 1e-6
     assert found.agreement == pytest.approx(apart, rel=1e-2)

@@ -104,6 +104,7 @@ PLANS: Refused = {
         "Backbone.points",
         "",
     ),
+    "points on the base alone": (lambda: plan(LONG, Backbone(((0, 0, 0),))), "points", "the base"),
     "a fetch by one section": (
         lambda: plan(ONE_SECTION, Fetch.reach((0, 0, 0)), PAPER, 1.0),
         "arm.sections",
@@ -123,6 +124,7 @@ PLANS: Refused = {
     ),
     "no target": (lambda: plan(LONG, [], PAPER, 1.0), "target", ""),
     "something else as a target": (lambda: plan(LONG, "up", PAPER, 1.0), "target", ""),
+    "a kind of target": (lambda: plan(LONG, TipPosition, PAPER, 1.0), "target", ""),
     "an unknown form": (lambda: plan(LONG, TIP, PAPER, 1.0, form="single"), "form", ""),
     "an unknown norm": (lambda: plan(LONG, TIP, PAPER, 1.0, norm="3"), "norm", ""),
     "no starts": (lambda: plan(LONG, TIP, PAPER, 1.0, starts=0), "starts", ""),
