@@ -86,6 +86,7 @@ class Experiment:
         sensors = [sensor for shape in shapes for sensor in shape.sensors]
         ends = np.cumsum([0, *(len(shape.sensors) for shape in shapes)]).tolist()
         self.rows = [slice(*pair) for pair in pairwise(ends)]
+        self._said = _rows(parameters.given)
         self._point = np.array([sensor.point for sensor in sensors], dtype=np.int64)
         self._s = np.array([sensor.s for sensor in sensors])
         self._offsets = np.array([sensor.offset for sensor in sensors]).reshape(-1, 3)
@@ -107,7 +108,7 @@ class Experiment:
         Where places have passed each other, on a new one.
         """
         setting = self.parameters.setting(values, name)
-        arm, looked_at = setting.arm, self._looked_at(setting)
+        arm, looked_at = setting.arm, self._looked_at(setting)[0]
         members = [row for row, of in zip(self.rows, self.session, strict=True) if of == name]
         s = np.concatenate([looked_at[row] for row in members])
         if s.size and not 0 <= s.min() <= s.max() <= arm.length * (1 + 1e-12):
@@ -134,25 +135,22 @@ class Experiment:
             stated.p,
             stated.length_numbers,
             stated.mesh.s,
-            self._looked_at(setting),
-            self._offsets + self._shift(setting, "offset", (3,)),
+            *self._looked_at(setting),
             scale,
             rest_lengths(stated.arm) if self._strokes else np.zeros_like(scale),
         )
 
-    def _looked_at(self, setting: Setting) -> Array:
+    def _looked_at(self, setting: Setting) -> tuple[Array, Array]:
+        """Return arc lengths (M,) and offsets (M, 3) of what is looked at, as a table has them."""
+        moved = (_rows(setting) - self._said)[self._point]
         s = np.where(np.isinf(self._s), setting.arm.length, self._s)
-        return np.asarray(s + self._shift(setting, "s"))
+        return s + moved[:, 0], self._offsets + moved[:, 1:]
 
-    def _shift(self, setting: Setting, name: str, size: tuple[int, ...] = ()) -> Array:
-        """Return by how much `s` or `offset` of the points looked at is off what is said [m]."""
-        shift = np.zeros((self._point.size, *size))
-        for i, (now, said) in enumerate(
-            zip(setting.points, self.parameters.given.points, strict=True)
-        ):
-            if now != said:
-                shift[self._point == i] = np.array(now[name]) - said[name]
-        return shift
+
+def _rows(setting: Setting) -> Array:
+    """Return arc length and offset of each point (n + 1, 4) [m], and last 0 of what is none."""
+    points = [[point["s"], *point["offset"]] for point in setting.points]
+    return np.array([*points, np.zeros(4)])
 
 
 @dataclass(frozen=True, eq=False)
