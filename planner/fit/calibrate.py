@@ -9,7 +9,6 @@ from typing import get_args
 import numpy as np
 
 from model import Arm, InputError, Scene
-from model.checks import kind
 from model.effects import PrintedStatics
 from model.equilibrium.newton import STAGES
 from model.errors import OctoplanError, SnapError, TimeLimitError
@@ -24,7 +23,7 @@ from planner.fit.calibration import Calibration
 from planner.fit.experiment import Experiment
 from planner.fit.fitted import Start, parameters_of
 from planner.fit.least_squares import Fit, Loss, fit
-from planner.fit.measured import Measured, check_scale
+from planner.fit.measured import Measured, checked_shapes
 from planner.fit.residuals import LOOSER, Evaluation, UnsettledShapeError, from_rest
 from planner.fit.unknowns import Parameters, Unknown
 
@@ -103,7 +102,7 @@ def calibrate(
         raise InputError("loss", loss, ", ".join(get_args(Loss)))
     if not (isinstance(starts, int) and 1 <= starts <= 1000):
         raise InputError("starts", starts, "a whole number from 1 to 1000")
-    shapes = _checked(arm, measured)
+    shapes = checked_shapes(arm, measured)
     parameters = parameters_of(arm, scene, unknowns, shapes)
     data = sum(shape.size for shape in shapes)
     free = sum(unknown.prior is None for unknown in parameters.unknowns)
@@ -150,20 +149,6 @@ def supported_scene(arm: Arm, scene: Scene | None) -> Scene:
     if contacts(scene):
         raise InputError("scene", "contact", "a scene without: it is not differentiated by numbers")
     return scene
-
-
-def _checked(arm: Arm, measured: Iterable[Measured]) -> tuple[Measured, ...]:
-    shapes = tuple(measured)
-    if not shapes:
-        raise InputError("measured", shapes, "at least one shape")
-    for i, shape in enumerate(shapes):
-        kind(f"measured[{i}]", shape, Measured, "a Measured")
-    names = [shape.name or f"measured[{i}]" for i, shape in enumerate(shapes)]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError("Measured.name", name, "each name once")
-    check_scale(arm, shapes)
-    return tuple(shape.checked(arm, name) for shape, name in zip(shapes, names, strict=True))
 
 
 @dataclass

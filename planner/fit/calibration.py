@@ -25,7 +25,7 @@ from model.progress import reported
 from model.text import Told
 from planner.fit.fitted import Fitted
 from planner.fit.least_squares import fit
-from planner.fit.measured import MIDLINE, Measured, Point
+from planner.fit.measured import MIDLINE, Measured, Point, checked_shapes
 from planner.fit.residuals import (
     Evaluation,
     Residual,
@@ -247,8 +247,7 @@ class Calibration(Told, Fitted):
 
     def errors(self, measured: Sequence[Measured]) -> tuple[Residual, ...]:
         """Return what is predicted less what was measured of other shapes of this arm."""
-        names = [m.name or f"measured[{i}]" for i, m in enumerate(measured)]
-        shapes = [m.checked(self.given_arm, n) for m, n in zip(measured, names, strict=True)]
+        shapes = checked_shapes(self.given_arm, measured)
         return tuple(from_rest(self.experiment(shapes), self.array).named())
 
     def _predicted(self, there: Evaluation, count: int) -> Prediction:

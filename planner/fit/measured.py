@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any, NamedTuple
@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from model import Arm, InputError
-from model.checks import SUCH, orthonormal
+from model.checks import SUCH, kind, orthonormal
 from model.paths import Array
 from model.quantities import Matrix, NotNegative, Positive, Vector
 from model.value import Rule, value
@@ -195,6 +195,21 @@ class Measured:
         return replace(self, tensions=flat, name=name)
 
 
+def checked_shapes(arm: Arm, measured: Iterable[Measured]) -> tuple[Measured, ...]:
+    """Return shapes of an arm, each with a name; InputError for what is not of it, and for none."""
+    shapes = tuple(measured)
+    if not shapes:
+        raise InputError("measured", shapes, "at least one shape")
+    for i, shape in enumerate(shapes):
+        kind(f"measured[{i}]", shape, Measured, "a Measured")
+    names = [shape.name or f"measured[{i}]" for i, shape in enumerate(shapes)]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError("Measured.name", name, "each name once")
+    _check_scale(arm, shapes)
+    return tuple(shape.checked(arm, name) for shape, name in zip(shapes, names, strict=True))
+
+
 def _check_place(arm: Arm, where: str, place: Array, offset: Array) -> None:
     """Refuse a place that the arm cannot reach, or one that says that all are in other units."""
     away, aside = float(np.linalg.norm(place - arm.base_position)), float(np.linalg.norm(offset))
@@ -219,7 +234,7 @@ def _check_runs(arm: Arm, where: str, lengths: Sequence[float]) -> None:
         raise InputError(f"{where}, {arm.tendon_name(most)}", lengths[most], allowed)
 
 
-def check_scale(arm: Arm, shapes: Sequence[Measured]) -> None:
+def _check_scale(arm: Arm, shapes: Sequence[Measured]) -> None:
     """Refuse shapes of which all markers are next to the base: they may be in kilometres."""
     ends = np.concatenate([shape.arc_lengths(arm) for shape in shapes])
     away = np.vstack([shape.places for shape in shapes]) - arm.base_position

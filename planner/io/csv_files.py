@@ -54,7 +54,7 @@ def _lines(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows([repr(x) if isinstance(x, float) else x for x in row] for row in rows)
+    writer.writerows(rows)
     return text.getvalue().encode()
 
 
@@ -150,7 +150,7 @@ def load_waypoints(path: Path) -> tuple[list[TipPosition], Array | None]:
 
 
 def load_shapes(
-    path: Path, arm: Arm, points: Sequence[MarkerColumns] = (), **stds: float
+    path: Path, arm: Arm, points: Sequence[MarkerColumns] = (), **stds: float | None
 ) -> tuple[Measured, ...]:
     """Return the shapes of a CSV file, of such standard deviations as Measured has.
 

@@ -14,7 +14,7 @@ import re
 import shutil
 from collections import deque
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -28,39 +28,49 @@ from model.errors import FileError, InputError, as_given, shortened
 # Folders in which files are staged, beside where they go, are named after machine and process: by
 # that it is known what a killed process has left there.
 _MARK = ".octoplan.part"
-# Those of this process, and whether what they are in was made for them.
-_staging: dict[Path, bool] = {}
+# Those of this process.
+_staging: set[Path] = set()
 # What this process has written last, and that in words, for whoever ends it.
 _kept: deque[tuple[Path, str]] = deque(maxlen=9)
 
 
 @contextmanager
-def staged(folder: Path, make: bool = False) -> Iterator[Path]:
-    """Yield a new folder inside a folder, which is gone afterwards, and so are orphans of it.
-
-    The folder itself is made if wanted, and removed where nothing came into it.
-    """
-    is_made = make and not folder.exists()
-    if make:
-        folder.mkdir(parents=True, exist_ok=True)
+def staged(folder: Path) -> Iterator[Path]:
+    """Yield a new folder inside a folder, which is gone afterwards, and so are orphans of it."""
     machine = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
     for other in folder.glob(f"{_MARK}.{machine}.*"):
         if _is_orphan(other):
             shutil.rmtree(other, ignore_errors=True)
     prefix = f"{_MARK}.{machine}.{os.getpid()}."
-    with ExitStack() as stack:
-        if is_made:
-            stack.callback(_remove_empty, folder)
-        temporary = TemporaryDirectory(prefix=prefix, dir=folder, ignore_cleanup_errors=True)
-        here = Path(stack.enter_context(temporary))
-        _staging[here] = is_made
-        stack.callback(_staging.pop, here)
-        yield here
+    with TemporaryDirectory(prefix=prefix, dir=folder, ignore_cleanup_errors=True) as name:
+        here = Path(name)
+        _staging.add(here)
+        try:
+            yield here
+        finally:
+            _staging.remove(here)
 
 
-def _remove_empty(folder: Path) -> None:
-    with suppress(OSError, ValueError):
-        folder.rmdir()
+def _there(folder: Path) -> Path:
+    """Return a folder that is to be made, or the nearest above it that is there already."""
+    return next(place for place in (folder, *folder.parents) if place.is_dir())
+
+
+@contextmanager
+def whole(path: Path, make: bool = False) -> Iterator[Path]:
+    """Yield a path to write a file or a folder to, which takes its place once it is there whole.
+
+    The folder that it is in is made then if wanted.
+    """
+    with staged(_there(path.parent) if make else path.parent) as here:
+        part = here / path.name
+        yield part
+        if make:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        if part.is_dir() and path.is_dir():
+            # A folder cannot take the place of another at once.
+            path.replace(here / "old")
+        part.replace(path)
 
 
 def _is_orphan(folder: Path) -> bool:
@@ -86,11 +96,9 @@ def placed(path: Path, *suffixes: str) -> Iterator[Path]:
     if path.suffix.lower() not in suffixes:
         raise InputError("path", str(path), f"a file name that ends in {' or '.join(suffixes)}")
     try:
-        with staged(path.parent) as folder:
-            part = folder / f"part{path.suffix}"
+        with whole(path) as part:
             yield part
-            part.replace(path)
-            keep(path, f"{path} is written")
+        keep(path, f"{path} is written")
     except (OSError, ValueError) as reason:
         if isinstance(reason, InputError):
             raise
@@ -105,25 +113,24 @@ def keep(path: Path, text: str) -> None:
 
 def end() -> str:
     """Remove what is not whole, as the process ends at once; return what is kept, in words."""
-    for here, is_made in tuple(_staging.items()):
+    for here in tuple(_staging):
         shutil.rmtree(here, ignore_errors=True)
-        if is_made:
-            _remove_empty(here.parent)
     return "; ".join(text for path, text in _kept if path.exists()) or "nothing was written"
 
 
 def write_together(folder: Path, contents: dict[str, bytes]) -> None:
     """Write files into a folder, which is made if need be: all of them, or on an error none.
 
-    They are staged in a folder inside it first, so that a full disk spoils nothing; a folder in the
-    place of one of them is refused before. Raises FileError.
+    They are staged in it, or where it is to be made, so that a full disk spoils nothing; a folder
+    in the place of one of them is refused before. Raises FileError.
     """
     try:
-        with staged(folder, make=True) as here:
+        with staged(_there(folder)) as here:
             for name, content in contents.items():
                 if (folder / name).is_dir():
                     raise IsADirectoryError(errno.EISDIR, f"{name} in it is a folder")
                 (here / name).write_bytes(content)
+            folder.mkdir(parents=True, exist_ok=True)
             for name in contents:
                 (here / name).replace(folder / name)
             keep(folder, f"{', '.join(contents)} in {folder} are written")

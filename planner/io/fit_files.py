@@ -14,7 +14,7 @@ from planner.fit.design import design
 from planner.fit.designed import Design
 from planner.fit.making import Making, Objective, Reach
 from planner.fit.unknowns import Unknown
-from planner.io.codec import Table, in_si, quantity, value_of
+from planner.io.codec import Table, arguments_of, quantity, value_of
 from planner.io.csv_files import MarkerColumns, load_shapes
 from planner.io.files import read_toml
 from planner.io.mistakes import checked, located, made
@@ -72,15 +72,14 @@ def load_asked(path: str | Path) -> dict[str, Any]:
     names = [point.name for point in file.points]
     if len(set(names)) < len(names):
         raise FileError(name, "points", f"got {', '.join(names)}; allowed is each name once")
-    stds = {"std": in_si(file.std_mm, "mm"), "tension_std": file.tension_std}
-    if file.length_std_mm is not None:
-        stds["length_std"] = in_si(file.length_std_mm, "mm")
+    values = arguments_of(file)
+    stds = {key: values[key] for key in ("std", "length_std", "tension_std")}
     return {
         "arm": question.arm,
         "scene": question.scene,
         "measured": load_shapes(path.parent / file.measured, question.arm, file.points, **stds),
         "unknowns": unknowns,
-        **{key: getattr(file, key) for key in ("loss", "absolute_std", "starts", "accuracy")},
+        **{key: values[key] for key in ("loss", "absolute_std", "starts", "accuracy")},
     }
 
 

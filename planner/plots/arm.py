@@ -115,9 +115,7 @@ def _mark(points: Array, label: str, colour: str, ax: Any, **style: Any) -> None
 
 def look(ax: Any, shape: Shape, points: Array) -> None:
     """Turn 3-D axes to where points (N, 3) [m] are seen best, and let their box fill the panel."""
-    for name, values in zip("xyz", MM * points.T, strict=True):
-        low, high = getattr(ax, f"get_{name}lim")()
-        getattr(ax, f"set_{name}lim")(min(low, values.min()), max(high, values.max()))
+    fit(ax, points, fresh=False)
     fill(ax, *best_view(points, shape.frame(0.0)[:, 0]))
 
 

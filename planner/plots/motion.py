@@ -63,7 +63,6 @@ def plot_trajectory(motion: Any) -> Figure:
     tips = np.array([motion.shape(t).tip for t in np.linspace(0, motion.times[-1], _SHOWN)])
     ax.plot(*(MM * tips).T, "-", color=INK, lw=1.0, label="path of the tip", zorder=8)
     seen = np.vstack([points, tips])
-    fit(ax, seen, fresh=False)
     look(ax, last, seen)
     ax.legend(loc="upper left", frameon=False, fontsize=SIZE)
     over = figure.add_axes((0.60, 0.14, 0.37, 0.74))

@@ -14,7 +14,7 @@ from model.errors import InputError
 from model.paths import Array
 from model.stiffness import Stiffness
 from planner.effect_ablation import Switch
-from planner.plots.arm import draw_arm, look
+from planner.plots.arm import draw_arm, fit, look
 from planner.plots.style import INK, MM, SIZE, axes_of, labelled
 
 # Shapes that are drawn at most, evenly spread over the measurements.
@@ -40,24 +40,21 @@ def plot_calibration(result: Any, ax: Axes | None = None) -> Figure | Axes:
 
 def _arms(result: Any, ax: Any) -> None:
     """Draw settled midlines, predicted markers as lines to the measured ones."""
-    here = result.evaluation
+    here, seen = result.evaluation, list[Array]()
     present = list(here.equilibria)
     which = present[:: max(1, -(-len(present) // _SHAPES))]
     for k, i in enumerate(which):
         equilibrium, shape = here.equilibria[i], result.measured[i]
         places, miss = shape.places, here.residuals[i]
-        midline = MM * equilibrium.system.poses(equilibrium.states)[:, 4:]
-        ax.plot(*midline.T, color=f"C{k % 10}", lw=1.2)
-        predicted = MM * (places + miss[: places.size].reshape(-1, 3))
-        for one, other in zip(MM * places, predicted, strict=True):
-            ax.plot(*np.array([one, other]).T, color=f"C{k % 10}", lw=0.8)
+        midline = equilibrium.system.poses(equilibrium.states)[:, 4:]
+        ax.plot(*(MM * midline).T, color=f"C{k % 10}", lw=1.2)
+        predicted = places + miss[: places.size].reshape(-1, 3)
+        for line in MM * np.stack([places, predicted], axis=1):
+            ax.plot(*line.T, color=f"C{k % 10}", lw=0.8)
         ax.plot(*(MM * places).T, "o", ms=3, color=f"C{k % 10}")
-    ax.set_aspect("equal")
-    ax.locator_params(nbins=4)
-    for axis in "xyz":
-        getattr(ax, f"set_{axis}label")(f"{axis} [mm]", fontsize=SIZE)
+        seen += [midline, places]
+    fit(ax, np.vstack(seen), fresh=True)
     ax.set_title("measured markers over settled arms", fontsize=SIZE)
-    ax.tick_params(labelsize=SIZE)
 
 
 def plot_residuals(result: Any, ax: Axes | None = None) -> Figure | Axes:

@@ -106,13 +106,9 @@ class Sweep:
         """How many chunks there are."""
         return -(-self.size // self.chunk)
 
-    def count(self, chunk: int) -> int:
-        """Return how many points a chunk has."""
-        return min(self.chunk, self.size - chunk * self.chunk)
-
     def points(self, chunk: int) -> list[Point]:
         """Return the points of a chunk, the last dimension fastest: a value for each axis."""
-        numbers = chunk * self.chunk + np.arange(self.count(chunk))
+        numbers = np.arange(chunk * self.chunk, min((chunk + 1) * self.chunk, self.size))
         places = np.unravel_index(numbers, tuple(self.dims.values()))
         along = dict(zip(self.dims, places, strict=True))
         columns = (

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from model.errors import InputError, OctoplanError, needed
 from model.progress import check_time, tell
-from planner.io.files import keep, staged, versions, why
+from planner.io.files import keep, versions, whole, why
 from planner.sweeps.definition import Sweep
 from planner.sweeps.points import LABELS, VARIABLES, Rows, Variable, dtype_of
 
@@ -101,14 +101,10 @@ class ChunkFiles:
     def write(self, chunk: int, rows: Rows) -> None:
         """Keep a chunk; it is on the disk when this returns. Raises FullDiskError."""
         path = self._path(chunk)
-        with writable(path), staged(self.folder.parent) as folder:
-            part = folder / path.name
-            with part.open("wb") as stream:
-                np.savez(stream, allow_pickle=False, **rows)
-                stream.flush()
-                os.fsync(stream.fileno())
-            self.folder.mkdir(exist_ok=True)
-            part.replace(path)
+        with writable(path), whole(path, make=True) as part, part.open("wb") as stream:
+            np.savez(stream, allow_pickle=False, **rows)
+            stream.flush()
+            os.fsync(stream.fileno())
         self._keep()
 
     def read(self, chunk: int, name: str) -> NDArray[Any]:
@@ -174,8 +170,8 @@ def _array(sweep: Sweep, kept: ChunkFiles, name: str, each: Variable, width: int
         tell("chunks gathered", there.stop, sweep.chunks)
         return np.concatenate([kept.read(chunk, name).astype(kind) for chunk in there])
 
-    counts = [sweep.count(chunk) for chunk in range(sweep.chunks)]
-    parts = tuple(sum(counts[i : i + several]) for i in range(0, sweep.chunks, several))
+    at_once = several * sweep.chunk
+    parts = tuple(min(at_once, sweep.size - i) for i in range(0, sweep.size, at_once))
     like = np.empty((0,) * (1 + len(sizes)), kind)
     chunks = (parts, *((size,) for size in sizes))
     flat = array.map_blocks(part, chunks=chunks, dtype=kind, meta=like)
@@ -186,18 +182,12 @@ def _array(sweep: Sweep, kept: ChunkFiles, name: str, each: Variable, width: int
 
 def save(data: Any, path: Path) -> None:
     """Write a Dataset to a path, whole or not at all; raises FullDiskError. To be done in order."""
-    suffix = path.suffix.lower()
-    with writable(path), staged(path.parent) as folder:
-        new = folder / f"new{suffix}"
-        if suffix == ".nc":
-            data.to_netcdf(new, engine="h5netcdf")
+    with writable(path), whole(path) as part:
+        if path.suffix.lower() == ".nc":
+            data.to_netcdf(part, engine="h5netcdf")
         else:
             # Texts are no settled part of Zarr's format 3 yet.
-            data.to_zarr(new, zarr_format=2, consolidated=True)
-        if path.is_dir():
-            # A folder cannot take the place of another at once.
-            path.replace(folder / "old")
-        new.replace(path)
+            data.to_zarr(part, zarr_format=2, consolidated=True)
 
 
 @contextmanager
