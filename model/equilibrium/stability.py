@@ -10,8 +10,7 @@ spread along the tendons are held as they are.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Literal
 
@@ -40,8 +39,6 @@ _NONE, _ZERO = 1e-4, 1e-12
 _MORE = 8
 # Imaginary parts up to this, over the eigenvalue, are rounding.
 _REAL = 1e-9
-# Eigenvalues whose real parts are less by this are others.
-_NEXT = 1e-6
 # No eigenvalue is looked for below this one.
 _LOWEST = -1e6
 
@@ -183,7 +180,7 @@ def unstable_mode(point: Linearised) -> Array | None:
     """
     if point.factor is None:
         return None
-    values, bends = next(_reciprocals(point, ((1, 1), (1, 4)), "SR", _ROUGH))
+    values, bends = _reciprocals(point, (1, 1), "SR", _ROUGH)
     least = int(np.argmin(values.real))
     if values[least].real > -_NONE:
         return None
@@ -226,41 +223,35 @@ def _least(
     """Return the least eigenvalues, their modes at the stages (n, count), and what spreads these.
 
     Those that are nearest to a number below them all; the last are the equations with so much less
-    stiffness. Where loads have no potential eigenvalues may be complex, and more are looked at
-    unless the equations with a little less stiffness than the nearest has are stable.
+    stiffness. Where loads have no potential eigenvalues may be complex, and more are looked at, as
+    far as they are found: most are near 1, of any number.
     With `transposed` modes are those of the transpose.
     """
-    several, conservative = count + _MORE, is_conservative(point.system.scene)
-    sought = ((count, 1), (count, 4)) if conservative else ((count, 1), (several, 1), (several, 4))
-    if point.near and not conservative:  # eigenvalues may magnify any error
+    more = 0 if is_conservative(point.system.scene) else _MORE
+    if more and point.near:  # of an unsymmetric matrix eigenvalues may magnify any error
         point = Linearised(point.system, point.x)
     below, shifted = 0.0, point
     while not stands(shifted) and below > _LOWEST:
         below = min(4 * below, -1.0)
         shifted = _less_stiff(point, below)
-    for reciprocals, modes in _reciprocals(shifted, sought, "LM", tolerance, transposed):
-        size = np.abs(reciprocals)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            values = np.where(size > _ZERO * size.max(), 1 / reciprocals, np.inf)
-        least = np.argsort(values.real)[:count]
-        bends = modes[:, least]
-        enough = conservative or values.size > count
-        if enough or stands(_less_stiff(shifted, values[least[0]].real - _NEXT)):
-            break
-    return values[least] + below, bends, shifted
+    values, bends = _reciprocals(shifted, (count, count + more), "LM", tolerance, transposed)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        values = np.where(np.abs(values) > _ZERO * np.abs(values).max(), 1 / values, np.inf)
+    least = np.argsort(values.real)[:count]
+    return values[least] + below, bends[:, least], shifted
 
 
 def _reciprocals(
     point: Linearised,
-    sought: Sequence[tuple[int, int]],
+    sought: tuple[int, int],
     which: Literal["LM", "SR"],
     tolerance: float,
     transposed: bool = False,
-) -> Iterator[tuple[Array, Array]]:
-    """Yield the largest or least reciprocals of eigenvalues, and their modes at the stages (n, .).
+) -> tuple[Array, Array]:
+    """Return the largest or least reciprocals of eigenvalues, and their modes at the stages (n, .).
 
-    By Arnoldi's method on the inverse of the equations: so many as are `sought`, with so many times
-    the vectors and restarts, as far as it converges; at last all of the whole matrix. With contacts
+    From so many to so many as are `sought`, as far as they converge, by Arnoldi's method on the
+    inverse of the equations; or of the whole matrix where many eigenvalues are one. With contacts
     as equations this is, in the strains, the Hessian's inverse where the arm can move with them,
     and 0 across.
     """
@@ -274,14 +265,22 @@ def _reciprocals(
 
     n = stiff.size
     operator, start = LinearOperator((n, n), matvec=inverse), np.random.default_rng(0)
-    v0 = start.standard_normal(n)
-    for count, more in sought:
-        size = {"ncv": min(more * _VECTORS * count, n), "maxiter": more * _RESTARTS, "v0": v0}
-        with suppress(ArpackNoConvergence):
-            values, vectors = eigs(operator, count, which=which, tol=tolerance, **size)
-            yield values, (vectors.T / after).T
+    v0, (least, most) = start.standard_normal(n), sought
+    # More of both before all of the matrix, which on fine meshes is too large; up to as many
+    # vectors it takes less time.
+    for more in (1, 4):
+        width = more * _VECTORS * most
+        if width >= n:
+            break
+        size = {"ncv": width, "maxiter": more * _RESTARTS, "v0": v0}
+        try:
+            values, vectors = eigs(operator, most, which=which, tol=tolerance, **size)
+        except ArpackNoConvergence as part:
+            values, vectors = part.eigenvalues, part.eigenvectors
+        if values.size >= least:
+            return values, (vectors.T / after).T
     values, vectors = np.linalg.eig(inverse(np.eye(n)))
-    yield values, (vectors.T / after).T
+    return values, (vectors.T / after).T
 
 
 def _less_stiff(point: Linearised, by: float) -> Linearised:
