@@ -148,13 +148,15 @@ def _with_places(of: Request, near: Linearised, places: Places) -> Linearised | 
 def _widened(system: System, states: Array) -> System:
     """Return equations whose gaps are taken with the larger radius of both sides of each node.
 
-    Friction at a point lets the stretch jump, and with it the radius of a body that swells.
+    Friction at a point, and on a tapered arm what presses there, has a part along the arm: it lets
+    the stretch jump, and with it the radius of a body that swells.
     """
-    if not (system.of.form.contact_friction and system.scene.has(NeoHookean)):
+    if not system.scene.has(NeoHookean):
         return system
-    strains, result = states[system.of.stages], copy.copy(system)
+    result = copy.copy(system)
+    before, beyond = system.stretch_beside(states[system.of.stages])
     # The kernel divides by the root of the stretch before a node.
-    wider = system.outer_radii(strains) * np.sqrt(system.stretch_beside(strains)[0])
+    wider = system.arm.outer_radius(system.mesh.s[1:])[0] * np.sqrt(np.maximum(before / beyond, 1))
     kernel_numbers(result, "touch")[:, :, SIZE] = wider[:, None]
     return result
 

@@ -94,7 +94,7 @@ def newton(
         check_time()
         if touching:
             last, system = system, touching(system, x[0, first:])
-            near = near if np.array_equal(system.p, last.p) else [None]
+            near = near if np.allclose(system.p, last.p, CLOSE, 0.0) else [None]
         some = x[going]
         points = linearised(system, some, [near[i] for i in going])
         steps = system.residual(some)

@@ -1,9 +1,11 @@
 """An arm that touches something, and one that leans on a rod by lengths or with shear."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
+from model import Anchorage, Arm, Linear, Scene, settle
 from model.effects import Contact, ExactTendons, Extension, PointLoad, Shear, TipLoad, Weight
 from model.obstacles import Box, Capsule, Obstacle, Sphere
 from tests.contact.cases import bar, distance, stiffness
@@ -49,6 +51,20 @@ def test_what_is_touched_is_not_entered_and_pushes_outwards(obstacle: Obstacle) 
         assert obstacle.distance(x[None])[0] - 0.006 == pytest.approx(0, abs=1e-6 * arm.length)
         outwards = obstacle.gradient(x[None])[0]
         assert own.force == pytest.approx(np.linalg.norm(own.force) * outwards, rel=1e-5, abs=1e-7)
+
+
+def test_silicone_that_widens_to_its_tip_enters_nothing_on_either_side_of_a_touch() -> None:
+    """What presses leans, and lets stretch and radius jump: the wider side was inside by 25 nm."""
+    ends = (Anchorage(0.3, Linear(0.003, 0.0015)),)
+    arm = replace(ARM, radius=Linear(0.006, 0.012), sections=ends)
+    T = np.array([0.0, 1.0, 0.0, 0.0])
+    shape = settle(arm, T, Scene.silicone(Contact(ROD)), 1e-4)
+    (touch,) = shape.contacts
+    assert 0.5 < touch.s / arm.length < 0.9
+    sides = touch.s + 1e-9 * arm.length * np.array([-1, 1])
+    radius = arm.outer_radius(sides)[0] / np.sqrt(1 + shape.strain(sides)[:, 3])
+    gaps = ROD.distance(shape.position(sides)) - radius
+    assert gaps.min() > -1e-9 * arm.length
 
 
 def test_a_part_that_lies_off_the_point_where_it_began_is_found() -> None:
