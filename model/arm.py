@@ -252,7 +252,8 @@ class Arm(Shown):
         counts = [len(section.angles) for section in self.sections]
         allowed = f"{self.n_tendons} numbers, flat or a row per section, tip first "
         allowed += f"({'+'.join(map(str, counts))})"
-        if not hasattr(values, "__iter__") or isinstance(values, str | bytes):
+        is_one = not hasattr(values, "__iter__") or getattr(values, "shape", None) == ()
+        if is_one or isinstance(values, str | bytes):
             raise InputError(name, values, allowed)
         rows = [numbers(name, row, allowed) for row in values]
         if any(row.ndim > 1 for row in rows):
@@ -304,6 +305,14 @@ def conical(
         From the tip to the base [m].
     **others
         Further fields of Arm.
+
+    Raises InputError for radii and rows of another shape, and as Arm does.
     """
-    sections = tuple(Anchorage(at, Linear(a, b)) for at, a, b in anchorages)
-    return Arm(length, Linear(*radii), sections, **others)
+    two, three = "two numbers, R_max and R_min", "rows of three numbers, l_i, a_i, b_i"
+    ends, rows = numbers("radii", radii, two), numbers("anchorages", anchorages, three)
+    if ends.shape != (2,):
+        raise InputError("radii", radii, two)
+    if rows.shape != (0,) and rows.shape[1:] != (3,):
+        raise InputError("anchorages", anchorages, three)
+    sections = tuple(Anchorage(at, Linear(a, b)) for at, a, b in rows.tolist())
+    return Arm(length, Linear(*ends.tolist()), sections, **others)

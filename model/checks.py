@@ -62,6 +62,20 @@ def kind(field: str, value: Any, wanted: Any, allowed: str = "") -> Any:
     return value
 
 
+def literal(field: str, value: Any, wanted: Any) -> Any:
+    """Return what is one of several texts or whole numbers, those of a Literal."""
+    allowed, is_plain = get_args(wanted), isinstance(value, str | int | np.integer)
+    if is_plain and not isinstance(value, bool) and value in allowed:
+        return allowed[allowed.index(value)]
+    raise InputError(field, value, such(wanted))
+
+
+def arc_lengths(value: Any) -> NDArray[np.float64]:
+    """Return arc lengths s (N,) [m] of a scalar or (N,)."""
+    array = numbers("s", value, "arc lengths, a scalar or numbers of shape n")
+    return finite_array("s", np.atleast_1d(array), (None,))
+
+
 def finite(field: str, value: Any) -> float:
     """Return value as a finite float."""
     if type(value) is float and -LARGEST <= value <= LARGEST:

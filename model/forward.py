@@ -66,7 +66,7 @@ def schemes_of(scene: Scene) -> tuple[str, ...]:
 def check_scheme(scene: Scene, scheme: str | None) -> str:
     """Return the scheme by name, the scene's first for None; InputError if it cannot carry it."""
     allowed = schemes_of(scene)
-    if scheme is not None and scheme not in allowed:
+    if scheme is not None and not (isinstance(scheme, str) and scheme in allowed):
         raise InputError("scheme", scheme, ", ".join(allowed) + " in this scene")
     return scheme or allowed[0]
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.arm import Arm
-from model.checks import LARGEST
+from model.checks import LARGEST, literal
 from model.cross_section.sections import LEAST_STRETCH
 from model.effects import ExactTendons, SelfContact
 from model.equilibrium.linearised import Linearised
@@ -164,11 +164,11 @@ def settle_many(
     """
     scene, accuracy = checked_scene(arm, scene), checked_accuracy(accuracy)
     options: dict[str, Any] = {"compile": checked_compile(compile)}
-    if errors not in ("raise", "nan"):
-        raise InputError("errors", errors, '"raise" or "nan"')
+    literal("errors", errors, Errors)
     for name, values in (("tensions", tensions), ("lengths", lengths)):
         is_wanted = values is not None or (name == "tensions" and lengths is None)
-        if is_wanted and not hasattr(values, "__len__"):
+        is_several = hasattr(values, "__len__") and getattr(values, "shape", None) != ()
+        if is_wanted and (not is_several or isinstance(values, dict | set)):
             raise InputError(name, values, f"a set of {name} for each shape to settle")
     by, sets = ("tensions", tensions) if lengths is None else ("lengths", lengths)
     if tensions is not None and len(tensions) != len(sets):

@@ -14,7 +14,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.by_lengths import GivenLengths
-from model.checks import kind
+from model.checks import finite, kind
 from model.contact.gaps import THROUGH
 from model.contact.path import Touching
 from model.contact.self_contact import pressed_on_itself
@@ -34,6 +34,7 @@ from model.errors import (
 from model.forward import (
     COARSE,
     Maps,
+    check_scheme,
     checked_accuracy,
     first_pair,
     larger_estimate,
@@ -143,6 +144,8 @@ def settle(
                     raise InputError(name, "given with SelfContact", allowed)
             shape = _on_itself(arm, tensions, scene, accuracy, machine_code)
         else:
+            if scheme is not None:
+                check_scheme(scene, scheme)  # it may be no key of what is kept
             maps, begin = maps_of(arm, scene, scheme, machine_code), None
             if near is not None:
                 kind("near", near, Shape, "a Shape of the same arm and scene, or None")
@@ -152,9 +155,9 @@ def settle(
             if lengths is not None:
                 held = _winches(arm, scene, tensions, lengths, tendon_EA, tendon_outside)
                 shape = _by_lengths(maps, held, accuracy, begin)
-            elif tendon_EA or tendon_outside:
-                name = "tendon_EA" if tendon_EA else "tendon_outside"
-                value = tendon_EA or tendon_outside
+            elif tendon_EA is not None or finite("tendon_outside", tendon_outside):
+                name = "tendon_outside" if tendon_EA is None else "tendon_EA"
+                value = tendon_outside if tendon_EA is None else tendon_EA
                 raise InputError(name, value, "none where no lengths are given")
             else:
                 shape = _settled(maps, arm.flat(tensions), accuracy, begin)

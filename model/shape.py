@@ -11,7 +11,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.centreline import Centreline
-from model.checks import finite_array
+from model.checks import arc_lengths, finite_array
 from model.clearance.nearest import from_itself
 from model.contact.path import Touching
 from model.contact.touches import Touch, touches_of
@@ -215,7 +215,7 @@ class Shape(Shown):
 
     def centreline(self, at: Sequence[float] = ()) -> Centreline:
         """Return the midline by elements of its mesh, with arc lengths `at` among the nodes."""
-        s = np.sort(np.append(self.s, at))
+        s = np.sort(np.append(self.s, arc_lengths(at)))
         s = s[np.append(True, np.diff(s) > SAME * self.arm.length)]
         inside = s[:-1, None] + np.diff(s)[:, None] * gauss(STAGES).c
         rows = self.strains(inside.ravel())
@@ -232,7 +232,7 @@ class Shape(Shown):
 
         With friction it falls along the arm; at an anchorage it is that on the base side.
         """
-        place = finite_array("s", np.atleast_1d(s), (1,))
+        place = finite_array("s", arc_lengths(s), (1,))
         ends = np.array([self.arm.sections[i].at for i, _ in self.arm.tendons])
         values, tendons = self.tensions * (ends >= place), np.flatnonzero(ends >= place)
         if (point := self.known) is not None:
@@ -279,7 +279,7 @@ class Shape(Shown):
 
     def _at(self, s: Any, read: Callable[[Array], Array], at_nodes: Array | None = None) -> Array:
         """Return what is read at s, a scalar or (N,); where all of s are nodes, what is known."""
-        places, L = finite_array("s", np.atleast_1d(s), (None,)), self.arm.length
+        places, L = arc_lengths(s), self.arm.length
         if places.size and (places.min() < 0 or places.max() > L * (1 + 1e-12)):
             raise InputError("s", s, f"arc lengths from 0 to {L:g} m")
         places, nodes = np.minimum(places, L), self.equilibrium.mesh.s

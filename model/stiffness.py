@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from model.arm import Arm
-from model.checks import finite_array, within
+from model.checks import arc_lengths, kind, literal, within
 from model.compliance import (
     Response,
     by_lengths,
@@ -36,7 +36,6 @@ from model.unloaded.marched import Marched
 from model.winches import FELT, checked_EA, pulls
 
 Hold = Literal["tension", "length"]
-HOLDS: tuple[Hold, ...] = ("tension", "length")
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,8 +162,7 @@ class Stiffness(Shown):
         return "\n\n".join([*parts, last])
 
     def _sections(self, s: Any) -> Array:
-        wanted = finite_array("s", np.atleast_1d(s), (None,))
-        values = section_stiffness(self.shape, wanted)
+        values = section_stiffness(self.shape, arc_lengths(s))
         return np.asarray(values[0] if np.ndim(s) == 0 else values)
 
 
@@ -218,8 +216,10 @@ def stiffness(
         As settle does.
     """
     with limited(time_limit):
-        hold = hold or ("tension" if lengths is None else "length")
+        if hold is None:
+            hold = "tension" if lengths is None else "length"
         scene, place = _checked(arm, scene, hold, at, tendon_EA)
+        kind("release", release, bool | np.bool_, "True or False")
         held = {
             "lengths": lengths,
             "tendon_outside": tendon_outside,
@@ -247,8 +247,7 @@ def _checked(
     arm: Arm, scene: Scene | None, hold: Any, at: Any, tendon_EA: Any
 ) -> tuple[Scene, float]:
     scene = checked_scene(arm, scene, contact=True)
-    if hold not in HOLDS:
-        raise InputError("hold", hold, '"tension" or "length"')
+    literal("hold", hold, Hold)
     if scene.has(PrintedStatics):
         raise InputError("scene", "as printed", "a scene whose equations hold under loads")
     if tendon_EA is not None:

@@ -28,7 +28,7 @@ from typing import (
 import numpy as np
 from msgspec import Meta
 
-from model.checks import finite, finite_array, kind, not_negative, positive, such
+from model.checks import finite, finite_array, kind, literal, not_negative, positive, such
 from model.errors import InputError
 from model.units import likely_degrees
 
@@ -159,7 +159,7 @@ def _of_type(hint: Any, bounds: Bounds) -> Convert:
     if origin is tuple or hasattr(hint, "_fields"):
         return _items(hint, bounds.get("min_length", 0))
     if origin is Literal:
-        return partial(_literal, hint)
+        return partial(literal, wanted=hint)
     if hint is Any:
         return lambda name, argument: argument
     if isinstance(hint, type):
@@ -168,7 +168,9 @@ def _of_type(hint: Any, bounds: Bounds) -> Convert:
 
 
 def _is_sequence(argument: Any) -> bool:
-    return isinstance(argument, Sequence | np.ndarray) and not isinstance(argument, str)
+    """Return whether this is a sequence: no text, and no array without dimensions."""
+    is_one = isinstance(argument, Sequence | np.ndarray) and not isinstance(argument, str)
+    return is_one and getattr(argument, "shape", None) != ()
 
 
 def _choice(kinds: tuple[Any, ...], bounds: Bounds) -> Convert:
@@ -293,11 +295,3 @@ def _items(hint: Any, least: int) -> Convert:
         return hint(*(convert(f"{name}.{item}", x) for item, convert, x in rows))
 
     return convert
-
-
-def _literal(hint: Any, name: str, argument: Any) -> Any:
-    """Return what is one of several texts or whole numbers."""
-    allowed, is_plain = get_args(hint), isinstance(argument, str | int | np.integer)
-    if is_plain and not isinstance(argument, bool) and argument in allowed:
-        return allowed[allowed.index(argument)]
-    raise InputError(name, argument, such(hint))

@@ -179,6 +179,21 @@ KINDS: Refused = {
     "many, one number": (lambda: settle_many(ARM, 1.0), "", ""),
     "by section, too few": (lambda: ARM.by_section(np.zeros(11)), "", ""),
     "preset by a list": (lambda: Arm.from_paper(["table-2"]), "", ""),
+    "one radius of a cone": (lambda: of(radius=0.01), "radii", "R_max and R_min"),
+    "one row of a cone": (lambda: of(rows=(0.3, 1e-3, 1e-3)), "anchorages", "rows"),
+    "rows of a cone short": (lambda: of(rows=[(0.3, 1e-3)]), "anchorages", "l_i, a_i, b_i"),
+    "paths without dimensions": (lambda: Anchorage(0.3, np.array(THIN)), "Anchorage.offset", ""),
+    "tension without dimensions": (lambda: settle(ARM, np.array(0.1)), "tensions", "12 numbers"),
+    "many, without dimensions": (lambda: settle_many(ARM, np.array(0.1)), "tensions", "a set"),
+    "many, by name": (lambda: settle_many(ARM, {"rest": REST}), "tensions", "a set"),
+    "many, errors by a list": (lambda: settle_many(ARM, [REST], errors=["nan"]), "errors", "nan"),
+    "schemes": (lambda: settle(ARM, REST, scheme=["gauss6"]), "scheme", "gauss6"),
+    "places not in a row": (lambda: settle(ARM, REST).position([0.1, [0.2]]), "s", ""),
+    "outside by tendon": (
+        lambda: settle(ARM, REST, tendon_outside=np.ones(12)),
+        "tendon_outside",
+        "scalar",
+    ),
 }
 TABLES = {"arm": ARMS, "settle": SETTLED, "text": TEXT, "kind": KINDS}
 CASES = {f"{t}: {name}": row for t, table in TABLES.items() for name, row in table.items()}
