@@ -9,6 +9,7 @@ import math
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from functools import cached_property
+from operator import attrgetter
 from typing import Any, Self
 
 import numpy as np
@@ -230,8 +231,10 @@ def _happened(plan: Any) -> str:
         nearest = "attainable shape" if _is_nearest(plan) else "shape found"
         return f"Not reached: the nearest {nearest} is off in {_gaps(plan)}; {_held(plan)}; {tried}"
     if certificate.too_near:
+        passed = (certificate.clearances[name] for name in certificate.too_near)
+        nearest = min(passed, key=attrgetter("gap"))
         return (
-            f"Not clear: {certificate.nearest}; no way around it was found: move it or the target, "
+            f"Not clear: {nearest}; no way around it was found: move it or the target, "
             f"raise the limits or ask for less clearance ({tried})"
         )
     least = certificate.stability_margin

@@ -128,9 +128,14 @@ class Reading:
         return self._stable(attempt(problem, T))
 
     def exchanged(self, optimum: Candidate) -> Candidate | None:
-        """Return the optimum near one of the same targets, among other inequalities."""
+        """Return the optimum near one of the same targets, among other inequalities.
+
+        Where there were none before poses are unknowns at other places: from its tensions.
+        """
         before = optimum.problem
         problem = Problem(self.task, before.statement)
+        if problem.program.size != optimum.x.size:
+            return self.led_to(optimum.tensions)
         old, rows = before.program.rows, problem.program.rows
         lam_g = np.zeros(rows.size)
         for kind in np.unique(old):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from model import Arm, Scene, settle
+from model.clearance import Clearance
 from model.effects import Buoyancy, Extension, Weight
 from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from model.rotations import matrices
@@ -119,6 +120,28 @@ def test_where_no_shape_keeps_clear_the_outcome_says_what_is_touched() -> None:
     p = plan(ARM, bend, SCENE, 0.01, obstacles=[wall], starts=1)
     assert not p.certificate.passed
     assert p.outcome.startswith("Not clear: it passes through obstacles[0] by 15")
+
+
+def test_an_obstacle_that_guesses_do_not_come_near_is_led_around_without_loads() -> None:
+    """Poses became unknowns once it was near: the plan ended in a ValueError."""
+    ball = Sphere((0.157, -0.071, -0.08), 0.02)
+    p = plan(ARM, TipPosition((0.162, -0.049, -0.056)), Scene(), 20.0, obstacles=[ball])
+    assert p.certificate.passed, p.outcome
+    assert _gap(p.shape, ball) >= 0
+
+
+def test_the_outcome_tells_what_was_to_be_kept_clear_of() -> None:
+    """It told the far side of the base plane, which was nearer, and which nobody had asked for."""
+    p = plan(ARM, TARGET, SCENE, 20.0, starts=1)
+    ball = Clearance(-0.002, "obstacles[0]", (0.2,))
+    nearer = {"obstacles": ball, "itself": Clearance(-0.05, "itself", (0.1, 0.4))}
+    vars(p)["certificate"] = replace(
+        p.certificate,
+        gaps_asked={"obstacles": ball.gap},
+        least_gaps={"obstacles": 0.0},
+        clearances_of=lambda: nearer,
+    )
+    assert p.outcome.startswith(f"Not clear: {ball};")
 
 
 BEHIND = np.zeros((3, 4))
