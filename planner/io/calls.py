@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any, TypeVar
+
 from model import Shape, settle
 from model.errors import FileError
 from model.stiffness import Stiffness, stiffness
@@ -13,6 +16,7 @@ from planner.plan import Plan, plan
 from planner.trajectory.motion import trajectory
 from planner.trajectory.result import Trajectory
 
+R = TypeVar("R")
 _EXAMPLES = {
     "target": 'a [target] table, such as [target] type = "tip-position", '
     "position_mm = [250, 0, -150]",
@@ -50,31 +54,31 @@ def check_held(question: Question) -> None:
         check_complete(question, "tensions")
 
 
+def _computed(question: Question, function: Callable[..., R], what: Any, **more: Any) -> R:
+    """Return what a function computes of a question, and of tensions or targets."""
+    with located(question.name, ""):
+        return function(question.arm, what, question.scene, **question.of(function) | more)
+
+
 def settled(question: Question) -> Shape:
     """Return the shape under a scene file's tensions or lengths; FileError without any."""
     check_held(question)
-    with located(question.name, ""):
-        return settle(question.arm, question.tensions, question.scene, **question.of(settle))
+    return _computed(question, settle, question.tensions)
 
 
 def stiff(question: Question) -> Stiffness:
     """Return the stiffness that a scene file asks for; FileError without tensions or lengths."""
     check_held(question)
-    more = question.of(stiffness) | question.stiffness
-    with located(question.name, ""):
-        return stiffness(question.arm, question.tensions, question.scene, **more)
+    return _computed(question, stiffness, question.tensions, **question.stiffness)
 
 
 def planned(question: Question) -> Plan:
     """Return the plan that a scene file asks for; FileError without target or limits."""
     check_complete(question, "target", "limits")
-    with located(question.name, ""):
-        return plan(question.arm, question.targets, question.scene, **question.of(plan))
+    return _computed(question, plan, question.targets)
 
 
 def in_motion(question: Question) -> Trajectory:
     """Return the motion that a scene file asks for; FileError for what it lacks."""
     check_complete(question, "waypoints", "motion", "limits")
-    ways, more = list(question.waypoints), question.of(trajectory)
-    with located(question.name, ""):
-        return trajectory(question.arm, ways, question.scene, **more)
+    return _computed(question, trajectory, list(question.waypoints))

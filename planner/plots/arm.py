@@ -7,7 +7,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from matplotlib.colors import Normalize, to_rgb
+from matplotlib.colors import LightSource, Normalize
 from matplotlib.ticker import MultipleLocator
 from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
     Line3DCollection,
@@ -28,8 +28,7 @@ from planner.certificate import COMPLEMENTARY
 from planner.plots.style import INK, MM, PULL, SIZE, SLACK, pull_norm, pulling
 from planner.plots.targets import draw_target
 
-_BODY, _DARK = "#d3dde7", "#6f8397"
-_LIGHT = np.array([-0.35, -0.45, 0.82])
+_BODY, _LIGHT = "#dde8f3", LightSource(azdeg=218, altdeg=55)
 _ALONG, _AROUND = 161, 32
 _FLAT = 0.3
 _ROOM = 0.084, 0.080
@@ -169,13 +168,10 @@ def _body(arm: Arm, ax: Any, s: Array, poses: Array) -> Array:
 
 def _skin(ax: Any, net: Array) -> None:
     """Draw the surface through closed rings (N, around, 3) [mm], softly lit from above."""
-    corners = [net[:-1, :-1], net[1:, :-1], net[1:, 1:], net[:-1, 1:]]
+    corners = [net[:-1, :-1], net[:-1, 1:], net[1:, 1:], net[1:, :-1]]
     quads = np.stack(corners, axis=2).reshape(-1, 4, 3)
-    normal = np.cross(quads[:, 2] - quads[:, 0], quads[:, 3] - quads[:, 1])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-    light = 0.5 - 0.5 * normal @ _LIGHT
-    colours = np.array(to_rgb(_DARK)) + light[:, None] * (np.array(to_rgb(_BODY)) - to_rgb(_DARK))
-    skin = Poly3DCollection(quads, facecolors=colours, alpha=0.55, lw=0, rasterized=True, zorder=2)
+    style = {"alpha": 0.55, "lw": 0, "rasterized": True, "zorder": 2}
+    skin = Poly3DCollection(quads, facecolors=_BODY, shade=True, lightsource=_LIGHT, **style)
     ax.add_collection3d(skin)
 
 
