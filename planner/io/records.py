@@ -5,9 +5,9 @@ or removed, while the number at the end of `schema` stays. A key is an attribute
 for the unit at its end, or `about` says what function of the result it is.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import Annotated, Any, Literal, TypeVar, get_args
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 import msgspec
 import numpy as np
@@ -15,9 +15,10 @@ from msgspec import Meta
 
 from model.errors import OctoplanError
 from model.progress import OutOfTime
-from planner.effect_ablation import ProblemSize
+from planner.effect_ablation import Switch
 from planner.io.codec import hints_of
 from planner.io.files import versions
+from planner.io.tables import attributes_told, sentence
 from planner.measure import length_error, strokes
 
 
@@ -48,6 +49,27 @@ def record(kind: type[R], result: Any, **others: Any) -> R:
     """Return the record of a result; keys that are nothing of it are handed over by name."""
     keys = [key for key in kind.__struct_fields__ if key not in others]
     return kind(**others, **{key: _value(hints_of(kind)[key], key, result) for key in keys})
+
+
+def derived(kind: Any, *left_out: str, **more: Any) -> Any:
+    """Return the record of a class: its fields but some, as its docstring has them, and more keys.
+
+    Numbers that are infinite or none are null.
+    """
+    descriptions = attributes_told(kind)
+    fields = [
+        (name, Annotated[_or_null(hint), about(descriptions.get(name, ""))])
+        for name, hint in hints_of(kind).items()
+        if name not in left_out
+    ]
+    space = {"__doc__": sentence(kind)}
+    return msgspec.defstruct(f"{kind.__name__}Record", [*fields, *more.items()], namespace=space)
+
+
+def _or_null(hint: Any) -> Any:
+    if get_origin(hint) is Mapping:
+        return dict[str, _or_null(get_args(hint)[1])]  # type: ignore[misc]
+    return float | None if hint is float else hint
 
 
 def records(kind: type[R], results: Any) -> list[R]:
@@ -165,23 +187,7 @@ class TrajectoryRecord(Record, kw_only=True):
     ]
 
 
-class EffectRecord(msgspec.Struct, kw_only=True):
-    """One effect, and the scene with and without it; null where one of the two does not settle."""
-
-    effect: Annotated[str, about("its name, with what had to be switched along")]
-    enabled: Annotated[bool, about("whether the scene has it")]
-    tip_change: Annotated[float | None, about("over arm length")]
-    sizes: ProblemSize
-    sizes_without: ProblemSize
-    time_factor: Annotated[
-        float | None,
-        about(
-            "of a settle, with over without",
-            lambda switch: None if switch.problem else switch.time_factor,
-        ),
-    ]
-    matters: bool
-    problem: Annotated[str, about("why one does not settle, if so")]
+EffectRecord: Any = derived(Switch)
 
 
 class EffectsRecord(Record, kw_only=True):

@@ -17,8 +17,9 @@ from planner.avoidance.rows import Apart, Avoidance, Place
 from planner.certificate import Certificate
 from planner.fit.fitted import Fitted, Start
 from planner.fit.measured import Measured
+from planner.fit.residuals import Residual
 from planner.fit.unknowns import Unknown
-from planner.io.codec import WRITE, arguments, attributes_of, choice, hints_of, plain
+from planner.io.codec import WRITE, arguments, attributes_of, choice, plain
 from planner.io.object_tables import TARGETS
 from planner.io.records import (
     Floats,
@@ -27,6 +28,7 @@ from planner.io.records import (
     Rows,
     Schema,
     about,
+    derived,
     of_shape,
     record,
     records,
@@ -64,29 +66,21 @@ AnswerRecord: Any = exact(SearchResult, placed=True)
 
 # Keys of certificates that are named otherwise than what they hold, as files had them before.
 _RENAMED = {"match": "equality", "approach": "soft_residual", "margin": "inequality"}
-_LEFT_OUT = {"clearances_of", "load_factor_of", "gaps_asked", *_RENAMED.values()}
-_WORKED_OUT: dict[str, Any] = {
+CertificateRecord: Any = derived(
+    Certificate,
+    "clearances_of",
+    "load_factor_of",
+    "gaps_asked",
+    *_RENAMED.values(),
     **{
         key: Annotated[dict[str, float | None], about(of=attrgetter(name))]
         for key, name in _RENAMED.items()
     },
-    "passed": bool,
-    "clearance": float | None,
-    "gaps": dict[str, float | None],
-    "nearest": str,
-    "load_factor": float | None,
-}
-_PLAIN: dict[Any, Any] = {float: float | None, str: str}
-CertificateRecord: Any = msgspec.defstruct(
-    "CertificateRecord",
-    [
-        *(
-            (name, _PLAIN.get(hints_of(Certificate)[name], Any))
-            for name in arguments(Certificate)
-            if name not in _LEFT_OUT
-        ),
-        *_WORKED_OUT.items(),
-    ],
+    passed=bool,
+    clearance=float | None,
+    gaps=dict[str, float | None],
+    nearest=str,
+    load_factor=float | None,
 )
 
 
@@ -150,12 +144,7 @@ def _values(fit: Any) -> list[ValueRecord]:
     ]
 
 
-class ResidualRecord(msgspec.Struct, kw_only=True):
-    """What is predicted less what was measured [m], of frames [rad]."""
-
-    shape: str
-    what: str
-    miss: Floats
+ResidualRecord: Any = derived(Residual)
 
 
 class CalibrationQuestion(msgspec.Struct, kw_only=True):
