@@ -239,12 +239,12 @@ def toml_of(text: bytes, name: str) -> dict[str, Any]:
     raise FileError(name, f"line {number}", message)
 
 
-def read_json(path: Path, what: str, version: int) -> dict[str, Any]:
-    """Return what a saved file of a kind and version holds; FileError for others, with what to do.
+def read_json(path: Path, wanted: str) -> dict[str, Any]:
+    """Return what a saved file holds; FileError for one of another `schema`, with what to do.
 
-    Its `schema` is "octoplan WHAT VERSION".
+    What is wanted is "octoplan WHAT VERSION".
     """
-    name, wanted = str(path), f"octoplan {what} {version}"
+    name, what = str(path), wanted.split()[1]
     try:
         table = msgspec.json.decode(bytes_of(path, f"a {what} that was saved is wanted"))
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as reason:

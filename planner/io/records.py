@@ -48,7 +48,7 @@ class Record(msgspec.Struct, kw_only=True):
 def record(kind: type[R], result: Any, **others: Any) -> R:
     """Return the record of a result; keys that are nothing of it are handed over by name."""
     keys = [key for key in kind.__struct_fields__ if key not in others]
-    return kind(**others, **{key: _value(hints_of(kind)[key], key, result) for key in keys})
+    return kind(**others, **{key: _value(kind, key, result) for key in keys})
 
 
 def derived(kind: Any, *left_out: str, **more: Any) -> Any:
@@ -77,9 +77,15 @@ def records(kind: type[R], results: Any) -> list[R]:
     return [record(kind, result) for result in results]
 
 
-def _value(hint: Any, key: str, result: Any) -> Any:
+def schema_name(kind: Any) -> str:
+    """Return what the records of a kind are, by name and version."""
+    return str(get_args(hints_of(kind)["schema"].__origin__)[0])
+
+
+def _value(kind: Any, key: str, result: Any) -> Any:
+    hint = hints_of(kind)[key]
     if key == "schema":
-        return get_args(hint.__origin__)[0]
+        return schema_name(kind)
     for item in getattr(hint, "__metadata__", ()):
         if isinstance(item, Meta) and item.extra and item.extra.get("of"):
             return item.extra["of"](result)

@@ -19,13 +19,18 @@ from planner.fit.calibration import Calibration
 from planner.io.codec import read, value_of
 from planner.io.files import read_json
 from planner.io.mistakes import checked, located, made
-from planner.io.saved_records import AnswerRecord, CalibrationQuestion, FitRecord, QuestionRecord
+from planner.io.records import schema_name
+from planner.io.saved_records import (
+    AnswerRecord,
+    CalibrationQuestion,
+    CalibrationRecord,
+    FitRecord,
+    PlanRecord,
+    QuestionRecord,
+)
 from planner.plan import HeldPlan, Plan
 from planner.question import check_targets, checked_limits, planned_scene
 from planner.task import Task
-
-# The number at the end of `schema` of what is written and read.
-_VERSION = 1
 
 
 class SavedPlan(msgspec.Struct):
@@ -54,7 +59,7 @@ def load_plan(path: str | Path) -> Plan:
         With the file and the place, for what cannot be read or is not a plan.
     """
     name = str(path)
-    saved = checked(read_json(Path(path), "plan", _VERSION), SavedPlan, name)
+    saved = checked(read_json(Path(path), schema_name(PlanRecord)), SavedPlan, name)
     question, answer = saved.question, saved.answer
     task = _task(name, question, answer)
     result = made(name, "answer", value_of, answer)
@@ -110,7 +115,7 @@ def load_calibration(path: str | Path) -> Calibration:
     anew. Raises FileError for what cannot be read or is none.
     """
     name = str(path)
-    saved = checked(read_json(Path(path), "calibration", _VERSION), SavedCalibration, name)
+    saved = checked(read_json(Path(path), schema_name(CalibrationRecord)), SavedCalibration, name)
     question, fit = saved.question, saved.fit
     with located(name, "question"):
         arm, scene = value_of(question.arm), value_of(question.scene)
