@@ -82,10 +82,11 @@ def _relative(shape: Shape, s: Array) -> tuple[Array, Array]:
     middle = (s[:-1] + s[1:]) / 2
     chords = np.diff(shape.position(s), axis=0)
     lengths = np.linalg.norm(chords, axis=1)
-    # By the least rotations that turn x axes along the chords.
-    frames = [
-        Rotation.align_vectors(chord, frame[:, 0])[0].as_matrix() @ frame
-        for chord, frame in zip(chords, shape.frame(middle), strict=True)
-    ]
+    # By the least rotations that turn the x axes t along the chords: quaternions are scaled.
+    frames, along = shape.frame(middle), chords / lengths[:, None]
+    t = frames[:, :, 0]
+    cosines = np.sum(t * along, axis=1)
+    least = Rotation.from_quat(np.column_stack([np.cross(t, along), 1 + cosines]))
+    frames = least.as_matrix() @ frames
     world = np.array([np.array(shape.arm.base_frame), *frames, shape.tip_frame])
     return np.swapaxes(world[:-1], 1, 2) @ world[1:], lengths

@@ -237,7 +237,6 @@ class SessionEquations:
 
 def tensions_by_lengths(equilibrium: Linearised) -> Array:
     """Return how tensions change with the lengths that winches leave (n_tendons, n_tendons)."""
-    taut = np.ix_(*[equilibrium.tensions > 0] * 2)
-    inverse = np.zeros_like(equilibrium.length_tension)
-    inverse[taut] = np.linalg.pinv(equilibrium.length_tension[taut], 1e-9)
-    return inverse
+    taut = equilibrium.tensions > 0
+    among_taut = np.where(np.outer(taut, taut), equilibrium.length_tension, 0.0)
+    return np.linalg.pinv(among_taut, 1e-9)

@@ -51,22 +51,16 @@ def staged(folder: Path) -> Iterator[Path]:
             _staging.remove(here)
 
 
-def _there(folder: Path) -> Path:
-    """Return a folder that is to be made, or the nearest above it that is there already."""
-    return next(place for place in (folder, *folder.parents) if place.is_dir())
-
-
 @contextmanager
-def whole(path: Path, make: bool = False) -> Iterator[Path]:
+def whole(path: Path, within: Path | None = None) -> Iterator[Path]:
     """Yield a path to write a file or a folder to, which takes its place once it is there whole.
 
-    The folder that it is in is made then if wanted.
+    It is staged in the folder that it is in, or within another one, in which that is made then.
     """
-    with staged(_there(path.parent) if make else path.parent) as here:
+    with staged(within or path.parent) as here:
         part = here / path.name
         yield part
-        if make:
-            path.parent.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(exist_ok=True)
         if part.is_dir() and path.is_dir():
             # A folder cannot take the place of another at once.
             path.replace(here / "old")
@@ -125,7 +119,8 @@ def write_together(folder: Path, contents: dict[str, bytes]) -> None:
     in the place of one of them is refused before. Raises FileError.
     """
     try:
-        with staged(_there(folder)) as here:
+        there = next(place for place in (folder, *folder.parents) if place.is_dir())
+        with staged(there) as here:
             for name, content in contents.items():
                 if (folder / name).is_dir():
                     raise IsADirectoryError(errno.EISDIR, f"{name} in it is a folder")

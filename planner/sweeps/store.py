@@ -101,7 +101,7 @@ class ChunkFiles:
     def write(self, chunk: int, rows: Rows) -> None:
         """Keep a chunk; it is on the disk when this returns. Raises FullDiskError."""
         path = self._path(chunk)
-        with writable(path), whole(path, make=True) as part, part.open("wb") as stream:
+        with writable(path), whole(path, self.folder.parent) as part, part.open("wb") as stream:
             np.savez(stream, allow_pickle=False, **rows)
             stream.flush()
             os.fsync(stream.fileno())
