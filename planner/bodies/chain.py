@@ -56,6 +56,14 @@ class Chain:
     hinge_stiffness: Array
     slide_stiffness: Array
 
+    @property
+    def joints(self) -> dict[str, float]:
+        """Positions of all joints in the settled arm [m], [rad], by name, from the base on."""
+        moved = np.column_stack([np.append(0.0, self.slides), self.angles])
+        names = [f"{kind}_{i}" for i in range(self.s.size) for kind in ("slide", "x", "y", "z")]
+        # Link 0 hangs on the base by hinges alone.
+        return dict(zip(names[1:], moved.ravel().tolist()[1:], strict=True))
+
 
 def chain_of(shape: Shape, links: int) -> Chain:
     """Return the chain of so many links that follows a shape; InputError for none or too many."""

@@ -54,9 +54,7 @@ def mjcf(shape: Shape, links: int = 30, name: str = "arm") -> str:
     _bodies(_inside(world, "body", name="base", **place), chain, shape)
     _tendons(root, chain, shape)
     driven = [j for j in range(arm.n_tendons) if _count(chain, shape, j) > 1]
-    # Positions of all joints in the model's order.
-    joints = [*chain.angles[0], *np.column_stack([chain.slides, chain.angles[1:]]).ravel()]
-    settled = {"qpos": joints, "ctrl": shape.tensions[driven]}
+    settled = {"qpos": list(chain.joints.values()), "ctrl": shape.tensions[driven]}
     _inside(_inside(root, "keyframe"), "key", name="settled", **settled)
     return _written(root)
 
@@ -126,8 +124,8 @@ def urdf(shape: Shape, links: int = 30, name: str = "arm") -> str:
     Raises InputError for a number of links that is not 1 to 1000.
     """
     chain = chain_of(shape, links)
-    root, parent = ET.Element("robot", name=name), BASE
-    _inside(root, "link", name=BASE)
+    root = ET.Element("robot", name=name)
+    parent = _inside(root, "link", name=BASE)
     for i in range(links + 1):
         if i:
             place, along = (chain.chords[i - 1], 0, 0), (1, 0, 0)
@@ -136,35 +134,33 @@ def urdf(shape: Shape, links: int = 30, name: str = "arm") -> str:
         for letter, axis, rpy in zip("xyz", np.eye(3), [turned, _NOT, _NOT], strict=True):
             parent = _jointed(root, parent, f"{letter}_{i}", "revolute", axis, rpy=rpy)
         if i < links:
-            _solid(root, parent, chain, i)
+            _solid(parent, chain, i)
     return _written(root)
 
 
 def _jointed(
     root: ET.Element,
-    parent: str,
+    parent: ET.Element,
     joint: str,
     kind: str,
     axis: Any,
     xyz: Any = _NOT,
     rpy: Any = _NOT,
-) -> str:
-    """Hang a link on another by a joint; return its name."""
+) -> ET.Element:
+    """Hang a link on another by a joint; return it."""
     child = f"link_{joint}"
     values = _inside(root, "joint", name=joint, type=kind)
-    _inside(values, "parent", link=parent)
+    _inside(values, "parent", link=parent.get("name"))
     _inside(values, "child", link=child)
     _inside(values, "origin", xyz=xyz, rpy=rpy)
     _inside(values, "axis", xyz=axis)
     most = 1.0 if kind == "prismatic" else np.pi
     _inside(values, "limit", lower=-most, upper=most, effort=1000, velocity=1000)
-    _inside(root, "link", name=child)
-    return child
+    return _inside(root, "link", name=child)
 
 
-def _solid(root: ET.Element, name: str, chain: Chain, i: int) -> None:
+def _solid(link: ET.Element, chain: Chain, i: int) -> None:
     """Give a link its body and mass."""
-    link = next(each for each in root if each.tag == "link" and each.get("name") == name)
     length, radius, mass = (float(x[i]) for x in (chain.chords, chain.radii, chain.masses))
     # Cylinders stand along z; the link's own axis is x.
     place = {"xyz": (length / 2, 0, 0), "rpy": (0, np.pi / 2, 0)}
@@ -187,13 +183,7 @@ def ros_messages(shape: Shape, links: int = 30) -> dict[str, Any]:
     of `urdf`, `path` a nav_msgs/Path of the frames along the midline as the base sees them, their x
     axes along the arm.
     """
-    arm, chain = shape.arm, chain_of(shape, links)
-    joints: dict[str, float] = {}
-    for i in range(chain.s.size):
-        if i:
-            joints[f"slide_{i}"] = float(chain.slides[i - 1])
-        angles = zip("xyz", chain.angles[i], strict=True)
-        joints |= {f"{letter}_{i}": float(angle) for letter, angle in angles}
+    arm, joints = shape.arm, chain_of(shape, links).joints
     header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": BASE}
     # The frames along the midline, as the base sees them.
     base, s = np.array(arm.base_frame), np.linspace(0.0, arm.length, POINTS)
