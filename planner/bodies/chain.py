@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from model.checks import within
@@ -44,6 +45,8 @@ class Chain:
         About x, y, z: G J_t / h, E J / h, E J / h [N m/rad].
     slide_stiffness : (N,)
         E A / h [N/m].
+    passed : (n_tendons,)
+        How many nodes each tendon passes.
     """
 
     s: Array
@@ -55,6 +58,7 @@ class Chain:
     masses: Array
     hinge_stiffness: Array
     slide_stiffness: Array
+    passed: NDArray[np.int64]
 
     @property
     def joints(self) -> dict[str, float]:
@@ -82,7 +86,9 @@ def chain_of(shape: Shape, links: int) -> Chain:
     EJ, GJ = (k * np.pi * radius**4 / 4 for k in (arm.material.E, 2 * arm.material.G))
     hinges = np.stack([GJ, EJ, EJ], axis=1) / spans[:, None]
     slides = arm.material.E * np.pi * middle**2 / h
-    return Chain(s, chords, rest, turned, lengths - chords, middle, masses, hinges, slides)
+    ends = np.array([arm.sections[i].at for i, _ in arm.tendons])
+    passed = np.searchsorted(s, ends * (1 + 1e-12), side="right")
+    return Chain(s, chords, rest, turned, lengths - chords, middle, masses, hinges, slides, passed)
 
 
 def _relative(shape: Shape, s: Array) -> tuple[Array, Array]:

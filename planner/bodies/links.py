@@ -12,7 +12,7 @@ from model.effects import Weight
 from model.paths import Array
 from model.shape import Shape
 from planner.bodies.chain import Chain, chain_of
-from planner.bodies.surface import tendon_offset
+from planner.bodies.surface import offsets
 from planner.io.records import POINTS
 from planner.measure import strokes
 
@@ -53,14 +53,13 @@ def mjcf(shape: Shape, links: int = 30, name: str = "arm") -> str:
     place = {"pos": arm.base_position, "quat": _quaternion(frame)}
     _bodies(_inside(world, "body", name="base", **place), chain, shape)
     _tendons(root, chain, shape)
-    driven = [j for j in range(arm.n_tendons) if _count(chain, shape, j) > 1]
-    settled = {"qpos": list(chain.joints.values()), "ctrl": shape.tensions[driven]}
+    settled = {"qpos": list(chain.joints.values()), "ctrl": shape.tensions[chain.passed > 1]}
     _inside(_inside(root, "keyframe"), "key", name="settled", **settled)
     return _written(root)
 
 
 def _bodies(base: ET.Element, chain: Chain, shape: Shape) -> None:
-    body, last = base, chain.s.size - 1
+    body, last, across = base, chain.s.size - 1, offsets(shape.arm, chain.s)
     for i in range(chain.s.size):
         place = (chain.chords[i - 1] if i else 0.0, 0.0, 0.0)
         name = "tip" if i == last else f"link_{i}"
@@ -81,10 +80,9 @@ def _bodies(base: ET.Element, chain: Chain, shape: Shape) -> None:
             solid = {"type": "cylinder", "fromto": ends, "size": chain.radii[i]}
             _inside(body, "geom", mass=chain.masses[i], **solid, **look)
         # Sites where tendons pass the node, across the midline at rest.
-        for j in (j for j in range(shape.arm.n_tendons) if i < _count(chain, shape, j)):
-            n, b = tendon_offset(shape.arm, j, chain.s[i : i + 1])[0]
+        for j in np.flatnonzero(i < chain.passed).tolist():
             site = f"{shape.arm.tendon_name(j)}_{i}"
-            _inside(body, "site", name=site, pos=(0.0, n, b), size=5e-4)
+            _inside(body, "site", name=site, pos=(0.0, *across[j, i]), size=5e-4)
 
 
 def _joint(body: ET.Element, name: str, kind: str, axis: Array, stiffness: float) -> None:
@@ -95,18 +93,12 @@ def _joint(body: ET.Element, name: str, kind: str, axis: Array, stiffness: float
 def _tendons(root: ET.Element, chain: Chain, shape: Shape) -> None:
     tendons, motors = _inside(root, "tendon"), _inside(root, "actuator")
     for j in range(shape.arm.n_tendons):
-        name, count = shape.arm.tendon_name(j), _count(chain, shape, j)
+        name, count = shape.arm.tendon_name(j), int(chain.passed[j])
         if count > 1:
             path = _inside(tendons, "spatial", name=name, width=5e-4, rgba="0.2 0.3 0.8 1")
             for i in range(count):
                 _inside(path, "site", site=f"{name}_{i}")
             _inside(motors, "motor", name=name, tendon=name, gear=-1)
-
-
-def _count(chain: Chain, shape: Shape, j: int) -> int:
-    """Return how many nodes a tendon passes."""
-    at = shape.arm.sections[shape.arm.tendons[j][0]].at
-    return int(np.sum(chain.s <= at * (1 + 1e-12)))
 
 
 def _quaternion(frame: Array) -> Array:

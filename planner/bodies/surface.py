@@ -63,12 +63,10 @@ def tendon_lines(arm: Arm, s: Array, poses: Array) -> list[Array]:
 
     At those of the arc lengths `s` (along,) [m] that are not beyond their anchorages.
     """
-    place, across, lines = poses[:, 4:], matrices(poses[:, :4])[:, :, 1:], []
-    for j, (i, _) in enumerate(arm.tendons):
-        values = s <= arm.sections[i].at
-        off = tendon_offset(arm, j, s[values])
-        lines.append(place[values] + np.einsum("nij,nj->ni", across[values], off))
-    return lines
+    across = matrices(poses[:, :4])[:, :, 1:]
+    lines = poses[:, 4:] + np.einsum("nij,tnj->tni", across, offsets(arm, s))
+    ends = [arm.sections[i].at for i, _ in arm.tendons]
+    return [line[s <= end] for line, end in zip(lines, ends, strict=True)]
 
 
 def along(arm: Arm, count: int) -> Array:
@@ -106,10 +104,13 @@ def _faces(along: int, around: int) -> NDArray[np.int64]:
     return np.vstack([np.stack(corners, axis=-1).reshape(-1, 3) for corners in triangles])
 
 
-def tendon_offset(arm: Arm, tendon: int, s: Array) -> Array:
-    """Return the offset Y = y d of a tendon along n and b (N, 2) [m] at arc lengths s (N,)."""
-    crossed = np.full(s.size, arm.tendons[tendon][0] + 1)
-    return tendon_offsets(arm, stations(arm, s, crossed))[0, :, :, tendon].T
+def offsets(arm: Arm, s: Array) -> Array:
+    """Return Y = y d of the tendons along n and b (n_tendons, N, 2) [m] at arc lengths s (N,).
+
+    As if they crossed all of them.
+    """
+    crossed = np.full(s.size, len(arm.sections))
+    return np.asarray(tendon_offsets(arm, stations(arm, s, crossed))[0].transpose(2, 1, 0))
 
 
 @singledispatch
