@@ -4,9 +4,9 @@ Arms are drawn by the bends of their sections and looked at all together, on the
 scene without loads whose strains are closed forms. Where a target prescribes turns, directions or
 several points, each section's bend is as good as given, but not in closed form: tendons of the
 sections beyond bend a section too, and an arm may wind up in many ways. So those that are nearest
-to what is wanted are driven to it by least squares. What is met in several ways is met by several
-of them. For a point, which arms meet in many ways that go over into each other, the straight arm
-and drawn ones do.
+to what is wanted are driven to it by least squares, with as little effort as it takes nearby. What
+is met in several ways is met by several of them. For a point, which arms meet in many ways that go
+over into each other, the straight arm and drawn ones do.
 """
 
 from __future__ import annotations
@@ -30,10 +30,13 @@ from planner.task import Task
 
 # How many conditions a point is, which arms meet in many ways.
 POINT = 3
-# Arms that are drawn; drawn to be fitted; and those of these that are fitted, in so many steps.
-_DRAWN, _TO_FIT, _FITTED, _STEPS = 200, 4000, 60, 10
-# Residuals that are less are met, but for the errors of the mesh.
-_MET = 3e-3
+# Arms that are drawn; drawn to be fitted; and those of these that are fitted, in so many steps, the
+# best third in so many more.
+_DRAWN, _TO_FIT, _FITTED, _STEPS = 200, 4000, 120, (6, 10)
+# What a unit of tension counts beside residuals in a fit, which thus leads to where effort is least
+# nearby. Residuals that are less are met, but for that and the errors of the mesh. A fit that does
+# not fall by more than such a part in a step has come to its end.
+_EFFORT, _MET, _END = 1e-2, 1e-2, 1e-3
 # Guesses differ by more than this part: fitted ones of the largest of their tensions, drawn ones of
 # the root of the sum of squares.
 _APART, _FAR_APART = 0.05, 0.5
@@ -90,18 +93,24 @@ def fitted(task: Task) -> Iterator[Array]:
     fitted beside its bends.
     """
     bends = BendCoordinates(task.arm, task.together.tendons, task.allowed)
+    n, unit = task.arm.n_tendons, units(task.arm, task.allowed)
 
     def gaps(points: Array) -> Array:
-        return residuals(task, bends.tensions(points))
+        T = bends.tensions(points)
+        return np.hstack([residuals(task, T), _EFFORT * T / unit])
 
     points = bends.draw(_TO_FIT)
-    points = points[np.argsort(np.linalg.norm(gaps(points), axis=1), kind="stable")[:_FITTED]]
+    off = np.linalg.norm(residuals(task, bends.tensions(points)), axis=1)
+    points = points[np.argsort(off, kind="stable")[:_FITTED]]
     if task.scene.has(Extension):
         points = np.hstack([points, np.zeros((len(points), bends.width // 2))])
-    points, residual = least_squares(gaps, points)
-    T, met = bends.tensions(points), residual < _MET
+    points, r = least_squares(gaps, points, _STEPS[0])
+    best = np.argsort(np.linalg.norm(r, axis=1), kind="stable")[: _FITTED // 3]
+    points[best], r[best] = least_squares(gaps, points[best], _STEPS[1])
+    T, residual = bends.tensions(points), np.linalg.norm(r[:, :-n], axis=1)
+    met = residual < _MET
     T = T[np.lexsort([np.where(met, np.linalg.norm(T, axis=1), residual), ~met])]
-    yield from _distinct(T, np.ones(task.arm.n_tendons), _APART, np.inf)
+    yield from _distinct(T, np.ones(n), _APART, np.inf)
 
 
 def _distinct(
@@ -116,32 +125,33 @@ def _distinct(
             yield T
 
 
-def least_squares(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Array]:
-    """Return points (m, n) of least squares of gaps near U, and the norms there (m,).
+def least_squares(gaps: Callable[[Array], Array], U: Array, steps: int) -> tuple[Array, Array]:
+    """Return points (m, n) of least squares of gaps near U, and the gaps there (m, k).
 
-    Gaps are a function of points (m, n) -> (m, k). All that do not meet them yet take the steps of
-    Levenberg and Marquardt's method side by side; derivatives at a point come in one call with its
-    gaps.
+    Gaps are a function of points (m, n) -> (m, k). All that still come nearer take the steps of
+    Levenberg and Marquardt's method side by side, so many at most; derivatives at a point come in
+    one call with its gaps.
     """
-    U, damping = U.copy(), np.full(len(U), 1e-2)
+    U, damping, left = U.copy(), np.full(len(U), 1e-2), np.arange(len(U))
     r, J = _linearised(gaps, U)
-    for _ in range(_STEPS):
+    for _ in range(steps):
         check_time()
-        far = np.flatnonzero(np.linalg.norm(r, axis=1) >= _MET)
-        if not far.size:
+        if not left.size:
             break
-        normal = J[far] @ J[far].transpose(0, 2, 1)
+        normal = J[left] @ J[left].transpose(0, 2, 1)
         # Less than rounding does not keep a system from being singular.
-        least = damping[far] + 1e-12 * np.trace(normal, axis1=1, axis2=2)
+        least = damping[left] + 1e-12 * np.trace(normal, axis1=1, axis2=2)
         normal += least[:, None, None] * np.eye(U.shape[1])
-        step = -np.linalg.solve(normal, J[far] @ r[far, :, None])[:, :, 0]
-        trial = U[far] + np.clip(step, -1, 1) * (1 + np.abs(U[far]))
+        step = -np.linalg.solve(normal, J[left] @ r[left, :, None])[:, :, 0]
+        trial = U[left] + np.clip(step, -1, 1) * (1 + np.abs(U[left]))
         r_trial, J_trial = _linearised(gaps, trial)
-        better = np.linalg.norm(r_trial, axis=1) < np.linalg.norm(r[far], axis=1)
-        taken = far[better]
+        before, after = (np.linalg.norm(each, axis=1) for each in (r[left], r_trial))
+        better = after < before
+        taken = left[better]
         U[taken], r[taken], J[taken] = trial[better], r_trial[better], J_trial[better]
-        damping[far] = np.maximum(damping[far] * np.where(better, 0.2, 8.0), 1e-8)
-    return U, np.linalg.norm(r, axis=1)
+        damping[left] = np.maximum(damping[left] * np.where(better, 0.2, 8.0), 1e-8)
+        left = left[~better | (after < (1 - _END) * before)]
+    return U, r
 
 
 def _linearised(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Array]:

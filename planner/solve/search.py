@@ -35,8 +35,8 @@ from planner.task import SearchResult, Task, Trial, agreed
 
 # Guesses that have to agree; one more where as many lead nowhere, or all miss the targets, and
 # where a point or more is to be met, which arms meet in several ways.
-# Of guesses that come by effort, so many and one that lead to dearer optima are enough, too; and so
-# many from which the targets are not met before slacks tell how near they can be had.
+# Of guesses that come by effort, so many that lead to dearer optima are enough, too; and so many and
+# one from which the targets are not met before slacks tell how near they can be had.
 AGREED = 2
 # What unstable optima are held to, one after the other, where the arm comes to another shape from
 # rest; the first is what any are held to by default.
@@ -187,7 +187,7 @@ class Reading:
         if mode == "nearest" and efforts and rare and 2 * len(trials) >= self.task.most:
             return True
         since = len(efforts) - 1 - int(np.argmin(efforts)) if efforts and by_effort else 0
-        return agreed(trials) >= AGREED + hard or (mode == "exact" and since >= AGREED + 1)
+        return agreed(trials) >= AGREED + hard or (mode == "exact" and since >= AGREED)
 
     def best(self, limit: float = np.inf) -> SearchResult | None:
         """Return the best optimum up to a limit that is stable, and not lost on a finer mesh.
