@@ -33,6 +33,8 @@ POINT = 3
 # Arms that are drawn; drawn to be fitted; and those of these that are fitted, in so many steps, the
 # best third in so many more.
 _DRAWN, _TO_FIT, _FITTED, _STEPS = 200, 4000, 120, (6, 10)
+# Roots of how hard sections are squeezed at first: more is found from a little than from none.
+_SQUEEZED = 0.3
 # What a unit of tension counts beside residuals in a fit, which thus leads to where effort is least
 # nearby. Residuals that are less are met, but for that and the errors of the mesh. A fit that does
 # not fall by more than such a part in a step has come to its end.
@@ -103,7 +105,7 @@ def fitted(task: Task) -> Iterator[Array]:
     off = np.linalg.norm(residuals(task, bends.tensions(points)), axis=1)
     points = points[np.argsort(off, kind="stable")[:_FITTED]]
     if task.scene.has(Extension):
-        points = np.hstack([points, np.zeros((len(points), bends.width // 2))])
+        points = np.hstack([points, np.full((len(points), bends.width // 2), _SQUEEZED)])
     points, r = least_squares(gaps, points, _STEPS[0])
     best = np.argsort(np.linalg.norm(r, axis=1), kind="stable")[: _FITTED // 3]
     points[best], r[best] = least_squares(gaps, points[best], _STEPS[1])
@@ -230,12 +232,12 @@ class BendCoordinates:
     def tensions(self, bends: Array) -> Array:
         """Return tensions (m, n_tendons) of bends (m, 2 n), within the limits.
 
-        Of bends and squeezes if they are (m, 3 n).
+        Of bends and roots of squeezes if they are (m, 3 n).
         """
         bends, squeezes = bends[:, : self.width], bends[:, self.width :]
         T = np.maximum(bends, 0) @ self._sides[:, 0] + np.maximum(-bends, 0) @ self._sides[:, 1]
         if squeezes.size:
-            T += np.maximum(squeezes, 0) @ self._squeezes
+            T += squeezes**2 @ self._squeezes
         T, low = np.clip(T, self._limits.lower, self._limits.upper), np.array(self._limits.lower)
         if self._limits.total is not None:
             most = max(self._limits.total - float(low.sum()), 0.0)

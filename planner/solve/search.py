@@ -35,8 +35,8 @@ from planner.task import SearchResult, Task, Trial, agreed
 
 # Guesses that have to agree; one more where as many lead nowhere, or all miss the targets, and
 # where a point or more is to be met, which arms meet in several ways.
-# Of guesses that come by effort, so many that lead to dearer optima are enough, too; and so many and
-# one from which the targets are not met before slacks tell how near they can be had.
+# Of guesses that come by effort, so many after the one that leads to the best are enough, too; and
+# so many and one from which the targets are not met before slacks tell how near they can be had.
 AGREED = 2
 # What unstable optima are held to, one after the other, where the arm comes to another shape from
 # rest; the first is what any are held to by default.
