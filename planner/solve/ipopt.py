@@ -10,7 +10,7 @@ import io
 import logging
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import replace
 from functools import lru_cache
@@ -161,6 +161,10 @@ _BY_MODE: dict[Mode, dict[Purpose, Options]] = {
 
 
 _WATCH = Watch()
+# How it ends where it says that it is at an optimum; and where feasible steps are as small as
+# rounding, which is all that is left to an optimum that is polished.
+_MET = frozenset({"Solve_Succeeded", "Solved_To_Acceptable_Level"})
+_TO_ROUNDING = frozenset({"Search_Direction_Becomes_Too_Small"})
 
 
 def nlp_solver(
@@ -250,7 +254,8 @@ def solve(
     mode, talks = problem.statement.mode, LOG.isEnabledFor(logging.DEBUG)
     run = solver(problem.program, purpose, mode, talks)
     p = np.append(problem.with_mode(x, p), centre)
-    end = solved(run, begin, p, relaxed, (np.append(lam_x, none), lam_g))
+    ends = _MET | _TO_ROUNDING if purpose == "polish" else _MET
+    end = solved(run, begin, p, relaxed, (np.append(lam_x, none), lam_g), ends)
     x, t = np.split(end.x, [n])
     missed = RELAXED * float(np.abs(t - centre).max(initial=0.0))
     met = end.met and missed <= KKT_TOLERANCE
@@ -264,13 +269,17 @@ def solved(
     p: Array,
     bounds: Bounds,
     multipliers: tuple[Array, Array] | None = None,
+    ends: Set[str] = _MET,
 ) -> Solution:
-    """Return what a solver makes of x; what it writes, if it does, is logged."""
+    """Return what a solver makes of x, met where it says so in these words.
+
+    What it writes, if it does, is logged.
+    """
     multipliers = multipliers or (np.zeros(bounds[0].size), np.zeros(bounds[2].size))
     with _WATCH.held(), _logged():
         x, f, _, lam_x, lam_g, _ = (value.ravel() for value in run(x, p, *bounds, *multipliers))
     status, count = run.stats()["return_status"], int(run.stats()["iter_count"])
-    met = status in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+    met = status in ends
     LOG.debug("%s after %d iterations", "met" if met else f"not met: {status}", count)
     end = Solution(x, lam_x, lam_g, float(f[0]), met, count)
     return end if end.is_finite else replace(end, met=False)

@@ -11,10 +11,13 @@ import pytest
 
 from model import Arm, InputError, Scene
 from model.effects import Buoyancy, Extension, Weight
+from model.machine.functions import Buffered
 from model.obstacles import Box
 from planner import plan
 from planner.answer import sentence
 from planner.certificate import Certificate
+from planner.program.program import Program
+from planner.solve import ipopt
 from planner.targets import BendingPlane, TipPosition
 
 ARM, PAPER = Arm.from_paper("table-4"), Scene(Extension())
@@ -148,3 +151,33 @@ def test_what_is_not_reached_is_said_to_be_held_by_what_holds_it(
     )
     limits = {"stopped": False, "in_the_way": "", "unstable": False, "holding": list}
     assert told in sentence(SimpleNamespace(**vars(plan) | limits | facts))
+
+
+class Rounding:
+    """A solver that ends at an optimum by steps as small as rounding."""
+
+    def __init__(self, run: Buffered) -> None:
+        self.run = run
+
+    def __call__(self, *inputs: Any) -> Any:
+        return self.run(*inputs)
+
+    def stats(self) -> dict[str, object]:
+        return self.run.stats() | {"return_status": "Search_Direction_Becomes_Too_Small"}
+
+
+def test_an_optimum_that_is_polished_to_rounding_is_no_reason_to_search_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It counted as lost, and where the search ended by such steps too plans were not certified."""
+    made, purposes = ipopt.solver, list[str]()
+
+    def solver(of: Program, purpose: ipopt.Purpose, *others: Any) -> Any:
+        purposes.append(purpose)
+        run = made(of, purpose, *others)
+        return Rounding(run) if purpose == "polish" else run
+
+    monkeypatch.setattr(ipopt, "solver", solver)
+    assert plan(ARM, TARGET, PAPER, 20.0, starts=1).reached
+    assert purposes.count("search") == 1
+    assert "polish" in purposes
