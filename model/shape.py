@@ -154,7 +154,8 @@ class Shape(Shown):
         """What is not to be believed of the shape, a sentence each.
 
         That the arm passes through itself, bends sharper than its own radius, or that a tendon has
-        no length left: the equations know no body. `settle` warns of sharp bends too.
+        no length left: the equations know no body. `settle` warns of sharp bends too. Against
+        friction of contacts, what `error` leaves out: how long the steps were that led there.
         """
         folded = self.folded is not None and (
             f"no arm bends so far: at s = {self.folded:.6g} m a tendon has no length left; "
@@ -164,7 +165,14 @@ class Shape(Shown):
         crosses = gap.gap < -_TOUCHES * self.arm.length and (
             f"{gap}; SelfContact among the effects keeps its parts apart"
         )
-        return tuple(each for each in (sharp(self), crosses, folded) if each)
+        point = self.equilibrium
+        rubs = isinstance(point, Touching) and point.before is not None and self.contacts
+        led = rubs and (
+            "friction of contacts acts against load steps: more of them may move the tip by some "
+            "thousandths of the length, which is no part of its error; settle shapes in between, "
+            "each near the one before"
+        )
+        return tuple(each for each in (sharp(self), crosses, folded, led) if each)
 
     @property
     def tip(self) -> Array:

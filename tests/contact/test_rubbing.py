@@ -56,6 +56,11 @@ def test_a_tip_that_slips_is_held_back_by_mu_times_what_presses() -> None:
     assert touch.slip[0] < 0
 
 
+def test_a_shape_that_rubs_says_that_load_steps_are_no_part_of_its_error() -> None:
+    assert "no part of its error" in " ".join(on_floor([0.02, 0, 0, 0]).remarks)
+    assert settle(bar(LENGTH, RADIUS, E), NONE, SMOOTH).remarks == ()
+
+
 def cone(shape: Shape, mu: float) -> float:
     """Return by how much Coulomb's law fails: forces over the largest, lengths over the arm's.
 
