@@ -323,9 +323,7 @@ def reported(law: CrossSection, v: Array) -> Array:
 
     Curvature per unit deformed length [1/m], eq. (1).
     """
-    kappa, nu = kinematics(law, v)
-    stretch = nu[:, :1]
-    return np.hstack([kappa / stretch, stretch - 1, nu[:, 1:] if law.shear else nu[:, 3:]])
+    return built(Mapped, built(_reported, law))(v)[0]
 
 
 def strains_of(law: CrossSection, rows: Array) -> Array:
@@ -338,6 +336,13 @@ def kinematics(law: CrossSection, v: Array) -> tuple[Array, Array]:
     """Return kappa and nu (N, 3) per unit reference length of a law's strains v (N, n)."""
     twist = built(Mapped, built(_twist, law))(v)[0]
     return twist[:, :3], twist[:, 3:]
+
+
+def _reported(law: CrossSection) -> ca.Function:
+    v = ca.SX.sym("v", size(law))
+    slide = law.twist(v)[1][1:] if law.shear else ca.SX(0, 1)
+    rows = ca.densify(ca.vertcat(law.reported(v), slide))
+    return ca.Function("reported", [v], [rows], {"cse": True})
 
 
 def _twist(law: CrossSection) -> ca.Function:

@@ -69,7 +69,7 @@ def _wanted(bar: Bar, kind: str, force: Array, s: Array) -> Array:
     if kind.startswith("follower"):
         return follower_elastica(bar, force[1], s).T
     alpha = force[1] * bar.length**2 / float(bar.EJ(bar.length))
-    if kind == "dead" and alpha < 200:
+    if kind == "dead" and alpha < 300:
         return dead_elastica(alpha, s, bar.length)
     return elastica(bar, lambda s: force, shares=max(16, int(2 * alpha)))(s)[:2]
 
