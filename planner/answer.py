@@ -23,7 +23,7 @@ from planner.certificate import Certificate, certify
 from planner.contact.remarks import remarks
 from planner.measure import remark_on_slack, strokes
 from planner.mirror import mirror_images
-from planner.program.problem import STABILITY_TOLERANCE, Candidate, Problem, units
+from planner.program.problem import RESOLVED, STABILITY_TOLERANCE, Candidate, Problem, units
 from planner.program.program import STABILITY, STRETCH, STROKES
 from planner.question import Mode, effort
 from planner.solve.refine import on_mesh
@@ -292,12 +292,20 @@ def _size(plan: Any, value: float, unit: str = "L") -> str:
 
 def _held(plan: Any) -> str:
     """Return what keeps a plan from its targets and what may be done: the first reason there is."""
-    least, holders = plan.certificate.stability_margin, ", ".join(plan.holding()[:3])
+    of = plan.certificate
+    least, holders = of.stability_margin, ", ".join(plan.holding()[:3])
     how_unstable = (
         f"less stable than the margin of {least:g}" if least else "unstable under the loads"
     )
+    violated = -min(of.inequality.values(), default=0.0)
+    missed = max(of.residual, violated, *of.soft_residual.values())
     reasons = (
         (plan.stopped, "the search was not at its end, a longer time limit may bring it nearer"),
+        (
+            missed <= RESOLVED,
+            f"least squares of targets tell no less than {RESOLVED:.0e} of the arm's length, so "
+            "that it may be met all the same; ask for less accuracy",
+        ),
         (
             plan.in_the_way,
             f"obstacles are in the way: without them it is met, and {plan.in_the_way}; move them "

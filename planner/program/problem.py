@@ -31,6 +31,7 @@ from model.errors import OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
+from model.settle import ACCURACY
 from model.transcription.system import system
 from model.winches import rest_lengths
 from planner.program.blocks import States
@@ -42,8 +43,9 @@ from planner.task import SearchResult, Task, Trial
 Bounds = tuple[Array, Array, Array, Array]
 # Weight of effort where the targets cannot be met and their residuals are made least: in a search,
 # and in the end, where it keeps shapes away from points that they could meet by half the default
-# accuracy; with less of it the effort is lost in the solver's tolerance.
-SEARCHED, REGULARISATION = 1e-7, 3e-11
+# accuracy, which is what least squares tell apart. It is less where a finer accuracy is asked for,
+# but less and less of the effort is left by the solver's tolerance.
+SEARCHED, REGULARISATION, RESOLVED = 1e-7, 3e-11, 5e-7
 # Meshes of programs, whose error is corrected (planner.solve.refine), have fewer elements than
 # those that shapes are settled on, which take 2; see model.mesh.graded.
 STEPS_PER_UNIT = 1.2
@@ -92,7 +94,8 @@ class Problem:
         self.program, self.forward, scale, row_scale = of, *_ = built
         self.n_free, self.n_outer = of.n_free, of.n_outer
         self.directions = np.hstack([np.zeros((3, 0)), *self.together.own.directions])
-        weights = np.array([self.unit.max(), self.limits.total or 0.0, REGULARISATION])
+        least = REGULARISATION * min(task.accuracy / ACCURACY, 1.0)
+        weights = np.array([self.unit.max(), self.limits.total or 0.0, least])
         equations = of.numbers(self.forward.system, self.directions)
         values = self.together.numbers, weights, self.unit, [task.arm.bending_force], equations
         defect = np.zeros(sum(of.measured))
@@ -108,13 +111,14 @@ class Problem:
         """Return the same with some choices of the statement changed."""
         return Problem(self.task, self.statement.but(**changes))
 
-    def parameters(self, weight: float = REGULARISATION, defect: Array | None = None) -> Array:
-        """Return the parameters of the program, by a weight of effort.
+    def parameters(self, weight: float | None = None, defect: Array | None = None) -> Array:
+        """Return the parameters of the program, by a weight of effort, the least unless given.
 
         And for a defect of the mesh, none by default; see planner.solve.refine.
         """
         p = self._p.copy()
-        p[self.program.parts["weights"].stop - 1] = weight
+        if weight is not None:
+            p[self.program.parts["weights"].stop - 1] = weight
         if defect is not None:
             p[self.program.parts["defect"]] = defect
         return p
