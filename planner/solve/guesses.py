@@ -31,14 +31,14 @@ from planner.task import Task
 # How many conditions a point is, which arms meet in many ways.
 POINT = 3
 # Arms that are drawn; drawn to be fitted; and those of these that are fitted, in so many steps, the
-# best third in so many more.
-_DRAWN, _TO_FIT, _FITTED, _STEPS = 200, 4000, 120, (6, 10)
+# best third in as many more.
+_DRAWN, _TO_FIT, _FITTED, _STEPS = 200, 4000, 120, 6
 # Roots of how hard sections are squeezed at first: more is found from a little than from none.
-_SQUEEZED = 0.3
+_SQUEEZED = 0.1
 # What a unit of tension counts beside residuals in a fit, which thus leads to where effort is least
 # nearby. Residuals that are less are met, but for that and the errors of the mesh. A fit that does
 # not fall by more than such a part in a step has come to its end.
-_EFFORT, _MET, _END = 1e-2, 1e-2, 1e-3
+_EFFORT, _MET, _END = 1e-2, 1e-2, 3e-2
 # Guesses differ by more than this part: fitted ones of the largest of their tensions, drawn ones of
 # the root of the sum of squares.
 _APART, _FAR_APART = 0.05, 0.5
@@ -106,9 +106,9 @@ def fitted(task: Task) -> Iterator[Array]:
     points = points[np.argsort(off, kind="stable")[:_FITTED]]
     if task.scene.has(Extension):
         points = np.hstack([points, np.full((len(points), bends.width // 2), _SQUEEZED)])
-    points, r = least_squares(gaps, points, _STEPS[0])
+    points, r = least_squares(gaps, points)
     best = np.argsort(np.linalg.norm(r, axis=1), kind="stable")[: _FITTED // 3]
-    points[best], r[best] = least_squares(gaps, points[best], _STEPS[1])
+    points[best], r[best] = least_squares(gaps, points[best])
     T, residual = bends.tensions(points), np.linalg.norm(r[:, :-n], axis=1)
     met = residual < _MET
     T = T[np.lexsort([np.where(met, np.linalg.norm(T, axis=1), residual), ~met])]
@@ -127,16 +127,16 @@ def _distinct(
             yield T
 
 
-def least_squares(gaps: Callable[[Array], Array], U: Array, steps: int) -> tuple[Array, Array]:
+def least_squares(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Array]:
     """Return points (m, n) of least squares of gaps near U, and the gaps there (m, k).
 
     Gaps are a function of points (m, n) -> (m, k). All that still come nearer take the steps of
-    Levenberg and Marquardt's method side by side, so many at most; derivatives at a point come in
-    one call with its gaps.
+    Levenberg and Marquardt's method side by side; derivatives at a point come in one call with its
+    gaps.
     """
     U, damping, left = U.copy(), np.full(len(U), 1e-2), np.arange(len(U))
     r, J = _linearised(gaps, U)
-    for _ in range(steps):
+    for _ in range(_STEPS):
         check_time()
         if not left.size:
             break
