@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -114,7 +115,8 @@ class Waypoints:
         """Return an optimum of each target by itself.
 
         Targets are followed from the plan for the first. Where none is reached, or guesses lead to
-        a better one of the last, each is planned.
+        a better one of the last, each is planned; of mirror images that cost the same those are
+        taken that are next to the tensions before.
         """
         question, (begin, *others) = self.question, self.question.targets
         waypoint = Waypoint(begin, np.ravel(first.tensions), first.avoidance)
@@ -138,8 +140,17 @@ class Waypoints:
                 return waypoints
         later = range(1, len(question.targets))
         plans = [first, *map(question.planned, reported("plans of waypoints", later))]
-        pairs = zip(question.targets, plans, strict=True)
-        return [Waypoint(targets, np.ravel(p.tensions), p.avoidance) for targets, p in pairs]
+        alone, before = list[Waypoint](), np.ravel(first.tensions)
+        for targets, each in zip(question.targets, plans, strict=True):
+            images = [each.tensions, *(T for _, T in each.mirror_images)]
+            before = min(map(np.ravel, images), key=partial(_apart, before))
+            alone.append(Waypoint(targets, before, each.avoidance))
+        return alone
+
+
+def _apart(before: Array, T: Array) -> float:
+    """Return how far the tension that changes most does [N]."""
+    return float(np.abs(T - before).max())
 
 
 def _is_best(optimum: Candidate) -> bool:

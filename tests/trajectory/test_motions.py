@@ -22,7 +22,7 @@ from planner.certificate import Certificate
 from planner.cli import main
 from planner.commands.files import schema_of
 from planner.plots.motion import animate_trajectory, save_motion
-from planner.targets import TipPosition
+from planner.targets import Fetch, TipPosition
 from planner.trajectory.certificate import MotionCertificate
 from planner.trajectory.question import waypoints_of
 
@@ -336,3 +336,14 @@ def test_a_motion_to_where_the_body_is_all_but_crushed_is_certified() -> None:
     assert motion.certificate.passed, motion.outcome
     stretch = 1 + motion.shapes[-1].strain(np.linspace(0, arm.length, 2001))[:, 3]
     assert 0 < stretch.min() < 0.01
+
+
+def test_a_waypoint_takes_the_mirror_image_that_is_near() -> None:
+    """A fetch in the plane of the places before may be met on either side of it."""
+    targets = [TipPosition((0.3, 0.12, 0.0)), TipPosition((0.15, 0.15, 0.0))]
+    mouth = Fetch.reach((0.0, 0.0, 0.0), float(np.radians(30)), float(np.radians(-90)))
+    durations = [
+        trajectory(ARM, each, SCENE, 13.0, rate_max=5.0).duration
+        for each in ([mouth], [*targets, mouth])
+    ]
+    assert durations[1] == pytest.approx(durations[0], rel=1e-3)
