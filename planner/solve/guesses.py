@@ -41,7 +41,7 @@ _SQUEEZED = 0.1
 _EFFORT, _MET, _END = 1e-2, 1e-2, 3e-2
 # Guesses differ by more than this part: fitted ones of the largest of their tensions, drawn ones of
 # the root of the sum of squares.
-_APART, _FAR_APART = 0.05, 0.5
+_APART, _FAR_APART = 0.4, 0.5
 # Drawn arms before the straight one, and before those with so many times the pull: what an arm may
 # take with its loads of what bends it without.
 _FIRST, _STRONGER = 3, 3.0

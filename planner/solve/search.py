@@ -168,7 +168,7 @@ class Reading:
             (self.met if stable else self.unstable).append(optimum)
 
     def _enough(self) -> bool:
-        """Return whether enough guesses led to the best optimum, or later ones to dearer ones.
+        """Return whether enough guesses led to the best optimum, or later ones to no better one.
 
         The latter of guesses that come by effort, where the targets are met: how near a shape comes
         has nothing to do with their order.
@@ -186,7 +186,8 @@ class Reading:
         rare = 2 * len(efforts) <= len(trials)
         if mode == "nearest" and efforts and rare and 2 * len(trials) >= self.task.most:
             return True
-        since = len(efforts) - 1 - int(np.argmin(efforts)) if efforts and by_effort else 0
+        tried = [trial.objective if trial.met else np.inf for trial in trials]
+        since = len(tried) - 1 - int(np.argmin(tried)) if efforts and by_effort else 0
         return agreed(trials) >= AGREED + hard or (mode == "exact" and since >= AGREED)
 
     def best(self, limit: float = np.inf) -> SearchResult | None:

@@ -200,6 +200,17 @@ LOST: dict[str, tuple[str, Scene, Array, float]] = {
         arm_tensions([0, 0, 0.219435, 0], [0, 0, 0, 2.70805], [0, 0, 1.046276, 0]),
         2.9117,
     ),
+    # Guesses that are cheapest without loads lead nowhere.
+    "a pose in water": (
+        "pose",
+        Scene(Extension(), Weight(), Buoyancy(1000.0)),
+        arm_tensions(
+            [0.04098835, 0.20327758, 0.12548955, 0.18633734],
+            [1.33586882, 0.02408027, 0.74042602, 0.48316566],
+            [3.79397274, 3.53371947, 4.13256482, 4.33029231],
+        ),
+        1.6,
+    ),
     "a backbone, bare": (
         "backbone",
         Scene(),
