@@ -96,10 +96,12 @@ def fitted(task: Task) -> Iterator[Array]:
     """
     bends = BendCoordinates(task.arm, task.together.tendons, task.allowed)
     n, unit = task.arm.n_tendons, units(task.arm, task.allowed)
+    # Of least squares a near miss with less effort is no better guess.
+    weight = 0.0 if task.together.terms.names[1] else _EFFORT
 
     def gaps(points: Array) -> Array:
         T = bends.tensions(points)
-        return np.hstack([residuals(task, T), _EFFORT * T / unit])
+        return np.hstack([residuals(task, T), weight * T / unit])
 
     points = bends.draw(_TO_FIT)
     off = np.linalg.norm(residuals(task, bends.tensions(points)), axis=1)
