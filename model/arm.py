@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Meta
 
 from model.anchorage import Anchorage, Material, RestCurvature
-from model.checks import LARGEST, finite_array, numbers
+from model.checks import LARGEST, finite_array, is_several, numbers
 from model.errors import InputError
 from model.paths import Array, Linear, Path
 from model.quantities import Frame, Length, LengthPath, Place
@@ -252,8 +252,7 @@ class Arm(Shown):
         counts = [len(section.angles) for section in self.sections]
         allowed = f"{self.n_tendons} numbers, flat or a row per section, tip first "
         allowed += f"({'+'.join(map(str, counts))})"
-        is_one = not hasattr(values, "__iter__") or getattr(values, "shape", None) == ()
-        if is_one or isinstance(values, str | bytes):
+        if not is_several(values):
             raise InputError(name, values, allowed)
         rows = [numbers(name, row, allowed) for row in values]
         if any(row.ndim > 1 for row in rows):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Set
 from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
@@ -68,6 +69,13 @@ def literal(field: str, value: Any, wanted: Any) -> Any:
     if is_plain and not isinstance(value, bool) and value in allowed:
         return allowed[allowed.index(value)]
     raise InputError(field, value, such(wanted))
+
+
+def is_several(value: Any) -> bool:
+    """Return whether a value holds others in an order: no text, no array without dimensions."""
+    is_other = isinstance(value, str | bytes | Mapping | Set)
+    holds = hasattr(value, "__len__") and hasattr(value, "__iter__")
+    return holds and not is_other and getattr(value, "shape", None) != ()
 
 
 def arc_lengths(value: Any) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.arm import Arm
-from model.checks import LARGEST, literal
+from model.checks import LARGEST, is_several, literal
 from model.cross_section.sections import LEAST_STRETCH
 from model.effects import ExactTendons, SelfContact
 from model.equilibrium.linearised import Linearised
@@ -167,8 +167,7 @@ def settle_many(
     literal("errors", errors, Errors)
     for name, values in (("tensions", tensions), ("lengths", lengths)):
         is_wanted = values is not None or (name == "tensions" and lengths is None)
-        is_several = hasattr(values, "__len__") and getattr(values, "shape", None) != ()
-        if is_wanted and (not is_several or isinstance(values, dict | set)):
+        if is_wanted and not is_several(values):
             raise InputError(name, values, f"a set of {name} for each shape to settle")
     by, sets = ("tensions", tensions) if lengths is None else ("lengths", lengths)
     if tensions is not None and len(tensions) != len(sets):

@@ -145,7 +145,7 @@ def settle(
             shape = _on_itself(arm, tensions, scene, accuracy, machine_code)
         else:
             if scheme is not None:
-                check_scheme(scene, scheme)  # it may be no key of what is kept
+                check_scheme(scene, scheme)  # before maps are looked up by it: it may be a list
             maps, begin = maps_of(arm, scene, scheme, machine_code), None
             if near is not None:
                 kind("near", near, Shape, "a Shape of the same arm and scene, or None")

@@ -8,7 +8,7 @@ InputError with the class and the argument. `__post_init__` is left with what de
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cache, partial
 from types import NoneType, UnionType
@@ -28,7 +28,16 @@ from typing import (
 import numpy as np
 from msgspec import Meta
 
-from model.checks import finite, finite_array, kind, literal, not_negative, positive, such
+from model.checks import (
+    finite,
+    finite_array,
+    is_several,
+    kind,
+    literal,
+    not_negative,
+    positive,
+    such,
+)
 from model.errors import InputError
 from model.units import likely_degrees
 
@@ -167,12 +176,6 @@ def _of_type(hint: Any, bounds: Bounds) -> Convert:
     raise TypeError(f"{hint} does not say how it is converted")
 
 
-def _is_sequence(argument: Any) -> bool:
-    """Return whether this is a sequence: no text, and no array without dimensions."""
-    is_one = isinstance(argument, Sequence | np.ndarray) and not isinstance(argument, str)
-    return is_one and getattr(argument, "shape", None) != ()
-
-
 def _choice(kinds: tuple[Any, ...], bounds: Bounds) -> Convert:
     """Return the converter of one value, a sequence of them, or None, as far as each is allowed."""
     others = [each for each in kinds if each is not NoneType]
@@ -184,7 +187,7 @@ def _choice(kinds: tuple[Any, ...], bounds: Bounds) -> Convert:
     def convert(name: str, argument: Any) -> Any:
         if argument is None and NoneType in kinds:
             return None
-        if several and (single is None or _is_sequence(argument)):
+        if several and (single is None or is_several(argument)):
             return several(name, argument)
         assert single is not None
         try:
@@ -284,7 +287,7 @@ def _items(hint: Any, least: int) -> Convert:
     allowed = f"a tuple of which each is {such(bare(parts[0]))}" if is_endless else such(hint)
 
     def convert(name: str, argument: Any) -> Any:
-        if not _is_sequence(argument) or not (is_endless or len(argument) == len(parts)):
+        if not is_several(argument) or not (is_endless or len(argument) == len(parts)):
             raise InputError(name, argument, allowed)
         if len(argument) < least:
             message = f"at least {'one' if least == 1 else least}: {such(bare(parts[0]))}"

@@ -176,18 +176,17 @@ class Reading:
         if self.task.guesses is not None:
             return False
         trials, mode, count = self.trials, self.mode, self.task.together.conditions
-        efforts, by_effort = [trial.objective for trial in trials if trial.met], count > POINT
-        missed = mode == "nearest" or (
-            mode == "closest" and min(efforts, default=np.inf) > KKT_TOLERANCE
-        )
-        astray = not by_effort and len(trials) >= 2 * len(efforts)
+        objectives = [trial.objective if trial.met else np.inf for trial in trials]
+        met, best = len(trials) - objectives.count(np.inf), min(objectives, default=np.inf)
+        by_effort = count > POINT
+        missed = mode == "nearest" or (mode == "closest" and best > KKT_TOLERANCE)
+        astray = not by_effort and len(trials) >= 2 * met
         hard = missed or astray or (count >= POINT and mode == "exact")
         # Where least squares seldom come to an end, half of the guesses are enough.
-        rare = 2 * len(efforts) <= len(trials)
-        if mode == "nearest" and efforts and rare and 2 * len(trials) >= self.task.most:
+        rare = 2 * met <= len(trials)
+        if mode == "nearest" and met and rare and 2 * len(trials) >= self.task.most:
             return True
-        tried = [trial.objective if trial.met else np.inf for trial in trials]
-        since = len(tried) - 1 - int(np.argmin(tried)) if efforts and by_effort else 0
+        since = len(trials) - 1 - objectives.index(best) if met and by_effort else 0
         return agreed(trials) >= AGREED + hard or (mode == "exact" and since >= AGREED)
 
     def best(self, limit: float = np.inf) -> SearchResult | None:

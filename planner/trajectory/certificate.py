@@ -188,5 +188,5 @@ def certify_motion(
 def _at_target(question: Question, targets: tuple[Target, ...], shape: Shape) -> Certificate:
     """Return the certificate of a waypoint, of which optimality is not asked; all has to be met."""
     stated = question.arm, targets, question.scene, question.limits, Statement()
-    one = certify(Task(*stated, question.accuracy), shape.tensions, lambda: shape, float)
+    one = certify(Task(*stated, question.accuracy), shape.tensions, lambda: shape, lambda: 0.0)
     return replace(one, equality={**one.equality, **one.soft_residual}, soft_residual={})
