@@ -121,7 +121,7 @@ def plot_ellipsoids(
         ax.plot_surface(*(MM * surface), color=_SKIN, alpha=0.25, linewidth=0)
         points.append(surface.reshape(3, -1).T)
     held = "held tensions" if result[0].hold == "tension" else "locked lengths"
-    ax.set_title(f"where {1e3 * force:g} mN push it, with {held}", fontsize=SIZE)
+    ax.set_title(f"where {1e3 * force:g} mN pushes it, with {held}", fontsize=SIZE)
     look(ax, shape, np.vstack(points))
     return shown
 
