@@ -23,7 +23,7 @@ from model.contact.touches import Place, Places, Touches, forces, read_off
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_steps import carried_strains
 from model.equilibrium.newton import Start, newton
-from model.equilibrium.stability import unstable_mode
+from model.equilibrium.stability import stands, unstable_mode
 from model.errors import SnapError, UnsettledContactError
 from model.least_energy import LeastEnergy
 from model.loads import bodies_of, without_friction
@@ -32,9 +32,9 @@ from model.paths import Array
 from model.progress import check_time, tell
 from model.transcription.system import System
 
-# First, least and longest step in the load factor; with friction: where a point rolls, that is not
-# to count as slip.
-_STEPS, _WITH_FRICTION = (1 / 4, 1 / 16, 1.0), (1 / 8, 1 / 128, 1 / 8)
+# First, least and longest step in the load factor: longer ones may lead to the other side of an
+# obstacle, and with friction a point that rolls is not to count as slip.
+_STEPS = 1 / 8, 1 / 128, 1 / 8
 # How often nodes or pairs are exchanged.
 EXCHANGES = 8
 # How often forces without a potential are updated in a step: places are refined with them in full.
@@ -99,7 +99,7 @@ def follow(end: Request, near: Linearised, jumps: bool = True) -> Touching:
         return _slid(to, near) if rubs else there
 
     if rubs:
-        path = stepped(solve, near, _WITH_FRICTION)
+        path = stepped(solve, near, _STEPS)
         return Touching.of(path[-1][0], tuple(snaps), tuple(path))
     strains = carried_strains(near.system, near.states[near.system.of.stages], base)
     free = Linearised(base, np.append(begin, base.start(begin[:-1], strains, float(begin[-1]))))
@@ -133,12 +133,12 @@ def stepped(
 def _complementary(request: Request, near: Linearised) -> Linearised | None:
     """Return the equilibrium with forces at nodes on the mesh of one near.
 
-    None where Newton's method does not lead to one that is close, or nodes go through an obstacle,
-    by half the arm's radius or more; looked at where they are no farther apart than that.
+    None where Newton's method does not lead to one that is close and stable, or nodes go through an
+    obstacle, by half the arm's radius or more; looked at where they are no farther apart than that.
     """
     to = request.tensions, request.load
     (there,) = newton(near.system, [Start(*to, near.states)], touching=_active)
-    if there is None or not close(near, there):
+    if there is None or not (close(near, there) and stands(there)):
         return None
     half = there.system.arm.outer_radius(there.mesh.s[1:])[0] / 2
     start, end = near.poses[1:, 4:], there.poses[1:, 4:]

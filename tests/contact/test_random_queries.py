@@ -53,6 +53,17 @@ def test_a_query_is_settled(seed: int) -> None:
     assert ending(seed) in ("touches", "free")
 
 
+# By steps as long as equilibria followed each other closely they came to the other side.
+@pytest.mark.parametrize("seed", [42030, 42067, 43030, 43124])
+def test_the_arm_comes_to_the_side_of_an_obstacle_that_short_steps_lead_to(seed: int) -> None:
+    asked, near = query(seed), None
+    shape = settle(asked.arm, asked.tensions, asked.scene, 1e-4)
+    for part in np.linspace(0, 1, 25)[1:]:
+        near = settle(asked.arm, part * asked.tensions, asked.scene, 1e-4, near=near)
+    assert near is not None and shape.contacts
+    assert np.linalg.norm(shape.tip - near.tip) <= 1e-6 * asked.arm.length
+
+
 @pytest.mark.slow
 def test_of_525_random_queries_98_percent_are_settled_and_none_is_wrong() -> None:
     ends = Counter(ending(seed) for seed in range(525))
