@@ -28,7 +28,7 @@ Prepared = tuple[list[Array], Array, Callable[[], None], Any]
 # Sets side by side in C, and by NumPy: intermediate numbers stay in the processor's cache.
 LANES, _AT_ONCE = 8, 2048
 # As few sets as these CasADi interprets sooner, one by one.
-FEW = 512
+FEW = 192
 
 
 def built(make: Callable[..., K], *of: Any) -> K:
@@ -193,7 +193,11 @@ class Columns:
     def __init__(self, function: ca.Function, machine_code: bool) -> None:
         self._sizes_in = [function.numel_in(i) for i in range(function.n_in())]
         self._sizes = [function.numel_out(i) for i in range(function.n_out())]
-        self._lines, self._n_registers = instructions(function), function.sz_w()
+        self._lines = [
+            (OPERATIONS[op].numpy if op in OPERATIONS else None, op, read, to, value)
+            for op, read, to, value in instructions(function)
+        ]
+        self._n_registers = function.sz_w()
         self._run = None
         if machine_code:
             self._run = ctypes.CDLL(str(library(written(function), "-O2"))).columns
@@ -229,8 +233,8 @@ class Columns:
 
     def _interpret(self, steps: int, columns: list[Array], results: list[Array]) -> None:
         """Fill in the results of some sets, step by step, one operation after the other."""
-        work = np.empty((self._n_registers, results[0].shape[1]))
-        registers, state = [*work], columns[0]
+        work = [*np.empty((self._n_registers, results[0].shape[1]))]
+        registers, state = work.copy(), columns[0]
         for k in range(steps):
             inputs, outputs = (
                 [each[k * size : (k + 1) * size] for each, size in zip(rows, sizes, strict=True)]
@@ -238,16 +242,15 @@ class Columns:
             )
             inputs[0], state = state, outputs[0]
             with np.errstate(all="ignore"):
-                for op, read, to, value in self._lines:
-                    if op == ca.OP_INPUT:
-                        registers[to[0]] = inputs[read[0]][read[1]]
+                for operation, op, read, (to, *place), value in self._lines:
+                    if operation is not None:
+                        registers[to] = operation(*[registers[i] for i in read], work[to])
+                    elif op == ca.OP_INPUT:
+                        registers[to] = inputs[read[0]][read[1]]
                     elif op == ca.OP_OUTPUT:
-                        outputs[to[0]][to[1]] = registers[read[0]]
-                    elif op == ca.OP_CONST:
-                        registers[to[0]] = np.float64(value)
+                        outputs[to][place[0]] = registers[read[0]]
                     else:
-                        arguments = (registers[i] for i in read)
-                        registers[to[0]] = OPERATIONS[op].numpy(*arguments, work[to[0]])
+                        registers[to] = np.float64(value)
 
 
 def written(function: ca.Function) -> str:

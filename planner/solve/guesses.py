@@ -81,7 +81,7 @@ def drawn_arms(task: Task) -> Iterator[Array]:
     unit = units(task.arm, task.allowed)
     bends = BendCoordinates(task.arm, task.together.tendons, task.allowed)
     drawn = bends.tensions(bends.draw(_DRAWN))
-    distance = np.linalg.norm(residuals(task, drawn), axis=1)
+    distance = np.linalg.norm(residuals_of(task)(drawn), axis=1)
     # What a unit of tension counts beside how near an arm is.
     cheap = distance + 0.2 * np.linalg.norm(drawn / unit, axis=1)
     orders = np.argsort([cheap, distance], axis=1, kind="stable")
@@ -95,16 +95,16 @@ def fitted(task: Task) -> Iterator[Array]:
     fitted beside its bends.
     """
     bends = BendCoordinates(task.arm, task.together.tendons, task.allowed)
-    n, unit = task.arm.n_tendons, units(task.arm, task.allowed)
+    n, unit, residuals = task.arm.n_tendons, units(task.arm, task.allowed), residuals_of(task)
     # Of least squares a near miss with less effort is no better guess.
     weight = 0.0 if task.together.terms.names[1] else _EFFORT
 
     def gaps(points: Array) -> Array:
         T = bends.tensions(points)
-        return np.hstack([residuals(task, T), weight * T / unit])
+        return np.hstack([residuals(T), weight * T / unit])
 
     points = bends.draw(_TO_FIT)
-    off = np.linalg.norm(residuals(task, bends.tensions(points)), axis=1)
+    off = np.linalg.norm(residuals(bends.tensions(points)), axis=1)
     points = points[np.argsort(off, kind="stable")[:_FITTED]]
     if task.scene.has(Extension):
         points = np.hstack([points, np.full((len(points), bends.width // 2), _SQUEEZED)])
@@ -167,21 +167,24 @@ def _linearised(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Array]
     return values[:, 0].copy(), (values[:, 1:] - values[:, :1]) / difference
 
 
-def residuals(task: Task, tensions: Array) -> Array:
-    """Return the residuals of tensions (m, n_tendons) [N] in the scene without its loads (m, k).
+def residuals_of(task: Task) -> Callable[[Array], Array]:
+    """Return tensions (m, n_tendons) [N] -> their residuals (m, k), in the scene without its loads.
 
     Those of the targets, violations of inequalities, and last by how much the arm is crushed.
     Stiffness is left out: compliances are taken to be those that are wanted.
     """
-    arm, scene, targets = task.arm, task.bare, task.together
-    at = targets.stations
-    forward = explicit_map(arm, scene, "magnus4", 1, at, task.machine_code)
-    numbers = np.tile(targets.numbers, (len(tensions), 1))
-    poses, stretch = forward.many(tensions, [forward.mesh.node(s) for s in at])
-    (gaps,) = _residuals_of(targets.terms)(poses.reshape(len(tensions), -1), numbers)
-    crushed = 10 * np.maximum(0.05 - stretch, 0.0)
-    gaps = np.hstack([gaps, crushed[:, None]])
-    return np.where(np.isfinite(gaps), gaps, np.nan)
+    targets, at = task.together, task.together.stations
+    forward = explicit_map(task.arm, task.bare, "magnus4", 1, at, task.machine_code)
+    nodes, gaps_of = [forward.mesh.node(s) for s in at], _residuals_of(targets.terms)
+
+    def residuals(tensions: Array) -> Array:
+        poses, stretch = forward.many(tensions, nodes)
+        numbers = np.tile(targets.numbers, (len(tensions), 1))
+        (gaps,) = gaps_of(poses.reshape(len(tensions), -1), numbers)
+        gaps = np.hstack([gaps, 10 * np.maximum(0.05 - stretch, 0.0)[:, None]])
+        return np.where(np.isfinite(gaps), gaps, np.nan)
+
+    return residuals
 
 
 @lru_cache(maxsize=16)
