@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -11,7 +12,7 @@ from scipy.optimize import BFGS
 from model.equilibrium.linearised import Linearised
 from model.errors import OctoplanError
 from model.paths import Array
-from model.progress import check_time
+from model.progress import OutOfTime, check_time
 from planner.contact.load_path import LoadPath
 from planner.contact.program import Constraints, TensionProgram
 from planner.question import natural_tensions
@@ -68,14 +69,31 @@ def optimum(
 ) -> ContactOptimum:
     """Return the optimum that a program leads to from an equilibrium, or from other tensions.
 
-    Where the constraints cannot be met from there, where they are violated least, or a kink. A step
-    fails where no shape is settled or the merit is above the last ones: then its constraints
-    correct those of the step to the second order, or the next is shorter. Raises what settling the
-    start does.
+    Where the constraints cannot be met from there, where they are violated least, or a kink; out of
+    time, the last iterate. Raises what settling the start does.
     """
     at = program.at((begin.tensions if start is None else start) / program.unit, begin)
+    path, n = [at], program.n
+    with suppress(OutOfTime):
+        for there in _iterates(program, at):
+            path.append(there)
+    at = path[-1]
+    residual, lam = conditions(at)
+    load_path = tuple(tuple(each.point.tensions.tolist()) for each in path[1:-1])
+    above, below, (stability, *_) = np.split(lam, [n, 2 * n])
+    lam_x, yields = tuple((above - below).tolist()), bool(program.least and stability > _NONE)
+    violation, lam_g = at.violation * (at.violation > _NONE), (-float(stability),) * yields
+    return ContactOptimum(at.point, violation, residual, lam_x, lam_g, load_path)
+
+
+def _iterates(program: TensionProgram, at: Constraints) -> Iterator[Constraints]:
+    """Yield where steps lead from constraints at tensions, until they are too short to count.
+
+    A step fails where no shape is settled or the merit is above the last ones: then its constraints
+    correct those of the step to the second order, or the next is shorter.
+    """
     natural, n = natural_tensions(program.task.arm) / program.unit, program.n
-    radius, penalty, path = _RADIUS, _PENALTIES[0], [at]
+    radius, penalty, recent = _RADIUS, _PENALTIES[0], [at]
     # The effort's, to be updated to that of the Lagrangian.
     hessian = BFGS("damp_update", init_scale=1.0)
     hessian.initialize(n, "hess")
@@ -86,7 +104,7 @@ def optimum(
         size = float(np.abs(change / natural).max())
         if size < _NONE:
             break
-        most = max(each.merit(penalty) for each in path[-_RECENT:]) + penalty * _NONE / 1e3
+        most = max(each.merit(penalty) for each in recent) + penalty * _NONE / 1e3
         longer, radius, there = max(radius, 2 * size), size / 4, None
         with suppress(OctoplanError):
             there = program.at(at.tensions + change, at.point, tangential)
@@ -98,13 +116,8 @@ def optimum(
         if there.by_tensions.shape == at.by_tensions.shape:
             slope = (there.by_tensions - at.by_tensions).T @ lam[2 * n :]
             hessian.update(there.tensions - at.tensions, there.tensions - at.tensions - slope)
-        at, radius, path = there, longer, [*path, there]
-    residual, lam = conditions(at)
-    load_path = tuple(tuple(each.point.tensions.tolist()) for each in path[1:-1])
-    above, below, (stability, *_) = np.split(lam, [n, 2 * n])
-    lam_x, yields = tuple((above - below).tolist()), bool(program.least and stability > _NONE)
-    violation, lam_g = at.violation * (at.violation > _NONE), (-float(stability),) * yields
-    return ContactOptimum(at.point, violation, residual, lam_x, lam_g, load_path)
+        at, radius, recent = there, longer, [*recent[1 - _RECENT :], there]
+        yield at
 
 
 def steered(

@@ -144,9 +144,9 @@ class ContactSearch:
                 end = optimum(coarse, coarse.along(load_path))
                 end = replace(end, load_path=(*load_path, *end.load_path))
                 cheapest = all(end.cost < each.cost for each in self.optima)
-                if not end.violation and cheapest and agreed(_trials([*self.optima, end])) < 2:
-                    self.best = self._led_to(fine, end)
                 self.optima.append(end)
+                if not end.violation and cheapest and agreed(_trials(self.optima)) < 2:
+                    self.best = self._led_to(fine, end)
             enough = agreed(_trials(self.optima)) >= (needed if tried > len(nearby) else 1)
             if enough or tried == self.task.most:
                 break
