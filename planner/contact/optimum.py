@@ -100,7 +100,10 @@ def _iterates(program: TensionProgram, at: Constraints) -> Iterator[Constraints]
     for _ in range(_STEPS):
         check_time()
         region = hessian.get_matrix(), radius * natural
-        change, tangential, lam, penalty = steered(at, *region, penalty)
+        # A penalty that is not needed any more would let steps follow constraints no farther than
+        # these are straight.
+        least = max(penalty / 10, _PENALTIES[0])
+        change, tangential, lam, penalty = steered(at, *region, least)
         size = float(np.abs(change / natural).max())
         if size < _NONE:
             break
