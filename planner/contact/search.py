@@ -32,8 +32,9 @@ COARSE = 1
 FINE = 2 * COARSE
 # What is taken of the way to tensions without friction, and beyond.
 _SLID = (1.0, 1.5, 2.5)
-# Arms that are drawn where something is held.
-_DRAWN = 3000
+# Arms that are drawn where something is held; of these, those around which as many are drawn again,
+# and how far from them. How many times more are tried: most that do not touch it end soon.
+_DRAWN, _NEAREST, _SPREAD, _MORE = 3000, 150, 0.3, 4
 
 
 def check_contact(task: Task, avoids: bool) -> None:
@@ -138,8 +139,9 @@ class ContactSearch:
         reaching = chain.from_iterable(_reaching(self.task, hold) for hold in coarse.holds)
         guesses = reaching if coarse.holds else initial_guesses(self.task)
         from_rest = ((tuple(T.tolist()),) for T in guesses)
+        most = self.task.most * (_MORE if coarse.holds and not self.task.guesses else 1)
         for tried, load_path in enumerate(chain(nearby, from_rest), 1):
-            tell("initial guesses", tried - 1, self.task.most)
+            tell("initial guesses", tried - 1, most)
             with suppress(OctoplanError):
                 end = optimum(coarse, coarse.along(load_path))
                 end = replace(end, load_path=(*load_path, *end.load_path))
@@ -148,7 +150,7 @@ class ContactSearch:
                 if not end.violation and cheapest and agreed(_trials(self.optima)) < 2:
                     self.best = self._led_to(fine, end)
             enough = agreed(_trials(self.optima)) >= (needed if tried > len(nearby) else 1)
-            if enough or tried == self.task.most:
+            if enough or tried == most:
                 break
         for end in () if self.best else sorted(self.optima, key=attrgetter("cost")):
             with suppress(OctoplanError):
@@ -176,23 +178,33 @@ def _reaching(task: Task, hold: Hold) -> list[Array]:
     """Return tensions of arms without loads that free would reach into what is held.
 
     First those that would be pressed apart from it along what balances the wrench, within the cone
-    of friction; of these the least tensions first.
+    of friction; of these the least tensions first. Few that are drawn reach what is small: as many
+    again are drawn around those that come nearest.
     """
-    arm, body = task.arm, hold.obstacle
+    arm, body, rng = task.arm, hold.obstacle, np.random.default_rng(0)
     tendons = frozenset(j for j in range(arm.n_tendons) if task.allowed.upper[j] > 0)
     bends = BendCoordinates(arm, tendons, task.allowed)
-    tensions = bends.tensions(bends.draw(_DRAWN))
-    points, radius = many_places(task, tensions)
-    gap = body.distance(points.reshape(-1, 3)).reshape(points.shape[:2]) - radius
-    gap[np.isnan(gap)] = np.inf
-    deepest = gap.argmin(axis=1)
-    reach = np.flatnonzero(gap.min(axis=1) < 0)
+
+    def deepest(points: Array) -> tuple[Array, Array, Array]:
+        """Return tensions, where each arm is deepest in the body or next to it, and its gap."""
+        tensions = bends.tensions(points)
+        places, radius = many_places(task, tensions)
+        gaps = body.distance(places.reshape(-1, 3)).reshape(places.shape[:2]) - radius
+        gaps[np.isnan(gaps)] = np.inf
+        each, k = np.arange(len(gaps)), gaps.argmin(axis=1)
+        return tensions, places[each, k], gaps[each, k]
+
+    points = bends.draw(_DRAWN)
+    nearest = points[np.argsort(deepest(points)[2], kind="stable")[:_NEAREST]]
+    around = np.repeat(nearest, _DRAWN // _NEAREST, axis=0)
+    points = np.vstack([points, around * np.exp(_SPREAD * rng.normal(size=around.shape))])
+    tensions, places, gaps = deepest(points)
+    tensions, places = tensions[gaps < 0], places[gaps < 0]
     force = np.array(hold.wrench[:3])
     force /= max(float(np.linalg.norm(force)), 1e-300)
-    against = body.gradient(points[reach, deepest[reach]]) @ force if reach.size else np.zeros(0)
+    against = body.gradient(places) @ force if len(places) else np.zeros(0)
     within = np.minimum(against, 1 / np.hypot(1.0, hold.friction)).round(1)
-    effort = np.linalg.norm(tensions[reach], axis=1)
-    return [tensions[i] for i in reach[np.lexsort((effort, -within))]]
+    return list(tensions[np.lexsort((np.linalg.norm(tensions, axis=1), -within))])
 
 
 def optimality_of(task: Task, tensions: Array, shape: Shape, load_path: LoadPath = ()) -> float:
