@@ -1,11 +1,11 @@
 """How an arm comes into contact: tensions and loads grow together from none, obstacles there.
 
 While tensions and loads grow in proportion the equilibrium is followed with forces at the nodes
-that are complementary to the gaps: by Newton's method, and where that fails by the least energy
-with gaps >= 0. Where frames turn far in however short a step the arm has snapped. At the end nodes
-are exchanged for others where the gap is least (Hettich and Kortanek, SIAM Review 35, 1993), until
-places can be refined; see model.contact.sharp. With friction, which looks back over each step,
-places are refined in each; over a snap the arm slides without.
+that are complementary to the gaps: by Newton's method, and where that leads to no stable one nearby
+by the least energy with gaps >= 0. Where frames turn far in however short a step the arm has
+snapped. At the end nodes are exchanged for others where the gap is least (Hettich and Kortanek,
+SIAM Review 35, 1993), until places can be refined; see model.contact.sharp. With friction, which
+looks back over each step, places are refined in each; over a snap the arm slides without.
 """
 
 from __future__ import annotations

@@ -100,8 +100,7 @@ def _iterates(program: TensionProgram, at: Constraints) -> Iterator[Constraints]
     for _ in range(_STEPS):
         check_time()
         region = hessian.get_matrix(), radius * natural
-        # A penalty that is not needed any more would let steps follow constraints no farther than
-        # these are straight.
+        # A penalty larger than is needed would keep steps as short as constraints are straight.
         least = max(penalty / 10, _PENALTIES[0])
         change, tangential, lam, penalty = steered(at, *region, least)
         size = float(np.abs(change / natural).max())

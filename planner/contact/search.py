@@ -33,7 +33,8 @@ FINE = 2 * COARSE
 # What is taken of the way to tensions without friction, and beyond.
 _SLID = (1.0, 1.5, 2.5)
 # Arms that are drawn where something is held; of these, those around which as many are drawn again,
-# and how far from them. How many times more are tried: most that do not touch it end soon.
+# and the spread of their bends' logarithms. So many times more guesses are made: those from which
+# the arm does not touch what it is to hold end soon.
 _DRAWN, _NEAREST, _SPREAD, _MORE = 3000, 150, 0.3, 4
 
 
