@@ -30,11 +30,11 @@ import casadi as ca
 import numpy as np
 
 from model.cross_section.energy import EnergySection, ExactSection
-from model.cross_section.sections import body_numbers, reported, strains_of
+from model.cross_section.sections import reported, strains_of
 from model.loads import beyond, bodies_of, is_conservative, levers
 from model.machine.functions import Buffered
 from model.paths import Array
-from model.stations import base_pose, stations, tendon_paths
+from model.stations import base_pose, body_numbers, stations, tendon_paths
 from model.transcription.collocation import gauss
 from model.transcription.element import Form
 from model.transcription.energy import held_rows, potential_energy

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from model.anchorage import Material
 from model.arm import Arm
+from model.effects import Shear
 from model.paths import Array
 from model.rotations import from_matrix
+from model.scene import Scene
 
 Counts = NDArray[np.int64]
 
@@ -69,6 +71,15 @@ def resists(material: Material, area: Array) -> Array:
     """Return E A [N], E J [N m2], G I [N m2] (3, N) of A and J (2, N), or of their derivatives."""
     A, J = area
     return np.array([material.E * A, material.E * J, 2 * material.G * J])
+
+
+def body_numbers(arm: Arm, scene: Scene, at: Stations, rates: bool = False) -> Array:
+    """Return what laws take of the body (n, N), or its derivatives along s; see CrossSection."""
+    area, rest = (at.area_rate, at.rest_rate) if rates else (at.area, at.rest)
+    body = resists(arm.material, area)
+    shear = scene.find(Shear)
+    GA = body[0] * (shear.k_s * arm.material.G / arm.material.E if shear else 0.0)
+    return np.vstack([body, GA, rest])
 
 
 def sides(arm: Arm) -> tuple[Array, Array]:

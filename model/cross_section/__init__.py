@@ -10,12 +10,12 @@ from model.scene import Scene
 __all__ = ["CrossSection", "cross_section_of"]
 
 
-def cross_section_of(scene: Scene, curved: bool = False, loaded: bool = True) -> CrossSection:
-    """Return the law of a scene's cross-sections; without loads none is twisted or sheared.
+def cross_section_of(scene: Scene, curved: bool = False, twisted: bool = True) -> CrossSection:
+    """Return the law of a scene's cross-sections; unless they are `twisted` without torsion, shear.
 
     `curved` says whether they are curved at rest.
     """
-    shape = (scene.has(Extension), loaded, loaded and scene.has(Shear), curved)
+    shape = (scene.has(Extension), twisted, twisted and scene.has(Shear), curved)
     rubber = scene.find(NeoHookean)
     if rubber is not None:
         return RubberSection(*shape, anticlastic=rubber.anticlastic)

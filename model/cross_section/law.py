@@ -138,8 +138,8 @@ class PaperSection(CrossSection):
     """Eqs. (8), (9) with (6): strains omega per unit deformed length, q, and shears.
 
     K omega + sum T Y x c = M, E A q + sum T t . c = F_t, and with shear k_s G A nu_n + sum T n . c
-    = F_n, along the tangent c = t + Y' + omega x Y with Y = y d. But for shears, and tendons that
-    turn, this is linear in six resultants of the tendons' tensions. See CrossSection.
+    = F_n, along the tangent c = t + Y' + omega x Y with Y = y d. This is linear in the strains, and
+    in the resultants of the tendons' tensions. See CrossSection.
     """
 
     along_at_rest: ClassVar[float] = 0.0
@@ -165,16 +165,20 @@ class PaperSection(CrossSection):
 
     def tendon(self, v: ca.SX, path: ca.SX, name: Name = ca.densify) -> ca.SX:
         """See CrossSection.tendon."""
-        moment, along = self.tendons(v, ca.vertcat(*resultants(path[0], path[1])))
-        moment += ca.cross(*offset(path))
-        return join(self, moment, along, self.tangent(v, path)[1:])
+        moment, force = self.tendons(v, ca.vertcat(*resultants(*ca.vertsplit(path))))
+        return join(self, moment, force[0], force[1:])
 
     def tendons(self, v: ca.SX, sums: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return the moment (3,) and the force along t of tendons with given resultants (6,)."""
+        """Return the moment and the force (3,) of tendons by their resultants (9,).
+
+        The first six do where sections are neither twisted nor sheared.
+        """
         tau, xi, k = ca.vertsplit(split(self, v)[0])
-        T, c, s, cc, sc, ss = ca.vertsplit(sums)
-        moment = ca.vertcat((cc + ss) * tau, ss * xi - sc * k + s, cc * k - sc * xi - c)
-        return moment, T + s * xi - c * k
+        T, n, b, nn, nb, bb, n_rate, b_rate, turn = ca.vertsplit(
+            ca.vertcat(sums, ca.SX.zeros(9 - sums.numel()))
+        )
+        moment = ca.vertcat((nn + bb) * tau + turn, bb * xi - nb * k + b, nn * k - nb * xi - n)
+        return moment, ca.vertcat(T + b * xi - n * k, n_rate - tau * b, b_rate + tau * n)
 
     def tangent(self, v: ca.SX, path: ca.SX) -> ca.SX:
         """See CrossSection.tangent: c = t + Y' + omega x Y."""
@@ -188,10 +192,11 @@ class PaperSection(CrossSection):
         return nu + Y_rate + ca.cross(kappa, Y)
 
 
-def resultants(n: Any, b: Any) -> tuple[Any, ...]:
-    """Return a tendon's share per newton in the resultants T, T Y, T Y Y^T (6), where Y = (n, b).
+def resultants(n: Any, b: Any, n_rate: Any, b_rate: Any) -> tuple[Any, ...]:
+    """Return a tendon's share per newton in the resultants of tendons at Y = (n, b).
 
-    Of the paper's four tendons a section they are the sums T1+T2+T3+T4, y (T1-T3), y (T2-T4),
-    y2 (T1+T3), 0, y2 (T2+T4).
+    These are T, T Y, T Y Y^T (6), then T Y' and the moment t . T Y x Y' (3), which shear and twist
+    a section. Of the paper's four tendons a section the first are the sums T1+T2+T3+T4, y (T1-T3),
+    y (T2-T4), y2 (T1+T3), 0, y2 (T2+T4).
     """
-    return 1.0, n, b, n * n, n * b, b * b
+    return 1.0, n, b, n * n, n * b, b * b, n_rate, b_rate, n * b_rate - b * n_rate

@@ -14,16 +14,14 @@ from model.arm import Arm
 from model.cross_section.energy import EnergySection
 from model.cross_section.law import CrossSection, body_size, components, size, turning_rate
 from model.cross_section.statics import ClosedStatics, PaperStatics, closed_statics
-from model.effects import Shear
 from model.errors import CollapsedError, UnsettledSectionError
 from model.machine.functions import Mapped, built
 from model.paths import Array
 from model.scene import Scene
 from model.stations import (
     Counts,
-    Stations,
+    body_numbers,
     crossing,
-    resists,
     stations,
     tendon_paths,
 )
@@ -34,17 +32,6 @@ LEAST_STRETCH = 1e-7
 # Newton steps at most that lead to the strains of a section without loads; of more sections than
 # this those that are in equilibrium are left out of further steps.
 _STEPS, _MANY = 40, 256
-# Strains so small, curvatures times the arm's length, are left to one more Newton step.
-_NEAR = 1e-2
-
-
-def body_numbers(arm: Arm, scene: Scene, at: Stations, rates: bool = False) -> Array:
-    """Return what laws take of the body (n, N), or its derivatives along s; see CrossSection."""
-    area, rest = (at.area_rate, at.rest_rate) if rates else (at.area, at.rest)
-    body = resists(arm.material, area)
-    shear = scene.find(Shear)
-    GA = body[0] * (shear.k_s * arm.material.G / arm.material.E if shear else 0.0)
-    return np.vstack([body, GA, rest])
 
 
 class Balance(NamedTuple):
@@ -101,9 +88,10 @@ class Sections:
     @cached_property
     def _closed(self) -> tuple[ClosedStatics, Array, Array, Array]:
         """The statics without loads, maps from tensions to pull, data, map of their strains."""
-        arm, at, statics = self._arm, self.stations, closed_statics(self._scene, self._arm)
+        arm, scene, at = self._arm, self._scene, self.stations
+        statics = closed_statics(scene, arm)
         same = np.equal.outer(components(statics.law), components(self.law)).astype(float)
-        return statics, statics.pulls(arm, at), statics.data(arm.material, at), same
+        return statics, statics.pulls(arm, at), statics.data(arm, scene, at), same
 
     def strains(self, tensions: Array) -> Array:
         """Return the strains (N, n) without loads under tensions (n_tendons,).
@@ -124,37 +112,7 @@ class Sections:
         statics, maps, data, same = self._closed
         pull = (tensions @ maps.reshape(-1, maps.shape[-1]).T).reshape(-1, maps.shape[1])
         v = settled(statics, pull, data, self.machine_code)
-        v = (v @ same).reshape(len(tensions), *self.s.shape, same.shape[1])
-        if self.law.shear or any(self._arm.turns):
-            for i in np.flatnonzero(np.isfinite(v).all(axis=(1, 2))):
-                v[i] = self._balanced(v[i], tensions[i, self.tendon])
-        return np.asarray(v)
-
-    def _balanced(self, v: Array, pull: Array) -> Array:
-        """Return the strains (N, n) without loads near v (N, n), tensions (P,) of the crossings.
-
-        Statics in closed form leave out shear, and that tendons turn and so twist the arm. By
-        Newton's method, with steps halved that do not lessen what the wrench that is left would
-        strain the section by at v. Where that leads nowhere the strains are the last.
-        """
-        curvatures = np.arange(v.shape[1]) < 2 + self.law.torsion
-        units = np.where(curvatures, 1 / self._arm.length, 1.0)
-        at, share = self.balance(v, pull), np.ones((len(v), 1))
-        first = at.jacobian
-        step = np.linalg.solve(at.jacobian, at.wrench[..., None])[..., 0]
-        left = np.abs(step / units).max(axis=1)
-        for _ in range(_STEPS):
-            if left.max(initial=0.0) < _NEAR:
-                break
-            trial = v - share * step
-            at = self.balance(trial, pull)
-            worth = np.linalg.solve(first, at.wrench[..., None])[..., 0]
-            after = np.abs(worth / units).max(axis=1)
-            less = after < left
-            v, left = np.where(less[:, None], trial, v), np.where(less, after, left)
-            step[less] = np.linalg.solve(at.jacobian[less], at.wrench[less, :, None])[..., 0]
-            share = np.where(less[:, None], np.minimum(2 * share, 1.0), share / 2)
-        return v - share * step
+        return np.asarray((v @ same).reshape(len(tensions), *self.s.shape, same.shape[1]))
 
     def crushed(self, strains: Array) -> CollapsedError | None:
         """Return what to tell of the first section where strains (N, n) leave a tendon no length.

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from model.arm import Arm
-from model.cross_section.sections import Sections, body_numbers
+from model.cross_section.sections import Sections
 from model.effects import Current, Friction, TipLoad
 from model.loads import beyond, bodies_of, contacts, directions, heaviness, levers
 from model.mesh import Mesh
 from model.paths import Array
 from model.scene import Scene
-from model.stations import base_pose, stations, tendon_paths
+from model.stations import base_pose, body_numbers, stations, tendon_paths
 from model.transcription.element import Form
 from model.transcription.layout import Layout
 

@@ -64,7 +64,7 @@ class System:
         self.arm, self.scene, self.mesh = arm, scene, mesh
         tip, touched = scene.find(TipLoad), contacts(scene) if loaded else ()
         form = Form(
-            cross_section_of(scene, arm.is_curved, loaded=loaded),
+            cross_section_of(scene, arm.is_curved, twisted=loaded),
             stages,
             loaded,
             scene.has(Current),

@@ -132,7 +132,7 @@ class ClosedForm(March):
         m = len(scheme.nodes)
         self.mesh, self._at, self._maps = _placed(alike, statics, m, refinement, at)
         self.stretch_at, self.radius = self._at.s, self._at.radius
-        self._data, self._base = statics.data(arm.material, self._at), base_pose(arm)
+        self._data, self._base = statics.data(arm, scene, self._at), base_pose(arm)
         self._h = np.pad(np.diff(self.mesh.s), (0, self.stretch_at.size // m - self.mesh.steps))
         self._kind = (statics, scheme, statics.is_explicit)
         march = built(_march, *self._kind, machine_code, self.mesh.steps, self._h.size)
@@ -215,7 +215,7 @@ class ClosedForm(March):
 
         def at(s: Array, active: Counts) -> tuple[Array, Array]:
             places = stations(self.arm, s, active)
-            return statics.pulls(self.arm, places), statics.data(self.arm.material, places)
+            return statics.pulls(self.arm, places), statics.data(self.arm, self.scene, places)
 
         inside = (left[:, None] + (s - left)[:, None] * np.array(self.scheme.nodes)).ravel()
         known = self._known(*at(inside, np.repeat(active, len(self.scheme.nodes))), tensions)

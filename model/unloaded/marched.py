@@ -81,7 +81,7 @@ def tendon_lengths(
 
     But for loads. What it returns raises UnsettledSectionError.
     """
-    law = cross_section_of(scene, arm.is_curved, loaded=False)
+    law = cross_section_of(scene, arm.is_curved, twisted=False)
     s, weights, active = graded(arm, 1).points(_POINTS)
     return partial(Lengths.under, Sections(arm, scene, law, s, active, machine_code), weights)
 

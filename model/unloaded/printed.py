@@ -55,8 +55,8 @@ def stretch(extension: bool, strain: ca.SX, sums: ca.SX, body: ca.SX) -> ca.SX:
     """Return 1 + q: E A q = - sum T t . c, eqs. (3b), (9a)."""
     if not extension:
         return ca.SX(1)
-    _, along = PaperSection(extension).tendons(ca.vertcat(strain, 0), sums)
-    return 1 - along / body[0]
+    _, force = PaperSection(extension).tendons(ca.vertcat(strain, 0), sums)
+    return 1 - force[0] / body[0]
 
 
 def _slope(extension: bool, x: ca.SX, d: ca.SX) -> ca.SX:
@@ -93,7 +93,7 @@ def section_numbers(arm: Arm, s: Array, active: Counts, T: Any) -> Any:
     at = stations(arm, s, active)
     (n, b), (n_rate, b_rate), _ = tendon_offsets(arm, at)
     rates = 0 * n, n_rate, b_rate, 2 * n * n_rate, n_rate * b + n * b_rate, 2 * b * b_rate
-    maps = np.stack([crossing(arm, at), *resultants(n, b)[1:], *rates], axis=1)
+    maps = np.stack([crossing(arm, at), *resultants(n, b, n_rate, b_rate)[1:6], *rates], axis=1)
     body = ca.DM(np.vstack([resists(arm.material, each) for each in (at.area, at.area_rate)]))
     sums = ca.reshape(ca.sparsify(ca.DM(maps.reshape(-1, arm.n_tendons))) @ T, 12, s.size)
     return ca.vertcat(sums, body)

@@ -83,7 +83,7 @@ class Lines:
     def sections(self) -> Sections:
         """The cross-sections at the stages, of a scene without loads."""
         at, _, active = self._forward.mesh.points(STAGES)
-        law = cross_section_of(self.scene, self.arm.is_curved, loaded=False)
+        law = cross_section_of(self.scene, self.arm.is_curved, twisted=False)
         return Sections(self.arm, self.scene, law, at, active)
 
     def _equilibrium(self, tensions: Array) -> Array | None:

@@ -136,9 +136,9 @@ def _tables(
         "BASE": base_pose(arm),
         "LENGTHS": np.diff(mesh.s),
         "BASIS": polynomials.basis(s).T,
-        "BODY": statics.data(arm.material, stations(arm, s, active)),
+        "BODY": statics.data(arm, forward.scene, stations(arm, s, active)),
         "END_BASIS": polynomials.basis(ends).T,
-        "END_BODY": statics.data(arm.material, stations(arm, ends, at_ends)),
+        "END_BODY": statics.data(arm, forward.scene, stations(arm, ends, at_ends)),
     }
 
 
