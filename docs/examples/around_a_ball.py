@@ -13,7 +13,7 @@ from octoplan import Arm, Extension, Scene, Sphere, TipPosition, plan
 out = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
 
 arm, scene = Arm.from_paper("table-4"), Scene(Extension())
-ball = Sphere(center=(0.25, 0.08, -0.05), radius=0.03)
+ball = Sphere(center=(0.27, 0.06, -0.06), radius=0.03)
 target = TipPosition((0.30, 0.15, -0.10))
 through = plan(arm, target, scene, 20.0)
 around = plan(arm, target, scene, 20.0, obstacles=[ball], clearance=0.002, near=through)
