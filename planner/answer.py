@@ -130,10 +130,14 @@ class Answer(SearchResult, Task):
         if not self.lam_x:
             return []
         T, lam, limits = np.ravel(self.tensions), np.array(self.lam_x), self.allowed
-        near, upper = 1e-6 * units(self.arm, self.limits), np.array(self.limits.upper)
-        holds = (np.array(limits.upper) == upper) & (upper - near <= T) & (lam[: T.size] > 1e-9)
+        near, lam = 1e-6 * units(self.arm, self.limits), lam[: T.size]
+        upper, lower = np.array(self.limits.upper), np.array(self.limits.lower)
+        most = (np.array(limits.upper) == upper) & (upper - near <= T) & (lam > 1e-9)
+        # No tendon pushes: a minimum of 0 is no limit.
+        least = (lower > 0) & (lower + near >= T) & (lam < -1e-9)
         active = [
-            (lam[j], f"{self.arm.tendon_name(j)} at its maximum of {upper[j]:g} N")
+            (abs(lam[j]), f"{self.arm.tendon_name(j)} at its {name} of {bounds[j]:g} N")
+            for name, bounds, holds in (("maximum", upper, most), ("minimum", lower, least))
             for j in np.flatnonzero(holds).tolist()
         ]
         kinds = (
@@ -315,7 +319,7 @@ def _held(plan: Any) -> str:
             plan.unstable,
             f"what meets it is {how_unstable}; stiffen the arm, lower the loads or move the target",
         ),
-        (holders, f"held by {holders}; raise these limits or move the target"),
+        (holders, f"held by {holders}; widen these limits or move the target"),
         (not _is_nearest(plan), "no limit is active, more starts may find a nearer one"),
     )
     unreachable = (

@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Meta
 
 from model.arm import Arm
-from model.checks import LARGEST, finite_array, numbers
+from model.checks import LARGEST, finite_array, is_several, numbers
 from model.effects import PrintedStatics
 from model.errors import InputError
 from model.forward import FINEST
@@ -75,9 +75,6 @@ class Statement:
     def but(self, **changes: Any) -> Statement:
         """Return the statement with some choices changed."""
         return replace(self, **changes)
-
-
-_ROWS = (list, tuple, np.ndarray)
 
 
 @dataclass(frozen=True)
@@ -158,7 +155,7 @@ class Limits:
 
 def each_tendon(arm: Arm, name: str, values: Any) -> Array:
     """Return numbers (n_tendons,) of 0 or above; InputError for what is no such number."""
-    if not isinstance(values, _ROWS) or (isinstance(values, np.ndarray) and not values.ndim):
+    if not is_several(values):
         number = float(numbers(name, values, "a number, or one for each tendon"))
         if not number >= 0:
             raise InputError(name, values, "0 or a number above it")
@@ -169,7 +166,7 @@ def each_tendon(arm: Arm, name: str, values: Any) -> Array:
 
 def _finite(values: Any) -> Any:
     """Return numbers in rows with the largest one for infinity; the arm judges all else."""
-    if isinstance(values, _ROWS):
+    if is_several(values):
         return [_finite(value) for value in values]
     return LARGEST if isinstance(values, float) and values == np.inf else values
 
@@ -255,10 +252,10 @@ def stated(
             not (endless and any(target.compliance_request() for target in targets)),
             ("tension_max", np.inf, "finite limits where a stiffness is wanted"),
         ),
-        (solver in solvers, ("solver", solver, ", ".join(solvers))),
+        (isinstance(solver, str) and solver in solvers, ("solver", solver, ", ".join(solvers))),
         (str(norm) in get_args(Norm), ("norm", norm, f"{norms} (least maximum)")),
         (
-            form in forms,
+            isinstance(form, str | None) and form in forms,
             ("form", form, f"{', '.join(forms[1:])}; it is deprecated and has no effect"),
         ),
         (starts is None or whole, ("starts", starts, "a whole number from 1")),

@@ -37,6 +37,7 @@ def warm_start(near: Answer, task: Task) -> SearchResult | None:
     before = near.avoiding(near.avoidance).together
     is_alike = (
         near.statement.mode == "exact"
+        and near.statement.norm == task.statement.norm
         and near.statement.margin == margin
         and replace(near.limits, lower=limits.lower) == limits
         and before.structure == task.together.structure

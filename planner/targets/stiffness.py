@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import field
 from typing import Annotated, Any
 
@@ -43,6 +44,12 @@ class _Directed(Target):
     def directions(self, p: ca.MX) -> ca.MX:
         """See Target.directions."""
         return p[:3]
+
+    def prescribed(self, arm: Arm) -> Mapping[str, Array]:
+        """See Target.prescribed: an extreme of the stiffness along a direction, there or back."""
+        d = np.array(self.direction)
+        along = np.round(d * np.sign(d[np.flatnonzero(d)[0]]), 9) + 0.0
+        return {f"extreme of the stiffness along {along}, held by {self.hold}": along}
 
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters: the direction, the compliance of the arm at rest."""

@@ -157,7 +157,7 @@ def certify_motion(
     changes = (np.abs(np.diff(way.tensions, axis=0)) / rates.tension).max(axis=1)
     stroke_rate, stroke, tip = map(float, way.largest / rates.of_places)
     result = MotionCertificate(
-        bounds=max(tension_excess(T, question.limits) for T in way.tensions[1:]),
+        bounds=max(tension_excess(T, question.limits) for T in way.tensions),
         rate=float((changes[parts] * fastest_pace(way.progress)).max()),
         stroke_rate=stroke_rate,
         stroke_acceleration=stroke,

@@ -124,6 +124,8 @@ class Trajectory(Told):
             return float(self.way.largest[2] / GRAVITY)
         tips = np.array([shape.tip for shape in self.shapes])
         steps = np.linalg.norm(np.diff(tips, axis=0), axis=1)
+        # Between targets that are the same it moves by what these are met to, in no time.
+        steps[steps <= self.question.accuracy * self.arm.length] = 0.0
         return float((4 * steps / np.diff(self.times) ** 2).max() / GRAVITY)
 
     @cached_property
@@ -137,6 +139,8 @@ class Trajectory(Told):
         if not certificate.passed:
             advice = "give it more time, room or tension, or move what is missed"
             said = f"Not certified ({result}): {'; '.join(certificate.failures)}; {advice}."
+        if certificate.problem:
+            return said
         share = f"the tip accelerates by some {self.inertia:.2g} times gravity"
         slow = "Slow" if self.inertia <= QUASI_STATIC * (1 + SAMPLED) else "Not slow"
         period = f"the arm's slowest period {self.period:.2g} s"

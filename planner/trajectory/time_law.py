@@ -35,6 +35,8 @@ _INSTANTS = 4 * _KNOTS
 # Degrees that are tried, and what their last coefficients may be, over the largest change; what a
 # stretch takes on which nothing limits the pace [s].
 _DEGREES, _ROUNDING = (8, 16, 32, 64, 128), 1e-8
+# What places are settled to, over their size: where an arm all but stays they change by no more.
+_SETTLED = 1e-12
 # Tensions (n_tendons,) -> lengths of the tendons, place of the tip: (n_tendons + 3,) [m].
 Places = Callable[[Array], Array]
 
@@ -71,7 +73,7 @@ class Stretch:
                 break
             fitted = chebyshev.chebfit(x, values, degree)
             change, size = np.abs(fitted[1:]).max(), np.abs(fitted).max()
-            if np.abs(fitted[-2:]).max() <= _ROUNDING * (change + _ROUNDING * size):
+            if np.abs(fitted[-2:]).max() <= _ROUNDING * change + _SETTLED * size:
                 return cls(end - start, fitted)
         remedy = "somewhere between two waypoints it snaps: put waypoints where it does not"
         raise ConvergenceError(_ROUNDING, np.inf, remedy)

@@ -50,7 +50,10 @@ class Waypoints:
             mode="exact",
             refinement=1 if question.scene.has(Extension) else 2,
         )
-        self.solve(self._alone(first))
+        followed = self._followed(first)
+        # What is followed is met on the coarse mesh alone.
+        if followed is None or not self.solve(followed):
+            self.solve(self._planned(first))
 
     def solve(self, waypoints: Sequence[Waypoint]) -> bool:
         """Put optimal tensions in place of those of waypoints; return whether there are any.
@@ -62,28 +65,30 @@ class Waypoints:
         planned, held = self.statement, self.statement.but(modes=1)
         more = (held, held.but(margin=0.0)) if is_loaded(self.question.scene) else ()
         for statement in dict.fromkeys((planned, *more)):
-            if self._optimum(statement):
-                self.statement = statement
+            found = self._optimum(statement)
+            if found is not None:
+                self.waypoints, self.statement = found, statement
                 return True
         return False
 
-    def _optimum(self, statement: Statement) -> bool:
-        """Move the waypoints to the optimum; return whether there is one, and the arm stands."""
-        problems = [self._problem(waypoint, statement) for waypoint in self.waypoints]
-        program = MotionProgram(self.question, self.waypoints, problems)
+    def _optimum(self, statement: Statement) -> list[Waypoint] | None:
+        """Return the waypoints at the optimum, None if there is none or the arm does not stand."""
+        waypoints = self.waypoints
+        problems = [self._problem(waypoint, statement) for waypoint in waypoints]
+        program = MotionProgram(self.question, waypoints, problems)
         parameters, solution = [problem.parameters() for problem in problems], None
         for k in range(CORRECTIONS):
             tell("program over the waypoints", k, CORRECTIONS)
             solution, unknowns = program.solve(parameters, solution)
             if not solution.met or (not k and not all(map(Problem.stands, problems, unknowns))):
-                return False
+                return None
             tensions = map(Problem.tensions, problems, unknowns)
-            pairs = zip(self.waypoints, tensions, strict=True)
-            self.waypoints = [replace(waypoint, tensions=T) for waypoint, T in pairs]
+            pairs = zip(waypoints, tensions, strict=True)
+            waypoints = [replace(waypoint, tensions=T) for waypoint, T in pairs]
             parameters = list(map(self._corrected, problems, unknowns, parameters))
             if program.violation(solution, parameters) <= self.question.accuracy / PART:
                 break
-        return True
+        return waypoints
 
     def _problem(self, waypoint: Waypoint, statement: Statement) -> Problem:
         """Return the problem of a waypoint; with lengths of tendons if their rates have limits."""
@@ -111,14 +116,12 @@ class Waypoints:
             error = before
         return problem.parameters(defect=error)
 
-    def _alone(self, first: Plan) -> list[Waypoint]:
-        """Return an optimum of each target by itself.
+    def _followed(self, first: Plan) -> list[Waypoint] | None:
+        """Return the optimum of each target by itself, followed from the plan for the first.
 
-        Targets are followed from the plan for the first. Where none is reached, or guesses lead to
-        a better one of the last, each is planned; of mirror images that cost the same those are
-        taken that are next to the tensions before.
+        None where one is not reached, and where guesses lead to a better one of the last.
         """
-        question, (begin, *others) = self.question, self.question.targets
+        begin, *others = self.question.targets
         waypoint = Waypoint(begin, np.ravel(first.tensions), first.avoidance)
         waypoints = [waypoint]
         optimum: Candidate | None = None
@@ -132,12 +135,17 @@ class Waypoints:
             numbers = problem.parameters(), problem.bounds, multipliers
             optimum = solve(problem, x, *numbers, "follow")
             if not optimum.met:
-                break
+                return None
             waypoint = replace(waypoint, tensions=optimum.tensions)
             waypoints.append(waypoint)
-        else:
-            if optimum is None or _is_best(optimum):
-                return waypoints
+        return waypoints if optimum is None or _is_best(optimum) else None
+
+    def _planned(self, first: Plan) -> list[Waypoint]:
+        """Return the plan for each target by itself.
+
+        Of mirror images that cost the same those are taken that are next to the tensions before.
+        """
+        question = self.question
         later = range(1, len(question.targets))
         plans = [first, *map(question.planned, reported("plans of waypoints", later))]
         alone, before = list[Waypoint](), np.ravel(first.tensions)

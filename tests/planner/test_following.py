@@ -169,3 +169,12 @@ def test_a_bad_target_does_not_lose_the_others() -> None:
     assert lost.reason in repr(lost)
     with pytest.raises(OctoplanError, match="section: got 7"):
         _ = lost.shape
+
+
+def test_a_plan_of_another_norm_is_not_followed() -> None:
+    """Its optimum was returned, and its norm told."""
+    (target,) = path(1)
+    near = plan(ARM, target, PAPER, 20.0)
+    found = plan(ARM, target, PAPER, 20.0, norm="inf", near=near)
+    assert found.statement.norm == "inf"
+    assert found.tensions.max() < 0.99 * near.tensions.max()

@@ -109,3 +109,9 @@ def test_a_bare_arm_bends_where_an_arm_with_extension_would_be_crushed() -> None
     crushed = plan(arm, target, PAPER)
     assert not crushed.reached
     assert crushed.shape.strain(0.093)[3] > -1
+
+
+def test_a_minimum_that_holds_is_named() -> None:
+    straight = plan(ARM, TipPosition((ARM.length, 0.0, 0.0)), PAPER, 20.0, tension_min=0.1)
+    assert not straight.reached
+    assert "at its minimum of 0.1 N" in straight.outcome and "out of reach" not in straight.outcome

@@ -19,7 +19,17 @@ from planner import plan, plan_many, trajectory
 from planner.live.handles import handle_of
 from planner.plots.motion import plot_motion, save_motion
 from planner.plots.plan import plot_plan, plot_shape, plot_strains, save
-from planner.targets import Backbone, Bend, BendingPlane, Fetch, TipPointing, TipPose, TipPosition
+from planner.targets import (
+    Backbone,
+    Bend,
+    BendingPlane,
+    Fetch,
+    Softest,
+    Stiffest,
+    TipPointing,
+    TipPose,
+    TipPosition,
+)
 from tests.refusals import Refused, check_refusal
 
 ARM, LONG, ONE_SECTION = map(Arm.from_paper, ("table-2", "table-4", "section-5.1"))
@@ -186,6 +196,14 @@ PLANS: Refused = {
     "near one of another arm": (lambda: plan(ARM, TIP, PAPER, near=PLAN), "near", ""),
     "near one of another scene": (lambda: plan(LONG, TIP, Scene(), near=PLAN), "near", ""),
     "solver snopt": (lambda: plan(LONG, TIP, PAPER, solver="snopt"), "solver", "auto, ipopt"),
+    "solvers": (lambda: plan(LONG, TIP, PAPER, solver=np.zeros(2)), "solver", "auto, ipopt"),
+    "forms": (lambda: plan(LONG, TIP, PAPER, form=np.zeros(2)), "form", "condensed"),
+    "a range of maxima": (lambda: plan(LONG, TIP, PAPER, range(3)), "tension_max", "12 numbers"),
+    "stiffest and softest": (
+        lambda: plan(LONG, [TIP, Stiffest((0, 0, 1)), Softest((0, 0, -1))], PAPER, 20.0),
+        "targets[2]",
+        "one target for it",
+    ),
     "a target of many": (
         lambda: plan_many(LONG, [TIP, "there"], PAPER),  # type: ignore[list-item]
         "targets[1]",

@@ -59,7 +59,7 @@ def test_an_obstacle_that_alone_is_in_the_way_is_named_with_place_and_clearance(
     assert free.reached and not found.reached
     assert "obstacles are in the way: without them it is met" in found.outcome
     assert "obstacles[0] by" in found.outcome and "mm (s = " in found.outcome
-    assert "out of reach" not in found.outcome and "raise these limits" not in found.outcome
+    assert "out of reach" not in found.outcome and "widen these limits" not in found.outcome
 
 
 def test_the_bare_arm_is_named_where_no_scene_is_given() -> None:
@@ -114,7 +114,7 @@ SENTENCES: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "limits": (
         {"holding": lambda: ["T_11 at its maximum"]},
-        "held by T_11 at its maximum; raise these limits",
+        "held by T_11 at its maximum; widen these limits",
     ),
     "time": ({"stopped": True}, "a longer time limit may bring it nearer"),
     "obstacles": ({"in_the_way": "it passes through a ball"}, "without them it is met, and it"),

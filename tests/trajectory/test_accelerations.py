@@ -45,6 +45,13 @@ def test_one_winch_along_a_curved_length_is_no_faster_than_bang_bang() -> None:
     assert bound * (1 - 1e-9) <= law.x[-1] <= bound * 1.02
 
 
+def test_a_stretch_on_which_places_change_by_rounding_alone_is_no_snap() -> None:
+    rng = np.random.default_rng(0)
+    places = _still(lambda T: 0.4 + 1e-14 * rng.normal(size=1))
+    stretch = Stretch.of(places, np.zeros(1), np.full(1, 1e-12))
+    assert fastest(stretch, Rates((np.inf,), np.inf, 0.5)).x[-1] < 1e-4
+
+
 def test_a_limit_of_tension_rates_holds_as_well() -> None:
     stretch = Stretch.of(_still(lambda T: 0.4 - 0.03 * T), np.zeros(1), np.ones(1))
     law = fastest(stretch, Rates((2.0,), np.inf, 0.5))

@@ -13,7 +13,7 @@ import pytest
 from matplotlib.animation import writers
 from PIL import Image
 
-from model import Arm, InputError, Scene, settle
+from model import Anchorage, Arm, InputError, Linear, Scene, settle
 from model.effects import Extension
 from model.errors import FileError, TimeLimitError
 from model.obstacles import Moving, Sphere
@@ -347,3 +347,35 @@ def test_a_waypoint_takes_the_mirror_image_that_is_near() -> None:
         for each in ([mouth], [*targets, mouth])
     ]
     assert durations[1] == pytest.approx(durations[0], rel=1e-3)
+
+
+def test_a_target_that_is_repeated_takes_no_time() -> None:
+    """The arm used to be told to accelerate by a million times gravity from one to the other."""
+    arm = Arm(0.36, Linear(0.0185, 0.009), (Anchorage(0.36, Linear(0.015, 0.0073)),))
+    silicone = Scene.silicone()
+    target = TipPosition(settle(arm, [[0.16, 0, 0, 0]], silicone, 1e-8).tip)
+    once, twice = (
+        trajectory(arm, [target] * count, silicone, 1.0, rate_max=5.0) for count in (1, 2)
+    )
+    assert twice.certificate.passed, twice.outcome
+    assert twice.duration == pytest.approx(once.duration, rel=1e-3)
+    assert twice.inertia == pytest.approx(once.inertia, rel=1e-3)
+
+
+def test_a_motion_in_the_plane_of_two_tendons_is_as_accurate_as_its_plans() -> None:
+    """No program over the waypoints has an optimum there: a place has more numbers than these."""
+    arm = Arm(0.24, Linear(0.013, 0.007), (Anchorage(0.24, Linear(0.006, 0.003), (0.6, 6.0)),))
+    tips = [settle(arm, [[0.0, pull]], SCENE, 1e-8).tip for pull in (0.2, 0.1)]
+    motion = trajectory(arm, list(map(TipPosition, tips)), SCENE, 1.0, rate_max=0.1)
+    assert motion.certificate.passed, motion.outcome
+
+
+@pytest.mark.parametrize(
+    ("start", "told"), [(13.0, "the arm is crushed"), (0.6, "limit is violated by 0.1 N")]
+)
+def test_where_a_motion_begins_is_verified_too(start: float, told: str) -> None:
+    begun = trajectory(
+        ARM, TARGETS[:1], SCENE, 0.5, rate_max=1.0, start=[[start] * 4, [0] * 4, [0] * 4]
+    )
+    assert not begun.certificate.passed
+    assert told in begun.outcome
