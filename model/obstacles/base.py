@@ -50,9 +50,10 @@ class Obstacle(ABC):
 
     @abstractmethod
     def nearest_part(self, point: Array) -> Array:
-        """Return the numbers (17,) of a convex part that is as near to a point (3,) as the body.
+        """Return the numbers (17,) of a convex body to keep a point (3,) clear of in its place.
 
-        Of a point outside it is part of the body, so that what is clear of the body is clear of it.
+        It is as near to a point outside as the body, and no part of the body near that is outside
+        of it.
         """
 
     @abstractmethod

@@ -106,19 +106,16 @@ class Mesh(Obstacle):
         return _triangles(self).nearest(points)[:2]
 
     def nearest_part(self, point: Array) -> Array:
-        """See Obstacle.nearest_part: a rectangle in the nearest triangle.
+        """See Obstacle.nearest_part: what is behind the tangent plane at the nearest place.
 
-        Of a point inside a convex one the box around it; of others what is behind the plane through
-        the nearest place.
+        Of a point inside a convex one the box around it.
         """
         surface = _triangles(self)
-        d, gradient, face, place = surface.nearest(point[None])
+        d, gradient, _, place = surface.nearest(point[None])
         if d[0] <= 0 and self.is_convex:
             return rounded(*surface.box)
-        if d[0] <= 0:
-            sizes = np.array([0.0, LARGEST, LARGEST])
-            return rounded(place[0], axes_with(gradient[0]), sizes, is_open=True)
-        return rounded(*surface.rectangle(int(face[0]), place[0]))
+        sizes = np.array([0.0, LARGEST, LARGEST])
+        return rounded(place[0], axes_with(gradient[0]), sizes, is_open=True)
 
     def translated(self, by: tuple[float, ...]) -> Obstacle:
         """See Obstacle.translated."""

@@ -100,26 +100,6 @@ class Triangles:
         low, high = (each(self.vertices @ axes, axis=0) for each in (np.min, np.max))
         return axes @ (low + high) / 2, axes, (high - low) / 2
 
-    def rectangle(self, face: int, place: Array) -> tuple[Array, Array, Array]:
-        """Return a rectangle in a triangle that has a place (3,): center, axes (3, 3), half sizes.
-
-        Along the longest edge, half as high as the triangle where it then has the place.
-        """
-        corners = self.vertices[self.faces[face]]
-        lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
-        a, b, c = np.roll(corners, -int(lengths.argmax()), axis=0)
-        x = (b - a) / np.linalg.norm(b - a)
-        axes = np.column_stack([x, np.cross(self.normals[face], x), self.normals[face]])
-        (width, _), (foot, top), (x0, y0) = (
-            each @ axes[:, :2] for each in (b - a, c - a, place - a)
-        )
-        # Where the sides over the place are.
-        over = min(x0 / max(foot, _TINY), (width - x0) / max(width - foot, _TINY), 1.0)
-        high = max(min(top / 2, over * top), min(y0, top), 0.0)
-        low, far = foot * high / top, width + (foot - width) * high / top
-        middle = a + axes[:, :2] @ [(low + far) / 2, high / 2]
-        return middle, axes, np.array([(far - low) / 2, high / 2, 0.0])
-
 
 def _normals(vertices: Array, faces: Faces) -> Array:
     """Return the normals (M, 3) of triangles, twice their areas long."""

@@ -37,6 +37,8 @@ from planner.task import SearchResult, Task, Trial
 
 # Drawn arms that are looked at, and those that are tried, at most.
 _LOOKED_AT, _MOST = 100, 6
+# Relative difference below which two objectives are the same.
+_AGAIN = 1e-3
 
 
 def line_of(task: Task, T: Array) -> Centreline | None:
@@ -132,13 +134,18 @@ class Around:
         """Return the plan that keeps clear to which tensions lead, with its objective."""
         avoidance: Avoidance | None = None
         optimum: Candidate | None = None
-        task, line = self.task, self._lines(T)
+        task, line, objectives = self.task, self._lines(T), list[float]()
         for _ in range(EXCHANGED):
             if line is None:
                 return None
-            lasting = avoidance is not None and all(row.is_lasting for row in avoidance.rows)
+            is_final = False
+            if avoidance is not None and optimum is not None:
+                # Tangent planes of a mesh are exchanged until an objective comes again.
+                near = np.isclose(objectives, optimum.f, rtol=_AGAIN, atol=0.0)
+                is_final = bool(near.any()) or all(row.is_lasting for row in avoidance.rows)
+                objectives.append(optimum.f)
             avoidance, gap = avoiding(line, self.surroundings, avoidance)
-            if optimum is not None and lasting and gap >= self.surroundings.clearance:
+            if optimum is not None and is_final and gap >= self.surroundings.clearance:
                 fine = refine(optimum)
                 line = None if fine is None else line_of(task, fine.tensions)
                 if fine is None or line is None:

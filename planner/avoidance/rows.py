@@ -64,7 +64,7 @@ class Apart:
     keep : float
         The least distance of the midline there [m].
     is_part : bool
-        Whether the body is a part of a mesh, next to others.
+        Whether the body stands for a mesh near the place, behind a plane or in a box around it.
     """
 
     place: Place
@@ -74,11 +74,8 @@ class Apart:
 
     @property
     def is_lasting(self) -> bool:
-        """Whether it keeps off no more than what is asked once the arm is elsewhere.
-
-        That of a place inside of a mesh keeps off more; of others parts are flat.
-        """
-        return isinstance(self.other, Place) or not (self.is_part and self.other[14])
+        """Whether it keeps off no more than what is asked once the arm is elsewhere."""
+        return not self.is_part
 
 
 @dataclass(frozen=True)
