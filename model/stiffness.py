@@ -115,7 +115,7 @@ class Stiffness(Shown):
     def section(self, s: Any) -> Array:
         """Flexural stiffness of the section about n and b (2,) or (N, 2) at s [N m2].
 
-        d(moment) / d(curvature) at held tensions: with the paper's tangent E J + sum of y2 T, with
+        d(moment) / d(curvature) at held tensions: with the paper's tangent E J + sum of y^2 T, with
         exact tendons the second derivatives of the section's energy.
         """
         return self._sections(s)[..., 1:3]

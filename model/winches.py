@@ -136,7 +136,7 @@ def pulls(arm: Arm, tensions: Array) -> Mask:
 def arm_compliance(arm: Arm) -> float:
     """Return how much all tendons shorten, in sum, for one newton in each, arm at rest [m/N].
 
-    Each by its own tension: in a straight arm, but for slopes, the integrals of y2/EJ + 1/EA.
+    Each by its own tension: in a straight arm, but for slopes, the integrals of y^2/EJ + 1/EA.
     """
     return -float(np.trace(_at_rest(arm).length_tension))
 

@@ -84,7 +84,7 @@ class Switch:
     sizes, sizes_without : ProblemSize
         Of the scene with and without it.
     time_factor : float
-        Time of a settle with it over that without it.
+        Processor time of a settle with it over that without it.
     matters : bool
         Whether the tip change is above the accuracy, or the arm does not settle without it or
         with it.
@@ -198,6 +198,6 @@ def switch_effect(
 
 def _seconds(call: Callable[[], object]) -> float:
     """Return how long a call takes; not by timeit, which warnings would name as the caller."""
-    begin = time.perf_counter()
+    begin = time.process_time()
     call()
-    return time.perf_counter() - begin
+    return time.process_time() - begin

@@ -197,6 +197,6 @@ def resultants(n: Any, b: Any, n_rate: Any, b_rate: Any) -> tuple[Any, ...]:
 
     These are T, T Y, T Y Y^T (6), then T Y' and the moment t . T Y x Y' (3), which shear and twist
     a section. Of the paper's four tendons a section the first are the sums T1+T2+T3+T4, y (T1-T3),
-    y (T2-T4), y2 (T1+T3), 0, y2 (T2+T4).
+    y (T2-T4), y^2 (T1+T3), 0, y^2 (T2+T4).
     """
     return 1.0, n, b, n * n, n * b, b * b, n_rate, b_rate, n * b_rate - b * n_rate

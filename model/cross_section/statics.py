@@ -207,7 +207,7 @@ class _Tendon:
 class PaperStatics:
     """The paper's balance, linear in the strains; `pull` are the resultants of the tendons.
 
-    (K + sum T y2 (1 - d d^T)) omega = sum T y t x d, E A q = - sum T t . c; see PaperSection. Data
+    (K + sum T y^2 (1 - d d^T)) omega = sum T y t x d, E A q = - sum T t . c; see PaperSection. Data
     are what the law takes of the body.
     """
 
