@@ -233,7 +233,8 @@ class Arm(Shown):
 
     def tendons_of(self, section: int) -> tuple[int, ...]:
         """Return the indices of the tendons of a section, numbered from 1 at the tip."""
-        if section not in range(1, len(self.sections) + 1):
+        is_whole = isinstance(section, int | np.integer)
+        if not is_whole or section not in range(1, len(self.sections) + 1):
             raise InputError("section", section, f"a whole number from 1 to {len(self.sections)}")
         return tuple(j for j, (i, _) in enumerate(self.tendons) if i == section - 1)
 

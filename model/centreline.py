@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
@@ -30,6 +30,7 @@ from model.transcription.system import System
 Counts = NDArray[np.int64]
 
 
+@runtime_checkable
 class Settled(Protocol):
     """What has a settled midline; see model.shape.Shape."""
 

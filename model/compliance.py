@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.checks import kind
 from model.cross_section import cross_section_of
 from model.cross_section.sections import Sections, strains_of
 from model.equilibrium.linearised import Equilibrium, Index, Linearised
 from model.equilibrium.newton import STAGES
 from model.equilibrium.sensitivities import Sensitivities
 from model.forward import FINEST, maps_of, pair_for, refined
-from model.loads import convergence_order
+from model.loads import check_not_printed, convergence_order
 from model.paths import Array
 from model.shape import Shape
 from model.unloaded.march_derivative import MarchDerivative
@@ -110,7 +111,10 @@ def length_response(shape: Shape) -> LengthResponse:
     By the implicit function theorem: with l(T) the lengths at equilibrium, taut tendons keep
     length + stretch T - l(T) = 0. Of a shape by tensions all tendons that pull are taken as held.
     Slack tendons stay slack and taut ones taut: it holds for changes that are small enough.
+    Raises InputError for what is no shape, and as printed.
     """
+    kind("shape", shape, Shape, "a Shape, as settle returns it")
+    check_not_printed(shape.scene)
     result, T = sensitivities(shape, shape.arm.length, shape.refinement), shape.tensions
     winches, taut = shape.winches, pulls(shape.arm, shape.tensions)
     if winches is not None:

@@ -76,7 +76,10 @@ def check_loads(arm: Arm, scene: Scene, contact: bool = False) -> None:
     And for contact, unless what is asked is stated with `contact`.
     """
     if contacts(scene) and not contact:
-        allowed = "a scene without contact, which settle, stiffness, plan and trajectory alone take"
+        allowed = (
+            "a scene without contact, which settle, settle_many, stiffness, plan and trajectory "
+            "alone take"
+        )
         raise InputError("scene", "with contact", allowed)
     if scene.has(SelfContact):
         allowed = (
@@ -98,6 +101,12 @@ def check_loads(arm: Arm, scene: Scene, contact: bool = False) -> None:
     friction = scene.find(Friction)
     if friction:
         directions(arm, friction)
+
+
+def check_not_printed(scene: Scene) -> None:
+    """Raise InputError for equations as printed, which do not tell how an arm answers to loads."""
+    if scene.has(PrintedStatics):
+        raise InputError("scene", "as printed", "a scene whose equations hold under loads")
 
 
 class Acting(NamedTuple):

@@ -33,7 +33,7 @@ from model.paths import Array
 from model.progress import check_time
 from model.rotations import matrices
 from model.scene import Scene
-from model.settle import ACCURACY, checked_scene, loosest, settle
+from model.settle import ACCURACY, loosest, scene_of, settle
 from model.shape import at_ends
 from model.text import MOST_LINES, columns, counted, shortened_lines
 from model.winches import pulls
@@ -162,7 +162,7 @@ def settle_many(
     CompilerError
         If `compile` is True, and there is no compiler or it fails.
     """
-    scene, accuracy = checked_scene(arm, scene), checked_accuracy(accuracy)
+    scene, accuracy = scene_of(arm, scene), checked_accuracy(accuracy)
     options: dict[str, Any] = {"compile": checked_compile(compile)}
     literal("errors", errors, Errors)
     for name, values in (("tensions", tensions), ("lengths", lengths)):

@@ -17,14 +17,14 @@ from model.contact.path import Touching
 from model.contact.touches import Touch, touches_of
 from model.cross_section import cross_section_of
 from model.cross_section.sections import Sections, strains_of
-from model.effects import ExactTendons, PrintedStatics
+from model.effects import ExactTendons
 from model.equilibrium.integration import sliding_tensions
 from model.equilibrium.linearised import Equilibrium, Linearised
 from model.equilibrium.newton import STAGES
 from model.equilibrium.stability import stability
 from model.errors import InputError
 from model.forward import by_collocation
-from model.loads import is_loaded
+from model.loads import check_not_printed, is_loaded
 from model.mesh import Mesh
 from model.paths import SAME, Array, Mask
 from model.rotations import matrices
@@ -240,7 +240,7 @@ class Shape(Shown):
 
         With friction it falls along the arm; at an anchorage it is that on the base side.
         """
-        place = finite_array("s", arc_lengths(s), (1,))
+        place = finite_array("s", self._places(s), (1,))
         ends = np.array([self.arm.sections[i].at for i, _ in self.arm.tendons])
         values, tendons = self.tensions * (ends >= place), np.flatnonzero(ends >= place)
         if (point := self.known) is not None:
@@ -264,8 +264,7 @@ class Shape(Shown):
         1 at rest without loads; see model.equilibrium.stability. Raises InputError as printed,
         where there is no energy.
         """
-        if self.scene.has(PrintedStatics):
-            raise InputError("scene", "as printed", "a scene whose equations hold under loads")
+        check_not_printed(self.scene)
         point = self.known
         if point is None or not point.system.of.form.loaded:
             mesh = STAGES, self.refinement, (), True, self.machine_code
@@ -285,12 +284,16 @@ class Shape(Shown):
         """The equations by collocation and their solution, for other meshes to begin with."""
         return self.equilibrium if isinstance(self.equilibrium, Linearised) else None
 
-    def _at(self, s: Any, read: Callable[[Array], Array], at_nodes: Array | None = None) -> Array:
-        """Return what is read at s, a scalar or (N,); where all of s are nodes, what is known."""
+    def _places(self, s: Any) -> Array:
+        """Return arc lengths of the arm (N,) [m] of a scalar or (N,); InputError for others."""
         places, L = arc_lengths(s), self.arm.length
         if places.size and (places.min() < 0 or places.max() > L * (1 + 1e-12)):
             raise InputError("s", s, f"arc lengths from 0 to {L:g} m")
-        places, nodes = np.minimum(places, L), self.equilibrium.mesh.s
+        return np.minimum(places, L)
+
+    def _at(self, s: Any, read: Callable[[Array], Array], at_nodes: Array | None = None) -> Array:
+        """Return what is read at s, a scalar or (N,); where all of s are nodes, what is known."""
+        places, nodes = self._places(s), self.equilibrium.mesh.s
         near = np.minimum(np.searchsorted(nodes, places), nodes.size - 1)
         values = np.zeros((0, 4))
         if at_nodes is not None and np.array_equal(nodes[near], places):

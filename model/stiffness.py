@@ -18,10 +18,9 @@ from model.compliance import (
     section_stiffness,
     sensitivities,
 )
-from model.effects import PrintedStatics
 from model.errors import InputError, SingularError
 from model.forward import explicit_map
-from model.loads import is_loaded
+from model.loads import check_not_printed, is_loaded
 from model.machine.compiled import Compile
 from model.paths import Array
 from model.progress import limited
@@ -248,8 +247,7 @@ def _checked(
 ) -> tuple[Scene, float]:
     scene = checked_scene(arm, scene, contact=True)
     literal("hold", hold, Hold)
-    if scene.has(PrintedStatics):
-        raise InputError("scene", "as printed", "a scene whose equations hold under loads")
+    check_not_printed(scene)
     if tendon_EA is not None:
         checked_EA(tendon_EA)
     place = arm.length if isinstance(at, str) and at == "tip" else at

@@ -13,6 +13,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.centreline import Centreline, Settled
+from model.checks import kind
 from model.clearance.bisection import Around, closest
 from model.obstacles import HalfSpace, Obstacle, check_obstacles
 
@@ -50,8 +51,9 @@ class Clearance:
 def clearance(shape: Settled, obstacles: Sequence[Obstacle] | Obstacle = ()) -> Clearance:
     """Return how clear a settled arm is of obstacles, its base plane and itself.
 
-    Raises InputError for what is not an obstacle.
+    Raises InputError for what is no shape or no obstacle.
     """
+    kind("shape", shape, Settled, "a Shape, as settle returns it")
     results = clearances(shape.centreline(), check_obstacles(obstacles))
     return min(results.values(), key=lambda result: result.gap)
 
@@ -67,12 +69,12 @@ def clearances(
     Distances are refined up to `enough` [m]: bounds above that may be far below the truth.
     """
     results = dict[str, Clearance]()
-    for kind in (name for name in of if name != OBSTACLES or obstacles):
-        result = closest(line, 1, around(line.arm, kind, obstacles), enough)
+    for name in (each for each in of if each != OBSTACLES or obstacles):
+        result = closest(line, 1, around(line.arm, name, obstacles), enough)
         seen, s = bool(result.seen[0] < np.inf), tuple(result.s[0].tolist())
-        what = f"{OBSTACLES}[{result.body[0]}]" if kind == OBSTACLES else kind
-        near = (what, s if kind == ITSELF else s[:1]) if seen else ("", ())
-        results[kind] = Clearance(float(result.bound[0]), *near)
+        what = f"{OBSTACLES}[{result.body[0]}]" if name == OBSTACLES else name
+        near = (what, s if name == ITSELF else s[:1]) if seen else ("", ())
+        results[name] = Clearance(float(result.bound[0]), *near)
     return results
 
 
@@ -86,10 +88,10 @@ def base_plane(arm: Arm) -> HalfSpace:
     return HalfSpace(arm.base_position, tuple(np.array(arm.base_frame)[:, 0].tolist()))
 
 
-def around(arm: Arm, kind: str, obstacles: Sequence[Obstacle], keep: float = 0.0) -> Around:
-    """Return what an arm is to keep clear of, by kind."""
-    if kind == ITSELF:
+def around(arm: Arm, name: str, obstacles: Sequence[Obstacle], keep: float = 0.0) -> Around:
+    """Return what an arm is to keep clear of, by the name of its kind."""
+    if name == ITSELF:
         return Around(None, keep, np.zeros(0), np.zeros((1, 2, 0, 3)))
-    bodies = obstacles if kind == OBSTACLES else [base_plane(arm)]
-    turns = np.full(len(bodies), (kind == BASE) * np.pi / 2)
+    bodies = obstacles if name == OBSTACLES else [base_plane(arm)]
+    turns = np.full(len(bodies), (name == BASE) * np.pi / 2)
     return Around(bodies, keep, turns, np.zeros((1, 2, len(bodies), 3)))

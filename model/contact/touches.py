@@ -195,7 +195,8 @@ class Touch:
     """A place where an arm leans on an obstacle.
 
     Where a part of the arm lies on one there is a touch at each node of it: forces at its ends, and
-    of the pressure what falls to the node, the same resultant and moment as it.
+    of the pressure what falls to the node. They have the pressure's resultant and moment but for
+    what arm and obstacle bend between the nodes, which falls as the square of their distance.
 
     Attributes
     ----------

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from model.arm import Arm
+from model.checks import literal
 from model.errors import FileError, InputError
 from model.forward import checked_accuracy
 from model.loads import is_loaded
@@ -24,7 +25,7 @@ from model.shape import Shape
 from model.stiffness import tip_jacobian_function
 from planner.c_code.inverse import check_inverse, inverse_values
 from planner.c_code.maps import steps_source, whole_source
-from planner.c_code.source import PRECISIONS, CSource, Precision, numbers
+from planner.c_code.source import CSource, Precision, numbers
 from planner.io.files import versions, write_together
 from planner.plan import Plan
 
@@ -201,8 +202,7 @@ def _checked(arm: Arm, scene: Scene | None, precision: Any, name: Any, accuracy:
             "a scene without loads, shear and friction: with them the shape is solved for, there "
             "is no explicit map to export",
         )
-    if precision not in PRECISIONS:
-        raise InputError("precision", precision, " or ".join(PRECISIONS))
+    literal("precision", precision, Precision)
     if not isinstance(name, str) or not _NAME.fullmatch(name) or name.lower() in TAKEN:
         allowed = f"letters, digits and single _ between them, other than {', '.join(TAKEN)}"
         raise InputError("name", name, allowed)

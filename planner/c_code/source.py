@@ -13,7 +13,6 @@ import numpy as np
 from model.rotations import matrix
 
 Precision = Literal["double", "float"]
-PRECISIONS: tuple[Precision, ...] = ("double", "float")
 
 # Everything in CasADi's code that computes has a point: whole numbers are indices.
 _LITERAL = re.compile(r"(?<![\w.])(\d+\.\d*(?:[eE][+-]?\d+)?)(?![\w.])")

@@ -8,6 +8,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from model import InputError, Scene
@@ -116,6 +117,7 @@ def test_newton_s_method_along_curved_tendons_is_not_exported_in_single_precisio
     [
         ({"precision": "half"}, "precision"),
         ({"precision": 8}, "precision"),
+        ({"precision": np.zeros(2)}, "precision"),
         ({"name": "3d"}, "name"),
         ({"name": "a b"}, "name"),
         ({"name": "b\u00e4r"}, "name"),

@@ -11,14 +11,18 @@ import pytest
 from model import Arm, Scene, settle, settle_many
 from model.effects import (
     Buoyancy,
+    Contact,
     Current,
+    Effect,
     ExactTendons,
     Extension,
     PointMass,
+    SelfContact,
     TipLoad,
     Weight,
 )
 from model.errors import SnapError
+from model.obstacles import Sphere
 from model.paths import Array
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
@@ -50,6 +54,19 @@ def test_many_sets_under_loads_are_those_settled_alone(name: str) -> None:
         assert many.error[i] == pytest.approx(alone.error, rel=1e-2, abs=1e-11)
 
 
+BALL = Contact(Sphere((0.2, -0.05, 0.0), 0.032))
+
+
+@pytest.mark.parametrize("effect", [BALL, SelfContact()], ids=lambda each: type(each).__name__)
+def test_sets_in_contact_are_those_settled_alone(effect: Effect) -> None:
+    scene, T = Scene(Extension(), ExactTendons(), effect), np.zeros((2, 4))
+    T[1, 0] = 0.3
+    many = settle_many(SHORT, T, scene, 1e-4)
+    alone = [settle(SHORT, row, scene, 1e-4) for row in T]
+    assert np.array_equal(many.tip, [shape.tip for shape in alone])
+    assert [len(shape.contacts) > 0 for shape in alone] == [False, effect is BALL]
+
+
 @pytest.mark.slow
 @needs_compiler
 def test_what_buckles_is_refused_as_it_is_alone() -> None:
@@ -63,7 +80,7 @@ def test_what_buckles_is_refused_as_it_is_alone() -> None:
     assert np.isnan(many.tip).all(axis=1).tolist() == [False, True, False]
 
 
-ARM = Arm.from_paper("table-4")
+ARM, SHORT = Arm.from_paper("table-4"), Arm.from_paper("section-5.2")
 GOOD = np.array([[0, 0, 0.3, 0, 1.0, 0, 0, 0, 0, 2.0, 0, 0], [0.1] * 12, [0.0] * 12])
 CRUSHING = np.full(12, 1e3)
 WITH_ERRORS = [

@@ -22,9 +22,11 @@ from model import (
     Sampled,
     Scene,
     conical,
+    length_response,
     settle,
     settle_many,
 )
+from model.clearance import clearance
 from model.effects import Extension
 from tests.oracles import Array, paper_rod, strain
 from tests.refusals import Refused, check_refusal
@@ -129,6 +131,16 @@ SETTLED: Refused = {
     "unknown arm": (lambda: Arm.from_paper("table-3"), "arm", "table-2, table-4, section-5.1, "),
     "section 0": (lambda: ARM.tendons_of(0), "section", "from 1 to 3"),
     "section 4": (lambda: ARM.tendons_of(4), "section", "from 1 to 3"),
+    "sections": (lambda: ARM.tendons_of(np.array([1, 2])), "section", "from 1 to 3"),  # type: ignore[arg-type]
+    "tensions beyond the tip": (lambda: settle(ARM, REST).tension(0.32), "s", "from 0 to 0.31 m"),
+    "tensions before the base": (lambda: settle(ARM, REST).tension(-0.1), "s", "from 0 to 0.31 m"),
+    "clearance of a word": (lambda: clearance("shape"), "shape", "a Shape"),  # type: ignore[arg-type]
+    "response of a word": (lambda: length_response("shape"), "shape", "a Shape"),  # type: ignore[arg-type]
+    "response as printed": (
+        lambda: length_response(settle(ARM, REST, Scene.as_printed())),
+        "scene",
+        "equations hold under loads",
+    ),
     "an effect twice": (lambda: Scene(Extension(), Extension()), "Scene", "once"),
     "effect by name": (lambda: Scene("Extension"), "Scene effect 1", "Extension()"),
     "class of an effect": (lambda: Scene(Extension), "Scene effect 1", "Extension()"),
