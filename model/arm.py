@@ -246,7 +246,8 @@ class Arm(Shown):
         array = np.zeros(0)
         with suppress(TypeError, ValueError):  # of rows that are not as long as each other
             array = np.asarray(values)
-        if array.shape in self.shapes and array.dtype.kind in "iuf":
+        are_numbers = array.dtype.kind in "iuf" and not np.ma.is_masked(values)
+        if array.shape in self.shapes and are_numbers:
             plain = array.ravel().tolist()
             if min(plain) >= 0 and sum(plain) <= LARGEST:
                 return np.array(plain, dtype=float)

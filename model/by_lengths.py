@@ -208,7 +208,7 @@ class GivenLengths:
         slack = under(None, winches.tensions)
         if slack is not None:
             left = winches.lacks(slack.lengths, slack.tensions)[winches.held]
-            if left.min() >= -ROUNDING * arm.length:
+            if left.min(initial=0.0) >= -ROUNDING * arm.length:
                 return winches.tensions
         result = taken_in(begins(), winches, under, arm, ROUNDING)
         if result is None:

@@ -31,12 +31,15 @@ def finite_array(field: str, value: Any, shape: tuple[int | None, ...]) -> NDArr
 
 
 def numbers(field: str, value: Any, allowed: str) -> NDArray[np.float64]:
-    """Return value as a float array of any shape; strings of digits are not numbers."""
+    """Return value as a float array of any shape; strings of digits are not numbers.
+
+    Nor are masked ones: what is beneath a mask was not told.
+    """
     try:
         array = np.asarray(value)
     except (TypeError, ValueError):
         raise InputError(field, value, allowed) from None
-    if array.size and array.dtype.kind not in "iuf":
+    if (array.size and array.dtype.kind not in "iuf") or np.ma.is_masked(value):
         raise InputError(field, value, allowed)
     return array.astype(float)
 

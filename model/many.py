@@ -202,7 +202,7 @@ def settle_many(
 
 def _rows(arm: Arm, tensions: Any) -> Array:
     """Return sets of tensions (m, n_tendons), nan of those that are no numbers for the tendons."""
-    are_numbers = isinstance(tensions, np.ndarray) and tensions.dtype == float
+    are_numbers = type(tensions) is np.ndarray and tensions.dtype == float
     if are_numbers and tensions.shape[1:] in arm.shapes:
         return np.array(tensions.reshape(len(tensions), arm.n_tendons))
     rows = np.full((len(tensions), arm.n_tendons), np.nan)

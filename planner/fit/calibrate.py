@@ -9,15 +9,15 @@ from typing import get_args
 import numpy as np
 
 from model import Arm, InputError, Scene
+from model.checks import kind
 from model.effects import PrintedStatics
 from model.equilibrium.newton import STAGES
-from model.errors import OctoplanError, SnapError, TimeLimitError
+from model.errors import OctoplanError, SnapError
 from model.forward import checked_accuracy, estimate
 from model.loads import contacts, convergence_order
 from model.machine.compiled import Compile, checked_compile
 from model.paths import Array
-from model.progress import OutOfTime, tell, with_progress
-from model.progress import time_limit as within
+from model.progress import OutOfTime, limited, tell, with_progress
 from model.settle import checked_scene
 from planner.fit.calibration import Calibration
 from planner.fit.experiment import Experiment
@@ -98,7 +98,7 @@ def calibrate(
         If `compile` is True, and there is no compiler or it fails.
     """
     scene = supported_scene(arm, scene)
-    if loss not in get_args(Loss):
+    if not isinstance(loss, str) or loss not in get_args(Loss):
         raise InputError("loss", loss, ", ".join(get_args(Loss)))
     if not (isinstance(starts, int) and 1 <= starts <= 1000):
         raise InputError("starts", starts, "a whole number from 1 to 1000")
@@ -109,17 +109,18 @@ def calibrate(
     if data < free:
         allowed = f"at most as many unknowns without priors as numbers measured, {data}"
         raise InputError("unknowns", free, allowed)
+    kind("absolute_std", absolute_std, bool | np.bool_, "True or False")
     counted, machine_code = (loss, bool(absolute_std)), checked_compile(compile)
     search = _Search(parameters, shapes, *counted, checked_accuracy(accuracy), machine_code)
     stopped = False
-    try:
-        with within(time_limit):
+    with limited(time_limit):
+        try:
             search.run(parameters.multistart(starts, seed))
-    except OutOfTime:
-        stopped = True
-    best = search.best
-    if best is None:
-        raise TimeLimitError(time_limit or 0.0)
+        except OutOfTime:
+            stopped = True
+        best = search.best
+        if best is None:
+            raise OutOfTime
     refinement, stages, _ = best.evaluation.experiment.mesh
     return Calibration(
         arm,

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from model import Arm, InputError, Scene
-from model.errors import OctoplanError, TimeLimitError
+from model.checks import kind
+from model.errors import OctoplanError
 from model.paths import Array
-from model.progress import OutOfTime, reported, tell, with_progress
-from model.progress import time_limit as within
+from model.progress import OutOfTime, limited, reported, tell, with_progress
 from planner.fit.calibrate import supported_scene
 from planner.fit.design_program import DesignOptimum, DesignProgram, Targets
 from planner.fit.designed import Design, worth
@@ -88,14 +88,14 @@ def design(
     objective = checked_objective(objective, limits)
     program = DesignProgram(parameters, _tasks(arm, targets), limits, making, objective)
     search, stopped = _Search(program, starts), False
-    try:
-        with within(time_limit):
+    with limited(time_limit):
+        try:
             before = search.plans(arm, parameters.given.scene)
             search.run(before, begins, seed)
-    except OutOfTime:
-        if not search.optima:
-            raise TimeLimitError(time_limit or 0.0) from None
-        stopped = True
+        except OutOfTime:
+            if not search.optima:
+                raise
+            stopped = True
     best, reaches = search.best, None
     if isinstance(objective, Reach):
         at_first = program.solve(parameters.start, _tensions(before), fixed=True)
@@ -135,6 +135,7 @@ def _checked(arm: Arm, scene: Scene, unknowns: Iterable[Unknown]) -> Parameters:
 
 def _tasks(arm: Arm, targets: Iterable[Any]) -> list[Targets]:
     """Return the targets of each task, or raise InputError for those that are not met exactly."""
+    kind("targets", targets, Iterable, "a sequence of targets")
     tasks = [check_targets(arm, target) for target in targets]
     if not tasks:
         raise InputError("targets", targets, "at least one task")

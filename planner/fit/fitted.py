@@ -255,10 +255,10 @@ class Fitted:
                     f"its base, {stiff:.3g} N: are they in mN?"
                 )
         if unlike:
+            fit = ", or fit with a robust loss" * (self.loss == "linear")
             lines.append(
                 f"No values within the bounds reach {', '.join(unlike)} as well as the others: "
-                "check tensions and markers there, or fit with a robust loss. "
-                + self._farthest(unlike)
+                f"check tensions and markers there{fit}. {self._farthest(unlike)}"
             )
         return lines
 

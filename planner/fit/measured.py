@@ -197,7 +197,7 @@ class Measured:
 
 def checked_shapes(arm: Arm, measured: Iterable[Measured]) -> tuple[Measured, ...]:
     """Return shapes of an arm, each with a name; InputError for what is not of it, and for none."""
-    shapes = tuple(measured)
+    shapes = tuple(kind("measured", measured, Iterable, "a sequence of Measured"))
     if not shapes:
         raise InputError("measured", shapes, "at least one shape")
     for i, shape in enumerate(shapes):

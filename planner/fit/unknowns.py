@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model import Arm, InputError, Scene
+from model.checks import kind
 from model.loads import places
 from model.mesh import Mesh, landmarks
 from model.paths import SAME, Array
@@ -112,9 +113,9 @@ class Parameters:
         sessions: Sequence[str] = (),
     ) -> Parameters:
         """Return the parameters; InputError for unknown keys, sessions, and bounds that misfit."""
-        checked = tuple(unknowns)
+        allowed = 'at least one, such as Unknown("arm.E_kPa", 50, 1000)'
+        checked = tuple(kind("unknowns", unknowns, Iterable, f"a sequence of {allowed}"))
         if not checked or not all(isinstance(unknown, Unknown) for unknown in checked):
-            allowed = 'at least one, such as Unknown("arm.E_kPa", 50, 1000)'
             raise InputError("unknowns", checked, allowed)
         parameters = cls(Setting.of(arm, scene, points), checked)
         for unknown in checked:

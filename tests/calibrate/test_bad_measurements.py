@@ -6,9 +6,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from model import InputError, OctoplanError, Scene
+from model import InputError, OctoplanError, Scene, settle
 from model.effects import Contact, Extension
 from model.obstacles import Sphere
 from planner import Measured, Unknown, calibrate
@@ -106,6 +107,27 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         lambda: calibrate(small_arm(), Scene.as_printed(), [GOOD], [E]),
         "hold under loads",
     ),
+    "one shape by itself": (
+        lambda: calibrate(small_arm(), HANGING, GOOD, [E]),  # type: ignore[arg-type]
+        "a sequence of Measured",
+    ),
+    "one unknown by itself": (
+        lambda: calibrate(small_arm(), HANGING, [GOOD], E),  # type: ignore[arg-type]
+        "a sequence of at least one, such as Unknown",
+    ),
+    **{
+        f"{name} of {given}": (
+            lambda name=name, given=given: calibrate(
+                small_arm(), HANGING, [GOOD], [E], **{name: given}
+            ),
+            name,
+        )
+        for name, given in (
+            ("time_limit", "a while"),
+            ("loss", np.zeros(2)),
+            ("absolute_std", np.zeros(2)),
+        )
+    },
     "contact": (lambda: calibrate(small_arm(), TOUCHING, [GOOD], [E]), "contact"),
 }
 
@@ -152,3 +174,13 @@ def test_tensions_in_the_wrong_unit_are_told() -> None:
     strong = replace(GOOD, tensions=[2000.0, 0, 0], points=[(*POINT[:2], (0.1, 0.1, 0.0))])
     found = calibrate(small_arm(), HANGING, [strong], [Unknown("arm.E_kPa", 100, 400)])
     assert "are they in mN?" in found.outcome
+
+
+def test_a_robust_loss_is_not_advised_where_there_is_one() -> None:
+    pulls = [[pull, 0, 0] for pull in (0.2, 0.4, 0.6, 0.8)]
+    shapes = [Measured(T, tip=settle(small_arm(), T, HANGING).tip) for T in pulls]
+    shapes[0] = replace(shapes[0], tip=np.add(shapes[0].tip, 0.01))
+    for loss, advised in (("linear", True), ("huber", False)):
+        found = calibrate(small_arm(), HANGING, shapes, [E], loss=loss)  # type: ignore[arg-type]
+        assert "as well as the others" in found.outcome
+        assert ("robust loss" in found.outcome) == advised

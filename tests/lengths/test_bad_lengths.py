@@ -136,3 +136,9 @@ def test_a_length_that_no_section_settles_by_tells_the_tendon_and_not_tensions()
     lengths, scene = np.where(np.arange(12) == 5, 0.0, REST), Scene(*EXACT.effects, Weight())
     attempt = partial(settle, ARM, scene=scene, lengths=lengths)
     check_refusal(attempt, "lengths[5] (T_22)", "m on, beside the other lengths")
+
+
+def test_lengths_of_no_tendon_are_as_good_as_none() -> None:
+    T, scene = np.full(12, 0.1), Scene(Extension(), ExactTendons())
+    by_none = settle(ARM, T, scene, lengths=np.full(12, np.nan))
+    np.testing.assert_allclose(by_none.tip, settle(ARM, T, scene).tip, atol=1e-9)

@@ -36,6 +36,8 @@ THIN, BODY = Linear(1e-3, 1e-3), Linear(0.01, 0.01)
 ONE = (Anchorage(0.3, THIN),)
 FLAT4 = (1e-3,) * 4
 INF, NAN = np.inf, np.nan
+# What is beneath the mask was not measured.
+MASKED = np.ma.array(np.full(12, 0.1), mask=np.arange(12) == 0)
 
 
 def of(length: float = 0.3, radius: Any = (0.01, 0.01), rows: Any = ((0.3, 1e-3, 1e-3),)) -> Arm:
@@ -196,6 +198,9 @@ KINDS: Refused = {
     "rows of a cone short": (lambda: of(rows=[(0.3, 1e-3)]), "anchorages", "l_i, a_i, b_i"),
     "paths without dimensions": (lambda: Anchorage(0.3, np.array(THIN)), "Anchorage.offset", ""),
     "tension without dimensions": (lambda: settle(ARM, np.array(0.1)), "tensions", "12 numbers"),
+    "a tension that is masked": (lambda: settle(ARM, MASKED), "tensions", "12 numbers"),
+    "many, one masked": (lambda: settle_many(ARM, MASKED[None]), "tensions[0]", "12 numbers"),
+    "a modulus that is masked": (lambda: Material(E=MASKED[0]), "Material.E", "numbers"),
     "many, without dimensions": (lambda: settle_many(ARM, np.array(0.1)), "tensions", "a set"),
     "many, by name": (lambda: settle_many(ARM, {"rest": REST}), "tensions", "a set"),
     "many, errors by a list": (lambda: settle_many(ARM, [REST], errors=["nan"]), "errors", "nan"),
