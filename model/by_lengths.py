@@ -140,9 +140,9 @@ class GivenLengths:
         Raises InputError where no shape has the lengths.
         """
         if not is_loaded(self.maps.scene):
-            return forward.solve(self._unloaded)
+            return forward.solve(self._unloaded_tensions)
         assert isinstance(forward, Collocation)
-        begins = self._begins(forward, near)
+        begins = self._initial_equilibria(forward, near)
         result = taken_in(begins, self.winches, forward.led_to, self.maps.arm, SAME)
         if result is None:
             raise unknown_least(self.maps.arm, self.winches)
@@ -155,7 +155,7 @@ class GivenLengths:
         assert isinstance(forward, Collocation)
         return tightened(end, self.winches, forward.led_to, self.maps.arm) or end
 
-    def _begins(
+    def _initial_equilibria(
         self, forward: Collocation, near: Equilibrium | None
     ) -> Iterator[Linearised | None]:
         """Yield equilibria to begin with: near that of another mesh, at the tensions of the least
@@ -169,7 +169,7 @@ class GivenLengths:
             else:
                 start = Start(T, 1.0, forward.carried(T[None], [near])[0])
                 yield from newton(forward.system, [start], CLOSE)
-        for coarse, T, v in self._least():
+        for coarse, T, v in self._least_energy():
             if touching:
                 with suppress(SnapError, UnsettledContactError):
                     yield forward.solve(T)
@@ -181,7 +181,7 @@ class GivenLengths:
             yield forward.solve(winches.tensions)
 
     @cached_property
-    def _unloaded(self) -> Array:
+    def _unloaded_tensions(self) -> Array:
         """Tensions of the arm without loads, found once: no mesh is asked for.
 
         Raises CollapsedError where steps towards the lengths crush the arm.
@@ -201,7 +201,7 @@ class GivenLengths:
         def begins() -> Iterator[Lengths | None]:
             if self.near is not None:
                 yield under(None, np.where(winches.held, self.near, winches.tensions))
-            for _, tensions, _ in self._least():
+            for _, tensions, _ in self._least_energy():
                 yield under(None, tensions)
             yield slack
 
@@ -215,7 +215,7 @@ class GivenLengths:
             raise crushed[-1] if crushed else unknown_least(arm, winches)
         return result.tensions
 
-    def _least(self) -> Iterator[tuple[System, Array, Array]]:
+    def _least_energy(self) -> Iterator[tuple[System, Array, Array]]:
         """Yield tensions [N] and strains of the least energy from rest, on a coarse mesh.
 
         Tensions (n_tendons,) of slack tendons are 0; strains are at the stages of the system.

@@ -183,14 +183,14 @@ def growth(arm: Arm, scene: Scene, s: Array) -> Array:
     """
     R, tip = arm.radius.evaluate(s, arm.length)[0], scene.find(TipLoad)
     current = scene.find(Current)
-    force = _size(heaviness(arm, scene)) * volume(arm, s)
-    force += _size(tip.force) if tip else 0.0
+    force = _capped_norm(heaviness(arm, scene)) * volume(arm, s)
+    force += _capped_norm(tip.force) if tip else 0.0
     for load in acting(scene):
-        force += _size(load.force) * (s <= load.s)
+        force += _capped_norm(load.force) * (s <= load.s)
     if current:
         drag = min(current.density * current.coefficient * R.max(), LARGEST)
         # The last place may be beyond the tip by rounding.
-        force += drag * _size(current.velocity) ** 2 * np.maximum(arm.length - s, 0.0)
+        force += drag * _capped_norm(current.velocity) ** 2 * np.maximum(arm.length - s, 0.0)
     EA = arm.material.E * np.pi * R**2
     longer = 1 + force / EA * scene.has(Extension)
     return np.asarray(np.minimum(longer * np.sqrt(force / (EA * R**2 / 4)), LARGEST))
@@ -254,6 +254,6 @@ def _crossings(arm: Arm) -> list[float]:
     return sorted(results)
 
 
-def _size(vector: Any) -> float:
+def _capped_norm(vector: Any) -> float:
     """Return the size of a vector, capped for loads out of this world."""
     return float(np.linalg.norm(np.clip(vector, -LARGEST, LARGEST)))

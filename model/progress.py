@@ -101,7 +101,7 @@ class ProgressLine:
     def show(self, text: str) -> None:
         """Let the line tell a phase, where someone looks."""
         self.text = text
-        if self.clock is None and (_watched() if self.progress is None else self.progress):
+        if self.clock is None and (_output_stream() if self.progress is None else self.progress):
             self.closed = threading.Event()
             self.clock = threading.Thread(target=self._write, daemon=True)
             self.clock.start()
@@ -115,7 +115,9 @@ class ProgressLine:
         # Of a terminal that does not tell its size tqdm would write nothing.
         size = get_terminal_size()
         room = {"ncols": size.columns - 1, "nrows": size.lines}
-        with tqdm(file=_watched() or sys.stderr, leave=False, bar_format="{desc}", **room) as line:
+        with tqdm(
+            file=_output_stream() or sys.stderr, leave=False, bar_format="{desc}", **room
+        ) as line:
             while True:
                 minutes, seconds = divmod(int(time.monotonic() - self.begin), 60)
                 line.set_description_str(f"{self.text} [{minutes:02d}:{seconds:02d}]")
@@ -123,7 +125,7 @@ class ProgressLine:
                     return
 
 
-def _watched() -> TextIO | None:
+def _output_stream() -> TextIO | None:
     """Return where someone may look: a terminal's stderr, or in a notebook stdout; None: nowhere.
 
     In a notebook stderr would leave a red bar where the line was.

@@ -69,10 +69,10 @@ class Winches:
 
         Raises InputError, naming the tendon where it is about one.
         """
-        left, held = _given(arm, lengths, "lengths")
+        left, held = _split_missing(arm, lengths, "lengths")
         T, pulled = np.zeros(arm.n_tendons), np.zeros(arm.n_tendons, dtype=bool)
         if tensions is not None:
-            T, pulled = _given(arm, tensions, "tensions")
+            T, pulled = _split_missing(arm, tensions, "tensions")
         for j in np.flatnonzero(held == pulled):
             both, field = bool(held[j]), f"lengths[{j}] ({arm.tendon_name(int(j))})"
             value = f"{left[j]:g} m and a tension of {T[j]:g} N" if both else None
@@ -94,7 +94,7 @@ def checked_EA(value: Any) -> float:
     return float(value)
 
 
-def _given(arm: Arm, values: Any, name: str) -> tuple[Array, Mask]:
+def _split_missing(arm: Arm, values: Any, name: str) -> tuple[Array, Mask]:
     """Return a number for each tendon, 0 where there is None or nan, and where there is one."""
     try:
         parts = [np.array(row) for row in values]
@@ -177,7 +177,7 @@ def least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
     free, well, nothing = np.ones(z.size, dtype=bool), True, _TINY * float(z.max(initial=0.0))
     while free.any():
         result = np.zeros(z.size)
-        result[free], well = _least(M[np.ix_(free, free)], w[free], z[free], rounding)
+        result[free], well = _least_norm(M[np.ix_(free, free)], w[free], z[free], rounding)
         below = result < 0
         if not below.any():
             return result, well
@@ -193,7 +193,7 @@ def least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
     return np.zeros(z.size), well
 
 
-def _least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
+def _least_norm(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
     """Return z of least norm after the step; below 0 where no such z avoids it; see least.
 
     Also where w is left that no step changes: then z goes on until one of them, which w > 0 lets

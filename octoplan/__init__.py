@@ -33,7 +33,7 @@ _MODULES = (
     "planner.targets",
     "planner.plots",
 )
-_SAID = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+_ENDINGS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 
 
 def main() -> int:
@@ -42,10 +42,10 @@ def main() -> int:
     Ctrl-C and SIGTERM end it at once, while it is being loaded too. A KeyboardInterrupt would not:
     CasADi makes a warning of it in the middle of ipopt, which goes on.
     """
-    for number in _SAID:
+    for number in _ENDINGS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _end)
-    if sys.argv[1:] in (["--help"], ["-h"], ["--version"]) and _helped():
+    if sys.argv[1:] in (["--help"], ["-h"], ["--version"]) and _print_help():
         return 0
     try:
         check_own("model", "planner")
@@ -56,12 +56,12 @@ def main() -> int:
 
     code = run()
     # All is written and told: what is left is the interpreter's own end.
-    for number in _SAID:
+    for number in _ENDINGS:
         signal.signal(number, signal.SIG_IGN)
     return code
 
 
-def _helped() -> bool:
+def _print_help() -> bool:
     """Print help or versions, for which nothing else is loaded; return whether they were taken."""
     from octoplan.command_line import app, printed
 
@@ -81,7 +81,7 @@ def _end(number: int, _: object) -> None:
     end = getattr(sys.modules.get("planner.io.files"), "end", None)
     kept = "nothing was written" if end is None else end()
     try:
-        os.write(2, f"octoplan: {_SAID[signal.Signals(number)]}; {kept}\n".encode())
+        os.write(2, f"octoplan: {_ENDINGS[signal.Signals(number)]}; {kept}\n".encode())
     finally:
         os._exit(128 + number)
 

@@ -212,10 +212,10 @@ class Answer(SearchResult, Task):
 def sentence(plan: Any) -> str:
     """Return the outcome of a plan (see Answer) as a sentence, with its certificate's warnings."""
     beware = "".join(f" Beware: {warning}." for warning in plan.certificate.warnings)
-    return f"{_happened(plan)}.{beware}"
+    return f"{_verdict(plan)}.{beware}"
 
 
-def _happened(plan: Any) -> str:
+def _verdict(plan: Any) -> str:
     certificate, count = plan.certificate, len(plan.starts)
     if certificate.problem:
         return f"Not certified: {certificate.problem}"
@@ -233,7 +233,9 @@ def _happened(plan: Any) -> str:
         )
     if plan.mode != "exact" and not certificate.attained:
         nearest = "attainable shape" if _is_nearest(plan) else "shape found"
-        return f"Not reached: the nearest {nearest} is off in {_gaps(plan)}; {_held(plan)}; {tried}"
+        return (
+            f"Not reached: the nearest {nearest} is off in {_gaps(plan)}; {_reason(plan)}; {tried}"
+        )
     if certificate.too_near:
         passed = (certificate.clearances[name] for name in certificate.too_near)
         nearest = min(passed, key=attrgetter("gap"))
@@ -268,7 +270,7 @@ def _success(plan: Any) -> str:
     if met <= tolerance:
         return f": every target met to {met:.1e} (asked {tolerance:.0e})"
     gaps = ", ".join(f"{name} {_size(plan, value)}" for name, value in soft.items())
-    return f", as near as the limits allow: {gaps} ({_held(plan)})"
+    return f", as near as the limits allow: {gaps} ({_reason(plan)})"
 
 
 def _gaps(plan: Any) -> str:
@@ -294,7 +296,7 @@ def _size(plan: Any, value: float, unit: str = "L") -> str:
     return f"{math.degrees(value):.3g} deg" if unit == "rad" else f"{value:.3g}"
 
 
-def _held(plan: Any) -> str:
+def _reason(plan: Any) -> str:
     """Return what keeps a plan from its targets and what may be done: the first reason there is."""
     of = plan.certificate
     least, holders = of.stability_margin, ", ".join(plan.holding()[:3])

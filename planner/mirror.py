@@ -68,19 +68,19 @@ def mirror_images(task: Task, shape: Shape) -> Iterator[tuple[float, Array]]:
     if targets.requests or limits.strokes is not None or not T.any():
         return
     poses = shape.poses(stations)
-    most = _off(targets, poses) + 10 * task.accuracy
+    most = _largest_residual(targets, poses) + 10 * task.accuracy
     for angle, images in _planes(arm, limits):
         other = T[images]
-        likely = _off(targets, _mirrored(arm, angle, poses)) <= most
+        likely = _largest_residual(targets, _mirrored(arm, angle, poses)) <= most
         if not likely or np.abs(T - other).max() <= task.accuracy * T.max():
             continue
         with suppress(OctoplanError):
             settled = settle(arm, other, task.scene, task.accuracy, compile=shape.machine_code)
-            if _off(targets, settled.poses(stations)) <= most:
+            if _largest_residual(targets, settled.poses(stations)) <= most:
                 yield angle, other
 
 
-def _off(targets: Targets, poses: Array) -> float:
+def _largest_residual(targets: Targets, poses: Array) -> float:
     """Return how far poses (K, 7) are from the targets, the largest residual."""
     equality, soft_residual, inequality, _ = targets.values(poses, ())
     gaps = [np.abs(value) for value in (*equality.values(), *soft_residual.values())]

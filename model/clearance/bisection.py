@@ -187,10 +187,10 @@ class _Search:
         shares = np.column_stack([rows.start, rows.end])[:, : parts.rows.shape[1], None, None]
         first, last = np.swapaxes(self.around.moved[stretch % len(self.around.moved)], 0, 1)
         moved, known = first[:, None] + shares * (last - first)[:, None], parts.known[part]
-        lower = self._lower(stretch, moved, pieces) - keep
+        lower = self._lower_bounds(stretch, moved, pieces) - keep
         near = (lower < np.minimum(self.enough, result.seen[stretch])) | ~known
         if near.any():
-            self._saw(rows.some(near), moved[near], [each.some(near) for each in pieces])
+            self._record_ends(rows.some(near), moved[near], [each.some(near) for each in pieces])
         seen = result.seen[stretch]
         least = np.where(seen < np.inf, seen, 0.0)
         slack = np.maximum(_CLOSE * parts.lines.arm.length, _RELATIVE * np.abs(least + keep))
@@ -215,7 +215,7 @@ class _Search:
         )
         return _Rows._make(map(np.concatenate, zip(*halves, strict=True)))
 
-    def _lower(self, stretch: Counts, moved: Array, pieces: list[Pieces]) -> Array:
+    def _lower_bounds(self, stretch: Counts, moved: Array, pieces: list[Pieces]) -> Array:
         """Return lower bounds of the distances (K,) [m] of pieces from bodies, or each other."""
         bodies, one = self.around.bodies, pieces[0]
         if bodies is None:
@@ -237,7 +237,7 @@ class _Search:
         lower = np.where(reach, d + change - one.wide[:, None] - uneven, np.inf)
         return np.asarray(lower.min(axis=1, initial=np.inf))
 
-    def _saw(self, rows: _Rows, moved: Array, pieces: list[Pieces]) -> None:
+    def _record_ends(self, rows: _Rows, moved: Array, pieces: list[Pieces]) -> None:
         """Keep the least distances of the ends of pieces that are seen where parts begin or end."""
         result, bodies = self.found, self.around.bodies
         one, other = pieces[0], pieces[-1]

@@ -68,7 +68,7 @@ class TouchingMap(Collocation):
         end = Request(self.system, self._fixed, tensions)
         if not isinstance(near, Linearised):
             if self._rubs:
-                free = self._untouched(tensions)
+                free = self._contact_free(tensions)
                 return replace(self.solve(tensions, free), snaps=free.snaps)
             return follow(end, self._at_rest)
         stays = np.array_equal(tensions, near.tensions)
@@ -95,7 +95,7 @@ class TouchingMap(Collocation):
         """
         return sharpened(Request(self.system, self._fixed, tensions), at)
 
-    def _untouched(self, tensions: Array) -> Touching:
+    def _contact_free(self, tensions: Array) -> Touching:
         """Return the equilibrium of an arm without friction that touches nothing; or InputError."""
         free = self.without_friction.solve(tensions)
         if places_of(free.system):

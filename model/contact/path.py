@@ -86,7 +86,7 @@ def follow(end: Request, near: Linearised, jumps: bool = True) -> Touching:
     def solve(before: float, factor: float, near: Linearised, least: bool) -> Linearised | None:
         x = begin + factor * (goal - begin)
         to = replace(end, tensions=x[:-1], load=float(x[-1]), before=near if rubs else None)
-        there = sharpened(to, near) if rubs else _complementary(to, near) or _least(to, near)
+        there = sharpened(to, near) if rubs else _complementary(to, near) or _least_energy(to, near)
         if there is not None and close(near, there):
             return there
         if not least:
@@ -96,7 +96,7 @@ def follow(end: Request, near: Linearised, jumps: bool = True) -> Touching:
         if not jumps:
             raise SnapError(before, "it jumps")
         snaps.append(factor)
-        return _slid(to, near) if rubs else there
+        return _with_friction(to, near) if rubs else there
 
     if rubs:
         path = stepped(solve, near, _STEPS)
@@ -104,7 +104,7 @@ def follow(end: Request, near: Linearised, jumps: bool = True) -> Touching:
     strains = carried_strains(near.system, near.states[near.system.of.stages], base)
     free = Linearised(base, np.append(begin, base.start(begin[:-1], strains, float(begin[-1]))))
     rough, _ = stepped(solve, free, _STEPS)[-1]
-    return Touching.of(_sharp(end, rough), tuple(snaps))
+    return Touching.of(_at_refined_places(end, rough), tuple(snaps))
 
 
 def stepped(
@@ -137,7 +137,7 @@ def _complementary(request: Request, near: Linearised) -> Linearised | None:
     obstacle, by half the arm's radius or more; looked at where they are no farther apart than that.
     """
     to = request.tensions, request.load
-    (there,) = newton(near.system, [Start(*to, near.states)], touching=_active)
+    (there,) = newton(near.system, [Start(*to, near.states)], touching=_active_set)
     if there is None or not (close(near, there) and stands(there)):
         return None
     half = there.system.arm.outer_radius(there.mesh.s[1:])[0] / 2
@@ -148,7 +148,7 @@ def _complementary(request: Request, near: Linearised) -> Linearised | None:
     return None if (gaps < half).any() else there
 
 
-def _active(system: System, states: Array) -> System:
+def _active_set(system: System, states: Array) -> System:
     """Return equations with nodes that touch: those that press, and the deepest inside.
 
     So each of Newton's steps is to f >= 0, gap >= 0, f gap = 0 at the nodes.
@@ -160,7 +160,7 @@ def _active(system: System, states: Array) -> System:
     return touches.on(system)
 
 
-def _least(request: Request, near: Linearised) -> Linearised | None:
+def _least_energy(request: Request, near: Linearised) -> Linearised | None:
     """Return the least energy with forces at nodes near an equilibrium on the mesh of a request.
 
     None where none is found.
@@ -178,7 +178,7 @@ def _least(request: Request, near: Linearised) -> Linearised | None:
     return Linearised(touches.on(system), system.x(minimum.tensions, request.load, states))
 
 
-def _sharp(request: Request, rough: Linearised) -> Linearised:
+def _at_refined_places(request: Request, rough: Linearised) -> Linearised:
     """Return the stable equilibrium at refined places, near one with forces at nodes.
 
     Where none is found nodes that touch go to where the gap is least, others to where it is below 0
@@ -197,15 +197,15 @@ def _sharp(request: Request, rough: Linearised) -> Linearised:
             x, of = end.x.copy(), end.system.of
             x[of.first + of.stages] += _ASIDE * mode
             rough = Linearised(end.system, x)
-        base = request.on(_nodes(rough))
-        after = None if base is None else _least(replace(request, base=base), rough)
+        base = request.on(_contact_nodes(rough))
+        after = None if base is None else _least_energy(replace(request, base=base), rough)
         if after is None:
             break
         rough = after
     raise UnsettledContactError(1.0, "where it touches is not found")
 
 
-def _nodes(rough: Linearised) -> Places:
+def _contact_nodes(rough: Linearised) -> Places:
     """Return where nodes are wanted: those that touch, and where gaps are least and below 0."""
     s, least = rough.mesh.s, least_gaps(rough.system, rough.x)
     touching = np.argwhere(Touches.of(rough.system).points)
@@ -220,14 +220,14 @@ def _nodes(rough: Linearised) -> Places:
     )
 
 
-def _slid(request: Request, near: Linearised) -> Linearised:
+def _with_friction(request: Request, near: Linearised) -> Linearised:
     """Return the equilibrium with friction near that which the arm without it snaps to."""
     base, form = request.base, request.base.of.form
     scene = without_friction(base.scene)
     base = System(base.arm, scene, base.mesh, form.stages, True, form.machine_code)
     smooth = replace(request, base=base, before=None)
-    rough = _least(smooth, near)
-    there = None if rough is None else sharpened(request, _sharp(smooth, rough))
+    rough = _least_energy(smooth, near)
+    there = None if rough is None else sharpened(request, _at_refined_places(smooth, rough))
     if there is None:
         raise UnsettledContactError(1.0, "where it comes to rest with friction is not found")
     return there

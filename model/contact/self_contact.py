@@ -157,7 +157,7 @@ def _step(tensions: Array, scene: Scene, settle: Settle, state: _State) -> _Stat
     L, apart = before.arm.length, max(from_itself(before).gap, 0.0)
     s, radius = before.s[1:], float(before.arm.outer_radius(before.s[1:])[0].min())
     for _ in range(EXCHANGES):
-        near, pairs = _closed(tensions, scene, settle, pairs, near)
+        near, pairs = _with_closed_pairs(tensions, scene, settle, pairs, near)
         new, way = from_itself(near), near.position(s) - before.position(s)
         # A pair may begin by half the lesser radius inside of each other.
         deep, far = radius / 2, float(np.linalg.norm(way, axis=1).max())
@@ -176,7 +176,7 @@ def _step(tensions: Array, scene: Scene, settle: Settle, state: _State) -> _Stat
     return None
 
 
-def _closed(
+def _with_closed_pairs(
     tensions: Array, scene: Scene, settle: Settle, pairs: tuple[Pair, ...], near: Shape
 ) -> _State:
     """Return the equilibrium with pairs closed near a shape.

@@ -112,13 +112,13 @@ def sharpened(
         point = _with_places(request, near, places)
         if point is None:
             return None
-        after = [Place(place.obstacle, *_refined(request, point, place)) for place in places]
+        after = [Place(place.obstacle, *_correct_place(request, point, place)) for place in places]
         refined = tuple(sorted(after))
         # How far places move [m].
         off = float(np.abs(np.subtract(refined, places)).max(initial=0.0))
         near, settled = point, off <= _OFF * request.base.arm.length
         if settled or last / 2 < off < _NEAR * np.diff(point.system.mesh.s).max():
-            exchanged = _exchanged(request, point, places, settled)
+            exchanged = _exchange_places(request, point, places, settled)
             if exchanged != places:
                 places, last = exchanged, np.inf
                 continue
@@ -141,11 +141,11 @@ def _with_places(of: Request, near: Linearised, places: Places) -> Linearised | 
         touches.pressing[first : last + 1, j], touches.lies[first:last, j] = place.lies, 1
         touches.moves[first, j] = not (place.lies or place.start in of.corners)
     system = touches.on(system)
-    states = _carried(of, near, system, touches)
-    return newton(system, [Start(of.tensions, of.load, states)], touching=_widened)[0]
+    states = _initial_states(of, near, system, touches)
+    return newton(system, [Start(of.tensions, of.load, states)], touching=_with_larger_radius)[0]
 
 
-def _widened(system: System, states: Array) -> System:
+def _with_larger_radius(system: System, states: Array) -> System:
     """Return equations whose gaps are taken with the larger radius of both sides of each node.
 
     Friction at a point, and on a tapered arm what presses there, has a part along the arm: it lets
@@ -167,7 +167,7 @@ def _gap_at(point: Linearised, s: float, obstacle: int) -> tuple[float, float, f
     return float(gap), float(slope), float(curve)
 
 
-def _carried(of: Request, near: Linearised, system: System, touches: Touches) -> Array:
+def _initial_states(of: Request, near: Linearised, system: System, touches: Touches) -> Array:
     """Return states to begin with on another mesh: forces are those of the nodes nearest."""
     before, states = near.system, predicted(near, of.tensions)
     strains = carried_strains(before, states[before.of.stages], system)
@@ -183,7 +183,7 @@ def _carried(of: Request, near: Linearised, system: System, touches: Touches) ->
     return carried
 
 
-def _refined(of: Request, point: Linearised, place: Place) -> tuple[float, float]:
+def _correct_place(of: Request, point: Linearised, place: Place) -> tuple[float, float]:
     """Return where an equilibrium says that a place starts and ends; a short part is a point."""
     _, start, end = place
     if not place.lies:
@@ -234,21 +234,21 @@ def _end_shift(of: Request, point: Linearised, place: Place, side: int) -> float
     return -side * float(np.sign(f)) * min(abs(f / rate) if rate else h, most)
 
 
-def _exchanged(of: Request, point: Linearised, places: Places, settled: bool) -> Places:
+def _exchange_places(of: Request, point: Linearised, places: Places, settled: bool) -> Places:
     """Return the places after some came or went; the same if none did."""
     system, states, touches = point.system, point.states, Touches.of(point.system)
     force, pressed = forces(system, states), resultants(system, states)
     least = np.where(touches.held, np.minimum(force, pressed), pressed)
     presses = touches.touching & (least >= -THROUGH * pressed.max(initial=0.0))
     kept = [
-        _bent(of, point, place) if settled and place in places else place
+        _part_about_point(of, point, place) if settled and place in places else place
         for place in read_off(system, presses, touches.lies > 0, pressed)
     ]
     new = least_gaps(system, point.x, places) if tuple(kept) == places else ()
     return tuple(sorted([*kept, *new]))
 
 
-def _bent(of: Request, point: Linearised, place: Place) -> Place:
+def _part_about_point(of: Request, point: Linearised, place: Place) -> Place:
     """Return a part in place of a point about which the arm bends into the obstacle.
 
     A force at a point bends an arm that shears by an angle there: a part is about as long as it

@@ -86,7 +86,7 @@ class Sections:
         self.paths = tendon_paths(arm, self.stations, self.place, self.tendon)
 
     @cached_property
-    def _closed(self) -> tuple[ClosedStatics, Array, Array, Array]:
+    def _closed_form(self) -> tuple[ClosedStatics, Array, Array, Array]:
         """The statics without loads, maps from tensions to pull, data, map of their strains."""
         arm, scene, at = self._arm, self._scene, self.stations
         statics = closed_statics(scene, arm)
@@ -109,7 +109,7 @@ class Sections:
 
         See `strains`.
         """
-        statics, maps, data, same = self._closed
+        statics, maps, data, same = self._closed_form
         pull = (tensions @ maps.reshape(-1, maps.shape[-1]).T).reshape(-1, maps.shape[1])
         v = settled(statics, pull, data, self.machine_code)
         return np.asarray((v @ same).reshape(len(tensions), *self.s.shape, same.shape[1]))
@@ -134,7 +134,7 @@ class Sections:
         if not isinstance(self.law, EnergySection):
             return np.zeros((len(strains), self.place.size), dtype=bool)
         v = strains[:, self.place].reshape(-1, strains.shape[-1])
-        lengths = self._kernel(_run, v, self.paths.T)[:, 0].reshape(len(strains), -1)
+        lengths = self._kernel(_path_rate, v, self.paths.T)[:, 0].reshape(len(strains), -1)
         return np.asarray(lengths <= LEAST_STRETCH)
 
     def balance(self, v: Array, tensions: Array) -> Balance:
@@ -164,7 +164,7 @@ class Sections:
         """
         change = tendon_paths(self._arm, self.stations, self.place, self.tendon, 1)
         arguments = (v[self.place], rate[self.place], self.paths.T, change.T)
-        result = self._kernel(_turning, *arguments)
+        result = self._kernel(_turning_rate, *arguments)
         return result[:, 0], result[:, 1:]
 
     def lengths(self, v: Array, weights: Array) -> tuple[Array, Array]:
@@ -184,14 +184,14 @@ class Sections:
 
         And its derivatives by the strains (N, n).
         """
-        return self._kernel(_run, v[self.place], self.paths.T)
+        return self._kernel(_path_rate, v[self.place], self.paths.T)
 
     def _kernel(self, kernel_of: Callable[[CrossSection], ca.Function], *value: Array) -> Array:
         """Return what a kernel of the law has of arguments (N, n), a row each."""
         return built(Mapped, built(kernel_of, self.law), self.machine_code)(*value)[0]
 
 
-def _turning(law: CrossSection) -> ca.Function:
+def _turning_rate(law: CrossSection) -> ca.Function:
     """Return strains, rates, path, its rate -> |d(c/|c|)/ds| of a tendon, then its derivatives."""
     v, rate = ca.SX.sym("v", size(law)), ca.SX.sym("rate", size(law))
     path, change = ca.SX.sym("path", 4), ca.SX.sym("change", 4)
@@ -199,7 +199,7 @@ def _turning(law: CrossSection) -> ca.Function:
     return _with_jacobian("turning", turns, v, rate, path, change)
 
 
-def _run(law: CrossSection) -> ca.Function:
+def _path_rate(law: CrossSection) -> ca.Function:
     """Return strains, path -> |u_c'| of a tendon, then its derivatives."""
     v, path = ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
     return _with_jacobian("run", ca.norm_2(law.run(v, path)), v, path)
@@ -281,34 +281,34 @@ def reported(law: CrossSection, v: Array) -> Array:
 
     Curvature per unit deformed length [1/m], eq. (1).
     """
-    return built(Mapped, built(_reported, law))(v)[0]
+    return built(Mapped, built(_paper_strains, law))(v)[0]
 
 
 def strains_of(law: CrossSection, rows: Array) -> Array:
     """Return a law's strains (N, n) of tau, xi, k, q, and nu_n, nu_b if given (N, 4 or 6)."""
     padded = np.hstack([rows, np.zeros((len(rows), 6 - rows.shape[1]))])
-    return built(Mapped, built(_strains, law))(padded)[0]
+    return built(Mapped, built(_law_strains, law))(padded)[0]
 
 
 def kinematics(law: CrossSection, v: Array) -> tuple[Array, Array]:
     """Return kappa and nu (N, 3) per unit reference length of a law's strains v (N, n)."""
-    twist = built(Mapped, built(_twist, law))(v)[0]
+    twist = built(Mapped, built(_kinematics, law))(v)[0]
     return twist[:, :3], twist[:, 3:]
 
 
-def _reported(law: CrossSection) -> ca.Function:
+def _paper_strains(law: CrossSection) -> ca.Function:
     v = ca.SX.sym("v", size(law))
     slide = law.twist(v)[1][1:] if law.shear else ca.SX(0, 1)
     rows = ca.densify(ca.vertcat(law.reported(v), slide))
     return ca.Function("reported", [v], [rows], {"cse": True})
 
 
-def _twist(law: CrossSection) -> ca.Function:
+def _kinematics(law: CrossSection) -> ca.Function:
     v = ca.SX.sym("v", size(law))
     return ca.Function("twist", [v], [ca.densify(ca.vertcat(*law.twist(v)))], {"cse": True})
 
 
-def _strains(law: CrossSection) -> ca.Function:
+def _law_strains(law: CrossSection) -> ca.Function:
     e = ca.SX.sym("e", 6)
     kappa, nu = (1 + e[3]) * e[:3], ca.vertcat(1 + e[3], e[4:])
     return ca.Function("strains", [e], [ca.densify(law.strains(kappa, nu))])

@@ -53,7 +53,7 @@ def checked_compile(compile: Any) -> bool:  # noqa: A002  (the name that scripts
     if compile is not True and not (isinstance(compile, str) and compile == "auto"):
         raise InputError("compile", compile, 'True, False or "auto"')
     try:
-        _try(os.environ.get("CC"), os.environ.get("PATH"))
+        _compile_trial(os.environ.get("CC"), os.environ.get("PATH"))
     except CompilerError as reason:
         if compile is True:
             raise
@@ -63,7 +63,7 @@ def checked_compile(compile: Any) -> bool:  # noqa: A002  (the name that scripts
 
 
 @lru_cache(maxsize=8)
-def _try(named: str | None, path: str | None) -> None:
+def _compile_trial(named: str | None, path: str | None) -> None:
     library("int works(void) { return 1; }\n", _LEVEL)
 
 
@@ -150,14 +150,14 @@ def library(source: str, flag: str) -> Path:
     values = (source, command, identity, FLAGS, flag)
     key, folder = hashlib.sha256(repr(values).encode()).hexdigest(), cache_folder()
     for path in folder.glob(f"{key}-*.so"):
-        if path.name == _name(key, path):
+        if path.name == _file_name(key, path):
             return path
         with suppress(OSError):
             path.unlink()
     with tempfile.TemporaryDirectory(prefix="building-", dir=_writable(folder)) as work:
         built = Path(work) / "library.so"
         _run((*command, *FLAGS, flag, "-x", "c", "-", "-o", str(built), "-lm"), source)
-        path = Path(work).parent / _name(key, built)
+        path = Path(work).parent / _file_name(key, built)
         built.replace(path)
     return path
 
@@ -167,7 +167,7 @@ def cache_folder() -> Path:
     return user_cache_path("octoplan", appauthor=False) / "compiled"
 
 
-def _name(key: str, path: Path) -> str:
+def _file_name(key: str, path: Path) -> str:
     return f"{key}-{hashlib.sha256(path.read_bytes()).hexdigest()}.so"
 
 
@@ -180,9 +180,9 @@ def _writable(folder: Path) -> Path:
     except OSError as reason:
         message = f"compiled code is not kept, and compiled again by each process: {reason}"
         warn(message, RuntimeWarning)
-        return Path(_scratch().name)
+        return Path(_temporary_folder().name)
 
 
 @lru_cache(maxsize=1)
-def _scratch() -> tempfile.TemporaryDirectory[str]:
+def _temporary_folder() -> tempfile.TemporaryDirectory[str]:
     return tempfile.TemporaryDirectory(prefix="octoplan-", ignore_cleanup_errors=True)

@@ -33,12 +33,12 @@ FEW = 192
 
 def built(make: Callable[..., K], *of: Any) -> K:
     """Return what is made of a structure, made once for all arms and meshes that have it."""
-    result: K = _made(make, *of)
+    result: K = _build_once(make, *of)
     return result
 
 
 @lru_cache(maxsize=512)
-def _made(make: Callable[..., Any], *of: Any) -> Any:
+def _build_once(make: Callable[..., Any], *of: Any) -> Any:
     return make(*of)
 
 
@@ -99,7 +99,7 @@ class Mapped:
     def __init__(self, function: ca.Function, machine_code: bool = False) -> None:
         self._function = function
         self._machine_code = machine_code and is_short(function)
-        self._sized = lru_cache(maxsize=20)(self._of)
+        self._sized = lru_cache(maxsize=20)(self._for_size)
 
     def __call__(self, *value: Array) -> list[Array]:
         """Return the results (N, n_out) of arguments (N, n_in) or (N,)."""
@@ -121,7 +121,7 @@ class Mapped:
             return None
         return Columns(self._function, self._machine_code)
 
-    def _of(self, size: int) -> Buffered:
+    def _for_size(self, size: int) -> Buffered:
         return Buffered(self._function if size == 1 else self._function.map(size))
 
 
@@ -132,7 +132,7 @@ class Operation(NamedTuple):
     c: str
 
 
-def _where(condition: Array, a: Array, out: Array) -> Array:
+def _if_else_zero(condition: Array, a: Array, out: Array) -> Array:
     out[:] = np.where(condition != 0, a, 0.0)
     return out
 
@@ -158,7 +158,7 @@ OPERATIONS = {
     ca.OP_LT: Operation(np.less, "truth({0} < {1})"),
     ca.OP_LE: Operation(np.less_equal, "truth({0} <= {1})"),
     ca.OP_NOT: Operation(np.logical_not, "truth({0} == 0.0)"),
-    ca.OP_IF_ELSE_ZERO: Operation(_where, "where({0}, {1})"),
+    ca.OP_IF_ELSE_ZERO: Operation(_if_else_zero, "where({0}, {1})"),
 }
 _MOVES = (ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT)
 Instruction = tuple[int, Sequence[int], Sequence[int], float]

@@ -67,7 +67,7 @@ class Around:
             if near is not None:
                 if self._in_the_way(near) is None:
                     return near
-                led = self._led(np.ravel(near.tensions), "exact")
+                led = self._exchange(np.ravel(near.tensions), "exact")
                 if led is not None:
                     return led[1]
             search, self.searched = Search(self.task), True
@@ -76,7 +76,7 @@ class Around:
             if in_the_way is None:
                 return result
             self.task = search.task
-            best = self._around(search, result)
+            best = self._detour(search, result)
             reached = result.statement.mode == "exact" and best.statement.mode != "exact"
             return replace(best, in_the_way=in_the_way) if reached else best
         if result is None:
@@ -88,7 +88,7 @@ class Around:
         line = line_of(self.task, np.ravel(result.tensions))
         return "" if line is None else self.surroundings.in_the_way(line) or None
 
-    def _around(self, search: Search, result: SearchResult) -> SearchResult:
+    def _detour(self, search: Search, result: SearchResult) -> SearchResult:
         """Return the best of what is led around, the plan without surroundings if nothing is.
 
         From optima that something is in the way of, other guesses, arms that touch nothing: as the
@@ -124,13 +124,13 @@ class Around:
                 tell(f"around obstacles, {mode}", len(self.trials))
                 if len(done) >= AGREED or any(f < least for f, _ in done):
                     break
-                led = self._led(T, mode)
+                led = self._exchange(T, mode)
                 done += [] if led is None else [led]
             if done:
                 return min(done, key=lambda pair: pair[0])[1]
         return None
 
-    def _led(self, T: Array, mode: Mode) -> tuple[float, SearchResult] | None:
+    def _exchange(self, T: Array, mode: Mode) -> tuple[float, SearchResult] | None:
         """Return the plan that keeps clear to which tensions lead, with its objective."""
         avoidance: Avoidance | None = None
         optimum: Candidate | None = None

@@ -58,7 +58,7 @@ def _minima(line: Centreline, surroundings: Surroundings) -> Iterator[tuple[floa
     gaps[turned < np.pi / 2, len(surroundings.obstacles) :] = np.inf
     most = surroundings.clearance + _WATCHED * line.arm.length
     for i, k in np.argwhere((gaps <= minimum_filter(gaps, (3, 1))) & (gaps < most)):
-        at, gap = _least(s, gaps[:, k], i)
+        at, gap = _parabola_minimum(s, gaps[:, k], i)
         numbers = bodies[k].nearest_part(line.at(np.array([at]))[0][0])
         yield gap, (at, tuple(numbers.tolist()), not isinstance(bodies[k], Convex))
     if surroundings.of_itself:
@@ -67,11 +67,14 @@ def _minima(line: Centreline, surroundings: Surroundings) -> Iterator[tuple[floa
         # Side by side even points of two parts of the arm are near to each other by turns.
         window = 1 + 2 * round(_NEAR * _POINTS)
         for i, k in np.argwhere((gaps <= minimum_filter(gaps, window)) & (gaps < most)):
-            (one, gap), (other, _) = _least(s, gaps[:, k], i), _least(s, gaps[i], k)
+            (one, gap), (other, _) = (
+                _parabola_minimum(s, gaps[:, k], i),
+                _parabola_minimum(s, gaps[i], k),
+            )
             yield gap, (one, other, False)
 
 
-def _least(s: Array, gaps: Array, i: int) -> tuple[float, float]:
+def _parabola_minimum(s: Array, gaps: Array, i: int) -> tuple[float, float]:
     """Return where the parabola through three samples (K,) is least, about the i-th, and it."""
     if 0 < i < s.size - 1:
         before, at, after = gaps[i - 1 : i + 2]

@@ -72,7 +72,7 @@ def own_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
     nodes = _Nodes(statics, ca.reshape(c, n, TERMS) @ basis, data)
     g, wrench, work = ca.SX.sym("g", 7), ca.SX.sym("wrench", 6), ca.SX.sym("work", 6)
     omega = scheme.expansion([twist(ca.vertcat(0, v)) for v in ca.vertsplit(e, 3)], h)
-    moved, gradient = _move()(omega, adjoint_function()(g).T @ wrench)
+    moved, gradient = _displacement_derivatives()(omega, adjoint_function()(g).T @ wrench)
     along = ca.jacobian(omega, e)
     bent = ca.substitute([ca.hessian(ca.dot(work, omega), e)[0]], [work], [gradient])[0]
     jacobian, hessian = nodes.derivatives(along.T @ gradient)
@@ -115,7 +115,7 @@ class _Nodes:
         return ca.diagcat(*first), ca.diagcat(*second)
 
 
-def _move() -> ca.Function:
+def _displacement_derivatives() -> ca.Function:
     """Return Omega (6,), wrench -> Hessian and gradient of the work on how exp(Omega) moves.
 
     That is the logarithm of exp(Omega + change) exp(-Omega), as far as its second order, from which

@@ -203,8 +203,8 @@ class TensionProgram:
         # Steps are within limits to the rounding of the conic program.
         T = np.clip(self.unit * tensions, lower, upper)
         tensions, room = T / self.unit, np.stack([upper - T, T - lower]) / self.unit
-        point, by_tensions = self._beside(T, near)
-        measured = self._measured(point)
+        point, by_tensions = self._equilibrium_near(T, near)
+        measured = self._residuals(point)
         grasp, values = measured(0 * point.states)
         steps = _STEP * self.unit * by_tensions.T
         differences = [measured(step)[1] - measured(-step)[1] for step in steps]
@@ -220,7 +220,7 @@ class TensionProgram:
             f = grasp.best
         return Constraints(point, tensions, room, equal, unequal, grasp, grasped[:, 1:], f)
 
-    def _beside(self, tensions: Array, near: Linearised) -> tuple[Linearised, Array]:
+    def _equilibrium_near(self, tensions: Array, near: Linearised) -> tuple[Linearised, Array]:
         """Return the equilibrium next to another, and its states' derivatives by the tensions.
 
         These are (n_states, n_tendons). With friction it is come to in a straight line of tensions
@@ -237,7 +237,7 @@ class TensionProgram:
         released = Linearised(touches.on(point.system), point.x) if light.any() else point
         return point, released.by_tensions
 
-    def _measured(self, point: Linearised) -> Callable[[Array], tuple[Grasp, Array]]:
+    def _residuals(self, point: Linearised) -> Callable[[Array], tuple[Grasp, Array]]:
         """Return what is measured next to an equilibrium, as a function of changes of its states.
 
         That is the grasp, and numbers: residuals, inequalities of the targets, those of the grasp.

@@ -91,7 +91,7 @@ class ContactSearch:
         """
         stopped = False
         try:
-            self._slide() if rubs(self.task.scene) else self._search()
+            self._search_with_friction() if rubs(self.task.scene) else self._search()
             check_time()
         except OutOfTime:
             stopped = True
@@ -106,7 +106,7 @@ class ContactSearch:
         statement, way = statement.but(modes=len(best.lam_g)), best.load_path
         return SearchResult(statement, T, *multipliers, trials, stopped, load_path=way)
 
-    def _slide(self) -> None:
+    def _search_with_friction(self) -> None:
         """Find optima against friction, by what the targets take without.
 
         Where the arm still sticks no tensions tell how to move it: steps begin at those that it
@@ -137,7 +137,9 @@ class ContactSearch:
         coarse, fine = (TensionProgram(self.task, mesh, least) for mesh in (COARSE, FINE))
         nearby = [] if self.begin is None else [self.begin]
         needed = np.inf if self.task.guesses else AGREED + bool(coarse.holds)
-        reaching = chain.from_iterable(_reaching(self.task, hold) for hold in coarse.holds)
+        reaching = chain.from_iterable(
+            _free_arms_reaching(self.task, hold) for hold in coarse.holds
+        )
         guesses = reaching if coarse.holds else initial_guesses(self.task)
         from_rest = ((tuple(T.tolist()),) for T in guesses)
         most = self.task.most * (_MORE if coarse.holds and not self.task.guesses else 1)
@@ -149,16 +151,16 @@ class ContactSearch:
                 cheapest = all(end.cost < each.cost for each in self.optima)
                 self.optima.append(end)
                 if not end.violation and cheapest and agreed(_trials(self.optima)) < 2:
-                    self.best = self._led_to(fine, end)
+                    self.best = self._refined_optimum(fine, end)
             enough = agreed(_trials(self.optima)) >= (needed if tried > len(nearby) else 1)
             if enough or tried == most:
                 break
         for end in () if self.best else sorted(self.optima, key=attrgetter("cost")):
             with suppress(OctoplanError):
-                self.best = self._led_to(fine, end)
+                self.best = self._refined_optimum(fine, end)
                 return
 
-    def _led_to(self, fine: TensionProgram, end: ContactOptimum) -> ContactOptimum:
+    def _refined_optimum(self, fine: TensionProgram, end: ContactOptimum) -> ContactOptimum:
         """Return an optimum on the fine mesh: the arm comes to it from rest, or by all steps.
 
         Raises UnsettledContactError where it does not.
@@ -175,7 +177,7 @@ class ContactSearch:
         raise UnsettledContactError(1.0, "the arm does not come to the optimum")
 
 
-def _reaching(task: Task, hold: Hold) -> list[Array]:
+def _free_arms_reaching(task: Task, hold: Hold) -> list[Array]:
     """Return tensions of arms without loads that free would reach into what is held.
 
     First those that would be pressed apart from it along what balances the wrench, within the cone

@@ -190,7 +190,9 @@ class _Search:
             tell("fits", i, len(spread))
             start = Start(tuple(values.tolist()), None, float("inf"))
             try:
-                optimum = self._fit(from_rest(self._on(*_COARSE), values, LOOSER), _COARSE_FIT)
+                optimum = self._fit(
+                    from_rest(self._experiment(*_COARSE), values, LOOSER), _COARSE_FIT
+                )
             except (UnsettledShapeError, InputError) as reason:
                 problems.append(reason)
                 self.starts.append(start._replace(why=str(reason)))
@@ -217,8 +219,8 @@ class _Search:
         """Return an evaluation on the first mesh that is as accurate as asked, or the finest."""
         for i, mesh in enumerate(_FINER):
             tell("meshes", i, len(_FINER))
-            fine = coarse.near(coarse.values, self._on(*mesh))
-            gap = max((_gap(coarse, fine, i) for i in fine.equilibria), default=0.0)
+            fine = coarse.near(coarse.values, self._experiment(*mesh))
+            gap = max((_tip_distance(coarse, fine, i) for i in fine.equilibria), default=0.0)
             (before, m, _), (after, stages, _) = coarse.experiment.mesh, fine.experiment.mesh
             # With more stages it is the error of the coarser one: its own is less.
             order = convergence_order(self.parameters.given.scene, 2 * stages)
@@ -238,11 +240,11 @@ class _Search:
         for _ in range(_ROUNDS):
             self.best = best = self._fit(start, _FINE_FIT)
             followed = best.evaluation
-            start = from_rest(self._on(*_COARSE), followed.values, LOOSER)
-            if apart := _apart(followed, start):
+            start = from_rest(self._experiment(*_COARSE), followed.values, LOOSER)
+            if apart := _on_other_branch(followed, start):
                 # It may be the coarse mesh that has them elsewhere.
                 start = from_rest(followed.experiment, followed.values, LOOSER)
-                apart = _apart(followed, start)
+                apart = _on_other_branch(followed, start)
             if not apart:
                 return best
             self.astray |= {self.shapes[i].name: None for i in apart if i in followed.equilibria}
@@ -269,11 +271,11 @@ class _Search:
             if len(jumping) in (0, len(start.equilibria)):
                 return best
 
-    def _on(self, refinement: int, stages: int) -> Experiment:
+    def _experiment(self, refinement: int, stages: int) -> Experiment:
         return Experiment(self.parameters, self.shapes, refinement, stages, self.machine_code)
 
 
-def _gap(one: Evaluation, other: Evaluation, i: int) -> float:
+def _tip_distance(one: Evaluation, other: Evaluation, i: int) -> float:
     """Return how far apart the tips of a shape are in two evaluations, over the arm's length."""
     pair = [evaluation.equilibria.get(i) for evaluation in (one, other)]
     tips = [each.system.poses(each.states)[-1, 4:] for each in pair if each]
@@ -281,7 +283,7 @@ def _gap(one: Evaluation, other: Evaluation, i: int) -> float:
     return float(np.linalg.norm(tips[0] - tips[1])) / length if len(tips) == 2 else float("inf")
 
 
-def _apart(one: Evaluation, other: Evaluation) -> list[int]:
+def _on_other_branch(one: Evaluation, other: Evaluation) -> list[int]:
     """Return which shapes are not on the same branch in two evaluations."""
     either = sorted({*one.equilibria, *other.equilibria})
-    return [i for i in either if not _gap(one, other, i) <= _ASTRAY]
+    return [i for i in either if not _tip_distance(one, other, i) <= _ASTRAY]

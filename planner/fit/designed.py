@@ -75,12 +75,12 @@ class Design(Told):
     @property
     def feasible(self) -> bool:
         """Whether the designed arm meets every task, by the plans' certificates."""
-        return _met(self.plans)
+        return _all_met(self.plans)
 
     @property
     def effort(self) -> float:
         """Root of the sum of the squared efforts of all tasks [N]."""
-        return _total(self.plans)
+        return _root_sum_square(self.plans)
 
     @property
     def gain(self) -> float:
@@ -88,7 +88,7 @@ class Design(Told):
 
         NaN unless both meet all tasks.
         """
-        if not (self.feasible and _met(self.before)):
+        if not (self.feasible and _all_met(self.before)):
             return float("nan")
         grown = self.value / self.value_before - 1
         return -grown if self.objective == "effort" else grown
@@ -112,7 +112,7 @@ class Design(Told):
     @property
     def outcome(self) -> str:
         """What was found, and where that is not enough which task and which limit hold it."""
-        lines = [self._told()]
+        lines = [self._comparison()]
         for i, each in enumerate(self.plans):
             if not each.certificate.passed:
                 T, upper = np.ravel(each.tensions), np.array(each.limits.upper)
@@ -135,7 +135,7 @@ class Design(Told):
             lines.append("Stopped at the time limit: not all arms were begun with.")
         return " ".join(lines)
 
-    def _told(self) -> str:
+    def _comparison(self) -> str:
         tasks = f"{counted(len(self.plans), 'task')}, {counted(len(self.unknowns), 'unknown')}"
         if not self.feasible:
             return f"{tasks}: no arm within the bounds was found that meets all of them."
@@ -161,7 +161,7 @@ def worth(
 ) -> float:
     """Return what a design makes best, of an arm with its plans, or tensions T that reach far."""
     if objective == "effort":
-        return _total(plans)
+        return _root_sum_square(plans)
     along = np.array(objective.direction)
     if T is not None:
         return float(settle(arm, T, scene).tip @ along)
@@ -169,9 +169,9 @@ def worth(
     return float(np.exp(-np.mean([np.log(along @ C @ along) for C in compliances])))
 
 
-def _met(plans: Sequence[Plan]) -> bool:
+def _all_met(plans: Sequence[Plan]) -> bool:
     return all(plan.certificate.passed for plan in plans)
 
 
-def _total(plans: Sequence[Plan]) -> float:
+def _root_sum_square(plans: Sequence[Plan]) -> float:
     return float(np.linalg.norm([plan.effort for plan in plans]))

@@ -108,7 +108,7 @@ class Experiment:
         Where places have passed each other, on a new one.
         """
         setting = self.parameters.setting(values, name)
-        arm, looked_at = setting.arm, self._looked_at(setting)[0]
+        arm, looked_at = setting.arm, self._sensor_places(setting)[0]
         members = [row for row, of in zip(self.rows, self.session, strict=True) if of == name]
         s = np.concatenate([looked_at[row] for row in members])
         if s.size and not 0 <= s.min() <= s.max() <= arm.length * (1 + 1e-12):
@@ -135,12 +135,12 @@ class Experiment:
             stated.p,
             stated.length_numbers,
             stated.mesh.s,
-            *self._looked_at(setting),
+            *self._sensor_places(setting),
             scale,
             rest_lengths(stated.arm) if self._strokes else np.zeros_like(scale),
         )
 
-    def _looked_at(self, setting: Setting) -> tuple[Array, Array]:
+    def _sensor_places(self, setting: Setting) -> tuple[Array, Array]:
         """Return arc lengths (M,) and offsets (M, 3) of what is looked at, as a table has them."""
         moved = (_rows(setting) - self._said)[self._point]
         s = np.where(np.isinf(self._s), setting.arm.length, self._s)

@@ -229,15 +229,15 @@ class Fitted:
         if self.at_priors:
             lines.append(f"The data say no more than the prior of {', '.join(self.at_priors)}.")
         lines += [f"{name} is left out: {why}." for name, why in self.left_out]
-        lines += self._far()
+        lines += self._outliers()
         if self.astray:
             lines.append(
                 f"The fit had {', '.join(self.astray)} on a branch that the arm does not take from "
                 "rest; it was begun again from there. Check for another optimum with more starts."
             )
-        return " ".join([*lines, *self._starts()])
+        return " ".join([*lines, *self._agreement()])
 
-    def _far(self) -> list[str]:
+    def _outliers(self) -> list[str]:
         """Return which shapes are not reached, and which not as well as others."""
         lines, far = [], self.unreached
         unlike = [name for name in self.unlike if name not in far]
@@ -245,7 +245,7 @@ class Fitted:
             lines.append(
                 f"No values within the bounds reach {', '.join(far)}: markers or lengths are off "
                 "by more than a tenth of the arm's length; check tensions and markers there, "
-                "units, the order of the tendons, and the bounds. " + self._farthest(far)
+                "units, the order of the tendons, and the bounds. " + self._largest_residual(far)
             )
             most = max((max(shape.tensions or (0.0,)) for shape in self.measured), default=0.0)
             stiff = self.given_arm.material.E * np.pi * self.given_arm.base_radius**2
@@ -258,11 +258,11 @@ class Fitted:
             fit = ", or fit with a robust loss" * (self.loss == "linear")
             lines.append(
                 f"No values within the bounds reach {', '.join(unlike)} as well as the others: "
-                f"check tensions and markers there{fit}. {self._farthest(unlike)}"
+                f"check tensions and markers there{fit}. {self._largest_residual(unlike)}"
             )
         return lines
 
-    def _farthest(self, names: Sequence[str]) -> str:
+    def _largest_residual(self, names: Sequence[str]) -> str:
         """Return which marker, length or stroke of some shapes is farthest off."""
         rows = [
             residual
@@ -274,7 +274,7 @@ class Fitted:
         worst = max(rows, key=lambda residual: residual.size)
         return f"Farthest off is {worst.what} of {worst.shape}, by {1e3 * worst.size:.3g} mm."
 
-    def _starts(self) -> list[str]:
+    def _agreement(self) -> list[str]:
         """Return how many of several starts came to the optimum."""
         if len(self.starts) == 1:
             return []

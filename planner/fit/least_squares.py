@@ -147,12 +147,12 @@ def fit(
                 return first
             start = first.evaluation
         sizes = np.abs(np.concatenate([r for r, _ in start.scaled().values()]))
-        used = sizes.size / _freedom(start)
+        used = sizes.size / _degrees_of_freedom(start)
         noise = max(float(_MEDIAN * np.median(sizes) * np.sqrt(used)), _LEAST_NOISE)
     return _descent(start, loss, noise, tolerance)
 
 
-def _freedom(start: Evaluation) -> int:
+def _degrees_of_freedom(start: Evaluation) -> int:
     parameters, size = start.experiment.parameters, sum(map(len, start.residuals.values()))
     free = sum(unknown.prior is None for unknown in parameters.unknowns)
     return max(size - free, 1)
@@ -160,7 +160,7 @@ def _freedom(start: Evaluation) -> int:
 
 def _descent(start: Evaluation, loss: Loss, noise: float | None, tolerance: float) -> Fit:
     steps, parameters = _Steps(start, tolerance), start.experiment.parameters
-    likelihood = Likelihood(loss, _freedom(start), steps.size, noise)
+    likelihood = Likelihood(loss, _degrees_of_freedom(start), steps.size, noise)
 
     def stop_at_the_optimum(z: Array) -> None:
         if steps.gain(z, likelihood) <= tolerance:

@@ -41,7 +41,7 @@ class Making:
 
     def room(self, arm: Arm) -> Array:
         """Return what is left of each limit over the arm's length (n,): 0 or above can be made."""
-        return np.concatenate([*self._rooms(arm).values(), [arm.length - arm.anchorages[0]]])
+        return np.concatenate([*self._margins(arm).values(), [arm.length - arm.anchorages[0]]])
 
     def check(self, arm: Arm) -> None:
         """Raise InputError where an arm to begin with cannot be made."""
@@ -54,11 +54,11 @@ class Making:
         """Return what an arm has no room left of, in words; only of limits that were given."""
         return tuple(
             f"{name} {1e3 * getattr(self, name):g} mm"
-            for name, room in self._rooms(arm).items()
+            for name, room in self._margins(arm).items()
             if getattr(self, name) and room.min() < 1e-6
         )
 
-    def _rooms(self, arm: Arm) -> dict[str, Array]:
+    def _margins(self, arm: Arm) -> dict[str, Array]:
         """Return what is left of each limit, over the arm's length."""
         share = np.linspace(0.0, 1.0, _STATIONS)
         walls = []

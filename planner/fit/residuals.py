@@ -70,7 +70,7 @@ def mean_distance(residuals: Iterable[Residual]) -> float:
 
 
 @lru_cache(maxsize=1)
-def _shown() -> ca.Function:
+def _sensor_readings() -> ca.Function:
     """Return pose (7,), offset (3,), quaternion -> what is shown (3,), its derivatives (3, 10).
 
     By pose and offset. The quaternion is that of a measured frame, 0 of a marker.
@@ -145,7 +145,7 @@ class Evaluation:
         to an equilibrium nearby are `lost`.
         """
         experiment = experiment or self.experiment
-        there = self._in_one_step(values, experiment)
+        there = self._predicted_shapes(values, experiment)
         if there.lost and halvings and experiment is self.experiment:
             half = self.only(there.lost).near((self.values + values) / 2, None, halvings - 1)
             rest = half.near(values, None, halvings - 1)
@@ -155,7 +155,7 @@ class Evaluation:
             there = Evaluation.of(experiment, values, there.at, reached)
         return there
 
-    def _in_one_step(self, values: Array, experiment: Experiment) -> Evaluation:
+    def _predicted_shapes(self, values: Array, experiment: Experiment) -> Evaluation:
         """Return the shapes where Newton's method leads from where derivatives say that they are.
 
         Where the mesh is another, from the strains on that.
@@ -196,9 +196,9 @@ class Evaluation:
         """Predictions less measurements (size,), [m] and [rad], of each shape by number."""
         result = dict[int, Array]()
         for i, here in self.equilibria.items():
-            runs, rest = self._runs(i), self.equations(i).numbers.rest
+            runs, rest = self._length_signs(i), self.equations(i).numbers.rest
             lengths = [rest * (sign < 0) + sign * here.lengths for sign in runs]
-            shown = np.concatenate([self._shown[i][0].ravel(), *lengths])
+            shown = np.concatenate([self._sensor_readings[i][0].ravel(), *lengths])
             result[i] = shown - self.experiment.shapes[i].numbers
         return result
 
@@ -214,7 +214,9 @@ class Evaluation:
             if slip.any():
                 poses = poses + along(by.point, at.nodes[rows])[:, :, None] * slip[:, None, :]
             moved = np.concatenate([poses, derivatives.offsets[rows]], axis=1)
-            result[i] = self._changes(i, moved, partial(getattr, by, "lengths"), derivatives.rest)
+            result[i] = self._residual_derivatives(
+                i, moved, partial(getattr, by, "lengths"), derivatives.rest
+            )
         return result
 
     @cached_property
@@ -235,7 +237,10 @@ class Evaluation:
                 inputs = (shape.length_std or shape.std) * tensions_by_lengths(here)
             poses = here.by_tensions[at.places[self.experiment.rows[i]]]
             moved = np.concatenate([poses, np.zeros((len(poses), 3, len(inputs)))], axis=1)
-            J = self._changes(i, moved, partial(getattr, here, "length_tension"), 0.0) @ inputs
+            J = (
+                self._residual_derivatives(i, moved, partial(getattr, here, "length_tension"), 0.0)
+                @ inputs
+            )
             variance = np.diag(np.square(shape.stds)) + J @ J.T
             result[i] = np.linalg.inv(np.linalg.cholesky(variance))
         return result
@@ -261,11 +266,11 @@ class Evaluation:
             for what, row in zip(names, rows, strict=True):
                 yield Residual(shape.name, what, tuple(row.tolist()))
 
-    def _runs(self, i: int) -> list[float]:
+    def _length_signs(self, i: int) -> list[float]:
         """Return 1 and -1 of lengths and strokes, those that are residuals of a shape."""
         return [1.0 if run == "lengths" else -1.0 for run in self.experiment.shapes[i].runs]
 
-    def _changes(
+    def _residual_derivatives(
         self, i: int, moved: Array, lengths: Callable[[], Array], rest: Array | float
     ) -> Array:
         """Return how residuals of a shape change (size, k).
@@ -273,11 +278,11 @@ class Evaluation:
         With poses and offsets (M, 10, k) of its sensors, and lengths and those at rest of its
         tendons (n_tendons, k).
         """
-        runs = [rest * (sign < 0) + sign * lengths() for sign in self._runs(i)]
-        return np.vstack([(self._shown[i][1] @ moved).reshape(-1, moved.shape[2]), *runs])
+        runs = [rest * (sign < 0) + sign * lengths() for sign in self._length_signs(i)]
+        return np.vstack([(self._sensor_readings[i][1] @ moved).reshape(-1, moved.shape[2]), *runs])
 
     @cached_property
-    def _shown(self) -> dict[int, tuple[Array, Array]]:
+    def _sensor_readings(self) -> dict[int, tuple[Array, Array]]:
         """What sensors of each shape show (M, 3), and its derivatives (M, 3, 10)."""
         poses, offsets, seen = list[Array](), list[Array](), list[Array]()
         for i, here in self.equilibria.items():
@@ -287,6 +292,6 @@ class Evaluation:
             seen.append(self.experiment.seen[rows])
         counts = np.cumsum([len(part) for part in poses])[:-1]
         arguments = np.concatenate(poses), np.concatenate(offsets), np.concatenate(seen)
-        shown, J = built(Mapped, _shown())(*arguments)
+        shown, J = built(Mapped, _sensor_readings())(*arguments)
         parts = np.split(shown, counts), np.split(J.reshape(-1, 3, 10), counts)
         return dict(zip(self.equilibria, zip(*parts, strict=True), strict=True))

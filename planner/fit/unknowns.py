@@ -253,7 +253,7 @@ def neighbour(
     """
     form, now = system.of.form, (*places(arm, scene), *after)
     old = landmarks(system.arm, (*places(system.arm, system.scene), *before))
-    mesh = _mesh_through(system.mesh, old, landmarks(arm, now))
+    mesh = _stretched_mesh(system.mesh, old, landmarks(arm, now))
     result = System(arm, scene, mesh, form.stages, form.loaded, form.machine_code)
     # A quaternion has either sign.
     if result.base[:4] @ system.base[:4] < 0:
@@ -261,7 +261,7 @@ def neighbour(
     return result
 
 
-def _mesh_through(mesh: Mesh, before: Array, new: Array) -> Mesh:
+def _stretched_mesh(mesh: Mesh, before: Array, new: Array) -> Mesh:
     """Return a mesh with landmarks (n,) [m] as it fits their new places, node by node.
 
     Raises InputError where landmarks that coincide would part, or pass each other.

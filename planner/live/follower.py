@@ -130,9 +130,9 @@ class Follower:
         """
         T, rows = self.shape.tensions, self._rows(goal)
         for _ in range(_TRIALS):
-            wanted = np.clip(T + self._change(rows), self._low, self._high)
+            wanted = np.clip(T + self._tension_step(rows), self._low, self._high)
             worth = self._merit(rows.missed, rows.gaps, T, self._stability[0])
-            if self._promised(rows, wanted - T) > (1 - _STILL) * worth:
+            if self._predicted_merit(rows, wanted - T) > (1 - _STILL) * worth:
                 if self._reach == 1.0:
                     break
                 self._reach = 1.0  # little is promised of a small region
@@ -140,7 +140,7 @@ class Follower:
             result = self._settled(wanted)
             if result is not None:
                 stability = _stability(result) if self.brink else self._unheld
-                missed, gaps = goal.residual(result), self._clear(result)[0]
+                missed, gaps = goal.residual(result), self._gaps(result)[0]
                 merit = self._merit(missed, gaps, wanted, stability[0])
                 if merit < worth:
                     self.shape, self._stability = result, stability
@@ -153,7 +153,7 @@ class Follower:
     def _rows(self, goal: Goal) -> _Rows:
         """Return the linearised problem: of the goal, and of nodes that are too near obstacles."""
         shape = self.shape
-        gaps, ways = self._clear(shape)
+        gaps, ways = self._gaps(shape)
         at, which = np.nonzero(gaps > 0)
         nodes = [int(np.abs(shape.s - goal.s).argmin()), *(at + 1).tolist()]
         moved = [at_node(shape.equilibrium, node).pose_tension for node in nodes]
@@ -161,7 +161,7 @@ class Follower:
         rows = [goal.jacobian(shape, moved[0]), *(row[None] / shape.arm.length for row in keep)]
         return _Rows(np.vstack(rows), goal.residual(shape), gaps[at, which])
 
-    def _change(self, rows: _Rows) -> Array:
+    def _tension_step(self, rows: _Rows) -> Array:
         """Return the change of tensions that meets rows best, of least effort, within limits.
 
         A part of the way if the goal is far. Once a step was refused stability is held to its
@@ -209,7 +209,7 @@ class Follower:
             return None
         return Shape(shape.arm, shape.scene, ACCURACY, point, shape.refinement)
 
-    def _promised(self, rows: _Rows, change: Array) -> float:
+    def _predicted_merit(self, rows: _Rows, change: Array) -> float:
         """Return the merit after a change of tensions, were the arm as it is linearised."""
         by, n = rows.by_tensions @ change, rows.missed.size
         value, slope = self._stability
@@ -223,7 +223,7 @@ class Follower:
         weak = _FIRM * max(MARGIN - stability, 0.0) if self.brink else 0.0
         return float(weak**2 + max(missing - _BAND, 0.0) ** 2 + effort @ effort)
 
-    def _clear(self, shape: Shape) -> tuple[Array, Array]:
+    def _gaps(self, shape: Shape) -> tuple[Array, Array]:
         """Return by how much the nodes of the arm are too near to obstacles, over its length.
 
         (nodes, obstacles), and the directions away from them (nodes, obstacles, 3).

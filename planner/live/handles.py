@@ -43,9 +43,9 @@ class Goal:
 
     def residual(self, shape: Shape) -> Array:
         """Return what is missed: position over the arm's length, then directions."""
-        rows = [] if self.position is None else [self._off(shape) / shape.arm.length]
+        rows = [] if self.position is None else [self._offset(shape) / shape.arm.length]
         frame = shape.frame(self.s)
-        rows += [self.axes[:, k] - frame[:, k] for k in self._held]
+        rows += [self.axes[:, k] - frame[:, k] for k in self._fixed_axes]
         return np.concatenate(rows)
 
     def jacobian(self, shape: Shape, moved: Array) -> Array:
@@ -55,21 +55,21 @@ class Goal:
         """
         rows = [] if self.position is None else [moved[:3] / shape.arm.length]
         frame = shape.frame(self.s)
-        rows += [np.cross(moved[3:], frame[:, k], axisa=0, axisc=0) for k in self._held]
+        rows += [np.cross(moved[3:], frame[:, k], axisa=0, axisc=0) for k in self._fixed_axes]
         return np.vstack(rows)
 
     def missed(self, shape: Shape) -> float:
         """Return the distance to the position [m], without one the angle to the axes [rad]."""
         if self.position is not None:
-            return float(np.linalg.norm(self._off(shape)))
+            return float(np.linalg.norm(self._offset(shape)))
         chord = float(np.linalg.norm(self.residual(shape)))
         return 2 * float(np.arcsin(min(chord / 2, 1.0)))
 
     @property
-    def _held(self) -> list[int]:
+    def _fixed_axes(self) -> list[int]:
         return [k for k in range(3) if np.isfinite(self.axes[0, k])]
 
-    def _off(self, shape: Shape) -> Array:
+    def _offset(self, shape: Shape) -> Array:
         return np.asarray(self.position) - np.asarray(shape.position(self.s))
 
 
@@ -143,7 +143,7 @@ def handle_of(arm: Arm, targets: tuple[Target, ...]) -> Handle:
         numbers = Numbers(
             "Plane, bend [deg]",
             lambda pose: np.degrees([(at := _plane(arm, section, pose)).angle, at.bend]),
-            lambda _, typed: _end(arm, _bent(section, *np.radians(typed))),
+            lambda _, typed: _end(arm, _bending_plane(section, *np.radians(typed))),
         )
         return Handle(False, _end(arm, wanted), partial(_plane, arm, section), (numbers,))
     kinds = [type(target).__name__ for target in targets]
@@ -157,10 +157,12 @@ def _tip_pose(pose: Array) -> TipPose:
 def _plane(arm: Arm, section: int, pose: Array) -> BendingPlane:
     """Return the bend that brings the tangent to the handle, as seen from the base."""
     along, n, b = (pose[4:] - np.array(arm.base_position)) @ np.array(arm.base_frame)
-    return _bent(section, float(np.arctan2(-n, b)), float(np.arctan2(np.hypot(n, b), along)))
+    return _bending_plane(
+        section, float(np.arctan2(-n, b)), float(np.arctan2(np.hypot(n, b), along))
+    )
 
 
-def _bent(section: int, angle: float, bend: float) -> BendingPlane:
+def _bending_plane(section: int, angle: float, bend: float) -> BendingPlane:
     return BendingPlane(float(angle), float(np.clip(bend, _LEAST, np.pi)), section)
 
 
@@ -170,7 +172,7 @@ def _end(arm: Arm, wanted: BendingPlane) -> Array:
     return np.concatenate([_UPRIGHT, place])
 
 
-def _placed(pose: Array, millimetres: Array) -> Array:
+def _moved_to(pose: Array, millimetres: Array) -> Array:
     return np.concatenate([pose[:4], 1e-3 * np.asarray(millimetres)])
 
 
@@ -185,5 +187,5 @@ def _turned(pose: Array, degrees: Array) -> Array:
     return np.concatenate([turned.as_quat(scalar_first=True), pose[4:]])
 
 
-_PLACE = Numbers("Target x, y, z [mm]", lambda pose: 1e3 * pose[4:], _placed)
+_PLACE = Numbers("Target x, y, z [mm]", lambda pose: 1e3 * pose[4:], _moved_to)
 _TURNS = Numbers("Turned about x, y, z [deg]", _angles, _turned)

@@ -70,7 +70,7 @@ class Page:
         self._control.on_update(lambda _: self.move())
         self._add_panel()
         self._show_colours(False)
-        self._worker = threading.Thread(target=self._work, daemon=True)
+        self._worker = threading.Thread(target=self._run, daemon=True)
         self._worker.start()
         self.move()
 
@@ -166,7 +166,7 @@ class Page:
             return
         client.send_file_download("plan.json", to_json(plan_record(p)), save_immediately=True)
 
-    def _work(self) -> None:
+    def _run(self) -> None:
         """Follow the newest wish, and plan once there is none; a new one cuts that short."""
         while self._changed.wait() and not self._ended:
             self._changed.clear()
@@ -177,7 +177,7 @@ class Page:
                     self._changed.set()
                 elif not self._changed.wait(_REST):
                     with unless(self._changed.is_set):
-                        self._rest()
+                        self._plan()
             except OutOfTime:
                 LOG.debug("cut short")
             except Exception as reason:  # what goes wrong once does not end the page
@@ -193,7 +193,7 @@ class Page:
         self._said.content = words.following(self.session, more or self._changed.is_set())
         return more
 
-    def _rest(self) -> None:
+    def _plan(self) -> None:
         """Plan for the target, and say what that is."""
         session = self.session
         if not session.is_planned:

@@ -107,7 +107,7 @@ class Session:
 
         Raises OctoplanError where effects do not go together, or the arm does not stand at all.
         """
-        follower = self._ready()
+        follower = self._make_follower()
         if self.is_planned:
             return False
         more = follower.approach(self.goal, _PICTURE)
@@ -125,7 +125,7 @@ class Session:
         request = self._options | {"obstacles": self.there}
         if not self.there and not request.get("self_clearance"):
             request["clearance"] = 0.0  # there is nothing left to be clear of
-        target, scene, near = self.target, self.scene, self._near
+        target, scene, near = self.target, self.scene, self._warm_start
         result = plan(self.arm, target, scene, near=near, progress=False, **request)
         check_time()  # what was cut short is no plan to go on with
         self.last = result
@@ -157,7 +157,7 @@ class Session:
             return np.full(self.arm.n_tendons, np.nan)
         return strokes(self.shape, self._follower.limits.stroke_zero)
 
-    def _ready(self) -> Follower:
+    def _make_follower(self) -> Follower:
         """Return what follows in the scene as it is switched now, from where the arm is."""
         scene, around = self.scene, (self.there, self._options.get("clearance", 0.0))
         before, self._follower = self._follower, None
@@ -173,7 +173,7 @@ class Session:
         return before
 
     @property
-    def _near(self) -> Plan | None:
+    def _warm_start(self) -> Plan | None:
         """The arm as it is now, as a plan that the next one begins with."""
         last, shape = self.last, self.shape
         if last is None or shape is None or last.scene != self.scene:

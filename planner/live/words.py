@@ -20,11 +20,11 @@ _SMALL = "font-size:11px;padding:0 1em;font-variant-numeric:tabular-nums"
 def following(session: Session, more: bool) -> str:
     """Return what is said while the arm moves."""
     if session.is_there:
-        return _said(f"<b>There</b> ({_missed(session)}); not verified yet.")
+        return _said(f"<b>There</b> ({_distance(session)}); not verified yet.")
     if more:
-        return _said(f"<b>Catching up</b>, {_missed(session)} to go.")
+        return _said(f"<b>Catching up</b>, {_distance(session)} to go.")
     why = ": nearer it would not stand under its loads" * session.is_held
-    nearest = f"<b>No nearer from here</b>, {_missed(session)} to go{why}"
+    nearest = f"<b>No nearer from here</b>, {_distance(session)} to go{why}"
     return _said(f"{nearest}; a plan will be searched for.")
 
 
@@ -56,7 +56,7 @@ def places(session: Session) -> str:
     if shape is None:
         return ""
     cells = "".join(f"<td align=right>{1e3 * x:.1f}</td>" for x in shape.tip)
-    missed = f"<tr><td>missed</td><td align=right colspan=3>{_missed(session)}</td></tr>"
+    missed = f"<tr><td>missed</td><td align=right colspan=3>{_distance(session)}</td></tr>"
     head = "<tr><th align=left>[mm]</th><th>x</th><th>y</th><th>z</th></tr>"
     return f"<table style='width:100%;{_SMALL}'>{head}<tr><td>tip</td>{cells}</tr>{missed}</table>"
 
@@ -88,10 +88,10 @@ def _said(text: str) -> str:
 
 def _place(session: Session) -> str:
     where = "There" if session.is_there else "Not there"
-    return f"<b>{where}</b> ({_missed(session)} off)"
+    return f"<b>{where}</b> ({_distance(session)} off)"
 
 
-def _missed(session: Session) -> str:
+def _distance(session: Session) -> str:
     """Return how far the arm is from the target, in mm or degrees."""
     if session.goal.position is None:
         return f"{np.degrees(session.missed):.1f} deg"

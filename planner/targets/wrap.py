@@ -93,12 +93,12 @@ class Wrap(Target):
         """
         assert self.turns is not None
         s = np.linspace(0.0, arm.length, 201)
-        round_ = self._wide + arm.outer_radius(s)[0]
+        round_ = self._half_width + arm.outer_radius(s)[0]
         angle = np.append(0.0, np.cumsum((1 / round_[1:] + 1 / round_[:-1]) / 2 * np.diff(s)))
         return float(np.interp(angle[-1] - 2 * np.pi * self.turns, angle, s))
 
     @property
-    def _wide(self) -> float:
+    def _half_width(self) -> float:
         """Half the obstacle's narrowest width [m]."""
         numbers = self.obstacle.numbers
         return float(np.sort(numbers[12:15])[1] + numbers[15])
@@ -113,7 +113,9 @@ class Wrap(Target):
             allowed = f"a part of the arm, which is {length_text(L)} long"
             raise InputError("Wrap.length", self.length, allowed)
         if self.turns is not None and self.start is None and start <= 0:
-            most = L / (2 * np.pi * (self._wide + float(arm.outer_radius(np.array([L]))[0][0])))
+            most = L / (
+                2 * np.pi * (self._half_width + float(arm.outer_radius(np.array([L]))[0][0]))
+            )
             allowed = f"fewer: all of the arm goes {most:.3g} times round the obstacle at most"
             raise InputError("Wrap.turns", self.turns, allowed)
         distance = float(self.obstacle.distance(np.array(arm.base_position)))

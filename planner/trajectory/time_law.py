@@ -102,7 +102,7 @@ class Stretch:
         """Return a law of pace, slower where that is what limits ask for."""
         tension = (np.abs(self.change) / rates.tension).max() * fastest_pace(law).max()
         rate, *accelerations = self.largest(law) / rates.of_places
-        return _slower(law, max(1.0, tension, rate, np.sqrt(max(accelerations))))
+        return _stretched(law, max(1.0, tension, rate, np.sqrt(max(accelerations))))
 
 
 def _paced(shares: Array, speeds: Array) -> PPoly:
@@ -113,7 +113,7 @@ def _paced(shares: Array, speeds: Array) -> PPoly:
     return PPoly(np.array([rise, speeds[:-1], shares[:-1]]), times)
 
 
-def _slower(law: PPoly, factor: float) -> PPoly:
+def _stretched(law: PPoly, factor: float) -> PPoly:
     """Return the law that takes so many times as long."""
     return PPoly(law.c / factor ** np.array([[2], [1], [0]]), law.x * factor)
 
@@ -213,7 +213,7 @@ class Timed:
         if steps is not None:
             group = np.searchsorted(met, np.arange(1, len(laws) + 1))
             spare = (steps / np.bincount(group, [law.x[-1] for law in laws]))[group]
-            laws = [_slower(law, max(1.0, more)) for law, more in zip(laws, spare, strict=True)]
+            laws = [_stretched(law, max(1.0, more)) for law, more in zip(laws, spare, strict=True)]
         largest = np.vstack([np.zeros(3), *map(Stretch.largest, stretches, laws)])
         starts = np.concatenate([[0.0], np.cumsum([law.x[-1] for law in laws])])
         times = [start + law.x[:-1] for start, law in zip(starts, laws, strict=False)]

@@ -151,12 +151,12 @@ class Waypoints:
         alone, before = list[Waypoint](), np.ravel(first.tensions)
         for targets, each in zip(question.targets, plans, strict=True):
             images = [each.tensions, *(T for _, T in each.mirror_images)]
-            before = min(map(np.ravel, images), key=partial(_apart, before))
+            before = min(map(np.ravel, images), key=partial(_largest_change, before))
             alone.append(Waypoint(targets, before, each.avoidance))
         return alone
 
 
-def _apart(before: Array, T: Array) -> float:
+def _largest_change(before: Array, T: Array) -> float:
     """Return how far the tension that changes most does [N]."""
     return float(np.abs(T - before).max())
 

@@ -58,7 +58,7 @@ _COLOURS = dict(zip(SCHEMES, [f"C{i}" for i in range(10)], strict=False))
 _STYLES: dict[str, dict[str, Any]] = {
     "own": {"marker": "o", "markersize": 4},
     "choice": {"marker": "*", "markersize": 9, "linestyle": ""},
-    "other": {"marker": "s", "markersize": 4, "linestyle": "--", "color": "0.5"},
+    "other": {"markersize": 4, "linestyle": "--", "color": "0.5"},
 }
 # What a setting makes of a case, by the case's number; how far off that is.
 Work = Callable[[int], Any]
@@ -260,15 +260,16 @@ FIGURES: dict[str, tuple[Panel, ...]] = {
 
 def draw(ax: Axes, curves: Sequence[Curve], error: str) -> None:
     """Draw errors over times with quartiles; a scheme has one colour in all panels."""
-    choices = iter(("black", "#b3123f"))
+    choices, markers = iter(("black", "#b3123f")), iter("sD")
     for curve in (each for each in curves if each.times):
         x, y = np.array(curve.times).T, np.maximum(np.array(curve.errors).T, 1e-13)
-        colour = {"color": next(choices) if curve.kind == "choice" else _COLOURS.get(curve.name)}
-        style = colour | {"label": curve.name, "lw": 1.2, "elinewidth": 0.6} | _STYLES[curve.kind]
+        look = {"color": next(choices) if curve.kind == "choice" else _COLOURS.get(curve.name)}
+        if curve.kind == "other":
+            look = {"marker": next(markers)}
+        style = {"label": curve.name, "lw": 1.2, "elinewidth": 0.6} | _STYLES[curve.kind] | look
         arms = [np.maximum([z[1] - z[0], z[2] - z[1]], 0.0) for z in (x, y)]
         ax.errorbar(x[1], y[1], xerr=arms[0], yerr=arms[1], **style)
     ax.set(xscale="log", yscale="log", xlabel="time [ms]", ylabel=error)
-    ax.legend(fontsize="x-small", frameon=False)
 
 
 def report(title: str, curves: Sequence[Curve]) -> None:
@@ -300,11 +301,18 @@ def main(argv: Sequence[str] | None = None) -> None:
     print(machine("soromox"))
     size = Size(args.cases, args.repeats, args.finest, args.settings)
     for name in args.figures:
-        figure = Figure(figsize=(4.8 * len(FIGURES[name]), 4.6), layout="constrained")
-        panels = figure.subplots(1, len(FIGURES[name]))
+        rows = math.ceil(len(FIGURES[name]) / 2)
+        figure = Figure(figsize=(8.4, 4.0 * rows + 0.7), layout="constrained")
+        panels = [figure.add_subplot(rows, 2, 1 + k) for k in range(len(FIGURES[name]))]
+        entries: dict[str, Any] = {}
         for ax, (title, error, measure) in zip(panels, FIGURES[name], strict=True):
             curves = measure(size, np.random.default_rng(args.seed))
             report(title, curves)
             draw(ax, curves, error)
+            entries |= {
+                label: mark for mark, label in zip(*ax.get_legend_handles_labels(), strict=True)
+            }
+        look: dict[str, Any] = {"ncols": 4, "fontsize": "small", "frameon": False}
+        figure.legend(entries.values(), entries, loc="outside lower center", **look)
         lettered(zip(panels, (title for title, _, _ in FIGURES[name]), strict=True))
         figure.savefig(args.out / f"{name}.png", dpi=110)
