@@ -151,6 +151,8 @@ def settle_many(
 
     Parameters
     ----------
+    arm, scene, accuracy, compile, tendon_EA, tendon_outside
+        As settle takes them.
     errors : "raise" or "nan"
         Whether a set that is not allowed or does not settle ends all with its error, or is a row of
         nan with the reason in `problems`, as in a sweep, while the others are settled.

@@ -85,6 +85,7 @@ def settle(
 
     Parameters
     ----------
+    arm : Arm
     tensions : (n_sections, n) or (n_tendons,)
         [N], tip section first; None or nan for tendons that are held by length.
     scene : Scene

@@ -185,6 +185,8 @@ def stiffness(
 
     Parameters
     ----------
+    arm, tensions, scene
+        As settle takes them.
     hold : "tension" or "length"
         What the motors hold: tension unless given, or where `lengths` are. Locked lengths make the
         tensions respond.
@@ -211,7 +213,7 @@ def stiffness(
     ------
     InputError
         For what is not allowed, naming it.
-    CollapsedError, ConvergenceError, SnapError, CompilerError
+    CollapsedError, ConvergenceError, SnapError, CompilerError, TimeLimitError
         As settle does.
     """
     with limited(time_limit):

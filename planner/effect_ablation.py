@@ -120,6 +120,13 @@ def switch_effects(
     The others are those that have natural values: extension, exact tendons, the neo-Hookean body,
     shear, weight in air and in water. What an effect needs is switched along with it.
 
+    Parameters
+    ----------
+    arm, tensions, scene, accuracy
+        As settle takes them.
+    repeats : int
+        Of each settle that is timed.
+
     Returns
     -------
     tuple of Switch

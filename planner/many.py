@@ -72,6 +72,9 @@ def plan_many(
 
     Parameters
     ----------
+    arm, scene, tension_max
+        As plan takes them.
+    targets : sequence of Target, or of several to be met together
     path : bool
         Whether each target is near the one before, so that its plan starts at the other's optimum:
         some ten times sooner, and tensions that change smoothly. What is followed is one optimum;

@@ -182,11 +182,12 @@ def plan(
 
     Parameters
     ----------
+    arm : Arm
     target : Target, or several to be met together
     scene : Scene
         The effects enabled; the bare arm unless given.
     tension_max, tension_min : float, or one for each tendon
-        [N].
+        Bounds [N]; infinite and 0 unless given.
     total_pull : float
         The most that all tendons together may pull [N]; no limit unless given.
     norm : "2", "1" or "inf"
@@ -204,13 +205,13 @@ def plan(
         How many initial guesses are tried, as far as so many differ. Unless given, 14 at most, and
         fewer once enough of them led to the same optimum; that many are no proof.
     near : Plan
-        A plan for a target nearby, of the same kind, for the same arm and scene: its optimum is
-        followed to this target, which is some ten times sooner. Where that fails all starts are
-        tried. Where the tensions do not go over into each other, as where a target passes the arm's
-        axis, `outcome` says that the plan left the branch. Where contacts have friction it is the
-        plan that the arm moves from in a straight line of tensions, against friction, which may
-        have been 0 there; unless given, from the least tensions, where the arm has to touch
-        nothing. Such plans are for places and poses.
+        A plan for a target nearby, of the same kind, for the same arm and scene: the search begins
+        at its optimum, which takes a tenth of the time. Where that fails all starts are tried.
+        Where the tensions do not go over into each other, as where a target passes the arm's axis,
+        `outcome` says that the plan left the branch. Where contacts have friction it is the plan
+        that the arm moves from in a straight line of tensions, against friction, which may have
+        been 0 there; unless given, from the least tensions, where the arm has to touch nothing.
+        Such plans are for places and poses.
     time_limit : float
         [s]. What is best then is returned, and `outcome` says so; what the first plan for an arm
         and a scene needs to be set up is not cut short.

@@ -51,9 +51,14 @@ def export_shape(
 
     Parameters
     ----------
+    shape : Shape
+    to : path
+        The folder.
     what : "mesh", "mjcf" or "urdf"
         NAME.stl and NAME.glb, see save_mesh; NAME.xml, see mjcf; or NAME.urdf and NAME.ros.json,
         see urdf and ros_messages.
+    name : str
+        Of the files, without their suffix.
     links : int
         Of a chain.
 

@@ -84,6 +84,9 @@ def export(
 
     Parameters
     ----------
+    arm, scene : Arm, Scene
+    to : path
+        The folder.
     tensions : (n_sections, n) or (n_tendons,)
         [N], tip section first: those that bend the arm most. The mesh is the one that settles them
         to the accuracy, and they are the test vector.
@@ -128,6 +131,8 @@ def export_plan(
     p : Plan
         Of one TipPosition that is reached, with limits of each tendon and the norm "2", in a scene
         without loads in which tendons run straight along a straight arm.
+    to : path
+        The folder.
     accuracy, precision, name
         As in `export`: the mesh is one that settles the plan's tensions to the accuracy. In double
         precision targets are met to 1e-9 of the length on that mesh, in single to 1e-5.

@@ -61,6 +61,8 @@ def calibrate(
 
     Parameters
     ----------
+    arm, scene : Arm, Scene
+        What all other numbers are taken from, and where a fit begins.
     measured : sequence of Measured
     unknowns : sequence of Unknown
     loss : str

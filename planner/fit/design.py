@@ -47,6 +47,8 @@ def design(
 
     Parameters
     ----------
+    arm, scene : Arm, Scene
+        The given arm, and the scene of all tasks; the bare arm's unless given.
     targets : sequence of targets
         A task each: a target, or several that are to be met at once.
     unknowns : sequence of Unknown

@@ -66,10 +66,12 @@ def trajectory(
 
     Parameters
     ----------
+    arm : Arm
     targets : sequence of targets (or of several to be met together), function, or file
-        In order; a function of a share from 0 to 1 that returns a target or a place of the tip (3,)
-        [m], asked so often as `waypoints` says; or the name of a .csv file with columns x_m, y_m,
-        z_m, and t_s if times are given.
+        In order; a function of a fraction from 0 to 1 that returns a target or a place of the tip
+        (3,) [m]; or the name of a .csv file with columns x_m, y_m, z_m, and t_s if times are given.
+    waypoints : int
+        At how many fractions a function is evaluated.
     tension_max, tension_min, total_pull, stroke_max, stroke_min, stroke_zero, scene, accuracy,
     compile, progress, time_limit
         As plan takes them.
@@ -102,6 +104,8 @@ def trajectory(
         with what would do.
     TimeLimitError
         Where the time limit is reached before there is a motion.
+    CompilerError
+        As plan does.
     """
     scene = planned_scene(arm, scene)
     sequence, file_times = waypoints_of(arm, targets, waypoints)
