@@ -255,5 +255,5 @@ def _crossings(arm: Arm) -> list[float]:
 
 
 def _capped_norm(vector: Any) -> float:
-    """Return the size of a vector, capped for loads out of this world."""
+    """Return the size of a vector, capped where its square would overflow."""
     return float(np.linalg.norm(np.clip(vector, -LARGEST, LARGEST)))

@@ -259,7 +259,7 @@ class Shape(Shown):
 
     @cached_property
     def stability(self) -> float:
-        """The least eigenvalue of the scaled Hessian of its energy; below 0 it does not stand.
+        """The least eigenvalue of the scaled Hessian of its energy; below 0 it is unstable.
 
         1 at rest without loads; see model.equilibrium.stability. Raises InputError as printed,
         where there is no energy.

@@ -197,9 +197,9 @@ def stiffness(
     tendon_EA : float
         Stiffness E A of the tendons themselves [N]; they do not stretch unless given.
     release : bool
-        Whether tendons without tension are slack where lengths are held: they are, as they could
-        only pull, and an arm that leans the other way finds them so. False locks them all, which
-        is stiffer. By `lengths` what is slack stays so.
+        Whether tendons without tension count as slack where lengths are held: unless given, as
+        they could only pull, and resist one of two opposite displacements at most. False locks
+        them all, which is stiffer. By `lengths` what is slack stays so.
     compile : bool or "auto"
         Whether to work by machine code, see settle.
     lengths, tendon_outside

@@ -58,7 +58,7 @@ class Certificate(Shown):
     kkt : residual of the first-order conditions, scaled; their multipliers are the plan's
     agreement : distance of the settled tip from the check's, over L
     error : estimated tip error of the check, over L
-    stability : least eigenvalue of the scaled Hessian of the energy; below 0 the arm does not stand
+    stability : least eigenvalue of the scaled Hessian of the energy; below 0 the arm is unstable
     stability_margin : the least that is accepted
     scheme : the integrator of the check
     tolerance : what equality, inequality and agreement are held to

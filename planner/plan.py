@@ -59,7 +59,7 @@ from planner.task import SearchResult, Task
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan(Told, Answer):
-    """Tensions for a target, see Answer; and what is made of them."""
+    """Tensions for a target; shape, certificate and outcome are derived from them."""
 
     def co_contract(self, level: float) -> Plan:
         """Return the plan for the same targets with every tendon pulling at least so hard [N].
@@ -203,7 +203,7 @@ def plan(
         What residuals and tip errors are held to, over the arm's length (angles: rad).
     starts : int
         How many initial guesses are tried, as far as so many differ. Unless given, 14 at most, and
-        fewer once enough of them led to the same optimum; that many are no proof.
+        fewer once enough of them led to the same optimum, which is no proof that it is the best.
     near : Plan
         A plan for a target nearby, of the same kind, for the same arm and scene: the search begins
         at its optimum, which takes a tenth of the time. Where that fails all starts are tried.

@@ -53,7 +53,7 @@ def draw_side(ax: Axes) -> None:
     ax.plot([0, 0], [-40, 40], color=INK, lw=3)
     for k in np.arange(-36, 40, 9):
         ax.plot([-9, 0], [k - 6, k], color=INK, lw=0.8)
-    ax.text(-14, -52, "base, $s = 0$", fontsize=10, ha="left", color=INK)
+    ax.text(-14, -60, "base, $s = 0$", fontsize=10, ha="left", color=INK)
     arrow(ax, (0, 0), (62, 0), "t", FRAME["t"])
     arrow(ax, (0, 0), (0, 62), "b", FRAME["b"])
     ax.plot(0, 0, "o", ms=11, mfc="white", mec=FRAME["n"], mew=1.6, zorder=7)

@@ -3,7 +3,7 @@
 Each step settles the arm near the shape before and takes the tensions of least effort that bring
 it nearer, by the derivatives of that shape. It needs no optimum to begin with, so that the arm
 moves on where a plan has to be searched for; the plan of what is reached comes after. Under loads
-it is on a coarse mesh, no step leads to a shape that does not stand, and one that would is held to
+it is on a coarse mesh, no step leads to an unstable shape, and one that would is held to
 a margin of stability. Limits of strokes and of the total pull are the plan's.
 """
 
@@ -90,7 +90,7 @@ class Follower:
     ) -> None:
         """Settle the arm under tensions (n_tendons,) [N], the least unless given.
 
-        Raises OctoplanError where the arm does not stand.
+        Raises OctoplanError where the arm has no stable shape.
         """
         self.limits, self.around = limits, around
         self._low, self._high = np.array(limits.lower), np.array(limits.upper)
@@ -105,7 +105,7 @@ class Follower:
         self.begin(settle(arm, start, scene, ACCURACY, compile=machine_code))
 
     def begin(self, shape: Shape) -> None:
-        """Go on from a shape of the arm; under loads on the coarse mesh, where it stands on it."""
+        """Go on from a shape of the arm; under loads on the coarse mesh if it is stable there."""
         self.shape, self._stability, point = shape, self._unheld, _under_loads(shape)
         if point is not None:
             code = self._machine_code
@@ -202,7 +202,7 @@ class Follower:
             return None
 
     def _near(self, forward: Collocation, now: Linearised, tensions: Array) -> Shape | None:
-        """Return the shape on a mesh near the one now; None where none stands there."""
+        """Return the shape on a mesh near the one now; None where none is stable there."""
         guess, shape = forward.carried(tensions[None], [now])[0], self.shape
         (point,) = newton(forward.system, [Start(tensions, 1.0, guess, looser=_LOOSER)])
         if point is None or not stands(point):

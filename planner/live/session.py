@@ -105,7 +105,7 @@ class Session:
     def step(self) -> bool:
         """Bring the arm nearer, for no longer than a picture; return whether more would do more.
 
-        Raises OctoplanError where effects do not go together, or the arm does not stand at all.
+        Raises OctoplanError where effects do not go together, or the arm has no stable shape.
         """
         follower = self._make_follower()
         if self.is_planned:

@@ -72,7 +72,7 @@ class Waypoints:
         return False
 
     def _optimum(self, statement: Statement) -> list[Waypoint] | None:
-        """Return the waypoints at the optimum, None if there is none or the arm does not stand."""
+        """Return the waypoints at the optimum, None if there is none or the arm is unstable."""
         waypoints = self.waypoints
         problems = [self._problem(waypoint, statement) for waypoint in waypoints]
         program = MotionProgram(self.question, waypoints, problems)
