@@ -31,6 +31,9 @@ from planner.trajectory.result import Trajectory
 
 # Text and tables
 
+# Rows of a table that are shown at most.
+_SCREEN = 40
+
 
 def _plan(plan: Plan) -> Iterator[Part]:
     """Yield what fits a screen, outcome, tendons and tip, then all that was checked."""
@@ -103,8 +106,14 @@ def _scene(scene: Scene) -> Iterator[Part]:
 
 def _trajectory(motion: Trajectory) -> Iterator[Part]:
     yield motion.outcome
-    yield "\ntensions [N]"
-    pairs = zip(motion.times, motion.flat, strict=True)
+    count = motion.times.size
+    if count <= _SCREEN:
+        yield "\ntensions [N]"
+        shown = np.arange(count)
+    else:
+        yield f"\ntensions [N] where targets are met, of {count} times (`times`, `save`, --out)"
+        shown = np.array([0, *motion.stops])
+    pairs = zip(motion.times[shown], motion.flat[shown], strict=True)
     rows = ([f"{t:.4g}", *(f"{x:.4f}" for x in T)] for t, T in pairs)
     yield [["t [s]", *motion.arm.tendon_names], *rows]
     yield ""

@@ -111,7 +111,7 @@ class Trajectory(Told):
 
     @property
     def period(self) -> float:
-        """The slowest period of the arm on its way [s]: what is much slower is quasi-static."""
+        """The slowest period of the arm on its way [s]; quasi-static ways take much longer."""
         return max(slowest_period(self.shapes[stop]) for stop in (0, *self.stops))
 
     @property
@@ -141,10 +141,22 @@ class Trajectory(Told):
             said = f"Not certified ({result}): {'; '.join(certificate.failures)}; {advice}."
         if certificate.problem:
             return said
-        share = f"the tip accelerates by some {self.inertia:.2g} times gravity"
-        slow = "Slow" if self.inertia <= QUASI_STATIC * (1 + SAMPLED) else "Not slow"
-        period = f"the arm's slowest period {self.period:.2g} s"
-        return f"{said} {slow} enough to be quasi-static: {share}, {period}."
+        factor, period = f"{self.inertia:.2g} times gravity", f"{self.period:.2g} s"
+        if self.inertia > QUASI_STATIC * (1 + SAMPLED):
+            slow = f"Not slow enough to be quasi-static: the tip accelerates by some {factor}"
+            return f"{said} {slow}, the arm's slowest period {period}."
+        between = np.diff(self.times[[0, *self.stops]])
+        shortest = float(between[between > 0].min(initial=np.inf))
+        if shortest < self.period:
+            slow = (
+                f"Slow enough to be quasi-static by the tip's acceleration, some {factor}, but not"
+            )
+            late = (
+                f"by the arm's slowest period of {period}: the shortest way takes {shortest:.2g} s"
+            )
+            return f"{said} {slow} {late}, give it more time."
+        slow = f"Slow enough to be quasi-static: the tip accelerates by some {factor}"
+        return f"{said} {slow}, the arm's slowest period {period}."
 
     def at(self, t: Any) -> Array:
         """Return the tensions at a time [s], by section, or at times (M,), flat (M, n_tendons) [N].
