@@ -90,12 +90,12 @@ class Request:
         return (*(arm.anchorages if self.base.scene.has(NeoHookean) else ()), arm.length)
 
 
-def close(one: Linearised, other: Linearised) -> bool:
-    """Return whether no frame turns far between equilibria, be they on two meshes."""
+def close(one: Linearised, other: Linearised, most: float = FOLLOWED) -> bool:
+    """Return whether frames turn by less than most [rad] between equilibria, on any two meshes."""
     before, after = one.poses[:, :4], other.poses[:, :4]
     there = np.array([np.interp(other.mesh.s, one.mesh.s, column) for column in before.T]).T
     same = np.abs((there * after).sum(axis=1)) / np.linalg.norm(there, axis=1)
-    return bool(same.min() > np.cos(FOLLOWED / 2))
+    return bool(same.min() > np.cos(most / 2))
 
 
 def sharpened(
@@ -103,17 +103,19 @@ def sharpened(
 ) -> Linearised | None:
     """Return the equilibrium near one whose places are about right; None if there is none close.
 
-    The places are those where it touches unless others are given. Places come and go where they are
-    refined, or are near and move on slowly: by no less than half as far as in the round before.
+    The places are those where it touches, moved as tensions change, unless others are given. Places
+    come and go where they are refined, or are near and move on slowly: by no less than half as far
+    as in the round before.
     """
-    places, last = places_of(near.system) if places is None else places, np.inf
-    begin = near
+    begin, last = near, np.inf
+    if places is None:
+        x = near.system.x(request.tensions, request.load, predicted(near, request.tensions))
+        places = _correct_places(request, Linearised(near.system, x), places_of(near.system))
     for _ in range(STEPS_IN_CONTACT):
         point = _with_places(request, near, places)
         if point is None:
             return None
-        after = [Place(place.obstacle, *_correct_place(request, point, place)) for place in places]
-        refined = tuple(sorted(after))
+        refined = _correct_places(request, point, places)
         # How far places move [m].
         off = float(np.abs(np.subtract(refined, places)).max(initial=0.0))
         near, settled = point, off <= _OFF * request.base.arm.length
@@ -181,6 +183,13 @@ def _initial_states(of: Request, near: Linearised, system: System, touches: Touc
         carried[now.friction_forces] = states[were.friction_forces[at]] * held[:, :, None]
         carried[now.tractions] = states[were.tractions[at]] * pressing[:, :, None]
     return carried
+
+
+def _correct_places(of: Request, point: Linearised, places: Places) -> Places:
+    """Return the places where an equilibrium says that they start and end, in order."""
+    return tuple(
+        sorted(Place(place.obstacle, *_correct_place(of, point, place)) for place in places)
+    )
 
 
 def _correct_place(of: Request, point: Linearised, place: Place) -> tuple[float, float]:

@@ -39,7 +39,7 @@ from planner.targets.hold import Hold
 from planner.task import Task
 
 # Steps of differences in scaled tensions: of states, and of shapes settled anew.
-_STEP, _CHANGE = 1e-6, 1e-4
+_STEP, _CHANGE = 1e-6, 1e-5
 
 
 @dataclass(frozen=True, eq=False)

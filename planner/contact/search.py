@@ -30,6 +30,8 @@ from planner.task import SearchResult, Task, Trial, agreed
 # The meshes of searches and of plans.
 COARSE = 1
 FINE = 2 * COARSE
+# How far frames may turn between meshes in what is one equilibrium [rad].
+_SAME = 0.1
 # What is taken of the way to tensions without friction, and beyond.
 _SLID = (1.0, 1.5, 2.5)
 # Arms that are drawn where something is held; of these, those around which as many are drawn again,
@@ -170,7 +172,7 @@ class ContactSearch:
             with suppress(OctoplanError):
                 shape = settled_along(arm, way, T, scene, ON_THE_PATH, self.task.machine_code)
                 there = fine.settled(T, shape.known)
-                if close(there, end.point):
+                if close(there, end.point, _SAME):
                     refined = optimum(fine, there)
                     if bool(refined.violation) == bool(end.violation):
                         return replace(refined, load_path=way)
