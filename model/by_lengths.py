@@ -64,7 +64,7 @@ def tightened(
     nearly, best, least_missed = SAME * arm.length, None, np.inf
     for _ in range(_STEPS):
         check_time()
-        now, left = at.tensions, winches.lacks(at.lengths, at.tensions)
+        now, left = at.tensions, winches.slack_lengths(at.lengths, at.tensions)
         level = max(nearly, 2 * float(np.abs(left[held & (now > 0)]).max(initial=0.0)))
         tight = np.flatnonzero(held & ((now > 0) | (left <= level)))
         M = np.diag(winches.stretch[tight]) - at.length_tension[np.ix_(tight, tight)]
@@ -78,8 +78,8 @@ def tightened(
         if after is None:
             return best
         T = after.tensions
-        lacks = winches.lacks(after.lengths, T)
-        missed = np.where(T > 0, np.abs(lacks), -lacks)[held].max(initial=0.0)
+        slack = winches.slack_lengths(after.lengths, T)
+        missed = np.where(T > 0, np.abs(slack), -slack)[held].max(initial=0.0)
         if missed <= nearly:
             if (well and size <= _LAST * T.max()) or off * ratio * ratio <= _SQUARE * rounding:
                 return after
@@ -207,7 +207,7 @@ class GivenLengths:
 
         slack = under(None, winches.tensions)
         if slack is not None:
-            left = winches.lacks(slack.lengths, slack.tensions)[winches.held]
+            left = winches.slack_lengths(slack.lengths, slack.tensions)[winches.held]
             if left.min(initial=0.0) >= -ROUNDING * arm.length:
                 return winches.tensions
         result = taken_in(begins(), winches, under, arm, ROUNDING)
@@ -228,11 +228,11 @@ class GivenLengths:
         program = LeastEnergy(system(arm, scene, _STAGES, *mesh))
         for rounds in (1,) if program.conservative else (1, ROUNDS):
             minimum = program.least(program.at_rest(), winches.tensions, 1.0, winches, rounds)
-            left, lacks = np.zeros(arm.n_tendons), minimum is None
+            left, is_short = np.zeros(arm.n_tendons), minimum is None
             if minimum is not None:
-                left = winches.lacks(program.lengths(minimum), minimum.tensions)
-                lacks = left[winches.held].min(initial=0.0) < -SHORT * arm.length
-            if lacks and program.conservative:
+                left = winches.slack_lengths(program.lengths(minimum), minimum.tensions)
+                is_short = left[winches.held].min(initial=0.0) < -SHORT * arm.length
+            if is_short and program.conservative:
                 refuse(LeastEnergy(system(arm, scene, STAGES, *mesh)), winches)
             if minimum is not None:
                 tensions = slackened(minimum.tensions, left, winches, arm)

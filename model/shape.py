@@ -100,7 +100,7 @@ class Shape(Shown):
         """
         if self.winches is None:
             return None
-        left = self.winches.lacks(self.tendon_lengths, self.tensions)
+        left = self.winches.slack_lengths(self.tendon_lengths, self.tensions)
         return np.where(self.winches.held, left, np.nan)
 
     @property

@@ -1,9 +1,9 @@
 """Lengths that no shape of an arm has, or that crush it: which tendon, and what is the least.
 
 Where no shape has them: held by tendons that stretch, the arm comes as near to them as it can, and
-the tendon that lacks most is pulled hard beside the others. Where the arm is crushed: the others
-held as they are, a tendon is paid out up to its length at rest, and where the arm ceases to settle
-is found by bisection.
+the tendon that falls shortest of its path is pulled hard beside the others. Where the arm is
+crushed: the others held as they are, a tendon is paid out up to its length at rest, and where the
+arm ceases to settle is found by bisection.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from model.least_energy import LeastEnergy
 from model.paths import Mask
 from model.winches import Winches, arm_compliance, rest_lengths
 
-# What tendons may lack over the arm's length.
+# By what tendons may be too short, over the arm's length.
 SHORT = 1e-7
 # Compliance of tendons that come as near to their lengths as they can, over the arm's own.
 _SOFT = 1e-4
-# Tendons that lack no less than this share of what another does may be named.
+# Tendons that are too short by no less than this share of what another is may be named.
 _MOST = 0.1
 # Bisections of what is taken in of a tendon.
 _HALVINGS = 8
@@ -50,11 +50,11 @@ def refuse(program: LeastEnergy, winches: Winches) -> None:
     if nearest is None:
         return
     lengths = program.lengths(nearest)
-    lacks = np.where(winches.held, -winches.lacks(lengths, nearest.tensions), 0.0)
-    if lacks.max(initial=0.0) <= SHORT * L:
+    shortfall = np.where(winches.held, -winches.slack_lengths(lengths, nearest.tensions), 0.0)
+    if shortfall.max(initial=0.0) <= SHORT * L:
         return
     rest = rest_lengths(arm)
-    taken = np.where(lacks > _MOST * lacks.max(), 1 - winches.lengths / rest, -np.inf)
+    taken = np.where(shortfall > _MOST * shortfall.max(), 1 - winches.lengths / rest, -np.inf)
     j = int(np.argmax(taken))
     held, T = winches.held.copy(), winches.tensions.copy()
     held[j], T[j] = False, min(nearest.tensions[j], L / arm_compliance(arm))

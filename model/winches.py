@@ -81,8 +81,8 @@ class Winches:
         EA = np.inf if tendon_EA is None else checked_EA(tendon_EA)
         return cls(held, left, T, EA, not_negative("tendon_outside", outside))
 
-    def lacks(self, lengths: Array, tensions: Array) -> Array:
-        """Return what is left of each tendon beyond its path (n_tendons,); below 0 it lacks."""
+    def slack_lengths(self, lengths: Array, tensions: Array) -> Array:
+        """Return what is left of tendons beyond their paths (n_tendons,) [m]; short below 0."""
         return np.asarray(self.lengths + self.stretch * tensions - lengths)
 
 

@@ -112,9 +112,9 @@ class ElementSymbols:
 def element(form: Form) -> Kernel:
     """Return the kernel of an element.
 
-    Rows: what vanishes of M_k, of F_k, less the local wrench at the stages (with friction each
-    followed by its derivative along s), q_{k+1}, u_{k+1}. All but the rows at the nodes is reckoned
-    in the frame at the first node.
+    Rows: the residuals of M_k and F_k, less the local wrench at the stages (with friction each
+    followed by its derivative along s), the residuals of q_{k+1} and u_{k+1}. All but the rows at
+    the nodes is worked out in the frame at the first node.
     """
     x, law, method, through = ElementSymbols(form), form.law, gauss(form.stages), Steps()
     twists = [law.twist(v) for v in ca.horzsplit(x.v)]
@@ -164,7 +164,7 @@ def _forces(
     t: list[ca.SX],
     twists: list[tuple[ca.SX, ca.SX]],
 ) -> tuple[list[ca.SX], list[ca.SX], list[ca.SX]]:
-    """Return the forces beyond each stage, the loads per length there, and what vanishes of F_k.
+    """Return the forces beyond each stage, the loads per length there, the residual of F_k.
 
     The former in the frame at the first node, in which t are the sections' normals.
     """
@@ -251,7 +251,7 @@ def lever() -> Kernel:
 
 
 def tip(form: Form) -> Kernel:
-    """Return the kernel of the tip: load factor, q, M, F there -> what vanishes of M and F.
+    """Return the kernel of the tip: load factor, q, M, F there -> the residuals of M and F.
 
     Numbers: moment and force (6,) of the loads, and a further moment (3,) that is no part of them.
     Dead forces are part of the elements' resultants.

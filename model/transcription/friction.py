@@ -60,7 +60,7 @@ class TendonSymbols:
 def sliding_tendon(law: CrossSection, m: int) -> Kernel:
     """Return the kernel of a tendon that slides through an element; see TendonSymbols.
 
-    Rows: by stage its wrench and the derivative of that along s; what vanishes of Theta at the far
+    Rows: by stage its wrench and the derivative of that along s; the residual of Theta at the far
     node.
     """
     x, method, rows = TendonSymbols(law, m), gauss(m), []

@@ -1,4 +1,4 @@
-"""Kernels of contact: forces at nodes, pressure between them, and what vanishes of either or gap.
+"""Kernels of contact: forces at nodes, pressure between them, and the residuals of contact.
 
 At a node that touches an obstacle of signed distance d, with n = grad d at the midline, the force
 P n acts on the arm; between nodes where the arm lies on it the pressure p n per unit reference
@@ -8,7 +8,7 @@ Where the arm touches at a point, that is where the gap is least, and moves alon
 this bends: gap' + gap'' x = 0, and the force P n(u + x u') has the moment x u' x P n about the
 node. A solution has its node there, x = 0; compliances have what x does in them.
 
-A node has two unknowns: P, and p or x. What vanishes there is told by numbers, so that contact
+A node has two unknowns: P, and p or x. What is 0 there is told by numbers, so that contact
 comes and goes without building anything: P and p where the arm is free; gap, and gap' + gap'' x,
 where it touches at a point; gap and gap' at the ends of a part that lies on the obstacle; P and gap
 inside of it. So pressure holds the gap shut as a quintic spline interpolates: it is the fourth

@@ -60,8 +60,8 @@ def trajectory(
     """Return tensions over time that bring an arm through targets, in the least time or effort.
 
     Quasi-static: the arm is at rest at each instant; the outcome says how slow is slow enough.
-    An arm that leans on things goes to each target from the one before, planned one by one: which
-    of several equilibria it is in depends on its way. The certificate follows it, tells where it
+    An arm in contact goes to each target from the one before, planned one by one: which of several
+    equilibria it is in depends on its way. The certificate follows it, tells where it
     jumps, and checks contact at each target.
 
     Parameters
@@ -72,8 +72,9 @@ def trajectory(
         (3,) [m]; or the name of a .csv file with columns x_m, y_m, z_m, and t_s if times are given.
     waypoints : int
         At how many fractions a function is evaluated.
-    tension_max, tension_min, total_pull, stroke_max, stroke_min, stroke_zero, scene, accuracy,
-    compile, progress, time_limit
+    scene, accuracy, compile, progress, time_limit
+        As plan takes them.
+    tension_max, tension_min, total_pull, stroke_max, stroke_min, stroke_zero
         As plan takes them.
     rate_max : float, or one for each tendon
         The fastest that tensions change [N/s].
@@ -92,7 +93,7 @@ def trajectory(
         time it goes around them; that it waits for them is not tried.
     quasi_static : bool
         Whether the tip is to accelerate by a tenth of gravity at most, so that inertia, which is
-        left out, counts for little.
+        left out, counts for little; a slender arm may swing all the same, see Trajectory.period.
     tip_acceleration_max : float
         The most that the tip accelerates, in place of that [m/s2]; as with accelerations of strokes
         the arm then rests at each waypoint.

@@ -81,7 +81,7 @@ def round_trip(
 def check_complementary(shape: Shape, tolerance: float = 1e-10) -> None:
     """Assert that tendons are as long as their winches leave, or slack without tension."""
     assert shape.winches is not None
-    left = shape.winches.lacks(shape.tendon_lengths, shape.tensions)
+    left = shape.winches.slack_lengths(shape.tendon_lengths, shape.tensions)
     L = shape.arm.length
     assert np.all(shape.tensions >= 0)
     assert np.all(left >= -tolerance * L)
