@@ -16,6 +16,7 @@ import numpy as np
 from model.checks import SMALLEST
 from model.contact.gaps import THROUGH, along, least_gaps
 from model.contact.touches import (
+    BESIDE,
     Place,
     Places,
     Touches,
@@ -261,14 +262,15 @@ def _part_about_point(of: Request, point: Linearised, place: Place) -> Place:
     """Return a part in place of a point about which the arm bends into the obstacle.
 
     A force at a point bends an arm that shears by an angle there: a part is about as long as it
-    takes the gap's curvature to make up for that.
+    takes the gap's curvature to make up for that, or remains a point where nodes would be one.
     """
     system, (j, s, _), L = point.system, place, of.base.arm.length
     _, slope, curve = _gap_at(point, s, j)
     half, bends = _NEAR * float(np.diff(system.mesh.s)[system.mesh.node(s) - 1]), curve < 0
     if of.base.scene.has(Shear):
         angle = slope - _gap_at(point, min(s + SAME * L, L), j)[1]
-        half, bends = min(half, angle / 2 / max(curve, SMALLEST)), angle > THROUGH
+        needed = angle / 2 / max(curve, SMALLEST)
+        half, bends = min(half, needed), needed > BESIDE * L
     elif s in of.corners:
         bends = False
     return Place(j, s - half, min(s + half, L)) if bends and not place.lies else place

@@ -24,7 +24,7 @@ from model.transcription.system import System
 from model.transcription.touch import FLAGS
 
 # Arc lengths of points that share a node, over the arm's.
-_BESIDE = 1e-6
+BESIDE = 1e-6
 
 
 class Place(NamedTuple):
@@ -151,10 +151,10 @@ def mesh_with(base: System, fixed: Array, places: Places) -> Mesh | None:
     """
     L, wanted = base.arm.length, fixed
     ends = np.array([s for _, *part in places for s in (*part, sum(part) / 2)])
-    if not (np.isfinite(ends) & (ends > _BESIDE * L) & (ends <= L)).all():
+    if not (np.isfinite(ends) & (ends > BESIDE * L) & (ends <= L)).all():
         return None
     for s in ends:
-        wanted = wanted if np.abs(wanted - s).min() <= _BESIDE * L else np.append(wanted, s)
+        wanted = wanted if np.abs(wanted - s).min() <= BESIDE * L else np.append(wanted, s)
     wanted, nodes = np.sort(wanted), base.mesh.s
     stay, apart = np.isin(wanted, fixed), np.arange(wanted.size)
     while True:

@@ -172,3 +172,21 @@ def test_what_presses_makes_up_for_the_angle_by_the_obstacle_s_curvature() -> No
     GA, EJ = arm.material.G * np.pi * R**2, stiffness(R, E)
     pressure = GA * (1 / (r + R) - f * (L - first.s) / EJ)
     assert last.s - first.s == pytest.approx(P / pressure, rel=1e-3)
+
+
+def test_a_shearing_arm_leans_on_a_thin_bead() -> None:
+    """The part that would lie on it is 1e-7 of the length long: it touches at a point."""
+    arm, free, bent = Arm.from_paper("section-5.2"), Scene(ExactTendons(), Shear()), [0.3, 0, 0, 0]
+    s, radius = 0.2, 0.002
+    alone = settle(arm, bent, free, 1e-10)
+    outer = arm.outer_radius(np.array([s]))[0][0]
+    center = alone.position(s) + alone.frame(s)[:, 1] * (outer + radius - 1e-4)
+    bead = Sphere(tuple(center.tolist()), radius)
+    shape = settle(arm, bent, free + Contact(bead), 1e-10)
+    (touch,) = shape.contacts
+    places = touch.s + np.linspace(-1e-4, 1e-4, 2001)
+    gap = bead.distance(shape.position(places)) - arm.outer_radius(places)[0]
+    assert gap.min() > -1e-9 * arm.length
+    assert touch.force @ alone.frame(s)[:, 1] < 0
+    pushed = settle(arm, bent, free + PointLoad(touch.s, tuple(touch.force.tolist())), 1e-10)
+    assert pushed.tip == pytest.approx(shape.tip, abs=1e-10)
