@@ -219,7 +219,8 @@ def plan(
         The least stability of the shape under its loads that is accepted, 0 to 1: the least
         eigenvalue of the scaled Hessian of the energy, which is 1 for an arm at rest and 0 where it
         is about to yield. With 0 the arm has to be stable. Unless given 0.1, where that can be had,
-        else the best that is stable, which `outcome` tells as on the brink; 0 in contact.
+        else the best that is stable, which `outcome` tells as on the brink; 0 where contacts have
+        friction.
     compile : bool or "auto"
         Whether to work by machine code, see settle; the plan's shape and certificate are found by
         it too. In a scene as printed, and of curved tendons without loads, only these are.
@@ -258,7 +259,7 @@ def plan(
     seconds = None if time_limit is None else positive("time_limit", time_limit)
     strokes = (stroke_max, stroke_min, stroke_zero)
     limits = checked_limits(arm, scene, tension_max, tension_min, total_pull, *strokes)
-    margin = BRINK if is_loaded(scene) and not contacts(scene) else 0.0
+    margin = BRINK if is_loaded(scene) and not rubs(scene) else 0.0
     if stability_margin is not None:
         margin = within("stability_margin", stability_margin, 0.0, 1.0)
     statement = stated(targets, limits, solver, norm, form, starts).but(margin=margin)

@@ -91,9 +91,9 @@ class ContactSearch:
 
         Where the search began where there is none.
         """
-        stopped = False
+        stopped, nearby = False, [] if self.begin is None else [self.begin]
         try:
-            self._search_with_friction() if rubs(self.task.scene) else self._search()
+            self._search_with_friction() if rubs(self.task.scene) else self._search(nearby)
             check_time()
         except OutOfTime:
             stopped = True
@@ -129,22 +129,21 @@ class ContactSearch:
                 if end.is_optimal:
                     break
 
-    def _search(self) -> None:
+    def _search(self, nearby: Sequence[LoadPath], needed: float = 1) -> None:
         """Find optima until enough agree on the best, or there are as many as are asked for.
 
-        One from what is nearby, else two, or three where something is held, as two may agree on
-        many times the least effort.
+        As many as needed from what is nearby, else two, or three where something is held, as two
+        may agree on many times the least effort. Where three miss the targets with the default
+        margin of stability, what can be had is found from the nearest of these.
         """
-        least = self.task.statement.least
-        coarse, fine = (TensionProgram(self.task, mesh, least) for mesh in (COARSE, FINE))
-        nearby = [] if self.begin is None else [self.begin]
-        needed = np.inf if self.task.guesses else AGREED + bool(coarse.holds)
-        reaching = chain.from_iterable(
-            _free_arms_reaching(self.task, hold) for hold in coarse.holds
-        )
-        guesses = reaching if coarse.holds else initial_guesses(self.task)
+        task, stated = self.task, self.task.statement
+        hasty = task.best_margin and stated.margin > stated.floor
+        coarse, fine = (TensionProgram(task, mesh, stated.least) for mesh in (COARSE, FINE))
+        from_all = np.inf if task.guesses else AGREED + bool(coarse.holds)
+        reaching = chain.from_iterable(_free_arms_reaching(task, hold) for hold in coarse.holds)
+        guesses = reaching if coarse.holds else initial_guesses(task)
         from_rest = ((tuple(T.tolist()),) for T in guesses)
-        most = self.task.most * (_MORE if coarse.holds and not self.task.guesses else 1)
+        most = task.most * (_MORE if coarse.holds and not task.guesses else 1)
         for tried, load_path in enumerate(chain(nearby, from_rest), 1):
             tell("initial guesses", tried - 1, most)
             with suppress(OctoplanError):
@@ -154,10 +153,16 @@ class ContactSearch:
                 self.optima.append(end)
                 if not end.violation and cheapest and agreed(_trials(self.optima)) < 2:
                     self.best = self._refined_optimum(fine, end)
-            enough = agreed(_trials(self.optima)) >= (needed if tried > len(nearby) else 1)
-            if enough or tried == most:
+            enough = agreed(_trials(self.optima)) >= (from_all if tried > len(nearby) else needed)
+            missed = hasty and self.best is None and len(self.optima) > AGREED
+            if enough or missed or tried == most:
                 break
-        for end in () if self.best else sorted(self.optima, key=attrgetter("cost")):
+        ends = sorted(self.optima, key=attrgetter("cost"))
+        if hasty and self.best is None:
+            self.task = replace(task, statement=stated.but(margin=0.0), best_margin=False)
+            self._search([end.load_path for end in ends[:1]], from_all)
+            return
+        for end in () if self.best else ends:
             with suppress(OctoplanError):
                 self.best = self._refined_optimum(fine, end)
                 return

@@ -129,10 +129,14 @@ def test_an_optimum_at_its_margin_that_the_arm_does_not_come_to_from_rest_has_a_
     ball = Sphere((0.0282586, 0.016436309, -0.0059339443), 0.0078691892)
     scene = Scene(Extension(), ExactTendons(), Contact(ball))
     tip = TipPosition((0.033076796, 0.070428727, -0.0064174371))
-    found = plan(arm, tip, scene, 0.1952019)
+    found = plan(arm, tip, scene, 0.1952019, stability_margin=0.0)
     assert found.reached, str(found.certificate)
     assert found.load_path
     assert found.effort < 0.0456
     assert found.shape.stability == pytest.approx(0.01, rel=1e-3)
+    steady = plan(arm, tip, scene, 0.1952019)
+    assert steady.reached and not steady.load_path
+    assert steady.shape.stability == pytest.approx(0.1, rel=1e-3)
+    assert found.effort < steady.effort < 1.05 * found.effort
     rested = settle(arm, found.tensions, scene)
     assert np.linalg.norm(rested.tip - found.tip) > 0.5 * arm.length
