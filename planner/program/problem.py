@@ -25,7 +25,7 @@ from scipy.sparse import csc_array
 from model.arm import Arm
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_steps import Collocation
-from model.equilibrium.newton import STAGES, Start, newton
+from model.equilibrium.newton import STAGES
 from model.equilibrium.stability import stands
 from model.errors import OctoplanError
 from model.loads import is_loaded
@@ -154,19 +154,17 @@ class Problem:
         T = x[: self.arm.n_tendons] * self.unit
         return np.clip(T, self.limits.lower, self.limits.upper)
 
-    def guess(self, tensions: Array, soon: bool = False) -> Array:
+    def guess(self, tensions: Array, settled: bool = False) -> Array:
         """Return the unknowns for tensions: the arm without its loads, no equilibrium under them.
 
-        Under its loads where that `soon` settles, by Newton's method from there. The straight arm
+        Under its loads, where it comes there from rest, if it is to be `settled`. The straight arm
         where tensions leave a cross-section no equilibrium, or the arm no stiffness.
         """
         with suppress(OctoplanError, np.linalg.LinAlgError):
-            states = self.forward.without_loads(tensions)
-            if soon and is_loaded(self.scene):
+            if settled and is_loaded(self.scene):
                 with suppress(OctoplanError, np.linalg.LinAlgError):
-                    (equilibrium,) = newton(self.forward.system, [Start(tensions, 1.0, states)])
-                    states = states if equilibrium is None else equilibrium.states
-            return self.closed(tensions, states)
+                    return self.closed(tensions, self.forward.solve(tensions).states)
+            return self.closed(tensions, self.forward.without_loads(tensions))
         return self.closed(tensions, self.forward.without_loads(np.zeros(self.arm.n_tendons)))
 
     def closed(self, tensions: Array, states: Array, numbers: Array | None = None) -> Array:
