@@ -142,7 +142,7 @@ class Around:
             if avoidance is not None and optimum is not None:
                 # Tangent planes of a mesh are exchanged until an objective comes again.
                 near = np.isclose(objectives, optimum.f, rtol=_AGAIN, atol=0.0)
-                is_final = bool(near.any()) or all(row.is_lasting for row in avoidance.rows)
+                is_final = bool(near.any()) or not any(row.is_part for row in avoidance.rows)
                 objectives.append(optimum.f)
             avoidance, gap = avoiding(line, self.surroundings, avoidance)
             if optimum is not None and is_final and gap >= self.surroundings.clearance:

@@ -43,7 +43,7 @@ def avoiding(
     for row in before.rows if before else ():
         other = row.other.s if isinstance(row.other, Place) else row.other
         pair = row.place.s, other, row.is_part
-        if row.is_lasting and not any(_is_same(line, pair, another) for another in pairs):
+        if not row.is_part and not any(_is_same(line, pair, another) for another in pairs):
             pairs.append(pair)
     return Avoidance(tuple(_row(line, surroundings, *pair) for pair in pairs)), least
 

@@ -64,18 +64,14 @@ class Apart:
     keep : float
         The least distance of the midline there [m].
     is_part : bool
-        Whether the body stands for a mesh near the place, behind a plane or in a box around it.
+        Whether the body stands for a mesh near the place, behind a plane or in a box around it: it
+        may keep off more than what is asked once the arm is elsewhere.
     """
 
     place: Place
     other: Place | tuple[float, ...]
     keep: float
     is_part: bool = False
-
-    @property
-    def is_lasting(self) -> bool:
-        """Whether it keeps off no more than what is asked once the arm is elsewhere."""
-        return not self.is_part
 
 
 @dataclass(frozen=True)

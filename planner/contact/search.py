@@ -133,8 +133,8 @@ class ContactSearch:
         """Find optima until enough agree on the best, or there are as many as are asked for.
 
         As many as needed from what is nearby, else two, or three where something is held, as two
-        may agree on many times the least effort. Where three miss the targets with the default
-        margin of stability, what can be had is found from the nearest of these.
+        may agree on many times the least effort. Where three guesses miss the targets with the
+        default margin of stability, the search goes on without it, from the nearest of these.
         """
         task, stated = self.task, self.task.statement
         hasty = task.best_margin and stated.margin > stated.floor

@@ -142,21 +142,19 @@ class Trajectory(Told):
         if certificate.problem:
             return said
         factor, period = f"{self.inertia:.2g} times gravity", f"{self.period:.2g} s"
-        if self.inertia > QUASI_STATIC * (1 + SAMPLED):
-            slow = f"Not slow enough to be quasi-static: the tip accelerates by some {factor}"
-            return f"{said} {slow}, the arm's slowest period {period}."
+        is_slow = self.inertia <= QUASI_STATIC * (1 + SAMPLED)
         between = np.diff(self.times[[0, *self.stops]])
         shortest = float(between[between > 0].min(initial=np.inf))
-        if shortest < self.period:
-            slow = (
-                f"Slow enough to be quasi-static by the tip's acceleration, some {factor}, but not"
+        if is_slow and shortest < self.period:
+            return (
+                f"{said} Slow enough to be quasi-static by the tip's acceleration, some {factor}, "
+                f"but not by the arm's slowest period of {period}: the shortest way takes "
+                f"{shortest:.2g} s, give it more time."
             )
-            late = (
-                f"by the arm's slowest period of {period}: the shortest way takes {shortest:.2g} s"
-            )
-            return f"{said} {slow} {late}, give it more time."
-        slow = f"Slow enough to be quasi-static: the tip accelerates by some {factor}"
-        return f"{said} {slow}, the arm's slowest period {period}."
+        return (
+            f"{said} {'Slow' if is_slow else 'Not slow'} enough to be quasi-static: the tip "
+            f"accelerates by some {factor}, the arm's slowest period {period}."
+        )
 
     def at(self, t: Any) -> Array:
         """Return the tensions at a time [s], by section, or at times (M,), flat (M, n_tendons) [N].
