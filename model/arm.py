@@ -151,7 +151,11 @@ class Arm(Shown):
         return self.material.E * np.pi * self.base_radius**4 / 4 / self.length**2
 
     def outer_radius(self, s: Array) -> tuple[Array, Array, Array]:
-        """Return the radius of body or hull, whichever is wider, and two derivatives at s (N,)."""
+        """Return the radius of body or hull, whichever is wider, and two derivatives at s (N,).
+
+        Raises InputError for what are no arc lengths.
+        """
+        s = numbers("s", s, "arc lengths [m]")
         values = self.radius.evaluate(s, self.length)
         if self.hull is None:
             return values
@@ -228,7 +232,10 @@ class Arm(Shown):
         return [f"T_{i}{',' * (j > 9)}{j}" for i, count in counts for j in range(1, count + 1)]
 
     def tendon_name(self, index: int) -> str:
-        """Return the name of a tendon, see tendon_names."""
+        """Return the name of a tendon, see tendon_names; InputError for an index that none has."""
+        is_whole = isinstance(index, int | np.integer)
+        if not is_whole or index not in range(self.n_tendons):
+            raise InputError("index", index, f"a whole number from 0 to {self.n_tendons - 1}")
         return self.tendon_names[index]
 
     def tendons_of(self, section: int) -> tuple[int, ...]:

@@ -81,7 +81,13 @@ class Scene(Shown):
         return line if len(line) <= _WIDTH else "\n".join(lines)
 
     def find(self, kind: type[E] | tuple[type[E], ...]) -> E | None:
-        """Return the scene's effect of a kind, or the first of several; None if none is enabled."""
+        """Return the scene's effect of a kind, or the first of several; None if none is enabled.
+
+        Raises InputError for what is no kind of effect, nor several.
+        """
+        for each in kind if isinstance(kind, tuple) else (kind,):
+            if not (isinstance(each, type) and issubclass(each, Effect)):
+                raise InputError("kind", each, "a kind of effect, such as Weight, or several")
         for effect in self.effects:
             if isinstance(effect, kind):
                 return effect

@@ -99,7 +99,8 @@ def _certificate(result: Certificate | MotionCertificate) -> Iterator[Part]:
 def _scene(scene: Scene) -> Iterator[Part]:
     rows = [["effect", "settings"]]
     for effect in scene.effects:
-        values = ", ".join(f"{f.name} = {getattr(effect, f.name)!r}" for f in fields(effect))
+        shown = (f.name for f in fields(effect) if f.repr)
+        values = ", ".join(f"{name} = {getattr(effect, name)!r}" for name in shown)
         rows.append([type(effect).__name__, values])
     yield rows if scene.effects else [*rows, ["none: the bare arm", ""]]
 

@@ -27,7 +27,7 @@ from model import (
     settle_many,
 )
 from model.clearance import clearance
-from model.effects import Extension
+from model.effects import Extension, Weight
 from tests.oracles import Array, paper_rod, strain
 from tests.refusals import Refused, check_refusal
 
@@ -131,6 +131,12 @@ ARMS: Refused = {
 }
 SETTLED: Refused = {
     "unknown arm": (lambda: Arm.from_paper("table-3"), "arm", "table-2, table-4, section-5.1, "),
+    "tendon of no number": (lambda: ARM.tendon_name("T_11"), "index", "from 0 to 11"),  # type: ignore[arg-type]
+    "tendon before the first": (lambda: ARM.tendon_name(-1), "index", "from 0 to 11"),
+    "tendon after the last": (lambda: ARM.tendon_name(12), "index", "from 0 to 11"),
+    "radius at no number": (lambda: ARM.outer_radius("tip"), "s", "arc lengths"),  # type: ignore[arg-type]
+    "effect by its name": (lambda: Scene().find("Weight"), "kind", "a kind of effect"),  # type: ignore[arg-type]
+    "effect itself": (lambda: Scene().has(Weight()), "kind", "a kind of effect"),  # type: ignore[arg-type]
     "section 0": (lambda: ARM.tendons_of(0), "section", "from 1 to 3"),
     "section 4": (lambda: ARM.tendons_of(4), "section", "from 1 to 3"),
     "sections": (lambda: ARM.tendons_of(np.array([1, 2])), "section", "from 1 to 3"),  # type: ignore[arg-type]
