@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from model.arm import Arm
 from model.compliance import length_response
 from model.paths import Array
 from model.shape import Shape
@@ -60,4 +61,9 @@ def strokes(shape: Shape, zero: Any = None) -> Array:
     left = shape.tendon_lengths
     if shape.winches is not None:
         left = np.where(shape.winches.held, shape.winches.lengths, left)
-    return np.asarray((rest_lengths(shape.arm) if zero is None else np.array(zero)) - left)
+    return taken_in(shape.arm, left, zero)
+
+
+def taken_in(arm: Arm, lengths: Array, zero: Any = None) -> Array:
+    """Return what winches that leave lengths (..., n_tendons) have taken in [m]; see strokes."""
+    return np.asarray((rest_lengths(arm) if zero is None else np.array(zero)) - lengths)

@@ -16,8 +16,10 @@ from model.clearance.pieces import Spread
 from model.cross_section import cross_section_of
 from model.cross_section.sections import Sections, strains_of
 from model.effects import PrintedStatics
+from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_steps import Collocation
 from model.equilibrium.newton import STAGES, Start, newton
+from model.equilibrium.stability import stands
 from model.errors import InputError, OctoplanError
 from model.forward import explicit_map
 from model.loads import is_loaded
@@ -60,8 +62,8 @@ class Lines:
         """Return the centreline under tensions (n_tendons,); None without an equilibrium."""
         forward = self._forward
         if self.loaded:
-            states = self._equilibrium(tensions)
-            return None if states is None else Centreline.at_states(forward.system, states)
+            point = self._equilibrium(tensions)
+            return None if point is None else Centreline.at_states(point.system, point.states)
         poses, strains = forward.run(tensions)
         if np.isnan(poses[-1]).any():
             return None
@@ -70,14 +72,13 @@ class Lines:
         return Centreline.at_strains(*at, poses, law, strains_of(law, inner))
 
     def lengths(self, tensions: Array) -> Array:
-        """Return the lengths of the tendons (n_tendons,) [m]; NaN without an equilibrium."""
+        """Return the lengths of the tendons (n_tendons,) [m]; NaN where the arm does not stand."""
         if not self.loaded:
             return tendon_lengths(self.arm, self.scene, self._machine_code)(tensions).lengths
-        states = self._equilibrium(tensions)
-        if states is None:
+        point = self._equilibrium(tensions)
+        if point is None or not stands(point):
             return np.full(self.arm.n_tendons, np.nan)
-        system = self._forward.system
-        return np.asarray(system.lengths(system.x(tensions, 1.0, states)))
+        return point.lengths
 
     @cached_property
     def sections(self) -> Sections:
@@ -86,8 +87,8 @@ class Lines:
         law = cross_section_of(self.scene, self.arm.is_curved, twisted=False)
         return Sections(self.arm, self.scene, law, at, active)
 
-    def _equilibrium(self, tensions: Array) -> Array | None:
-        """Return the states (n_states,) under tensions (n_tendons,); None without an equilibrium.
+    def _equilibrium(self, tensions: Array) -> Linearised | None:
+        """Return the equilibrium under tensions (n_tendons,), None where none is found.
 
         Near those under the two nearest tensions, in proportion between these, and from rest where
         it is not there.
@@ -106,7 +107,7 @@ class Lines:
             return None
         self._tensions = np.vstack([self._tensions, tensions])
         self._states.append(point.states)
-        return self._states[-1]
+        return point
 
 
 class Moving:

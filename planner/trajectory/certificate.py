@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from model.errors import OctoplanError
-from model.loads import is_loaded
+from model.loads import contacts, is_loaded
 from model.shape import Shape
 from model.text import Shown, told
 from planner.certificate import Certificate, certify, tension_excess
 from planner.question import Statement
 from planner.targets.base import Target
 from planner.task import Task
-from planner.trajectory.clear import between
+from planner.trajectory.clear import between, strokes_between
 from planner.trajectory.question import Question
 from planner.trajectory.time_law import Timed, fastest_pace
 
@@ -49,6 +49,9 @@ class MotionCertificate(Shown):
         integrator.
     bounds : float
         Largest violation of a tension limit [N]; between waypoints there is none beyond theirs.
+    strokes : float
+        Largest violation of a limit of strokes, at waypoints and between them, by more than they
+        are met to [m]: of the settled arm at 320 instants from each waypoint to the next.
     rate : float
         Largest rate of tension over its limit; exact, as tensions are linear in between.
     stroke_rate, stroke_acceleration, tip_acceleration : float
@@ -65,13 +68,15 @@ class MotionCertificate(Shown):
         Under loads the largest of these steps: how far places of the arm go at the most between two
         shapes that were compared [m]; 0 where clearance is proven.
     jumps : tuple of int
-        Waypoints, from 0 where the motion begins, on the way to which an arm in contact jumps.
+        Waypoints, from 0 where the motion begins, on the way to which an arm in contact or under
+        loads jumps, or is unstable.
     problem : str
         Why the check could not be made, if so.
     """
 
     at_targets: tuple[Certificate, ...] = ()
     bounds: float = np.inf
+    strokes: float = 0.0
     rate: float = np.inf
     stroke_rate: float = 0.0
     stroke_acceleration: float = 0.0
@@ -106,10 +111,12 @@ class MotionCertificate(Shown):
         sentences += [f"target {i} is off by {size:.2g}" for i, size in missed[:3]]
         for i, one in enumerate(self.at_targets):
             # Targets and limits are told of already.
-            kept = replace(one, equality={}, inequality={}, bounds=0.0)
+            kept = replace(one, equality={}, inequality={}, bounds=0.0, strokes=0.0)
             sentences += [f"at target {i} {failure}" for failure in kept.failures]
         if self.bounds > 0:
             sentences.append(f"a tension limit is violated by {self.bounds:.2g} N")
+        if self.strokes > 0:
+            sentences.append(f"a limit of strokes is passed by {1e3 * self.strokes:.2g} mm")
         for name, _, words, allowed in _RATIOS:
             if getattr(self, name) > 1 + allowed:
                 sentences.append(f"{words} is {getattr(self, name):.4g} times its limit")
@@ -131,6 +138,7 @@ class MotionCertificate(Shown):
         """What was checked: name with unit and value; first the names of columns."""
         numbers = {
             "limits violated by [N]": self.bounds,
+            "stroke limits passed by [mm]": 1e3 * self.strokes,
             **{label: getattr(self, name) for name, label, *_ in _RATIOS},
             "clearance less asked [mm]": 1e3 * self.clearance,
             "verified at steps of [mm]": 1e3 * self.step,
@@ -173,15 +181,19 @@ def certify_motion(
         at_targets=tuple(_at_target(question, targets, shape) for targets, shape in pairs),
         jumps=tuple(k for k, shape in enumerate(shapes) if k and shape.snaps),
     )
-    if not question.surroundings:
+    if contacts(question.scene):
         return result
-    bound, when, step = between(question.lines(), way, question.surroundings)
+    lines, loaded = question.lines(), is_loaded(question.scene)
+    if loaded or question.limits.strokes is not None:
+        left, _, jumps = strokes_between(question, lines, way)
+        result = replace(result, strokes=max(0.0, -float(left.min())), jumps=jumps)
+    bound, when, step = between(lines, way, question.surroundings)
     k = int(np.argmin(bound))
     return replace(
         result,
         clearance=float(bound[k]),
         nearest=float(when[k]),
-        step=step * is_loaded(question.scene),
+        step=step * loaded,
     )
 
 

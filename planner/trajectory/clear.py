@@ -1,19 +1,22 @@
-"""Motions that keep clear: how clear they are between waypoints, and more of these where not.
+"""Motions that keep clear and within limits of strokes, by further waypoints where they do not.
 
 Inequalities that keep clear are added where they are violated, at waypoints and, by further
-waypoints without targets, between them; then the program over all is solved again.
+waypoints without targets, between them; then the program over all is solved again. Limits of
+strokes hold at all waypoints, and where they are passed between two there is a further one.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
+from numpy.polynomial import chebyshev
 
 from model.centreline import Counts
 from model.clearance.bisection import closest
 from model.clearance.nearest import BASE, ITSELF, OBSTACLES, around
-from model.errors import InputError
+from model.errors import ConvergenceError, InputError
 from model.obstacles import numbers_of
 from model.obstacles.base import Convex
 from model.paths import Array
@@ -21,8 +24,9 @@ from planner.avoidance.lines import Lines, Moving
 from planner.avoidance.places import EXCHANGED, avoiding
 from planner.avoidance.rows import Place
 from planner.avoidance.surroundings import Surroundings
+from planner.measure import taken_in
 from planner.trajectory.question import Question, Waypoint
-from planner.trajectory.time_law import Timed
+from planner.trajectory.time_law import INSTANTS, Stretch, Timed
 from planner.trajectory.waypoints import Waypoints
 
 # Shares of the way where a further waypoint parts it.
@@ -32,12 +36,13 @@ _INSIDE = 0.02
 def cleared(question: Question) -> list[Waypoint]:
     """Return the waypoints of the best motion that keeps clear, as far as that can be had.
 
-    Raises InputError where the arm is too near to something before it moves.
+    And within limits of strokes. Raises InputError where the arm is too near to something before it
+    moves.
     """
-    if not question.surroundings:
+    if not question.surroundings and question.limits.strokes is None:
         return Waypoints(question).waypoints
     lines = question.lines()
-    line = lines(question.start)
+    line = lines(question.start) if question.surroundings else None
     nearest = "" if line is None else question.surroundings.at(0.0).in_the_way(line)
     if nearest:
         distance = 1e3 * question.surroundings.clearance
@@ -54,11 +59,18 @@ def cleared(question: Question) -> list[Waypoint]:
 
 
 def _corrected(question: Question, before: list[Waypoint], lines: Lines) -> list[Waypoint]:
-    """Return waypoints with inequalities where they, or the ways between, are too near."""
+    """Return waypoints with inequalities where they, or the ways between, are too near.
+
+    And with further ones where limits of strokes are passed between them.
+    """
     way, waypoints = Timed.of(question, before), list[Waypoint]()
     (bound, when, _), starts = between(lines, way, question.surroundings), way.starts
-    shares, too_near = (when - starts[:-1]) / np.diff(starts), bound < 0
-    inside = too_near & (shares > _INSIDE) & (shares < 1 - _INSIDE)
+    too_near, parted = bound < 0, bound < 0
+    if question.limits.strokes is not None:
+        left, then, _ = strokes_between(question, lines, way)
+        parted, when = too_near | (left < 0), np.where(too_near, when, then)
+    shares = (when - starts[:-1]) / np.diff(starts)
+    inside = parted & (shares > _INSIDE) & (shares < 1 - _INSIDE)
     beside = too_near | np.append(too_near[1:], False)
     for k, waypoint in enumerate(before):
         if inside[k]:
@@ -93,8 +105,10 @@ def between(lines: Lines, way: Timed, surroundings: Surroundings) -> tuple[Array
 
     What is kept besides the clearance (N,) [m], a lower bound, see model.clearance.bisection; when
     that is (N,) [s]; how far places of the arm go at the most between two shapes that were looked
-    at [m].
+    at [m]. Infinite where there is nothing to keep clear of.
     """
+    if not surroundings:
+        return np.full(way.starts.size - 1, np.inf), way.starts[:-1], 0.0
     times, moving = way.starts, surroundings.moving
     if moving:
         # Parts on which obstacles move steadily, and the share of the way is a parabola.
@@ -127,3 +141,30 @@ def between(lines: Lines, way: Timed, surroundings: Surroundings) -> tuple[Array
     which = np.searchsorted(way.starts[1:], low, side="right")
     first = np.lexsort((bound, which))[np.searchsorted(which, np.arange(way.starts.size - 1))]
     return bound[first], when[first], max(float(one.step.max()) for one in nearest)
+
+
+def strokes_between(
+    question: Question, lines: Lines, way: Timed
+) -> tuple[Array, Array, tuple[int, ...]]:
+    """Return what is left of limits of strokes from each of N waypoints to the next.
+
+    The least (N,) [m], below 0 where they are passed by more than strokes are met to, infinite
+    without limits; when that is (N,) [s]; the waypoints on the way to which no arm stands or it
+    jumps, under loads, or where limits are to be verified.
+    """
+    limits, within = question.limits, question.accuracy * question.arm.length
+    left, when, jumps = np.full(way.starts.size - 1, np.inf), way.starts[:-1].copy(), list[int]()
+    for k, ends in enumerate(pairwise(way.tensions)):
+        try:
+            stretch = Stretch.of(lines.lengths, *ends, within)
+        except ConvergenceError:
+            jumps.append(k + 1)
+            continue
+        if limits.strokes is not None:
+            t = np.linspace(way.starts[k], way.starts[k + 1], INSTANTS + 1)
+            lengths = chebyshev.chebval(2 * (way.progress(t) - k) - 1, stretch.coefficients).T
+            taken = taken_in(question.arm, lengths, limits.stroke_zero)
+            low, high = np.array(limits.strokes)
+            least = np.minimum(taken - low, high - taken).min(axis=1) + within
+            left[k], when[k] = least.min(), t[least.argmin()]
+    return left, when, tuple(jumps)

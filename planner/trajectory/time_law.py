@@ -31,7 +31,7 @@ from planner.trajectory.question import Question, Rates, Waypoint
 
 # Knots of a stretch, and instants at which it is looked at.
 _KNOTS = 80
-_INSTANTS = 4 * _KNOTS
+INSTANTS = 4 * _KNOTS
 # Degrees that are tried, and what their last coefficients may be, over the largest change; what a
 # stretch takes on which nothing limits the pace [s].
 _DEGREES, _ROUNDING = (8, 16, 32, 64, 128), 1e-8
@@ -61,8 +61,8 @@ class Stretch:
     coefficients: Array
 
     @classmethod
-    def of(cls, places: Places, start: Array, end: Array) -> Stretch:
-        """Return the stretch between tensions (n_tendons,).
+    def of(cls, places: Places, start: Array, end: Array, within: float = 0.0) -> Stretch:
+        """Return the stretch between tensions (n_tendons,), as close as that or to rounding [m].
 
         Raises ConvergenceError where it is not smooth, or the arm does not settle.
         """
@@ -73,7 +73,7 @@ class Stretch:
                 break
             fitted = chebyshev.chebfit(x, values, degree)
             change, size = np.abs(fitted[1:]).max(), np.abs(fitted).max()
-            if np.abs(fitted[-2:]).max() <= _ROUNDING * change + _SETTLED * size:
+            if np.abs(fitted[-2:]).max() <= max(within, _ROUNDING * change + _SETTLED * size):
                 return cls(end - start, fitted)
         remedy = "somewhere between two waypoints it snaps: put waypoints where it does not"
         raise ConvergenceError(_ROUNDING, np.inf, remedy)
@@ -89,7 +89,7 @@ class Stretch:
         At many instants.
         """
         knots = np.arange(law.x.size)
-        inside = (np.arange(_INSTANTS) + 0.5) / _INSTANTS * knots[-1]
+        inside = (np.arange(INSTANTS) + 0.5) / INSTANTS * knots[-1]
         t = np.interp(np.concatenate([knots, inside]), knots, law.x)
         first, second = self.derivatives(law(t))
         speed, rise = law(t, 1)[:, None], law(t, 2)[:, None]
