@@ -61,7 +61,7 @@ def tips(count: int, seed: int = 0) -> list[TipPosition]:
 def effort_of(result: Design, values: Array, starts: int) -> float:
     """Return the effort of the tasks by plans of an arm [N]; infinite unless it meets them all."""
     try:
-        arm = result.parameters.built(values, "")[0]
+        arm = result.parameters.setting(values).arm
         if MAKING.room(arm).min() < -_ROUNDING:
             return float("inf")
         plans = [plan(arm, p.targets, SCENE, MOST, starts=starts) for p in result.plans]

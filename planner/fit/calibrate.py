@@ -24,7 +24,7 @@ from planner.fit.experiment import Experiment
 from planner.fit.fitted import Start, parameters_of
 from planner.fit.least_squares import Fit, Loss, fit
 from planner.fit.measured import Measured, checked_shapes
-from planner.fit.residuals import LOOSER, Evaluation, UnsettledShapeError, from_rest
+from planner.fit.residuals import Evaluation, UnsettledShapeError, from_rest
 from planner.fit.unknowns import Parameters, Unknown
 
 ACCURACY = 1e-5
@@ -192,9 +192,7 @@ class _Search:
             tell("fits", i, len(spread))
             start = Start(tuple(values.tolist()), None, float("inf"))
             try:
-                optimum = self._fit(
-                    from_rest(self._experiment(*_COARSE), values, LOOSER), _COARSE_FIT
-                )
+                optimum = self._fit(from_rest(self._experiment(*_COARSE), values), _COARSE_FIT)
             except (UnsettledShapeError, InputError) as reason:
                 problems.append(reason)
                 self.starts.append(start._replace(why=str(reason)))
@@ -242,10 +240,10 @@ class _Search:
         for _ in range(_ROUNDS):
             self.best = best = self._fit(start, _FINE_FIT)
             followed = best.evaluation
-            start = from_rest(self._experiment(*_COARSE), followed.values, LOOSER)
+            start = from_rest(self._experiment(*_COARSE), followed.values)
             if apart := _on_other_branch(followed, start):
                 # It may be the coarse mesh that has them elsewhere.
-                start = from_rest(followed.experiment, followed.values, LOOSER)
+                start = from_rest(followed.experiment, followed.values)
                 apart = _on_other_branch(followed, start)
             if not apart:
                 return best

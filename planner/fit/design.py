@@ -102,7 +102,7 @@ def design(
     if isinstance(objective, Reach):
         at_first = program.solve(parameters.start, _tensions(before), fixed=True)
         reaches = tuple(at_first.tensions[-1].tolist()), tuple(best.tensions[-1].tolist())
-    designed, scene = parameters.built(best.values)
+    _, designed, scene = parameters.setting(best.values)
     plans = search.plans(designed, scene)
     ends = zip((arm, designed), (before, plans), reaches or (None, None), strict=True)
     value_before, value = (worth(objective, scene, *each) for each in ends)
@@ -188,7 +188,7 @@ class _Search:
         """Add the optimum that values lead to; none from an arm that cannot be."""
         self._tried[values.tobytes()] = None
         with suppress(OctoplanError):
-            arm, scene = self.program.parameters.built(values)
+            _, arm, scene = self.program.parameters.setting(values)
             if self.program.making.room(arm).min() >= 0:
                 optimum = self.program.solve(values, _tensions(self.plans(arm, scene)))
                 self._tried[values.tobytes()] = optimum

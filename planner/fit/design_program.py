@@ -83,7 +83,7 @@ class DesignProgram:
         objective: Objective = "effort",
     ) -> None:
         self.parameters, self.limits, self.making = parameters, limits, making
-        self.arm, scene = parameters.built(parameters.start)
+        _, self.arm, scene = parameters.setting(parameters.start)
         self.tasks, self.weights = tuple(tasks), [1.0] * len(tasks)
         # What one unit of the objective is worth: tensions are counted in the largest unit.
         self.worth = float(units(self.arm, limits).max() ** 2) if objective == "effort" else 1.0
@@ -110,7 +110,7 @@ class DesignProgram:
 
         Raises InputError where no such arm can be.
         """
-        arm, scene = self.parameters.built(values)
+        _, arm, scene = self.parameters.setting(values)
         numbers, by_structure = list[Array](), dict[Any, Array]()
         for i, problem in enumerate(self.problems):
             directions = problem.directions
@@ -124,7 +124,7 @@ class DesignProgram:
 
     def begun(self, values: Array, tensions: Array) -> Array:
         """Return the unknowns of an arm whose tasks are in equilibrium under tensions."""
-        arm, scene = self.parameters.built(values)
+        _, arm, scene = self.parameters.setting(values)
         parts, numbers = list[Array](), self.numbers(values)
         for i, (problem, T) in enumerate(zip(self.problems, tensions, strict=True)):
             states = Collocation(self.system(i, arm, scene)).solve(T).states

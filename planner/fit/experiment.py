@@ -36,6 +36,8 @@ Index = NDArray[np.int64]
 Reached = Linearised | OctoplanError
 # Tip error over arm length of the shapes by lengths whose tensions are then corrected.
 _ROUGHLY = 1e-4
+# How many times larger than elsewhere the last steps of Newton's method are.
+LOOSER = 1e3
 
 
 class SessionNumbers(NamedTuple):
@@ -188,14 +190,11 @@ class SessionEquations:
         """Places of their poses among the states (M, 7)."""
         return np.asarray(self.system.of.nodes[self.nodes, :POSE])
 
-    def from_rest(self, i: int, looser: float = 1.0) -> Reached:
-        """Return a shape as it is reached from rest, or why there is none.
-
-        Newton's method may end with steps so many times larger than elsewhere.
-        """
+    def from_rest(self, i: int) -> Reached:
+        """Return a shape as it is reached from rest, or why there is none."""
         shape = self.experiment.shapes[i]
         try:
-            result = Collocation(self.system).solve(self.tensions(shape), looser=looser)
+            result = Collocation(self.system).solve(self.tensions(shape), looser=LOOSER)
             check_stretch(result)
         except OctoplanError as reason:
             return reason

@@ -111,7 +111,7 @@ class Fitted:
 
     def setting(self, session: str = "") -> tuple[Arm, Scene]:
         """Return arm and scene of a session."""
-        return self.parameters.built(self.array, session)
+        return self.parameters.setting(self.array, session)[1:]
 
     @property
     def array(self) -> Array:

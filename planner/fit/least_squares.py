@@ -35,12 +35,7 @@ _RHO: dict[str, Callable[[Array], Rho]] = {
     "soft_l1": lambda z: (2 * (np.sqrt(1 + z) - 1), (1 + z) ** -0.5, -0.5 * (1 + z) ** -1.5),
     "cauchy": lambda z: (np.log1p(z), 1 / (1 + z), -1 / (1 + z) ** 2),
 }
-# The mean of rho'(x^2) x^2 of a standard normal distribution, of the two losses that noise is
-# estimated with; and its standard deviation over the median of sizes.
-_EXPECTED = {
-    "linear": 1.0,
-    "cauchy": 1 - float(np.sqrt(np.pi * np.e / 2) * scipy.special.erfc(np.sqrt(0.5))),
-}
+# The standard deviation of a normal distribution over the median of sizes.
 _MEDIAN = 1 / float(scipy.special.ndtri(0.75))
 # The least noise, over the standard deviations given; how often shapes are settled at most, and the
 # last step, over the unknowns from 0 to 1.
@@ -59,10 +54,10 @@ def counted_by(loss: Loss, r: Array) -> Array:
 class Likelihood:
     """The negative logarithm of the likelihood of residuals r and of their noise.
 
-        n k log(noise) + 1/2 sum rho((r / noise)^2),   noise where that is least,
+        n log(noise) + 1/2 sum rho((r / noise)^2),
 
-    whose gradient by r is that of fixed noise. `k` makes the noise that of a normal distribution:
-    it is the mean of rho'(x^2) x^2 there. Source: Huber, "Robust Statistics" (1981), 7.7.
+    of squares, rho(z) = z, with the noise where that is least unless it is known: the gradient by r
+    is that of fixed noise.
 
     Attributes
     ----------
@@ -72,7 +67,7 @@ class Likelihood:
     size : int
         How many of the residuals are of data; the rest are of priors, which are in full.
     noise : float
-        If it is known.
+        If it is known, as it is of all losses but squares.
     """
 
     loss: Loss
@@ -84,18 +79,7 @@ class Likelihood:
         """Return the noise of squared residuals of data."""
         if self.noise is not None:
             return self.noise
-        rms = float(np.sqrt(z.sum() / self.free))
-        if self.loss == "linear" or rms < _LEAST_NOISE:
-            return max(rms, _LEAST_NOISE)
-
-        def excess(log: float) -> float:
-            t = z * np.exp(-2 * log)
-            return float((_RHO[self.loss](t)[1] * t).sum()) - self.free * _EXPECTED[self.loss]
-
-        low, high = np.log(_LEAST_NOISE), np.log(1e3 * rms)
-        if excess(low) <= 0:
-            return _LEAST_NOISE
-        return float(np.exp(scipy.optimize.brentq(excess, low, high, xtol=1e-6)))
+        return max(float(np.sqrt(z.sum() / self.free)), _LEAST_NOISE)
 
     def rho(self, z: Array) -> Array:
         """Return twice the likelihood's terms of squared residuals z, and their derivatives."""
@@ -103,7 +87,7 @@ class Likelihood:
         noise = self.noise_of(data)
         rho, first, second = _RHO[self.loss](data / noise**2)
         if self.noise is None:
-            rho += 2 * self.free * _EXPECTED[self.loss] * np.log(noise) / max(self.size, 1)
+            rho += 2 * self.free * np.log(noise) / max(self.size, 1)
         rows[:, : self.size] = rho, first / noise**2, second / noise**4
         return rows
 
@@ -137,19 +121,25 @@ def fit(
 
     To about a `tolerance` in the logarithm of the likelihood. Unless standard deviations hold as
     given (`absolute`), the noise of a robust loss is by the median of the residuals where the fit
-    begins: near an optimum, or with `robust` at that of Cauchy's, which bounds what outliers add.
+    begins: near an optimum, or with `robust` at that of Cauchy's loss with the noise by the median
+    before, which bounds what outliers add. Source: Huber, "Robust Statistics" (1981), 7.7.
     """
     noise = 1.0 if absolute else None
     if loss != "linear" and not absolute:
         if robust:
-            first = _descent(start, "cauchy", None, tolerance)
+            first = _descent(start, "cauchy", _median_noise(start), tolerance)
             if first.refused:
                 return first
             start = first.evaluation
-        sizes = np.abs(np.concatenate([r for r, _ in start.scaled().values()]))
-        used = sizes.size / _degrees_of_freedom(start)
-        noise = max(float(_MEDIAN * np.median(sizes) * np.sqrt(used)), _LEAST_NOISE)
+        noise = _median_noise(start)
     return _descent(start, loss, noise, tolerance)
+
+
+def _median_noise(start: Evaluation) -> float:
+    """Return the noise of a normal distribution with the median of the residuals' sizes."""
+    sizes = np.abs(np.concatenate([r for r, _ in start.scaled().values()]))
+    used = sizes.size / _degrees_of_freedom(start)
+    return max(float(_MEDIAN * np.median(sizes) * np.sqrt(used)), _LEAST_NOISE)
 
 
 def _degrees_of_freedom(start: Evaluation) -> int:

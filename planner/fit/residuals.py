@@ -24,12 +24,16 @@ from model.equilibrium.sensitivities import ByNumbers, along
 from model.machine.functions import Mapped, built
 from model.paths import Array
 from model.rotations import conjugate, multiply, rotate
-from planner.fit.experiment import Experiment, Reached, SessionEquations, tensions_by_lengths
+from planner.fit.experiment import (
+    LOOSER,
+    Experiment,
+    Reached,
+    SessionEquations,
+    tensions_by_lengths,
+)
 
 # How often the way to other values is halved for shapes that one step does not lead to.
 _HALVINGS = 2
-# How many times larger than elsewhere the last steps of Newton's method are.
-LOOSER = 1e3
 
 
 class UnsettledShapeError(OctoplanError):
@@ -84,13 +88,13 @@ def _sensor_readings() -> ca.Function:
     return ca.Function("shown", [pose, offset, seen], [shown, ca.densify(J.T)])
 
 
-def from_rest(experiment: Experiment, values: Array, looser: float = 1.0) -> Evaluation:
+def from_rest(experiment: Experiment, values: Array) -> Evaluation:
     """Return all shapes at values (K,) as they are reached from rest.
 
     InputError where no such arm can be; shapes that have no equilibrium are `lost`.
     """
     at = experiment.at(values)
-    reached = {i: at[of].from_rest(i, looser) for i, of in enumerate(experiment.session)}
+    reached = {i: at[of].from_rest(i) for i, of in enumerate(experiment.session)}
     return Evaluation.of(experiment, values, at, reached)
 
 

@@ -190,10 +190,6 @@ class Parameters:
         mean, std = np.array([row[1:] for row in rows]).reshape(-1, 2).T
         return (values[which] - mean) / std, np.diag(self.range)[which] / std[:, None]
 
-    def built(self, values: Array, session: str = "") -> tuple[Arm, Scene]:
-        """Return arm and scene of values (K,); InputError where no such arm can be."""
-        return self.setting(values, session)[1:]
-
     def setting(self, values: Array, session: str = "", near: Setting | None = None) -> Setting:
         """Return the setting of values (K,) of the unknowns that belong to a session; see its `at`.
 

@@ -30,7 +30,7 @@ from model.obstacles.base import distances_from
 from model.paths import Array
 from model.progress import limited
 from model.scene import Scene
-from model.settle import settle
+from model.settle import loosest, settle
 from model.shape import Shape
 from planner.live.handles import Goal
 from planner.question import Limits, natural_tensions
@@ -38,8 +38,7 @@ from planner.question import Limits, natural_tensions
 # What is drawn is as accurate as a pixel or so, over the arm's length: nearer than that the arm is
 # there. So much counts also the tension that bends the arm by 1 rad, beside what is missed.
 ACCURACY = 1e-3
-# How many times larger than elsewhere the last steps of Newton's method may be, on this mesh.
-_LOOSER, _COARSE = 1e4, 1
+_COARSE = 1
 # The farthest that a step goes, over the arm's length or in rad; how often it is tried.
 _FAR, _TRIALS = 0.15, 6
 # What does not settle in that time [s] is no step nearby.
@@ -204,7 +203,7 @@ class Follower:
     def _near(self, forward: Collocation, now: Linearised, tensions: Array) -> Shape | None:
         """Return the shape on a mesh near the one now; None where none is stable there."""
         guess, shape = forward.carried(tensions[None], [now])[0], self.shape
-        (point,) = newton(forward.system, [Start(tensions, 1.0, guess, looser=_LOOSER)])
+        (point,) = newton(forward.system, [Start(tensions, 1.0, guess, looser=loosest(ACCURACY))])
         if point is None or not stands(point):
             return None
         return Shape(shape.arm, shape.scene, ACCURACY, point, shape.refinement)

@@ -137,7 +137,7 @@ def test_the_optimum_is_that_of_a_search_over_plans() -> None:
     found = design(_arm(), [tip], [bounded], PAPER, 5.0, starts=3, begins=2)
     parameters = found.parameters
     places = np.linspace(80, 130, 4)
-    arms = [parameters.built(np.array([x]), "")[0] for x in places]
+    arms = [parameters.setting(np.array([x])).arm for x in places]
     plans = [plan(arm, tip, PAPER, 5.0, starts=3) for arm in arms]
     efforts = [own.effort for own in plans if own.certificate.passed]
     assert len(efforts) > 1
@@ -154,7 +154,7 @@ def test_sensitivity_is_that_of_plans_made_anew(key: str) -> None:
     h = 1e-3
 
     def effort(x: float) -> float:
-        arm = found.parameters.built(np.array([found.values[0] + x]), "")[0]
+        arm = found.parameters.setting(np.array([found.values[0] + x])).arm
         plans = [plan(arm, tip, PAPER, 5.0, starts=3, accuracy=1e-9) for tip in _tips()]
         return float(np.linalg.norm([own.effort for own in plans]))
 
@@ -172,7 +172,7 @@ def test_a_stiffest_arm_is_no_softer_than_any_corner_of_the_bounds(count: int) -
     assert found.feasible, found.outcome
     parameters = Parameters.of(_arm(), PAPER, unknowns)
     for corner in product(*((own.lower, own.upper) for own in unknowns)):
-        p = plan(parameters.built(np.array(corner))[0], [task, up], PAPER, 5.0, starts=1)
+        p = plan(parameters.setting(np.array(corner)).arm, [task, up], PAPER, 5.0, starts=1)
         if p.reached:
             stiff.append(1 / stiffness(p.arm, p.tensions, PAPER).compliance[2, 2])
     assert stiff

@@ -203,7 +203,7 @@ def test_a_predicted_tip_has_the_covariance_of_the_unknowns(sure: Calibration) -
     assert told.tip == pytest.approx(settle(sure.arm, T, sure.scene, 1e-7).tip, abs=1e-6)
 
     def tip(values: np.ndarray) -> np.ndarray:
-        arm, scene = sure.parameters.built(values)
+        _, arm, scene = sure.parameters.setting(values)
         return settle(arm, T, scene, 1e-9).tip
 
     columns = [
