@@ -29,7 +29,7 @@ from planner.avoidance.around import Around, line_of
 from planner.avoidance.surroundings import Surroundings, surroundings
 from planner.certificate import BRINK
 from planner.contact.grasp import Grip, grips_of
-from planner.contact.load_path import from_rest, is_same, rubs, settled_along
+from planner.contact.load_path import is_same, rubs, settled_along
 from planner.contact.search import ContactSearch, check_contact, optimality_of
 from planner.contact.wrapping import (
     beside,
@@ -214,7 +214,9 @@ def plan(
         Such plans are for places and poses.
     time_limit : float
         [s]. What is best then is returned, and `outcome` says so; what the first plan for an arm
-        and a scene needs to be set up is not cut short.
+        and a scene needs to be set up is not cut short. Nor are shape and certificate, which are
+        found when they are first asked for: in a second or less, in contact in seconds, and where
+        it hardly settles within 20 s a mesh.
     stability_margin : float
         The least stability of the shape under its loads that is accepted, 0 to 1: the least
         eigenvalue of the scaled Hessian of the energy, which is 1 for an arm at rest and 0 where it
@@ -312,8 +314,6 @@ def _planned(task: Task, around: Surroundings, near: Plan | None) -> Plan:
                 return plan
     begin = None if near is None else tuple(np.ravel(near.tensions).tolist())
     load_path = None if begin is None else (*(held.load_path if held else ()), begin)
-    if load_path is None and rubs(task.scene):
-        load_path = from_rest(task.arm, np.array(task.allowed.lower), task.scene)
     return HeldPlan.of(task, ContactSearch(task, load_path).run())
 
 

@@ -18,7 +18,7 @@ from model.loads import contacts, without_friction
 from model.paths import Array
 from model.progress import OutOfTime, check_time, tell
 from model.shape import Shape
-from planner.contact.load_path import ON_THE_PATH, LoadPath, rubs, settled_along
+from planner.contact.load_path import ON_THE_PATH, LoadPath, from_rest, rubs, settled_along
 from planner.contact.optimum import ContactOptimum, conditions, optimum
 from planner.contact.program import TensionProgram
 from planner.solve.guesses import BendCoordinates, initial_guesses, many_places
@@ -78,7 +78,7 @@ class ContactSearch:
     """The search for the least tensions of an arm in contact.
 
     `begin` is the load path to an equilibrium nearby, its tensions last: it is tried first, and
-    with friction, that acts against the motion from there, alone.
+    with friction, that acts against the motion from there, alone; unless given from rest.
     """
 
     def __init__(self, task: Task, begin: LoadPath | None = None) -> None:
@@ -101,9 +101,9 @@ class ContactSearch:
         trials, exact = _trials(self.optima), best is not None and not best.violation
         statement = self.task.statement.but(mode="exact" if exact else "nearest", refinement=FINE)
         if best is None:
-            *before, last = self.begin or (self.task.allowed.lower,)
-            T = self.task.arm.by_section(np.array(last))
-            return SearchResult(statement, T, (), (), trials, stopped, load_path=tuple(before))
+            path = self.begin or (self.task.allowed.lower,)
+            T = self.task.arm.by_section(np.array(path[-1]))
+            return SearchResult(statement, T, (), (), trials, stopped, load_path=path)
         T, multipliers = self.task.arm.by_section(best.point.tensions), (best.lam_x, best.lam_g)
         statement, way = statement.but(modes=len(best.lam_g)), best.load_path
         return SearchResult(statement, T, *multipliers, trials, stopped, load_path=way)
@@ -114,7 +114,9 @@ class ContactSearch:
         Where the arm still sticks no tensions tell how to move it: steps begin at those that it
         takes without friction, and beyond.
         """
-        assert self.begin is not None
+        if self.begin is None:
+            lower = np.array(self.task.allowed.lower)
+            self.begin = from_rest(self.task.arm, lower, self.task.scene)
         # From where it begins, and from rest where that leads nowhere.
         smooth = replace(self.task, scene=without_friction(self.task.scene), guesses=2)
         free = np.ravel(ContactSearch(smooth, self.begin).run().tensions)

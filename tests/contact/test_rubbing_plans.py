@@ -15,6 +15,7 @@ ARM = bar(0.3, 0.006, 2e7)
 FLOOR = HalfSpace((0, 0, -0.03), (0, 0, 1))
 ROD = Capsule((0.2, -0.15, -0.05), (0.2, 0.15, -0.05), 0.02)
 MU, BEFORE, AFTER = 0.3, [1.0, 0.0, 0.0, 0.5], [2.0, 0.0, 0.0, 0.5]
+RUBBING = Scene(Extension(), ExactTendons(), Contact(ROD, friction=MU))
 PLACE = TipPosition((0.29, 0.0, -0.024))
 
 
@@ -58,13 +59,12 @@ def test_a_motion_slips_to_a_place_against_friction_and_is_certified_on_its_way(
 def test_a_motion_from_rest_by_twelve_tendons_leans_and_slips_to_its_place() -> None:
     """It was said to be out of reach, or came to no end."""
     arm = Arm.from_paper("table-4")
-    scene = Scene(Extension(), ExactTendons(), Contact(ROD, friction=MU))
     T = np.zeros((3, 4))
     T[2, :2] = 0.3, 3.0
-    known = settle(arm, T, scene, near=settle(arm, 0 * T, scene))
+    known = settle(arm, T, RUBBING, near=settle(arm, 0 * T, RUBBING))
     assert known.contacts
     most, goal = 2 * T + 0.01, TipPosition(tuple(known.tip))
-    found = trajectory(arm, [goal], scene, most, rate_max=5.0, accuracy=1e-5)
+    found = trajectory(arm, [goal], RUBBING, most, rate_max=5.0, accuracy=1e-5)
     assert found.certificate.passed, str(found.certificate)
     assert found.shapes[-1].contacts
     assert np.linalg.norm(found.shapes[-1].tip - known.tip) < 1e-5 * arm.length
@@ -76,3 +76,11 @@ def test_a_motion_that_takes_longer_than_it_may_says_so() -> None:
         trajectory(ARM, [PLACE], on_floor(0.0), 30.0, rate_max=2.0, time_limit=1e-3)
     with pytest.raises(TimeLimitError, match="time limit"):
         trajectory(ARM, [PLACE], Scene(Extension()), 30.0, rate_max=2.0, time_limit=1e-3)
+
+
+def test_a_plan_that_ends_before_it_begins_to_slip_is_checked_where_the_arm_is() -> None:
+    """Its load path was empty: the certificate raised "not enough values to unpack"."""
+    stopped = plan(ARM, TipPosition((0.2, 0.1, 0.1)), RUBBING, 30.0, time_limit=1e-9)
+    assert stopped.stopped
+    assert stopped.outcome.startswith("Stopped at the time limit")
+    assert not stopped.tensions.any()
