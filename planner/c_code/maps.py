@@ -22,8 +22,14 @@ from model.shape import Shape
 from model.stations import base_pose, stations
 from model.stiffness import tip_jacobian_function
 from model.unloaded.closed_form import ClosedForm
-from planner.c_code.derivatives import own_step, strain_function, twist, twist_step
-from planner.c_code.pulls import TERMS, PullPolynomials
+from planner.c_code.derivatives import (
+    TERMS,
+    PullPolynomials,
+    own_step,
+    strain_function,
+    twist,
+    twist_step,
+)
 from planner.c_code.source import (
     CSource,
     Precision,

@@ -12,6 +12,7 @@ from cyclopts import Parameter
 
 from model import OctoplanError
 from model.progress import OutOfTime
+from model.settle import ACCURACY
 from model.text import plotted, told
 from planner.bodies.files import What, export_shape
 from planner.c_code.export import TAKEN, export_plan
@@ -144,8 +145,6 @@ def live(
 
 # Exports
 
-# Of the plan that an inverse begins from, where its code is to be less accurate.
-_PLANNED = 1e-6
 _WHAT = (
     "As C: tensions to shape (map), a moving tip target to tensions besides (plan); the settled "
     "arm as STL and glTF (mesh), for MuJoCo (mjcf), as URDF and ROS messages (urdf)."
@@ -181,7 +180,8 @@ def export(
             arguments = (question.arm, question.scene, to, question.tensions, question.accuracy)
             result = export_map(*arguments, precision, name)
         else:
-            fine = question.but(accuracy=min(question.accuracy, _PLANNED))
+            # The plan that an inverse begins from is no less accurate than others.
+            fine = question.but(accuracy=min(question.accuracy, ACCURACY))
             result = export_plan(planned(fine), to, question.accuracy, precision, name)
         files, shape, static_bytes = result.files, result.shape, result.static_bytes
         more = (

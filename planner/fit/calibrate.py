@@ -30,8 +30,6 @@ from planner.fit.unknowns import Parameters, Unknown
 ACCURACY = 1e-5
 # How far apart tips are that are on different branches, over the arm's length.
 _ASTRAY = 1e-3
-# How near to optima fits come, by the logarithm of the likelihood: on the coarse mesh, and last.
-_COARSE_FIT, _FINE_FIT = 1e-1, 1e-5
 # How often a fit begins again from shapes as they are reached from rest.
 _ROUNDS = 3
 _JUMPS = "it jumps to another shape near the values of the optimum"
@@ -192,7 +190,7 @@ class _Search:
             tell("fits", i, len(spread))
             start = Start(tuple(values.tolist()), None, float("inf"))
             try:
-                optimum = self._fit(from_rest(self._experiment(*_COARSE), values), _COARSE_FIT)
+                optimum = self._fit(from_rest(self._experiment(*_COARSE), values), first=True)
             except (UnsettledShapeError, InputError) as reason:
                 problems.append(reason)
                 self.starts.append(start._replace(why=str(reason)))
@@ -238,7 +236,7 @@ class _Search:
         """
         apart = list[int]()
         for _ in range(_ROUNDS):
-            self.best = best = self._fit(start, _FINE_FIT)
+            self.best = best = self._fit(start)
             followed = best.evaluation
             start = from_rest(self._experiment(*_COARSE), followed.values)
             if apart := _on_other_branch(followed, start):
@@ -248,9 +246,9 @@ class _Search:
             if not apart:
                 return best
             self.astray |= {self.shapes[i].name: None for i in apart if i in followed.equilibria}
-        return self._fit(self._fit(start, _FINE_FIT).evaluation, _FINE_FIT, apart)
+        return self._fit(self._fit(start).evaluation, apart)
 
-    def _fit(self, start: Evaluation, tolerance: float, jumping: Sequence[int] = ()) -> Fit:
+    def _fit(self, start: Evaluation, jumping: Sequence[int] = (), first: bool = False) -> Fit:
         """Return the fit of the shapes that settle, without those that jump.
 
         Nor those that the fit cannot follow, unless that is all of them.
@@ -263,10 +261,9 @@ class _Search:
                 self.why |= {i: SnapError(1.0, _JUMPS) for i in jumping}
                 start = start.only(kept)
             if not start.equilibria:
-                first, why = next(iter(start.lost.items()))
-                raise UnsettledShapeError(self.shapes[first].name, why)
-            robust = tolerance == _COARSE_FIT
-            best = fit(start, self.loss, self.absolute_std, tolerance, robust)
+                i, why = next(iter(start.lost.items()))
+                raise UnsettledShapeError(self.shapes[i].name, why)
+            best = fit(start, self.loss, self.absolute_std, first)
             start, jumping = best.evaluation, best.refused
             if len(jumping) in (0, len(start.equilibria)):
                 return best

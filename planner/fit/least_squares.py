@@ -37,9 +37,11 @@ _RHO: dict[str, Callable[[Array], Rho]] = {
 }
 # The standard deviation of a normal distribution over the median of sizes.
 _MEDIAN = 1 / float(scipy.special.ndtri(0.75))
-# The least noise, over the standard deviations given; how often shapes are settled at most, and the
-# last step, over the unknowns from 0 to 1.
-_LEAST_NOISE, _MOST, _STEP = 1e-9, 100, 1e-7
+# The least noise, over the standard deviations given; the last step, over the unknowns from 0 to 1.
+_LEAST_NOISE, _STEP = 1e-9, 1e-7
+# How near to optima fits come, by the logarithm of the likelihood: where only the best is gone on
+# with, and last.
+_ROUGHLY, _LAST = 1e-1, 1e-6
 # Derivatives serve elsewhere if they tell changes up to so much, over the root of the tolerance: by
 # what they are off there the logarithm of the likelihood changes by less than the tolerance.
 _TRUSTED = 0.5
@@ -114,23 +116,22 @@ class Fit:
     refused: tuple[int, ...]
 
 
-def fit(
-    start: Evaluation, loss: Loss, absolute: bool, tolerance: float = 1e-6, robust: bool = False
-) -> Fit:
+def fit(start: Evaluation, loss: Loss, absolute: bool, first: bool = False) -> Fit:
     """Return the optimum that an evaluation leads to, of the shapes that it has.
 
-    To about a `tolerance` in the logarithm of the likelihood. Unless standard deviations hold as
-    given (`absolute`), the noise of a robust loss is by the median of the residuals where the fit
-    begins: near an optimum, or with `robust` at that of Cauchy's loss with the noise by the median
-    before, which bounds what outliers add. Source: Huber, "Robust Statistics" (1981), 7.7.
+    Roughly, of a `first` fit that begins anywhere. Unless standard deviations hold as given
+    (`absolute`), the noise of a robust loss is by the median of the residuals where the fit begins:
+    near an optimum, or of a first fit at that of Cauchy's loss with the noise by the median before,
+    which bounds what outliers add. Source: Huber, "Robust Statistics" (1981), 7.7.
     """
+    tolerance = _ROUGHLY if first else _LAST
     noise = 1.0 if absolute else None
     if loss != "linear" and not absolute:
-        if robust:
-            first = _descent(start, "cauchy", _median_noise(start), tolerance)
-            if first.refused:
-                return first
-            start = first.evaluation
+        if first:
+            bounded = _descent(start, "cauchy", _median_noise(start), tolerance)
+            if bounded.refused:
+                return bounded
+            start = bounded.evaluation
         noise = _median_noise(start)
     return _descent(start, loss, noise, tolerance)
 
@@ -166,7 +167,6 @@ def _descent(start: Evaluation, loss: Loss, noise: float | None, tolerance: floa
         xtol=_STEP,
         ftol=None,
         gtol=None,
-        max_nfev=_MOST,
         callback=stop_at_the_optimum,
     )
     LOG.debug("%s: %s after %d evaluations", loss, result.message, result.nfev)

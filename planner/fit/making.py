@@ -11,12 +11,11 @@ from model.errors import InputError
 from model.paths import Array
 from model.quantities import ArcLength, Direction
 from model.value import value
+from planner.fit.unknowns import AT_BOUND
 from planner.question import Limits
 from planner.targets import Softest, Stiffest
 from planner.targets.base import Target, Terms, View
 
-# By what the given arm may miss what can be made [mm].
-_VIOLATION = 1e-6
 # Places along the arm at which walls and radii are evaluated.
 _STATIONS = 9
 
@@ -45,8 +44,9 @@ class Making:
 
     def check(self, arm: Arm) -> None:
         """Raise InputError where an arm to begin with cannot be made."""
-        violation = -1e3 * float(self.room(arm).min()) * arm.length
-        if violation > _VIOLATION:
+        room = float(self.room(arm).min())
+        if room < -AT_BOUND:
+            violation = -1e3 * room * arm.length
             allowed = f"a limit that the given arm keeps: it misses it by {violation:.3g} mm"
             raise InputError("making", self, allowed)
 
@@ -55,7 +55,7 @@ class Making:
         return tuple(
             f"{name} {1e3 * getattr(self, name):g} mm"
             for name, room in self._margins(arm).items()
-            if getattr(self, name) and room.min() < 1e-6
+            if getattr(self, name) and room.min() < AT_BOUND
         )
 
     def _margins(self, arm: Arm) -> dict[str, Array]:

@@ -32,19 +32,19 @@ from model.progress import limited
 from model.scene import Scene
 from model.settle import loosest, settle
 from model.shape import Shape
+from planner.certificate import BRINK
 from planner.live.handles import Goal
 from planner.question import Limits, natural_tensions
 
 # What is drawn is as accurate as a pixel or so, over the arm's length: nearer than that the arm is
 # there. So much counts also the tension that bends the arm by 1 rad, beside what is missed.
 ACCURACY = 1e-3
-_COARSE = 1
 # The farthest that a step goes, over the arm's length or in rad; how often it is tried.
 _FAR, _TRIALS = 0.15, 6
 # What does not settle in that time [s] is no step nearby.
 _LONG = 1.0
-# The least stability that is stepped to, and how firmly it is held beside an arm length missed.
-MARGIN, _FIRM = 0.1, 10.0
+# How firmly the least stability that is stepped to, BRINK, is held beside an arm length missed.
+_FIRM = 10.0
 # A step that brings less than this share of what is missed and of effort, squared, is the last.
 _STILL = 3e-3
 # Within this of the goal, over the arm's length, effort may fall while the goal is missed by more:
@@ -108,9 +108,9 @@ class Follower:
         self.shape, self._stability, point = shape, self._unheld, _under_loads(shape)
         if point is not None:
             code = self._machine_code
-            coarse = by_collocation(shape.arm, shape.scene, STAGES, _COARSE, machine_code=code)
+            coarse = by_collocation(shape.arm, shape.scene, STAGES, 1, machine_code=code)
             result = self._near(coarse, point, shape.tensions)
-            self.shape = shape if result is None else replace(result, refinement=_COARSE)
+            self.shape = shape if result is None else replace(result, refinement=1)
 
     def approach(self, goal: Goal, seconds: float) -> bool:
         """Take steps towards a goal for so long; return whether more would bring it nearer."""
@@ -178,10 +178,10 @@ class Follower:
             if self._stability is self._unheld:
                 self._stability = _stability(self.shape)
             value, slope = self._stability
-            self.brink = bool(value + slope @ change < MARGIN)
+            self.brink = bool(value + slope @ change < BRINK)
             if self.brink:
                 matrix = np.vstack([matrix, _FIRM * slope])
-                right = np.append(right, _FIRM * (MARGIN - value))
+                right = np.append(right, _FIRM * (BRINK - value))
                 change = lsq_linear(matrix, right, bounds, method="bvls").x
         return np.asarray(change)
 
@@ -219,7 +219,7 @@ class Follower:
         """Return what is missed beyond what counts as there, and the effort, squared."""
         missing = np.sqrt(missed @ missed + np.sum(np.maximum(gaps, 0.0) ** 2))
         effort = ACCURACY * tensions / self._unit
-        weak = _FIRM * max(MARGIN - stability, 0.0) if self.brink else 0.0
+        weak = _FIRM * max(BRINK - stability, 0.0) if self.brink else 0.0
         return float(weak**2 + max(missing - _BAND, 0.0) ** 2 + effort @ effort)
 
     def _gaps(self, shape: Shape) -> tuple[Array, Array]:

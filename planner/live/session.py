@@ -23,8 +23,8 @@ from planner.plan import Plan, plan
 from planner.question import checked_limits
 from planner.targets import BendingPlane, TipPose, TipPosition
 
-# The accuracy of ellipsoids; how long the arm moves on before it is drawn [s].
-_ROUGH, _PICTURE = 1e-2, 0.02
+# How long the arm moves on before it is drawn [s].
+_PICTURE = 0.02
 
 
 class Session:
@@ -138,7 +138,7 @@ class Session:
     def ellipsoid(self, p: Plan) -> tuple[Array, Array]:
         """Return the half axes (3,) of a plan's compliance at the tip [m/N], and directions."""
         by = p.machine_code
-        k = stiffness(self.arm, p.tensions, p.scene, accuracy=_ROUGH, compile=by)
+        k = stiffness(self.arm, p.tensions, p.scene, accuracy=ACCURACY, compile=by)
         return k.ellipsoid()
 
     @property

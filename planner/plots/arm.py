@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.colors import LightSource, Normalize
-from matplotlib.ticker import MultipleLocator
+from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
     Line3DCollection,
     Poly3DCollection,
@@ -25,7 +25,7 @@ from model.paths import Array
 from model.shape import Shape
 from planner.bodies.surface import along, outline, rings, tendon_lines
 from planner.certificate import COMPLEMENTARY
-from planner.plots.style import INK, MM, PULL, SIZE, SLACK, pull_norm, pulling
+from planner.plots.style import INK, MM, PULL, ROUND_STEPS, SIZE, SLACK, pull_norm, pulling
 from planner.plots.targets import draw_target
 
 _BODY, _LIGHT = "#dde8f3", LightSource(azdeg=218, altdeg=55)
@@ -155,7 +155,11 @@ def _body(arm: Arm, ax: Any, s: Array, poses: Array) -> Array:
     """Draw the surface, a disc at the base and one at each anchorage; return points (N, 3) [m]."""
     radius = arm.radius.evaluate(s, arm.length)[0]
     skin = rings(poses, radius, _AROUND)
-    _skin(ax, MM * np.concatenate([skin, skin[:, :1]], axis=1))
+    closed = MM * np.concatenate([skin, skin[:, :1]], axis=1)
+    style = {"alpha": 0.55, "lw": 0, "rasterized": True, "zorder": 2}
+    # Softly lit from above.
+    xyz = np.moveaxis(closed, 2, 0)
+    ax.plot_surface(*xyz, rstride=1, cstride=1, color=_BODY, lightsource=_LIGHT, **style)
     at = np.searchsorted(s, [0.0, *(section.at for section in arm.sections)])
     discs = rings(poses[at], np.where(at == 0, 1.5, 1.0) * radius[at], _AROUND)
     for zorder, some, alpha in ((1, discs[:1], 0.55), (3, discs[1:], 0.2)):
@@ -164,15 +168,6 @@ def _body(arm: Arm, ax: Any, s: Array, poses: Array) -> Array:
         )
         ax.add_collection3d(faces)
     return np.vstack([skin.reshape(-1, 3), discs[0]])
-
-
-def _skin(ax: Any, net: Array) -> None:
-    """Draw the surface through closed rings (N, around, 3) [mm], softly lit from above."""
-    corners = [net[:-1, :-1], net[:-1, 1:], net[1:, 1:], net[1:, :-1]]
-    quads = np.stack(corners, axis=2).reshape(-1, 4, 3)
-    style = {"alpha": 0.55, "lw": 0, "rasterized": True, "zorder": 2}
-    skin = Poly3DCollection(quads, facecolors=_BODY, shade=True, lightsource=_LIGHT, **style)
-    ax.add_collection3d(skin)
 
 
 def _tendons(shape: Shape, ax: Any, lines: list[Array]) -> None:
@@ -205,12 +200,12 @@ def fit(ax: Any, points: Array, fresh: bool) -> None:
     low, high = np.array(held).T
     size = np.maximum(high - low, _FLAT * (high - low).max()) * 1.06
     middle = (low + high) / 2
-    step = _round_step(float(size.max()) / 6)
     for name, c, width in zip("xyz", middle, size, strict=True):
         getattr(ax, f"set_{name}lim")(c - width / 2, c + width / 2)
         axis = getattr(ax, f"{name}axis")
         # A short side has two ticks at least, and no more than there is room for.
-        axis.set_major_locator(MultipleLocator(min(step, _round_step(float(width) / 3.5))))
+        most = max(6 * width / size.max(), 3.5)
+        axis.set_major_locator(MaxNLocator(most, steps=ROUND_STEPS))
         axis.set_pane_color((0.97, 0.975, 0.98, 1.0))
         # Matplotlib offsets labels in proportion to the other two sides of the box.
         others = (size.sum() - width) / 2 / np.linalg.norm(size)
@@ -219,8 +214,3 @@ def fit(ax: Any, points: Array, fresh: bool) -> None:
     ax.zaxis.set_rotate_label(False)
     ax.zaxis.label.set_rotation(90)
     ax.set_box_aspect(size)
-
-
-def _round_step(step: float) -> float:
-    power = 10.0 ** np.floor(np.log10(step))
-    return float(power * min((m for m in (1, 2, 2.5, 5) if m * power >= step), default=10))

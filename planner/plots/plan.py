@@ -20,7 +20,7 @@ from model.shape import Shape
 from planner.io.files import placed
 from planner.plan import Plan
 from planner.plots.arm import draw_arm, look
-from planner.plots.style import DPI, INK, MM, PULL, SIZE, axes_of, labelled, pull_norm
+from planner.plots.style import DPI, INK, MM, PULL, ROUND_STEPS, SIZE, axes_of, labelled, pull_norm
 
 _CURVATURES = (("τ", "#8a8f98"), ("ξ", "#1f6fb4"), ("k", "#d1495b"))
 _STRETCH = "#2a8c6e"
@@ -161,7 +161,7 @@ def _common_zero(left: Axes, right: Axes, strain: Array) -> None:
     low, high = min(r[0] for r in ranges) - 0.06, max(r[1] for r in ranges) + 0.06
     for ax, (_, _, size) in zip((left, right), ranges, strict=True):
         ax.set_ylim(low * size, high * size)
-        ax.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
+        ax.yaxis.set_major_locator(MaxNLocator(6, steps=ROUND_STEPS))
 
 
 def _label_strains(ax: Axes, right: Axes, length: float) -> None:
@@ -209,4 +209,4 @@ def plot_tensions(arm: Arm, tensions: Array, upper: Array, ax: Axes) -> None:
     ax.set_ylim(0, (1.32 if narrow and not many else 1.15) * top)
     for end in np.cumsum([len(section.angles) for section in arm.sections])[:-1]:
         ax.axvline(float(end) - 0.5, color=INK, lw=0.5, ls=":")
-    ax.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
+    ax.yaxis.set_major_locator(MaxNLocator(5, steps=ROUND_STEPS))

@@ -16,6 +16,8 @@ from model.paths import Array
 # Millimetres a metre; the size of letters; dots an inch.
 MM, SIZE, DPI = 1e3, 9, 110
 PULL = LinearSegmentedColormap.from_list("pull", ["#f5b83d", "#e8622c", "#b3123f", "#4d0a3a"])
+# Of ticks.
+ROUND_STEPS = [1, 2, 2.5, 5, 10]
 SLACK, INK, GRID = "#9aa0a6", "#30343a", "#e3e5e8"
 _ALLOWED = {"3d": 'axes made with projection="3d"', "rectilinear": "two-dimensional axes"}
 
