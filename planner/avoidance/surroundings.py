@@ -129,4 +129,4 @@ def _tips(arm: Arm, targets: tuple[Target, ...]) -> list[Array]:
 
 
 def _radius(arm: Arm, s: float) -> float:
-    return float(arm.radius.evaluate(np.array([s]), arm.length)[0][0])
+    return float(arm.outer_radius(np.array([s]))[0][0])

@@ -230,7 +230,7 @@ class Follower:
         if not self.around[0]:
             return np.zeros((0, 0)), np.zeros((0, 0, 3))
         arm, s = shape.arm, shape.s[1:]
-        radius = arm.radius.evaluate(s, arm.length)[0]
+        radius = arm.outer_radius(s)[0]
         gap, way = distances_from(self.around[0], shape.states[1:, None, 4:7])
         return (self.around[1] + radius[:, None] - gap) / arm.length, way
 

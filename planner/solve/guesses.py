@@ -206,7 +206,7 @@ def many_places(task: Task, tensions: Array) -> tuple[Array, Array]:
     """
     forward = explicit_map(task.arm, task.bare, "magnus4", 4, (), task.machine_code)
     poses, _ = forward.many(tensions, range(1, forward.mesh.steps + 1))
-    return poses[..., 4:], task.arm.radius.evaluate(forward.mesh.s[1:], task.arm.length)[0]
+    return poses[..., 4:], task.arm.outer_radius(forward.mesh.s[1:])[0]
 
 
 class BendCoordinates:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, Scene
+from model import Arm, Linear, Scene
 from model.effects import Contact, Extension
 from model.obstacles import Box, Capsule, HalfSpace, Mesh, Sphere
 from model.units import UnitWarning
@@ -21,6 +22,9 @@ from tests.obstacles.test_plans_around import FILE
 from tests.refusals import Refused, check_refusal
 
 ARM, SCENE, TARGET = Arm.from_paper("table-4"), Scene(Extension()), TipPosition((0.3, 0.12, -0.12))
+# Discs reach farther out than the body, which would be clear of a ball beside the target.
+DISCS = replace(ARM, hull=Linear(0.03, 0.01))
+BESIDE = Sphere((0.3, 0.12, -0.1), 0.012)
 CORNERS = 0.1 * np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 FACES = np.array(
     [
@@ -88,6 +92,11 @@ REFUSED: Refused = {
         f"file, {new}": (partial(read, FILE.decode().replace(old, new, 1).encode()), field, told)
         for old, new, field, told in FILES
     },
+    "a disc at the tip in a ball": (
+        partial(plan, DISCS, TARGET, SCENE, 20.0, obstacles=[BESIDE]),
+        "obstacles[0]",
+        "would be 2 mm too near",
+    ),
     "contact with a mesh": (lambda: Contact(BOX), "Contact", "a Mesh is none"),  # type: ignore[arg-type]
     "a mesh in km": (lambda: Mesh.read(Path("a.stl"), "km"), "", "one of m, cm, mm, in"),
 }

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import socket
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, settle
+from model import Arm, InputError, Linear, Scene, settle
 from model.compliance import at_node
 from model.effects import Buoyancy, Extension, TipLoad, Weight
 from model.obstacles import Sphere
@@ -138,6 +139,20 @@ def test_obstacles_are_switched_and_kept_clear_of() -> None:
             assert found.certificate.clearance >= 0.001
         else:
             assert found.effort == pytest.approx(through.effort, rel=1e-3)
+
+
+def test_an_arm_with_discs_is_kept_clear_as_wide_as_these_are() -> None:
+    """Its body alone was."""
+    arm, s = replace(ARM, hull=Linear(0.03, 0.01)), np.linspace(0.0, ARM.length, 301)
+    shape, at = settle(ARM, T, PAPER), 0.6 * ARM.length
+    off = 0.015 + 0.003 + float(ARM.outer_radius(np.array([at]))[0][0])
+    ball = Sphere(tuple(shape.position(at) + off * shape.frame(at)[:, 1]), 0.015)
+    options = {"tension_max": 20.0, "obstacles": [ball], "clearance": 0.001}
+    hand = brought(Session(arm, PAPER, handle_of(arm, (TipPosition(TIP),)), options))
+    assert hand.shape is not None
+    gap = (ball.distance(hand.shape.position(s)) - arm.outer_radius(s)[0]).min()
+    assert gap > -0.003
+    assert hand.is_there
 
 
 @pytest.mark.quick("scene0-pose", "scene1-plane")
