@@ -194,9 +194,8 @@ def plan(
         What effort is: root of the sum of squares, sum, or largest tension.
     solver : "auto", "ipopt" or "fatrop"
         What is to solve the program; "auto" takes ipopt. Where it can be stated in stages from base
-        to tip, fatrop may solve it from initial guesses, and ipopt where that fails. Fatrop 1.1
-        may not return where it cannot go on, and heeds no time limit then.
-        `Plan.statement` tells what did, and in how many iterations.
+        to tip, and tendons are not exact, fatrop may solve it from initial guesses, and ipopt where
+        that fails. `Plan.statement` tells what did, and in how many iterations.
     form
         Deprecated: there is one program.
     accuracy : float

@@ -3,7 +3,8 @@
 From base to tip, stage k has as states what is the same all along (tensions, what norm and slacks
 add, the load factor) and its node; as controls what is inside of its element, and the wrench at the
 element's far end. So stage k alone gives x_{k+1}, and every other row is one of a single stage. A
-program with rows of several stages cannot be stated so.
+program with rows of several stages cannot be stated so. One with exact tendons could, but their law
+has a kink where a tendon is left no length; near it fatrop 1.1 makes its matrix regular for ever.
 
 Source: Vanroye, Sathya, De Schutter, Decre, "FATROP: a fast constrained optimal control problem
 solver for robot trajectory optimization and control", IROS 2023.
@@ -17,6 +18,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from model.cross_section.energy import EnergySection
 from model.machine.functions import Buffered
 from model.paths import Array
 from model.transcription.kernels import Places
@@ -39,7 +41,7 @@ class Stages:
     Attributes
     ----------
     solver : Buffered or None
-        Fatrop; None unless every row besides equilibrium is of one stage.
+        Fatrop; None unless every row besides equilibrium is of one stage, and the law is smooth.
     unknown : (n_z,)
         The unknown of the program that each one is.
     origin : (size,)
@@ -77,7 +79,8 @@ class Stages:
         near = self.stage[column] - self._of_row[row]
         fits = np.where(row < m, near == 0, near <= 1) | (self.stage[column] < 0)
         simple = program.n_equations == of.n_states and not of.form.friction
-        self.solver = self._solver(program) if simple and fits.all() else None
+        smooth = not isinstance(of.form.law, EnergySection)
+        self.solver = self._solver(program) if simple and smooth and fits.all() else None
 
     def _seen(self, unknowns: Places, stage: Places) -> Places:
         """Return where stages see unknowns of the program, their own or those of the next node."""
@@ -155,7 +158,7 @@ stages = lru_cache(maxsize=16)(Stages)
 
 
 def solve(problem: Problem, x: Array, p: Array) -> Candidate | None:
-    """Return what fatrop makes of x; None where the program has rows of several stages.
+    """Return what fatrop makes of x; None where it has no solver, see Stages.
 
     Also where a tension has no room to change.
     """
