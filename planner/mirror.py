@@ -18,6 +18,7 @@ from model.errors import OctoplanError
 from model.paths import Array
 from model.settle import settle
 from model.shape import Shape
+from model.winches import pulls
 from planner.program.terms import Targets
 from planner.question import Limits
 from planner.task import Task
@@ -61,11 +62,11 @@ def mirror_images(task: Task, shape: Shape) -> Iterator[tuple[float, Array]]:
     """Yield angles of planes [rad], and mirrored tensions (n_tendons,) that meet the targets too.
 
     As well as the shape does, to ten times the accuracy. None for targets of stiffness, with limits
-    on strokes, and of tensions that are their own mirror image.
+    on strokes, where nothing pulls, and of tensions that are their own mirror image.
     """
     arm, targets, limits = task.arm, task.together, task.limits
     T, stations = shape.tensions, np.array(targets.stations)
-    if targets.requests or limits.strokes is not None or not T.any():
+    if targets.requests or limits.strokes is not None or not pulls(arm, T).any():
         return
     poses = shape.poses(stations)
     most = _largest_residual(targets, poses) + 10 * task.accuracy

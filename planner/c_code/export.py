@@ -15,6 +15,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.checks import literal
+from model.cross_section.sections import LEAST_STRETCH
 from model.errors import FileError, InputError
 from model.forward import checked_accuracy
 from model.loads import is_loaded
@@ -249,6 +250,7 @@ def _values(shape: Shape, source: CSource, precision: Precision, name: str) -> d
         "NODES": str(shape.s.size),
         "S": numbers(shape.s, precision),
         "NUMBERS": str(source.numbers),
+        "LEAST_STRETCH": numbers(LEAST_STRETCH, precision),
         "HESSIAN": "",
         "HESSIAN_DECLARED": "",
         **source.code(f"{name}.c", precision),

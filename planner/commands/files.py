@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
+from shlex import quote
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -68,7 +69,9 @@ def new(
     write_together(path.parent, {name: text.encode() for name, text in contents.items()})
     written = " and ".join(str(path.with_name(name)) for name in contents)
     verb, more = "is" if len(contents) == 1 else "are", " --out out" * (kind != "sweep")
-    return Output(lambda: f"{written} {verb} written; next: octoplan {kind} {path}{more}")
+    return Output(
+        lambda: f"{written} {verb} written; next: octoplan {kind} {quote(str(path))}{more}"
+    )
 
 
 def sweep(

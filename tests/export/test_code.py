@@ -132,6 +132,19 @@ def test_crushed_arms_and_nan_are_told_and_results_may_be_left_out(tmp_path: Pat
     assert code.without_results(T) == 0
 
 
+@pytest.mark.parametrize("name", ["bending alone", "curved tendons"])
+@pytest.mark.parametrize("no_number", [np.nan, np.inf])
+def test_a_tension_that_is_no_number_is_told_in_any_scene(
+    name: str, no_number: float, tmp_path: Path
+) -> None:
+    """An arm that does not shorten was OK under nan."""
+    arm, scene, T = SCENES[name]
+    found = export(arm, scene, tmp_path, T, 1e-2, name="octo")
+    code = Library(tmp_path, "octo", arm.n_tendons, found.shape.s.size, "double")
+    assert code.without_results(np.append(np.zeros(arm.n_tendons - 1), no_number)) == 1
+    assert code.without_results(np.zeros(arm.n_tendons)) == 0
+
+
 def test_code_of_tendons_that_run_in_curves_goes_through_its_steps_in_a_loop(
     tmp_path: Path,
 ) -> None:

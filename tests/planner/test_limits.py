@@ -23,6 +23,12 @@ def test_each_norm_is_least_in_its_own_measure() -> None:
     assert plans["1"].sum() < 0.999 * plans["inf"].sum()
 
 
+def test_a_total_pull_may_be_the_sum_of_the_minima() -> None:
+    """12 times 0.1 is above 1.2 by rounding: it was refused, "allowed is 1.2 N"."""
+    held = plan(ARM, TARGET, PAPER, 20.0, tension_min=0.1, total_pull=1.2)
+    assert held.tensions == pytest.approx(np.full((3, 4), 0.1), abs=1e-8)
+
+
 def test_a_total_pull_is_kept_and_costs_effort() -> None:
     free = plan(ARM, TARGET, PAPER, 20.0)
     limit = 0.5 * (free.tensions.sum() + plan(ARM, TARGET, PAPER, 20.0, norm="1").tensions.sum())

@@ -102,6 +102,13 @@ def test_targets_in_a_plane_get_plans_in_it(seed: int) -> None:
     assert "mirror" not in p.outcome
 
 
+def test_an_arm_at_rest_has_no_mirror_image() -> None:
+    """Tensions of 5e-12 N, rounding, were mirrored."""
+    rest = plan(ARM, TipPosition((ARM.length, 0.0, 0.0)), PAPER, 20.0, norm="inf")
+    assert rest.reached
+    assert not rest.mirror_images
+
+
 @pytest.mark.quick("load1")
 @pytest.mark.parametrize("load", [Weight(), TipLoad((0.0, 0.0, 2e-3), (0.0, 0.0, 0.0))])
 def test_loads_across_the_plane_have_no_mirror_image(load: object) -> None:

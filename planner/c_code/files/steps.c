@@ -84,7 +84,7 @@ static int ends_stretched(void)
     arg[2] = end_body + k * (@BODY_SIZE@ / POINTS);
     res[0] = &stretch;
     end_stretch(arg, res, NULL, NULL, 0);
-    if (!(stretch > 0)) good = 0;
+    if (!(stretch > @LEAST_STRETCH@)) good = 0;
   }
   return good;
 }
@@ -107,6 +107,8 @@ static int march(const real *tension, real *position, real *frame, int all)
   int k, i, good;
   carry(tension);
   good = ends_stretched();
+  for (i = 0; i < @NAME_UPPER@_TENDONS; ++i)
+    if (!(tension[i] - tension[i] == 0)) good = 0; /* no number */
   memcpy(state[0], base, sizeof base);
   for (k = 0; k < STEPS; ++k) {
     real stretch[POINTS];
@@ -120,7 +122,7 @@ static int march(const real *tension, real *position, real *frame, int all)
     res[1] = stretch;
     pose_step(arg, res, NULL, NULL, 0);
     for (i = 0; i < POINTS; ++i)
-      if (!(stretch[i] > 0)) good = 0;
+      if (!(stretch[i] > @LEAST_STRETCH@)) good = 0;
   }
   k = all ? STEPS : 0;
   give(state[STEPS % 2], position ? position + 3 * k : NULL, frame ? frame + 9 * k : NULL);

@@ -19,11 +19,13 @@ const @NAME@_real @NAME@_s[@NAME_UPPER@_NODES] = {
 static @NAME@_real work[@SZ_W@];
 static @NAME@_real stretch[@STRETCHES@];
 
-static int stretched(void)
+static int stretched(const @NAME@_real *tension)
 {
   int i;
   for (i = 0; i < @STRETCHES@; ++i)
-    if (!(stretch[i] > 0)) return @NAME_UPPER@_CRUSHED;
+    if (!(stretch[i] > @LEAST_STRETCH@)) return @NAME_UPPER@_CRUSHED;
+  for (i = 0; i < @NAME_UPPER@_TENDONS; ++i)
+    if (!(tension[i] - tension[i] == 0)) return @NAME_UPPER@_CRUSHED; /* no number */
   return @NAME_UPPER@_OK;
 }
 
@@ -38,7 +40,7 @@ int @NAME@_tip(const @NAME@_real tension[@NAME_UPPER@_TENDONS], @NAME@_real posi
   res[1] = frame;
   res[2] = stretch;
   tip_pose(arg, res, iw, work, 0);
-  return stretched();
+  return stretched(tension);
 }
 
 int @NAME@_nodes(const @NAME@_real tension[@NAME_UPPER@_TENDONS],
@@ -52,7 +54,7 @@ int @NAME@_nodes(const @NAME@_real tension[@NAME_UPPER@_TENDONS],
   res[1] = frame ? frame[0] : NULL;
   res[2] = stretch;
   node_poses(arg, res, iw, work, 0);
-  return stretched();
+  return stretched(tension);
 }
 
 void @NAME@_jacobian(const @NAME@_real tension[@NAME_UPPER@_TENDONS],
