@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any, NamedTuple
@@ -167,6 +167,13 @@ class Measured:
         """Which of lengths and strokes are residuals: those that do not drive the shape."""
         kinds = [] if self.by_length else ["lengths", "strokes"]
         return [kind for kind in kinds if getattr(self, kind) is not None]
+
+    def run_values(self, lengths: Callable[[], Array], rest: Array | float) -> list[Array]:
+        """Return the lengths and strokes that are residuals, or their derivatives (n_tendons, ...).
+
+        By those of the tendons' lengths, which are asked for if need be, and of lengths at rest.
+        """
+        return [lengths() if run == "lengths" else rest - lengths() for run in self.runs]
 
     def checked(self, arm: Arm, name: str) -> Measured:
         """Return the shape by the name `name`, tensions flat; InputError for what is not of it."""

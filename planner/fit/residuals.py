@@ -200,10 +200,10 @@ class Evaluation:
         """Predictions less measurements (size,), [m] and [rad], of each shape by number."""
         result = dict[int, Array]()
         for i, here in self.equilibria.items():
-            runs, rest = self._length_signs(i), self.equations(i).numbers.rest
-            lengths = [rest * (sign < 0) + sign * here.lengths for sign in runs]
-            shown = np.concatenate([self._sensor_readings[i][0].ravel(), *lengths])
-            result[i] = shown - self.experiment.shapes[i].numbers
+            shape, rest = self.experiment.shapes[i], self.equations(i).numbers.rest
+            runs = shape.run_values(partial(getattr, here, "lengths"), rest)
+            shown = np.concatenate([self._sensor_readings[i][0].ravel(), *runs])
+            result[i] = shown - shape.numbers
         return result
 
     @cached_property
@@ -270,10 +270,6 @@ class Evaluation:
             for what, row in zip(names, rows, strict=True):
                 yield Residual(shape.name, what, tuple(row.tolist()))
 
-    def _length_signs(self, i: int) -> list[float]:
-        """Return 1 and -1 of lengths and strokes, those that are residuals of a shape."""
-        return [1.0 if run == "lengths" else -1.0 for run in self.experiment.shapes[i].runs]
-
     def _residual_derivatives(
         self, i: int, moved: Array, lengths: Callable[[], Array], rest: Array | float
     ) -> Array:
@@ -282,20 +278,16 @@ class Evaluation:
         With poses and offsets (M, 10, k) of its sensors, and lengths and those at rest of its
         tendons (n_tendons, k).
         """
-        runs = [rest * (sign < 0) + sign * lengths() for sign in self._length_signs(i)]
+        runs = self.experiment.shapes[i].run_values(lengths, rest)
         return np.vstack([(self._sensor_readings[i][1] @ moved).reshape(-1, moved.shape[2]), *runs])
 
     @cached_property
     def _sensor_readings(self) -> dict[int, tuple[Array, Array]]:
         """What sensors of each shape show (M, 3), and its derivatives (M, 3, 10)."""
-        poses, offsets, seen = list[Array](), list[Array](), list[Array]()
+        show, result = built(Mapped, _sensor_readings()), dict[int, tuple[Array, Array]]()
         for i, here in self.equilibria.items():
             at, rows = self.equations(i), self.experiment.rows[i]
-            poses.append(here.states[at.places[rows]])
-            offsets.append(at.numbers.offsets[rows])
-            seen.append(self.experiment.seen[rows])
-        counts = np.cumsum([len(part) for part in poses])[:-1]
-        arguments = np.concatenate(poses), np.concatenate(offsets), np.concatenate(seen)
-        shown, J = built(Mapped, _sensor_readings())(*arguments)
-        parts = np.split(shown, counts), np.split(J.reshape(-1, 3, 10), counts)
-        return dict(zip(self.equilibria, zip(*parts, strict=True), strict=True))
+            poses, offsets = here.states[at.places[rows]], at.numbers.offsets[rows]
+            shown, J = show(poses, offsets, self.experiment.seen[rows])
+            result[i] = shown, J.reshape(-1, 3, 10)
+        return result
