@@ -92,17 +92,12 @@ RESERVED = {
 """Names in a Dataset that no axis can have."""
 
 
-def blank(compute: Compute, tendons: int, points: int, width: int = 0) -> Rows:
-    """Return rows in which nothing is computed yet, their texts `width` characters wide."""
+def blank(compute: Compute, tendons: int, points: int) -> Rows:
+    """Return rows in which nothing is computed yet; texts are objects, of any width."""
     return {
-        name: np.full((points, *variable.sizes(tendons)), variable.blank, dtype_of(variable, width))
-        for name, variable in VARIABLES[compute].items()
+        name: np.full((points, *of.sizes(tendons)), of.blank, object if of.blank == "" else None)
+        for name, of in VARIABLES[compute].items()
     }
-
-
-def dtype_of(variable: Variable, width: int) -> np.dtype[Any]:
-    """Return the type of a variable's array, whose texts are `width` characters wide."""
-    return np.dtype(f"U{max(width, 1)}" if variable.blank == "" else type(variable.blank))
 
 
 # Points
@@ -172,10 +167,8 @@ def unchanged(original: Any, again: Any, new: Any) -> Any:
 def computed(job: Job, points: Sequence[Point]) -> Rows:
     """Return what is computed at points; one that fails is a row that says so."""
     with ProgressLine(False):
-        if job.together:
-            return _together(job, points)
-        rows = [_row(job, point) for point in points]
-    return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+        parts = [_together(job, points)] if job.together else [_row(job, p) for p in points]
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def _row(job: Job, point: Point) -> Rows:
@@ -192,7 +185,7 @@ def _row(job: Job, point: Point) -> Rows:
         values["outcome"] = f"Failed: {kind}{reason}"
     # A point that the time limit of the whole sweep has cut short is computed another time.
     check_time()
-    row = blank(job.compute, len(job.tendons), 1, len(values["outcome"]))
+    row = blank(job.compute, len(job.tendons), 1)
     for name, value in values.items():
         row[name][0] = value
     return row
@@ -232,8 +225,7 @@ def _together(job: Job, points: Sequence[Point]) -> Rows:
     arguments = (question.arm, T, question.scene, question.accuracy)
     many = settle_many(*arguments, compile=question.options["compile"], errors="nan")
     failed = {i: _row(job, points[i]) for i, text in enumerate(many.problems) if text}
-    width = max([len(SETTLED), *(row["outcome"].dtype.itemsize // 4 for row in failed.values())])
-    rows = blank(job.compute, len(job.tendons), len(points), width)
+    rows = blank(job.compute, len(job.tendons), len(points))
     shapes = {name: getattr(many, name) for name in ("tip", "tip_frame", "error")}
     rows |= shapes | {"tensions": T}
     rows["settled"][:], rows["outcome"][:] = True, SETTLED

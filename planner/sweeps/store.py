@@ -27,7 +27,7 @@ from model.errors import InputError, OctoplanError, needed
 from model.progress import check_time, tell
 from planner.io.files import keep, versions, whole, why
 from planner.sweeps.definition import Sweep
-from planner.sweeps.points import LABELS, VARIABLES, Rows, Variable, dtype_of
+from planner.sweeps.points import LABELS, VARIABLES, Rows, Variable
 
 
 class FullDiskError(OctoplanError):
@@ -100,9 +100,9 @@ class ChunkFiles:
 
     def write(self, chunk: int, rows: Rows) -> None:
         """Keep a chunk; it is on the disk when this returns. Raises FullDiskError."""
-        path = self._path(chunk)
+        path, texts = self._path(chunk), {"outcome": rows["outcome"].astype(str)}
         with writable(path), whole(path, self.folder.parent) as part, part.open("wb") as stream:
-            np.savez(stream, allow_pickle=False, **rows)
+            np.savez(stream, allow_pickle=False, **rows | texts)
             stream.flush()
             os.fsync(stream.fileno())
         self._keep()
@@ -160,7 +160,8 @@ def gathered(sweep: Sweep, chunks: ChunkFiles) -> Any:
 def _array(sweep: Sweep, kept: ChunkFiles, name: str, each: Variable, width: int) -> Any:
     """Return a variable as an array of Dask's, chunk after chunk in the shape of the grid."""
     array = needed("dask.array", "sweep")
-    kind, sizes = dtype_of(each, width), each.sizes(len(sweep.job.tendons))
+    kind = np.dtype(f"U{width}" if each.blank == "" else type(each.blank))
+    sizes = each.sizes(len(sweep.job.tendons))
     several = max(1, _READ // sweep.chunk)
 
     def part(block_id: tuple[int, ...]) -> NDArray[Any]:

@@ -18,7 +18,7 @@ from tests.sweeps.cases import GRID, written
 
 
 def _rows(chunk: int) -> Rows:
-    rows = blank("settle", 12, 1, 60)
+    rows = blank("settle", 12, 1)
     rows["tip"][:] = np.random.default_rng(chunk).normal(size=(1, 3))
     rows["error"][:] = [np.nan]
     rows["outcome"][:] = f'chunk {chunk}: a "quoted" outcome\nof two lines'
