@@ -12,7 +12,7 @@ from model.errors import InputError, needed
 from model.shape import Shape
 from planner.bodies.links import mjcf, ros_messages, urdf
 from planner.bodies.surface import surface
-from planner.io.files import placed, to_json, write_together
+from planner.io.files import path_of, placed, to_json, write_together
 
 MESHES = (".stl", ".glb", ".ply", ".obj")
 What = Literal["mesh", "mjcf", "urdf"]
@@ -38,7 +38,7 @@ def save_mesh(shape: Shape, path: str | Path, along: int = 200, around: int = 32
     """
     within("along", along, 2, 10_000)
     within("around", around, 3, 1000)
-    path = Path(path)
+    path = path_of(path)
     with placed(path, *MESHES) as part:
         part.write_bytes(_mesh(shape, path.suffix.lower(), along, around))
     return path
@@ -79,7 +79,7 @@ def export_shape(
         contents[f"{name}.ros.json"] = to_json(ros_messages(shape, links))
     else:
         raise InputError("what", what, ", ".join(KINDS))
-    folder = Path(to)
+    folder = path_of(to, "to")
     write_together(folder, contents)
     return tuple(folder / file for file in contents)
 

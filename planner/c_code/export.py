@@ -27,7 +27,7 @@ from model.stiffness import tip_jacobian_function
 from planner.c_code.inverse import check_inverse, inverse_values
 from planner.c_code.maps import steps_source, whole_source
 from planner.c_code.source import CSource, Precision, numbers
-from planner.io.files import versions, write_together
+from planner.io.files import path_of, versions, write_together
 from planner.plan import Plan
 
 _TEMPLATES = {
@@ -171,7 +171,7 @@ def _written(
         _filled(file, values): _template(template, values)
         for file, template in {**_TEMPLATES, "@NAME@.c": source.template, **more}.items()
     }
-    folder = Path(to)
+    folder = path_of(to, "to")
     _check_free(folder, values["NAME"])
     write_together(folder, {file: text.encode() for file, text in texts.items()})
     written = tuple(folder / file for file in texts)

@@ -23,6 +23,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from model.checks import kind
 from model.errors import FileError, InputError, as_given, shortened
 
 # Folders in which files are staged, beside where they go, are named after machine and process: by
@@ -134,12 +135,17 @@ def write_together(folder: Path, contents: dict[str, bytes]) -> None:
         raise FileError(str(folder), "", text) from None
 
 
+def path_of(value: Any, field: str = "path") -> Path:
+    """Return a path; InputError for what is none."""
+    return Path(kind(field, value, str | os.PathLike, "the name of a file or folder"))
+
+
 def write_named(path: str | Path, suffix: str, content: bytes) -> Path:
     """Write a file whose name has to end in a suffix; returns its path.
 
     Raises InputError for another suffix, and where it cannot be written.
     """
-    path = Path(path)
+    path = path_of(path)
     with placed(path, suffix) as part:
         part.write_bytes(content)
     return path

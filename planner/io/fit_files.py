@@ -16,7 +16,7 @@ from planner.fit.making import Making, Objective, Reach
 from planner.fit.unknowns import Unknown
 from planner.io.codec import Table, arguments_of, quantity, value_of
 from planner.io.csv_files import MarkerColumns, load_shapes
-from planner.io.files import read_toml
+from planner.io.files import path_of, read_toml
 from planner.io.mistakes import checked, located, made
 from planner.io.object_tables import ObjectiveTable, TargetTable
 from planner.io.scene_file import Question, scene_beside, written_question
@@ -66,7 +66,7 @@ def load_asked(path: str | Path) -> dict[str, Any]:
 
     Raises FileError with the file, the key and what is allowed.
     """
-    path = Path(path)
+    path = path_of(path)
     name = str(path)
     file, question, unknowns = _read(path, CalibrationFile, "unknowns", "calibrate")
     names = [point.name for point in file.points]
@@ -86,7 +86,7 @@ def load_asked(path: str | Path) -> dict[str, Any]:
 def run_design(path: str | Path) -> Design:
     """Return the design that a file asks for; FileError with the file and the key."""
     name = str(path)
-    file, question, unknowns = _read(Path(path), DesignFile, "tasks", "design")
+    file, question, unknowns = _read(path_of(path), DesignFile, "tasks", "design")
     if question.options.get("tension_min") or question.options.get("total_pull"):
         text = "got tension_min or total_pull, allowed is tension_max alone in a design"
         raise FileError(name, "limits", text)

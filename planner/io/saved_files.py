@@ -17,7 +17,7 @@ from model.loads import contacts
 from planner.avoidance.surroundings import surroundings
 from planner.fit.calibration import Calibration
 from planner.io.codec import read, value_of
-from planner.io.files import read_json
+from planner.io.files import path_of, read_json
 from planner.io.mistakes import checked, located, made
 from planner.io.records import schema_name
 from planner.io.saved_records import (
@@ -59,7 +59,7 @@ def load_plan(path: str | Path) -> Plan:
         With the file and the place, for what cannot be read or is not a plan.
     """
     name = str(path)
-    saved = checked(read_json(Path(path), schema_name(PlanRecord)), SavedPlan, name)
+    saved = checked(read_json(path_of(path), schema_name(PlanRecord)), SavedPlan, name)
     question, answer = saved.question, saved.answer
     task = _task(name, question, answer)
     result = made(name, "answer", value_of, answer)
@@ -115,7 +115,9 @@ def load_calibration(path: str | Path) -> Calibration:
     anew. Raises FileError for what cannot be read or is none.
     """
     name = str(path)
-    saved = checked(read_json(Path(path), schema_name(CalibrationRecord)), SavedCalibration, name)
+    saved = checked(
+        read_json(path_of(path), schema_name(CalibrationRecord)), SavedCalibration, name
+    )
     question, fit = saved.question, saved.fit
     with located(name, "question"):
         arm, scene = value_of(question.arm), value_of(question.scene)

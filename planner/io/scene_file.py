@@ -19,7 +19,7 @@ from model.units import STROKE, length_text, warn_unusual
 from model.winches import Winches, rest_lengths
 from planner.avoidance.surroundings import surroundings
 from planner.io.codec import arguments, arguments_of, in_si, table_of, value_of, written
-from planner.io.files import read_toml, toml_of
+from planner.io.files import path_of, read_toml, toml_of
 from planner.io.key_paths import steps, value_at
 from planner.io.mistakes import check_modulus, checked, made, warn_of_slips
 from planner.io.object_tables import arm_of, inlined
@@ -94,7 +94,7 @@ def load(path: str | Path) -> Question:
     FileError
         With the file, the key's path, what is there and what is allowed.
     """
-    return written_question(read_toml(Path(path))[0], str(path))
+    return written_question(read_toml(path_of(path))[0], str(path))
 
 
 def read(text: bytes, name: str = "scene") -> Question:

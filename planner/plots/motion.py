@@ -21,11 +21,22 @@ from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
-from planner.io.files import placed
+from planner.io.files import path_of, placed
 from planner.plan import Plan
 from planner.plots.arm import best_view, draw_arm, fill, fit, look
 from planner.plots.plan import add_scale
-from planner.plots.style import DPI, INK, MM, PULL, SIZE, axes_of, labelled, pull_norm, pulling
+from planner.plots.style import (
+    DPI,
+    INK,
+    MM,
+    PULL,
+    SIZE,
+    axes_of,
+    labelled,
+    pull_norm,
+    pulling,
+    several,
+)
 
 # Of the tip over arm length: less than what is seen.
 _SEEN = 1e-4
@@ -105,8 +116,7 @@ def plot_motion(
     OctoplanError
         Where the arm does not settle on the way, as settle does.
     """
-    if not plans:
-        raise InputError("plans", (), "at least one Plan")
+    plans = several("plans", plans, Plan)
     first = plans[0].shape
     for i, other in enumerate(plan.shape for plan in plans):
         if (other.arm, other.scene) != (first.arm, first.scene):
@@ -148,7 +158,7 @@ def _animation(steps: list[_Step], titles: list[str], ax: Any, fps: float) -> Fu
         figure = Figure(figsize=(6, 5.6), dpi=DPI)
         ax = figure.add_axes((0.02, 0.13, 0.96, 0.80), projection="3d")
         add_scale(ax, ScalarMappable(norm, PULL))
-    axes_of(ax, kind="3d")
+    axes_of(ax, form="3d")
     s = np.linspace(0.0, arm.length, 60)
     seen = [step.shape.position(s) for step in steps]
     last = {step.number: step for step in steps}.values()  # where each plan is there
@@ -178,7 +188,7 @@ def save_motion(motion: FuncAnimation, path: str | Path, dpi: float = 0.8 * DPI)
     Raises InputError for another suffix, for a folder that does not exist, and for .mp4 where there
     is no ffmpeg.
     """
-    path = Path(path)
+    path = path_of(path)
     writer = writer_of(path)
     with placed(path, *_WRITERS) as part:
         motion.save(str(part), writer, dpi=dpi)

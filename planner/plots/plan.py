@@ -15,9 +15,10 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from model.arm import Arm
+from model.checks import kind
 from model.paths import Array
 from model.shape import Shape
-from planner.io.files import placed
+from planner.io.files import path_of, placed
 from planner.plan import Plan
 from planner.plots.arm import draw_arm, look
 from planner.plots.style import DPI, INK, MM, PULL, ROUND_STEPS, SIZE, axes_of, labelled, pull_norm
@@ -33,8 +34,9 @@ def plot_plan(plan: Plan, ax: Any = None) -> Figure | Axes:
     With 3-D axes given, draws the arm and the target in them and returns them; colours are those
     of tensions, and `figure.colorbar(ax.collections[-1])` tells them. Otherwise returns a Figure.
     """
+    kind("plan", plan, Plan)
     if ax is not None:
-        draw_plan(plan, axes_of(ax, kind="3d")[1])
+        draw_plan(plan, axes_of(ax, form="3d")[1])
         return ax  # type: ignore[no-any-return]
     figure, shape = Figure(figsize=(10, 5.8), dpi=DPI), plan.shape
     ax = figure.add_axes((0.0, 0.14, 0.56, 0.80), projection="3d")
@@ -57,8 +59,9 @@ def plot_together(plans: Sequence[Plan]) -> Figure:
 
 def plot_shape(shape: Shape, ax: Any = None) -> Figure | Axes:
     """Draw the arm in 3-D; returns a new Figure, or the 3-D axes if given."""
+    kind("shape", shape, Shape)
     if ax is not None:
-        draw_arm(shape, axes_of(ax, kind="3d")[1])
+        draw_arm(shape, axes_of(ax, form="3d")[1])
         return ax  # type: ignore[no-any-return]
     figure, ax = _alone()
     finish(ax, shape, draw_arm(shape, ax))
@@ -74,7 +77,7 @@ def draw_plan(plan: Plan, ax: Any) -> Array:
 
 def save(figure: Figure, path: str | Path) -> Path:
     """Write a figure as .png or .pdf; the file appears whole or not at all."""
-    path = Path(path)
+    path = path_of(path)
     with placed(path, ".png", ".pdf") as part:
         part.write_bytes(drawn(figure, path.suffix[1:].lower()))
     return path
@@ -117,6 +120,7 @@ def plot_strains(shape: Shape, ax: Axes | None = None) -> Figure | Axes:
     Returns a new Figure, or the axes if given. Torsion is drawn only where there is any; a jump at
     an anchorage is a gap between two lines. Both scales have their zero at the same height.
     """
+    kind("shape", shape, Shape)
     shown, ax = axes_of(ax)
     s, strain = broken_strains(shape)
     right: Any = ax.twinx()

@@ -10,12 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 
-from model.errors import InputError
 from model.paths import Array
 from model.stiffness import Stiffness
 from planner.effect_ablation import Switch
 from planner.plots.arm import draw_arm, fit, look
-from planner.plots.style import INK, MM, SIZE, axes_of, labelled
+from planner.plots.style import INK, MM, SIZE, axes_of, labelled, several
 
 # Shapes that are drawn at most, evenly spread over the measurements.
 _SHAPES = 12
@@ -111,8 +110,7 @@ def plot_ellipsoids(
 
     Returns a new Figure, or the axes if given; raises InputError for none.
     """
-    if not result:
-        raise InputError("found", (), "at least one Stiffness")
+    result = several("result", result, Stiffness)
     shown, ax = axes_of(ax, (6.4, 4.8), "3d")
     shape = result[0].shape
     points = [draw_arm(shape, ax)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,9 +10,11 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from model.checks import is_several, kind
 from model.errors import InputError
 from model.paths import Array
 
+V = TypeVar("V")
 # Millimetres a metre; the size of letters; dots an inch.
 MM, SIZE, DPI = 1e3, 9, 110
 PULL = LinearSegmentedColormap.from_list("pull", ["#f5b83d", "#e8622c", "#b3123f", "#4d0a3a"])
@@ -23,7 +25,7 @@ _ALLOWED = {"3d": 'axes made with projection="3d"', "rectilinear": "two-dimensio
 
 
 def axes_of(
-    ax: Any, size: tuple[float, float] = (6.4, 4.0), kind: str = "rectilinear"
+    ax: Any, size: tuple[float, float] = (6.4, 4.0), form: str = "rectilinear"
 ) -> tuple[Any, Any]:
     """Return what a drawing returns, and its axes: those given, or a new Figure and its own.
 
@@ -31,10 +33,17 @@ def axes_of(
     """
     if ax is None:
         figure = Figure(figsize=size, dpi=DPI, layout="constrained")
-        return figure, figure.add_subplot(projection=kind)
-    if getattr(ax, "name", "") != kind:
-        raise InputError("ax", ax, _ALLOWED[kind])
+        return figure, figure.add_subplot(projection=form)
+    if getattr(ax, "name", "") != form:
+        raise InputError("ax", ax, _ALLOWED[form])
     return ax, ax
+
+
+def several(field: str, values: Any, wanted: type[V]) -> list[V]:
+    """Return values of a kind; InputError for none, and what is no sequence of these."""
+    if not is_several(values) or not len(values):
+        raise InputError(field, values, f"at least one {wanted.__name__}, in a list")
+    return [kind(f"{field}[{i}]", value, wanted) for i, value in enumerate(values)]
 
 
 def labelled(ax: Axes, x: str = "", y: str = "", title: str = "", grid: bool = False) -> None:

@@ -26,7 +26,7 @@ from model.obstacles import Obstacle
 from model.scene import Scene
 from planner.io.calls import check_complete, check_held
 from planner.io.codec import Table, identity, unit_of_type, written
-from planner.io.files import read_toml
+from planner.io.files import path_of, read_toml
 from planner.io.key_paths import changed, checked_key, steps, type_at
 from planner.io.mistakes import checked, located, warn_of_slip
 from planner.io.scene_file import Question, filled, question_of, scene_beside, scene_table
@@ -138,7 +138,7 @@ def load_sweep(path: str | Path, time_limit: float | None = None) -> Sweep:
     FileError
         With the file, the key's path, what is there and what is allowed: nothing has run then.
     """
-    path = Path(path)
+    path = path_of(path)
     raw, text = read_toml(path)
     return _sweep(raw, path, time_limit, {"sweep": text})
 

@@ -21,7 +21,7 @@ from model.shape import Shape
 from model.stiffness import stiffness
 from model.text import Told, plotted
 from planner.io.csv_files import motion_csv
-from planner.io.files import write_named
+from planner.io.files import path_of, write_named
 from planner.trajectory.certificate import SAMPLED, MotionCertificate, certify_motion
 from planner.trajectory.question import GRAVITY, QUASI_STATIC, Question
 from planner.trajectory.time_law import Timed
@@ -181,10 +181,11 @@ class Trajectory(Told):
         Or an animation to .gif, or .mp4 where there is ffmpeg. The file is there whole or not at
         all. Raises InputError for another suffix, and where it cannot be written.
         """
-        if Path(path).suffix.lower() in (".gif", ".mp4"):
+        path = path_of(path)
+        if path.suffix.lower() in (".gif", ".mp4"):
             from planner.plots.motion import animate_trajectory, save_motion, writer_of
 
-            writer_of(Path(path))
+            writer_of(path)
             return save_motion(animate_trajectory(self), path)
         return write_named(path, ".csv", motion_csv(self))
 

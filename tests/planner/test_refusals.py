@@ -15,10 +15,11 @@ from matplotlib.figure import Figure
 
 from model import Arm, Scene
 from model.effects import Extension, Weight
-from planner import plan, plan_many, trajectory
+from planner import export, load_plan, plan, plan_many, trajectory
 from planner.live.handles import handle_of
 from planner.plots.motion import plot_motion, save_motion
 from planner.plots.plan import plot_plan, plot_shape, plot_strains, save
+from planner.plots.results import plot_ellipsoids
 from planner.targets import (
     Backbone,
     Bend,
@@ -254,6 +255,13 @@ FIGURES: Refused = {
     "strains in space": (lambda: plot_strains(SHAPE, three_d()), "", "two-dimensional"),
     "a motion in flat axes": (lambda: plot_motion([PLAN], flat()), "", "3d"),
     "no motion": (lambda: plot_motion([]), "plans", "at least one Plan"),
+    "a motion of shapes": (lambda: plot_motion([SHAPE]), "plans[0]", "a Plan"),  # type: ignore[list-item]
+    "a figure of a shape as a plan": (lambda: plot_plan(SHAPE), "plan", "a Plan"),  # type: ignore[arg-type]
+    "a figure of an arm as a shape": (lambda: plot_shape(ARM), "shape", "a Shape"),  # type: ignore[arg-type]
+    "strains of an arm": (lambda: plot_strains(ARM), "shape", "a Shape"),  # type: ignore[arg-type]
+    "ellipsoids of numbers": (lambda: plot_ellipsoids([1.0]), "result[0]", "a Stiffness"),  # type: ignore[list-item]
+    "a plan from no file": (lambda: load_plan(None), "path", "the name of a file"),  # type: ignore[arg-type]
+    "code into no folder": (lambda: export(ARM, PAPER, 3, SHAPE.tensions), "to", "file or folder"),  # type: ignore[arg-type]
     "a motion between scenes": (
         lambda: plot_motion([PLAN, replace(PLAN, scene=Scene())]),
         "plans[1]",
