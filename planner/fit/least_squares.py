@@ -42,9 +42,6 @@ _LEAST_NOISE, _STEP = 1e-9, 1e-7
 # How near to optima fits come, by the logarithm of the likelihood: where only the best is gone on
 # with, and last.
 _ROUGHLY, _LAST = 1e-1, 1e-6
-# Derivatives serve elsewhere if they tell changes up to so much, over the root of the tolerance: by
-# what they are off there the logarithm of the likelihood changes by less than the tolerance.
-_TRUSTED = 0.5
 
 
 def counted_by(loss: Loss, r: Array) -> Array:
@@ -195,7 +192,9 @@ class _Steps:
         self.size = sum(map(len, start.residuals.values()))
         self.priors = self._parameters.priors(start.values)[0].size
         self.refused: tuple[int, ...] = ()
-        self._trusted = _TRUSTED * np.sqrt(tolerance)
+        # Derivatives serve elsewhere if they tell changes up to so much: by what they are off there
+        # the logarithm of the likelihood changes by less than the tolerance.
+        self._trusted = np.sqrt(tolerance)
         self._linear: tuple[Array, Array, Array] | None = None
 
     def residuals(self, z: Array) -> Array:

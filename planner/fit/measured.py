@@ -13,12 +13,12 @@ from model import Arm, InputError
 from model.checks import SUCH, kind, orthonormal
 from model.paths import Array
 from model.quantities import Matrix, NotNegative, Positive, Vector
+from model.units import DISTANCE
 from model.value import Rule, value
 from model.winches import rest_lengths
 
-# Markers farther from the base than this, in arm lengths and offsets, cannot be on the arm; of an
-# arm that moves markers are not all this near to the base.
-_FAR, _TINY = 1.5, 1 / 300
+# Markers farther from the base than this, in arm lengths and offsets, cannot be on the arm.
+_FAR = 1.5
 MIDLINE = (0.0, 0.0, 0.0)
 
 
@@ -246,7 +246,7 @@ def _check_scale(arm: Arm, shapes: Sequence[Measured]) -> None:
     ends = np.concatenate([shape.arc_lengths(arm) for shape in shapes])
     away = np.vstack([shape.places for shape in shapes]) - arm.base_position
     far = float(np.linalg.norm(away, axis=1).max(initial=0.0))
-    if far < _TINY * ends.max(initial=0.0):
+    if far < DISTANCE.least * ends.max(initial=0.0):
         allowed = f"places in m; the arm is {arm.length:g} m long: are they 1000 times too small?"
         raise InputError("points", f"all within {far:.3g} m of the base", allowed)
 

@@ -37,7 +37,7 @@ from planner.live.session import Session
 LOG = logging.getLogger(__name__)
 # After how long without a wish the arm is planned, and how often a page that nobody looks at is
 # looked after [s].
-_REST, _GLANCE = 0.2, 0.1
+_REST = 0.2
 
 
 class Page:
@@ -84,7 +84,7 @@ class Page:
         self._seen.wait()
         last = time.monotonic()
         while time.monotonic() < last + grace:
-            time.sleep(_GLANCE)
+            time.sleep(_REST)
             last = time.monotonic() if self._server.get_clients() else last
 
     def end(self) -> None:
