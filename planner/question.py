@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Annotated, Any, Literal, get_args
@@ -140,6 +140,12 @@ class Limits:
             paid_out = each_tendon(arm, "stroke_min", np.abs(negative))
             warn_unusual("stroke_min", (paid_out / arm.length).tolist(), STROKE)
         return replace(self, strokes=(tuple((0.0 - paid_out).tolist()), tuple(high.tolist())))
+
+    def of_tendons(self, pulling: Collection[int]) -> Limits:
+        """Return the limits with tendons that are not to pull held at their minima."""
+        both = enumerate(zip(self.lower, self.upper, strict=True))
+        upper = tuple(most if j in pulling else least for j, (least, most) in both)
+        return replace(self, upper=upper)
 
     @property
     def keywords(self) -> dict[str, Any]:

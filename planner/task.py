@@ -75,9 +75,7 @@ class Task:
     @property
     def allowed(self) -> Limits:
         """The limits, with tendons that a target does not let pull held at their minima."""
-        pulling, lower = self.together.tendons, self.limits.lower
-        upper = [most if j in pulling else lower[j] for j, most in enumerate(self.limits.upper)]
-        return replace(self.limits, upper=tuple(upper))
+        return self.limits.of_tendons(self.together.tendons)
 
     @property
     def sharper(self) -> float:

@@ -87,7 +87,9 @@ class Session:
     @property
     def is_there(self) -> bool:
         """Whether the arm is at the target, as far as a picture shows."""
-        return self.missed <= ACCURACY * self.arm.length
+        # Angles are not over the arm's length.
+        unit = 1.0 if self.goal.position is None else self.arm.length
+        return self.missed <= ACCURACY * unit
 
     @property
     def is_held(self) -> bool:
@@ -164,6 +166,7 @@ class Session:
         if before is None or (before.shape.scene, before.around) != (scene, around):
             code = bool(self._options.get("compile"))
             limits = checked_limits(self.arm, scene, **self._options)
+            limits = limits.of_tendons(self.target.tendons(self.arm))
             arguments = (self.arm, scene, limits, around, code)
             try:
                 before = Follower(*arguments, None if before is None else before.shape.tensions)

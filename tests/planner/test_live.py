@@ -168,6 +168,20 @@ def test_poses_and_planes_are_followed_too(kind: str, scene: Scene) -> None:
     assert hand.missed < 0.1 * before
 
 
+@pytest.mark.parametrize("section", [1, 2, 3])
+def test_a_bend_is_followed_by_the_tendons_that_its_target_lets_pull(section: int) -> None:
+    """Those of all sections pulled, which the plan then let go of."""
+    hand = brought(session(PAPER, BendingPlane(2.0, 1.2, section)))
+    assert hand.is_there
+    assert hand.shape is not None
+    others = np.delete(hand.shape.tensions, ARM.tendons_of(section))
+    assert not others.any()
+    result = hand.settled()
+    assert result is not None
+    assert result.reached
+    assert np.linalg.norm(hand.shape.tensions - np.ravel(result.tensions)) < 1e-2 * result.effort
+
+
 def test_derivatives_of_what_is_missed_are_those_of_differences() -> None:
     pose = TipPose((0.3, 0.1, -0.05), ((0.8, -0.6, 0.0), (0.6, 0.8, 0.0), (0.0, 0.0, 1.0)))
     for target in (pose, BendingPlane(2.0, 1.0, 2), TipPosition(TIP)):
