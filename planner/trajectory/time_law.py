@@ -46,8 +46,8 @@ class Stretch:
     """The lengths of the tendons and the tip's place along the straight way to a waypoint.
 
     They are the polynomial through Chebyshev points, of a degree that is doubled until its last
-    coefficients are rounding: they are smooth functions of the tensions. Source: Trefethen,
-    "Approximation Theory and Approximation Practice" (2013), chapter 8.
+    coefficients are rounding: they are smooth functions of the tensions, but for friction of
+    tendons. Source: Trefethen, "Approximation Theory and Approximation Practice" (2013), chapter 8.
 
     Attributes
     ----------
@@ -61,10 +61,14 @@ class Stretch:
     coefficients: Array
 
     @classmethod
-    def of(cls, places: Places, start: Array, end: Array, within: float = 0.0) -> Stretch:
+    def of(
+        cls, places: Places, start: Array, end: Array, within: float = 0.0, at_last: float = 0.0
+    ) -> Stretch:
         """Return the stretch between tensions (n_tendons,), as close as that or to rounding [m].
 
-        Raises ConvergenceError where it is not smooth, or the arm does not settle.
+        Or of the largest degree as close as `at_last` [m]: where a curvature changes its sign
+        friction of tendons leaves a jump of the second derivative. Raises ConvergenceError where
+        the stretch itself jumps, or the arm does not settle.
         """
         for degree in _DEGREES:
             x = chebyshev.chebpts1(degree + 1)
@@ -73,7 +77,9 @@ class Stretch:
                 break
             fitted = chebyshev.chebfit(x, values, degree)
             change, size = np.abs(fitted[1:]).max(), np.abs(fitted).max()
-            if np.abs(fitted[-2:]).max() <= max(within, _ROUNDING * change + _SETTLED * size):
+            allowed = at_last if degree == _DEGREES[-1] else 0.0
+            allowed = max(allowed, within, _ROUNDING * change + _SETTLED * size)
+            if np.abs(fitted[-2:]).max() <= allowed:
                 return cls(end - start, fitted)
         remedy = "somewhere between two waypoints it snaps: put waypoints where it does not"
         raise ConvergenceError(_ROUNDING, np.inf, remedy)
@@ -205,7 +211,8 @@ class Timed:
                 tip = np.full(3, np.nan) if line is None else line.poses[-1, 4:]
                 return np.concatenate([lines.lengths(T), tip])
 
-            stretches = [Stretch.of(places, *ends) for ends in pairwise(tensions)]
+            met_to = question.accuracy * question.arm.length
+            stretches = [Stretch.of(places, *ends, at_last=met_to) for ends in pairwise(tensions)]
             laws = [
                 fastest(stretch, rates) if rates.at_rest else stretch.kept(law, rates)
                 for law, stretch in zip(laws, stretches, strict=True)

@@ -9,6 +9,7 @@ import pytest
 
 from model import Arm, Scene, settle
 from model.effects import Extension
+from model.errors import ConvergenceError
 from planner import trajectory
 from planner.targets import TipPosition
 from planner.trajectory.question import Rates
@@ -50,6 +51,20 @@ def test_a_stretch_on_which_places_change_by_rounding_alone_is_no_snap() -> None
     places = _still(lambda T: 0.4 + 1e-14 * rng.normal(size=1))
     stretch = Stretch.of(places, np.zeros(1), np.full(1, 1e-12))
     assert fastest(stretch, Rates((np.inf,), np.inf, 0.5)).x[-1] < 1e-4
+
+
+def test_a_stretch_whose_second_derivative_jumps_is_no_snap_and_one_that_jumps_is() -> None:
+    """With friction of tendons it was said to snap where a curvature changes its sign."""
+    bent = _still(lambda T: 0.4 - 0.03 * T - 0.01 * (T - 0.3) * np.abs(T - 0.3))
+    ends = np.zeros(1), np.ones(1)
+    stretch = Stretch.of(bent, *ends, at_last=1e-6)
+    u = np.linspace(0.0, 1.0, 101)
+    exact = -0.03 - 0.02 * np.abs(u - 0.3)
+    assert stretch.derivatives(u)[0][:, 0] == pytest.approx(exact, abs=2e-4)
+    jump = _still(lambda T: 0.4 - 0.03 * T - 1e-3 * (T > 0.3))
+    for places, allowed in ((bent, 0.0), (jump, 1e-6)):
+        with pytest.raises(ConvergenceError, match="snaps"):
+            Stretch.of(places, *ends, at_last=allowed)
 
 
 def test_a_limit_of_tension_rates_holds_as_well() -> None:
