@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, settle
+from model import Arm, InputError, Material, Scene, conical, settle
 from model.effects import Buoyancy, ExactTendons, Extension, Weight
 from model.machine.functions import Buffered
 from model.obstacles import Box
@@ -49,6 +49,15 @@ def test_exact_tendons_are_left_to_ipopt() -> None:
     found = plan(ARM, Backbone(drawn.position(s), s), EXACT, 20.0, solver="fatrop")
     assert found.reached
     assert found.statement.solver == "ipopt"
+
+
+# Only `shape.remarks` told it: the equations know no body.
+def test_an_arm_that_bends_sharper_than_its_own_radius_is_told() -> None:
+    thick = conical(0.05, (0.02, 0.02), [(0.05, 0.01, 0.01)], material=Material(1e5))
+    bent, straighter = (plan(thick, BendingPlane(0.0, bend), Scene(), 1e3) for bend in (3.0, 2.0))
+    assert bent.reached
+    assert "Beware: the arm bends sharper than its own radius: by a radius of 16" in bent.outcome
+    assert "sharper" not in straighter.outcome
 
 
 def test_the_form_is_deprecated_and_changes_nothing() -> None:
