@@ -17,7 +17,7 @@ import numpy as np
 from model.errors import OctoplanError
 from model.loads import contacts
 from model.paths import Array
-from model.shape import Shape, sharp
+from model.shape import Shape
 from planner.avoidance.surroundings import NOTHING, Surroundings
 from planner.certificate import Certificate, certify
 from planner.contact.remarks import remarks
@@ -105,8 +105,6 @@ class Answer(SearchResult, Task):
             planes = ", ".join(f"{math.degrees(angle):.3g} deg" for angle, _ in self.mirror_images)
             said = f"{said} Its mirror image across the plane at {planes} from n costs the same."
         if not self.certificate.problem:
-            bent = sharp(self.shape)
-            said += f" Beware: {bent}." if bent else ""
             missed = not self.certificate.attained and not self.stopped
             said += remarks(self.targets, self.shape, self.limits, missed, self.accuracy)
             said += remark_on_slack(self.together, self.shape)

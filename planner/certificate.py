@@ -23,7 +23,7 @@ from model.loads import bodies_of, contacts, is_loaded
 from model.obstacles import distances
 from model.paths import Array
 from model.progress import OutOfTime, tell
-from model.shape import Shape
+from model.shape import Shape, sharp
 from model.text import Shown, told
 from model.transcription.system import system
 from planner.avoidance.surroundings import NOTHING, Surroundings
@@ -68,6 +68,7 @@ class Certificate(Shown):
     clearances_of, load_factor_of : return clearances and load_factor, which are no part of the
         verdict, and are not compared
     units : of these by name: "L" of lengths over the arm's, "rad"
+    bends : where the arm bends sharper than its own radius, in words
     """
 
     equality: Mapping[str, float] = field(default_factory=dict)
@@ -89,6 +90,7 @@ class Certificate(Shown):
     units: Mapping[str, str] = field(default_factory=dict)
     strokes: float = 0.0
     complementarity: float | None = None
+    bends: str = ""
 
     @cached_property
     def clearances(self) -> Mapping[str, Clearance]:
@@ -142,6 +144,7 @@ class Certificate(Shown):
             for name, gap in self.gaps.items()
             if gap < 0 and name not in self.least_gaps
         ]
+        sentences += [self.bends] * bool(self.bends)
         soon = (self.load_factor or np.inf) < 1 + BRINK
         if self.stability >= 0 and (soon or (self.stability < BRINK and not self.stability_margin)):
             reasons = [f"its stability is {self.stability:.2g}"] * (not soon)
@@ -284,6 +287,7 @@ def certify(
         units=targets.terms.units,
         strokes=over,
         complementarity=_violation(shape, line()) if contacts(task.scene) else None,
+        bends=sharp(shape),
     )
 
 

@@ -103,6 +103,15 @@ class MotionCertificate(Shown):
         return tuple(one.attained for one in self.at_targets)
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was not required at targets and yet is impossible or doubtful, a sentence each."""
+        return tuple(
+            f"at target {i} {warning}"
+            for i, one in enumerate(self.at_targets)
+            for warning in one.warnings
+        )
+
+    @property
     def failures(self) -> tuple[str, ...]:
         """What did not pass, a sentence each."""
         sentences = [self.problem] * bool(self.problem)

@@ -141,6 +141,7 @@ class Trajectory(Told):
             said = f"Not certified ({result}): {'; '.join(certificate.failures)}; {advice}."
         if certificate.problem:
             return said
+        said += "".join(f" Beware: {warning}." for warning in certificate.warnings[:3])
         factor, period = f"{self.inertia:.2g} times gravity", f"{self.period:.2g} s"
         is_slow = self.inertia <= QUASI_STATIC * (1 + SAMPLED)
         between = np.diff(self.times[[0, *self.stops]])

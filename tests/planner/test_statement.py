@@ -13,7 +13,7 @@ from model import Arm, InputError, Material, Scene, conical, settle
 from model.effects import Buoyancy, ExactTendons, Extension, Weight
 from model.machine.functions import Buffered
 from model.obstacles import Box
-from planner import plan
+from planner import plan, trajectory
 from planner.answer import sentence
 from planner.certificate import Certificate
 from planner.program.program import Program
@@ -58,6 +58,11 @@ def test_an_arm_that_bends_sharper_than_its_own_radius_is_told() -> None:
     assert bent.reached
     assert "Beware: the arm bends sharper than its own radius: by a radius of 16" in bent.outcome
     assert "sharper" not in straighter.outcome
+    goals = [BendingPlane(0.0, bend) for bend in (1.0, 3.0)]
+    motion = trajectory(thick, goals, Scene(), 1e3, rate_max=50.0)
+    assert all(motion.reached)
+    assert "Beware: at target 1 the arm bends sharper than its own radius" in motion.outcome
+    assert "at target 0" not in motion.outcome
 
 
 def test_the_form_is_deprecated_and_changes_nothing() -> None:
