@@ -108,7 +108,7 @@ def sharpened(
     come and go where they are refined, or are near and move on slowly: by no less than half as far
     as in the round before.
     """
-    begin, last = near, np.inf
+    begin, last = near, None
     if places is None:
         x = near.system.x(request.tensions, request.load, predicted(near, request.tensions))
         places = _correct_places(request, Linearised(near.system, x), places_of(near.system))
@@ -118,17 +118,35 @@ def sharpened(
             return None
         refined = _correct_places(request, point, places)
         # How far places move [m].
-        off = float(np.abs(np.subtract(refined, places)).max(initial=0.0))
+        shift = np.subtract(refined, places).reshape(-1, 3)[:, 1:]
+        off, h = float(np.abs(shift).max(initial=0.0)), np.diff(point.system.mesh.s).max()
         near, settled = point, off <= _OFF * request.base.arm.length
-        if settled or last / 2 < off < _NEAR * np.diff(point.system.mesh.s).max():
+        if settled or (last is not None and np.abs(last).max(initial=0.0) / 2 < off < _NEAR * h):
             exchanged = _exchange_places(request, point, places, settled)
             if exchanged != places:
-                places, last = exchanged, np.inf
+                places, last = exchanged, None
                 continue
             if settled:
                 return point if close(begin, point) else None
-        places, last = refined, off
+        places, last = _extrapolated(refined, shift, last, _NEAR * h), shift
     return None
+
+
+def _extrapolated(refined: Places, shift: Array, before: Array | None, most: float) -> Places:
+    """Return refined places, those that creep at the ends of the series of their shifts (K, 2).
+
+    By no more than `most` [m] further on. An arm that is straight beyond a point lies along a flat
+    obstacle without a force: the gap hardly tells where the point is.
+    """
+    if before is None:
+        return refined
+    ratio = np.divide(shift, before, out=np.zeros_like(shift), where=before != 0)
+    creeps = (ratio > 0.5) & (ratio < 1)
+    further = np.where(creeps, shift * ratio / (1 - np.where(creeps, ratio, 0.0)), 0.0)
+    ends = np.array(refined).reshape(-1, 3)[:, 1:] + np.clip(further, -most, most)
+    return tuple(
+        Place(place.obstacle, *each) for place, each in zip(refined, ends.tolist(), strict=True)
+    )
 
 
 def _with_places(of: Request, near: Linearised, places: Places) -> Linearised | None:

@@ -47,6 +47,7 @@ def ending(seed: int) -> str:
         pytest.param(498, id="the tip and a place just before it"),
         pytest.param(30021, id="what catches at a node slides on"),
         pytest.param(811013, id="a part that grows slowly until it meets a point"),
+        pytest.param(994107, id="a straight tip lies along a plane, beyond the point that presses"),
     ],
 )
 def test_a_query_is_settled(seed: int) -> None:
