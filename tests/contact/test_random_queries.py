@@ -31,6 +31,7 @@ def ending(seed: int) -> str:
     "it slides over an edge",
     "two places next to an anchorage",
     "a gap that dips below 0 between two looks",
+    "a straight tip lies along a plane, beyond the point that presses",
 )
 @pytest.mark.parametrize(
     "seed",
