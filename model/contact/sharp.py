@@ -133,19 +133,20 @@ def sharpened(
 
 
 def _extrapolated(refined: Places, shift: Array, before: Array | None, most: float) -> Places:
-    """Return refined places, those that creep at the ends of the series of their shifts (K, 2).
+    """Return refined places, by Aitken's extrapolation where they converge slowly.
 
-    By no more than `most` [m] further on. An arm that is straight beyond a point lies along a flat
-    obstacle without a force: the gap hardly tells where the point is.
+    That is of the last two shifts (K, 2), by no more than `most` [m]. An arm that is straight
+    beyond a point lies along a flat obstacle without a force: gap' and gap'' hardly tell where the
+    point is.
     """
     if before is None:
         return refined
     ratio = np.divide(shift, before, out=np.zeros_like(shift), where=before != 0)
-    creeps = (ratio > 0.5) & (ratio < 1)
-    further = np.where(creeps, shift * ratio / (1 - np.where(creeps, ratio, 0.0)), 0.0)
-    ends = np.array(refined).reshape(-1, 3)[:, 1:] + np.clip(further, -most, most)
+    rate = np.where((ratio > 0.5) & (ratio < 1), ratio, 0.0)
+    more = np.clip(shift * rate / (1 - rate), -most, most).tolist()
     return tuple(
-        Place(place.obstacle, *each) for place, each in zip(refined, ends.tolist(), strict=True)
+        Place(obstacle, start + at_start, end + at_end)
+        for (obstacle, start, end), (at_start, at_end) in zip(refined, more, strict=True)
     )
 
 
