@@ -247,8 +247,7 @@ def _settled(
             continue
         if isinstance(point, Touching):
             begun, snaps = time.process_time(), snaps + point.snaps
-        if not isinstance(point, Touching) or point.before is None:
-            near = point
+        near = point
         if coarse:
             turned = 2 * maps.lever * math.dist(tip[:4], before[:4])
             gap = max(math.dist(tip[4:], before[4:]), turned) / maps.arm.length

@@ -10,7 +10,7 @@ import numpy as np
 
 from model.arm import Arm
 from model.contact.gaps import check_outside
-from model.contact.path import Touching, follow
+from model.contact.path import Touching, follow, retraced
 from model.contact.sharp import Request, sharpened
 from model.contact.touches import places_of
 from model.equilibrium.linearised import Equilibrium, Linearised
@@ -61,9 +61,10 @@ class TouchingMap(Collocation):
     ) -> Touching:
         """Return the equilibrium that the arm comes to from another one or from rest.
 
-        Friction acts against the steps from there; an arm without that history has an equilibrium
-        as long as it touches nothing: else InputError. Raises UnsettledContactError where none is
-        found, SnapError where it would jump unless it may.
+        Friction acts against the steps from there, which are those on another mesh where tensions
+        are the same; an arm without that history has an equilibrium as long as it touches nothing:
+        else InputError. Raises UnsettledContactError where none is found, SnapError where it would
+        jump unless it may.
         """
         end = Request(self.system, self._fixed, tensions)
         if not isinstance(near, Linearised):
@@ -73,14 +74,14 @@ class TouchingMap(Collocation):
             return follow(end, self._at_rest)
         stays = np.array_equal(tensions, near.tensions)
         if self._rubs:
-            past = near.before if isinstance(near, Touching) and stays else None
-            end = replace(end, before=past or near)
-        if stays or not self._rubs:
-            there = sharpened(end, near)
-            if there is not None:
-                path = ((end.before, 0.0), (there, 1.0)) if end.before else ()
-                return Touching.of(there, (), path)
-        return follow(end, near, jumps)
+            past = near.path if stays and isinstance(near, Touching) else ()
+            path = past or ((near, 0.0), (near, 1.0))
+            begin = path[0][0]
+            end = replace(end, before=begin)
+            again = retraced(end, path) if stays else None
+            return again or follow(end, begin, jumps)
+        there = sharpened(end, near)
+        return follow(end, near, jumps) if there is None else Touching.of(there)
 
     def led_to(self, at: Linearised, tensions: Array) -> Linearised | None:
         """Return the equilibrium that another leads to, by load steps; None where it jumps."""

@@ -107,6 +107,25 @@ def follow(end: Request, near: Linearised, jumps: bool = True) -> Touching:
     return Touching.of(_at_refined_places(end, rough), tuple(snaps))
 
 
+def retraced(end: Request, path: Path) -> Touching | None:
+    """Return where an arm comes to by the steps of a path with friction on another mesh, or None.
+
+    So meshes differ by their own errors alone, and not by those of steps of different lengths.
+    """
+    (begin, _), *others = path
+    x, goal = begin.x[: begin.system.of.first], np.append(end.tensions, end.load)
+    anew = [path[0]]
+    for near, factor in others:
+        check_time()
+        at = x + factor * (goal - x)
+        to = replace(end, tensions=at[:-1], load=float(at[-1]), before=anew[-1][0])
+        there = sharpened(to, near)
+        if there is None:
+            return None
+        anew.append((there, factor))
+    return Touching.of(anew[-1][0], (), tuple(anew))
+
+
 def stepped(
     solve: Callable[[float, float, T, bool], T | None], start: T, steps: tuple[float, float, float]
 ) -> list[tuple[T, float]]:

@@ -258,7 +258,8 @@ def _end_shift(of: Request, point: Linearised, place: Place, side: int) -> float
     # A part is too long where the free arm leaves with gap'' > 0, as if it were pulled there.
     leaves = side * gaps[:, 1] if sheared else gaps[:, 2]
     rate = float(leaves[2] - leaves[1]) / (side * _SHORT * h)
-    f = float(leaves[0]) - rate * float(off[0])
+    # The rate is that of the free arm: inside of the part, where gap'' is 0, it is none.
+    f = float(leaves[0]) - rate * float(off[0]) * (not within)
     most = min(0.8 * h, 0.35 * (place.end - place.start))
     return -side * float(np.sign(f)) * min(abs(f / rate) if rate else h, most)
 
