@@ -19,7 +19,7 @@ from scipy.ndimage import minimum_filter1d
 
 from model.contact.gaps import gaps_along, least_gaps
 from model.contact.sharp import Request, close, sharpened
-from model.contact.touches import Place, Places, Touches, forces, read_off
+from model.contact.touches import Place, Places, Touches, forces, places_of, read_off
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_steps import carried_strains
 from model.equilibrium.newton import Start, newton
@@ -88,7 +88,9 @@ def follow(end: Request, near: Linearised, jumps: bool = True) -> Touching:
         to = replace(end, tensions=x[:-1], load=float(x[-1]), before=near if rubs else None)
         there = sharpened(to, near) if rubs else _complementary(to, near) or _least_energy(to, near)
         if there is not None and close(near, there):
-            return there
+            # What moves before it touches is not to count as slip.
+            begins = rubs and len(places_of(there.system)) > len(places_of(near.system))
+            return None if begins and not least else there
         if not least:
             return None
         if there is None and not rubs:

@@ -6,7 +6,8 @@ length, p linear between the nodes. gap = d(u) - R, along the arm gap' = n . u' 
 
 Where the arm touches at a point, that is where the gap is least, and moves along the arm by x while
 this bends: gap' + gap'' x = 0, and the force P n(u + x u') has the moment x u' x P n about the
-node. A solution has its node there, x = 0; compliances have what x does in them.
+node, and friction acts along the surface there. A solution has its node there, x = 0; compliances
+have what x does in them.
 
 A node has two unknowns: P, and p or x. What is 0 there is told by numbers, so that contact
 comes and goes without building anything: P and p where the arm is free; gap, and gap' + gap'' x,
@@ -58,7 +59,8 @@ def touch(law: CrossSection, m: int, friction: bool = False) -> Kernel:
     held, pressing, moves, lies = ca.vertsplit(c[FLAGS])
     curve, shift = ca.if_else(h * gap2 > _FLAT, gap2, 1 / h), moves * p
     by_pressure = pressing * ((1 - held) * gap + held * gap1)
-    force = P * (normal + shift * (ca.jacobian(normal, u) @ along))
+    turned = normal + shift * (ca.jacobian(normal, u) @ along)
+    force = P * turned
     lever, unknowns = P * normal, [ca.vec(v), q, u, P, p]
     rows = [
         held * gap + (1 - held) * P,
@@ -70,7 +72,7 @@ def touch(law: CrossSection, m: int, friction: bool = False) -> Kernel:
         frame, slip, around = unit_matrix(q), u - before, ca.horzsplit(near[0, :])
 
         def within(w: ca.SX, pressed: ca.SX) -> ca.SX:
-            w -= normal * ca.dot(normal, w)
+            w -= turned * ca.dot(turned, w)
             most, result = mu * ca.fmax(pressed, 0), norm(w)
             return ca.if_else(result > most, most / result, 1) * w
 

@@ -6,7 +6,7 @@ r(x_k, T_k, u_{k-1}) = 0, and with D_k = dx_k / dT
 
     D_k = t_k dx/dT (T_k) - (dr/dx)^-1 dr/du_{k-1} (du/dx D_{k-1}),
 
-from D_0 = 0 on. That normals rotate as a point moves along the arm is left out of its history.
+from D_0 = 0 on.
 """
 
 from __future__ import annotations

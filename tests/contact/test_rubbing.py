@@ -331,4 +331,4 @@ def test_a_place_that_slips_moves_with_tensions_as_all_of_its_way_does() -> None
     ends = [tip(way(T + sign * h * np.eye(4)[1])) for sign in (1, -1)]
     slope = (ends[0] - ends[1]) / (2 * h)
     off = by_tensions[here.system.of.nodes[-1, 4:7], 1] - slope
-    assert np.abs(off).max() < 0.02 * np.abs(slope).max()
+    assert np.abs(off).max() < 1e-3 * np.abs(slope).max()
