@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from model.arm import Arm
+from model.checks import kind
 from model.errors import InputError, OctoplanError
 from model.many import Errors
 from model.paths import Array
@@ -93,6 +94,7 @@ def plan_many(
         raise InputError("errors", errors, '"raise" or "nan"')
     scene = planned_scene(arm, scene)
     limits = checked_limits(arm, scene, tension_max, **others)
+    kind("targets", targets, Iterable, "a sequence of targets")
     plans: list[Plan] = []
     near: Plan | None = None
     for i, target in enumerate(targets):

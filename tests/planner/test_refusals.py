@@ -43,6 +43,8 @@ PLANS: Refused = {
     "an effect for a scene": (lambda: plan(LONG, TIP, Extension(), 1.0), "scene", ""),
     "no scene for many": (lambda: plan_many(LONG, [TIP], "silicone", 1.0), "scene", ""),
     "no arm for many": (lambda: plan_many("table-4", [TIP], PAPER, 1.0), "arm", ""),
+    "one target for many": (lambda: plan_many(LONG, TIP, PAPER, 1.0), "targets", "a sequence"),
+    "a class of targets for many": (lambda: plan_many(LONG, TipPose, PAPER, 1.0), "targets", ""),
     "no scene for a motion": (
         lambda: trajectory(LONG, [TIP], "silicone", 1.0, rate_max=5.0),
         "scene",
