@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from model.checks import within
+from model.checks import kind, within
 from model.errors import InputError, needed
 from model.shape import Shape
 from planner.bodies.links import mjcf, ros_messages, urdf
@@ -85,6 +85,7 @@ def export_shape(
 
 
 def _mesh(shape: Shape, suffix: str, along: int, around: int) -> bytes:
+    kind("shape", shape, Shape, "a Shape, as settle returns it")
     trimesh = needed("trimesh", "mesh")
     s = np.linspace(0.0, shape.arm.length, along)
     vertices, faces = surface(shape.arm, s, shape.poses(s), around)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from model.checks import within
+from model.checks import kind, within
 from model.effects import Weight
 from model.paths import Array
 from model.scene import Scene
@@ -84,6 +84,7 @@ class Chain:
 
 def chain_of(shape: Shape, links: int) -> Chain:
     """Return the chain of so many links that follows a shape; InputError for none or too many."""
+    kind("shape", shape, Shape, "a Shape, as settle returns it")
     within("links", links, 1, MOST_LINKS)
     arm = shape.arm
     s = np.linspace(0.0, arm.length, links + 1)
@@ -269,7 +270,7 @@ def ros_messages(shape: Shape, links: int = 30) -> dict[str, Any]:
     of `urdf`, `path` a nav_msgs/Path of the frames along the midline as the base sees them, their x
     axes along the arm.
     """
-    arm, joints = shape.arm, chain_of(shape, links).joints
+    joints, arm = chain_of(shape, links).joints, shape.arm
     header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": BASE}
     # The frames along the midline, as the base sees them.
     base, s = np.array(arm.base_frame), np.linspace(0.0, arm.length, POINTS)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from model.arm import Arm
-from model.checks import literal
+from model.checks import kind, literal
 from model.cross_section.sections import LEAST_STRETCH
 from model.errors import FileError, InputError
 from model.forward import checked_accuracy
@@ -145,6 +145,7 @@ def export_plan(
     CollapsedError, ConvergenceError
         As settle does, at the plan's tensions.
     """
+    kind("p", p, Plan)
     scene = _checked(p.arm, p.scene, precision, name, accuracy)
     check_inverse(p)
     shape = settle(p.arm, p.tensions, scene, accuracy)

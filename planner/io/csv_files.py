@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from model import Arm, InputError, Shape
-from model.checks import within
+from model.checks import kind, within
 from model.errors import FileError
 from model.paths import Array
 from planner.fit.measured import Measured
@@ -63,6 +63,7 @@ def shape_csv(shape: Shape, points: int = POINTS) -> bytes:
 
     Arc length and position [m], the frame's columns t, n, b, strains tau, xi, k [1/m] and q.
     """
+    kind("shape", shape, Shape, "a Shape, as settle returns it")
     within("points", points, 2, 1_000_000)
     s = np.linspace(0.0, shape.arm.length, points)
     frames = np.swapaxes(shape.frame(s), 1, 2).reshape(points, 9)

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from model import Anchorage, Arm, InputError, Linear, Scene, Shape, settle
 from model.effects import Buoyancy, Extension, Weight
-from planner import mjcf, ros_messages, save_mesh, urdf
+from planner import export_plan, export_shape, mjcf, ros_messages, save_mesh, save_shape, urdf
 from planner.cli import main
 
 PAPER = Scene(Extension())
@@ -168,6 +168,24 @@ def test_bad_input_is_named(call: Any, field: str) -> None:
     with pytest.raises(InputError) as caught:
         call(SHAPES["rest"])
     assert caught.value.field == field
+
+
+@pytest.mark.parametrize("given", [None, "arm", SHAPES, [1.0], Shape])
+def test_what_is_no_shape_is_named(given: Any, tmp_path: Path) -> None:
+    for call in (
+        lambda: mjcf(given),
+        lambda: urdf(given),
+        lambda: ros_messages(given),
+        lambda: save_mesh(given, tmp_path / "arm.stl"),
+        lambda: save_shape(given, tmp_path / "arm.csv"),
+        lambda: export_shape(given, tmp_path, "mesh"),
+    ):
+        with pytest.raises(InputError) as caught:
+            call()
+        assert caught.value.field == "shape"
+    with pytest.raises(InputError, match="p: got"):
+        export_plan(given, tmp_path)
+    assert list(tmp_path.iterdir()) == []
 
 
 SCENE = """
