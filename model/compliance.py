@@ -138,6 +138,9 @@ def by_lengths(
     EA : float
         Of the tendons [N], unless winches of the shape tell how they stretch.
     """
-    stretch = point.lengths[held] / EA if shape.winches is None else shape.winches.stretch[held]
-    M = np.diag(stretch + least_compliance(shape.arm)) - point.length_tension[np.ix_(held, held)]
+    stretch = point.lengths / (EA + shape.tensions)
+    if shape.winches is not None:
+        stretch = shape.winches.stretch
+    yields = np.diag(stretch[held] + least_compliance(shape.arm))
+    M = yields - point.length_tension[np.ix_(held, held)]
     return np.asarray(np.linalg.solve(M, longer))

@@ -195,7 +195,8 @@ def stiffness(
     accuracy : float
         Relative error of the compliance that is accepted, and tip error over arm length.
     tendon_EA : float
-        Stiffness E A of the tendons themselves [N]; they do not stretch unless given.
+        Stiffness E A of the tendons themselves [N]; they do not stretch unless given. A tendon that
+        is as long as its path under its tension is shorter without, as settle has its length.
     release : bool
         Whether tendons without tension count as slack where lengths are held: unless given, as
         they could only pull, and resist one of two opposite displacements at most. False locks

@@ -162,7 +162,7 @@ class Responses:
         if self.request.hold == "length":
             (lengths,) = of.lengths.terms
             own = start + lengths.unknowns, start + lengths.rows
-            unknowns = np.vstack([place[lengths.unknowns], *own])
+            unknowns = np.vstack([place[lengths.unknowns], *own, place[lengths.rows]])
             terms.append(Term(built(_locked, of.form.law), unknowns, row + lengths.rows))
         return [*terms, Term(built(_scaled), tensions, rows)]
 
@@ -203,13 +203,15 @@ class Responses:
 def _locked(law: CrossSection) -> Kernel:
     """Return the kernel of a locked tendon: how its path lengthens, less how its tension does.
 
-    Strains, their changes, change of its tension; its path and a weight, 1 / E A of the tendon.
+    Strains, their changes, change of its tension, the tension; its path and a weight, 1 / E A of
+    the tendon, which is as long as its path under its tension.
     """
     kernel = built(run, law)
-    change, pull = ca.SX.sym("change", size(law)), ca.SX.sym("pull")
+    change, pull, tension = ca.SX.sym("change", size(law)), ca.SX.sym("pull"), ca.SX.sym("tension")
     compliance = ca.SX.sym("compliance")
-    grows = ca.jtimes(kernel.r, kernel.y, change) - kernel.r * pull * compliance
-    y = ca.vertcat(kernel.y, change, pull)
+    stretch = kernel.r * compliance / (1 + compliance * tension)
+    grows = ca.jtimes(kernel.r, kernel.y, change) - stretch * pull
+    y = ca.vertcat(kernel.y, change, pull, tension)
     return Kernel("locked", y, ca.vertcat(kernel.c, compliance), grows)
 
 

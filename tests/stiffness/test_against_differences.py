@@ -82,7 +82,8 @@ def with_lengths_held(
     start: Shape, scene: Scene, length_tension: Array, hint: Array
 ) -> tuple[Shape, Array]:
     """The shape in a scene whose tendons, as stretchy as TENDON_EA, run from locked motors."""
-    give = start.tendon_lengths / TENDON_EA
+    unstretched = start.tendon_lengths / (1 + start.tensions / TENDON_EA)
+    give = unstretched / TENDON_EA
     matrix = length_tension - np.diag(give)
     T = start.tensions + hint
     for _ in range(12):

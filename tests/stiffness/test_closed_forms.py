@@ -180,8 +180,8 @@ def test_locked_antagonists_hold_the_turn_of_the_tip(exact: bool, tendon_EA: flo
     scene = Scene(ExactTendons()) if exact else Scene()
     k = stiffness(antagonists(), [pull, pull], scene, "length", accuracy=1e-10, tendon_EA=tendon_EA)
     stiff = EJ if exact else EJ + 2 * Y**2 * pull
-    # Their stretch is a spring against the turn of the tip.
-    hinge = np.inf if tendon_EA is None else 2 * Y**2 * tendon_EA / L
+    # Their stretch is a spring against the turn of the tip: unstretched they are L / (1 + T / EA).
+    hinge = np.inf if tendon_EA is None else 2 * Y**2 * (tendon_EA + pull) / L
     held = 1.0 if tendon_EA is None else hinge * L / stiff / (1 + hinge * L / stiff)
     wanted = L**3 / (3 * stiff) - held * L**3 / (4 * stiff)
     assert k.compliance[1, 1] == pytest.approx(wanted, rel=1e-9)
