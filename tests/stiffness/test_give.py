@@ -64,4 +64,4 @@ def test_derivatives_of_a_program_with_a_stiffness_are_differences_of_it(
 ) -> None:
     problem, p, x = stated(arm, effects, target)
     off = 1e-3 * np.random.default_rng(6).normal(size=x.size)
-    check_derivatives(whole(problem, p), x + off, 1e-4)
+    check_derivatives(whole(problem, p), x + off, 2e-5)
