@@ -206,7 +206,9 @@ def _least_norm(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, b
     felt = values * most > rounding
     count = int(np.count_nonzero(felt))  # the largest are the first
     well = count == 0 or bool(values[count - 1] > _WELL * values[0])
-    result = z + right[:count].T @ ((w @ -left[:, :count]) / values[:count])
+    # No combination changes by more than the largest tension: so far away w tells nothing of it.
+    steps = ((w @ -left[:, :count]) / values[:count]).clip(-most, most)
+    result = z + right[:count].T @ steps
     idle = right[count:]
     if not len(idle):
         return result, well
@@ -225,7 +227,10 @@ def _least_norm(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, b
     r = E @ scipy.optimize.nnls(E, f)[0] - f
     if np.linalg.norm(r) <= FELT:  # inequalities exclude each other
         return result, well
-    raised = result + idle.T @ (r[:-1] / (r @ r) * size)  # the last of r is -r.r, but for rounding
+    raises = idle.T @ (r[:-1] / (r @ r) * size)  # the last of r is -r.r, but for rounding
+    if np.abs(raises).max() > most:
+        return result, well
+    raised = result + raises
     return np.where(np.abs(raised) <= _TINY * size, 0.0, raised), well
 
 

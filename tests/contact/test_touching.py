@@ -7,7 +7,7 @@ import pytest
 
 from model import Anchorage, Arm, Linear, Scene, settle
 from model.effects import Contact, ExactTendons, Extension, PointLoad, Shear, TipLoad, Weight
-from model.obstacles import Box, Capsule, Obstacle, Sphere
+from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from tests.contact.cases import bar, distance, stiffness
 from tests.contact.queries import Query, imbalance
 from tests.lengths.cases import check_complementary
@@ -143,6 +143,21 @@ def test_a_rod_makes_a_winch_pull_harder(arm: Arm) -> None:
 TABLE_4 = Arm.from_paper("table-4")
 THIN_ROD = Capsule((0.2, -0.15, -0.05), (0.2, 0.15, -0.05), 0.02)
 PULLS = np.array([0, 0, 0, 0, 0, 0, 0, 0, 0.3, 3, 0, 0])
+
+
+def test_lengths_of_an_arm_that_touches_two_bodies_give_it_back() -> None:
+    """Steps along what lengths hardly feel went to kilonewtons, and to no end."""
+    sphere = Sphere((0.153, -0.006, -0.095), 0.0285)
+    plane = HalfSpace((0.224, -0.008, -0.206), (0.306, -0.069, 0.95))
+    scene = Scene(Contact(sphere), Contact(plane), TipLoad((7e-4, -1.1e-3, -2.5e-3)))
+    T = np.array([0, 0, 0, 0.011, 0, 0, 0.014, 0, 0, 2.77, 0, 0])
+    given = settle(TABLE_4, T, scene)
+    assert len(given.contacts) == 2
+    back = settle(TABLE_4, scene=scene, lengths=given.tendon_lengths)
+    check_complementary(back)
+    assert back.tip == pytest.approx(given.tip, abs=1e-7 * TABLE_4.length)
+
+
 SHEARED = Scene(Extension(), ExactTendons(), Contact(THIN_ROD), Shear())
 
 
