@@ -129,7 +129,7 @@ def element(form: Form) -> Kernel:
     ]
     if form.loaded:
         F, f, at_node = _forces(x, form, through, [frame[:, 0] for frame in R], twists)
-        levers = [ca.cross(t, f) for t, f in zip(along, F, strict=True)]
+        levers = [through.name(ca.cross(t, f)) for t, f in zip(along, F, strict=True)]
         beyond = x.w_next[:3] + x.moment
         lever = through.name(weighted_sum(method.b, levers))
         at_node.insert(0, x.w[:3] - beyond - x.h * first @ lever)

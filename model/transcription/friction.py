@@ -20,7 +20,7 @@ from model.cross_section.law import CrossSection, body_size, size, turning_rate
 from model.paths import Array
 from model.rotations import norm
 from model.transcription.collocation import gauss, weighted_sum
-from model.transcription.kernels import Kernel
+from model.transcription.kernels import Kernel, Steps
 
 
 def body_rates(law: CrossSection) -> Kernel:
@@ -63,16 +63,19 @@ def sliding_tendon(law: CrossSection, m: int) -> Kernel:
     Rows: by stage its wrench and the derivative of that along s; the residual of Theta at the far
     node.
     """
-    x, method, rows = TendonSymbols(law, m), gauss(m), []
+    x, method, rows, through = TendonSymbols(law, m), gauss(m), [], Steps()
+    turning = [through.name(each) for each in x.turning]
     for i in range(m):
         v, path = x.v[:, i], x.paths[i]
-        turned = x.before + x.h * weighted_sum(method.a[i], x.turning)
-        T = x.tension * ca.exp(-x.load * x.mu * turned)
+        turned = x.before + x.h * weighted_sum(method.a[i], turning)
+        T = through.name(x.tension * ca.exp(-x.load * x.mu * turned))
         pull = law.tendon(v, path)
         along = ca.jtimes(pull, v, x.rate[:, i]) + ca.jtimes(pull, path, x.changes[i])
-        rows += [T * pull, T * (along - x.load * x.mu * x.turning[i] * pull)]
-    rows.append(x.after - x.before - x.h * weighted_sum(method.b, x.turning))
-    return Kernel("sliding_tendon", x.unknowns, x.numbers, ca.vertcat(*rows))
+        pull = through.name(pull)
+        falls = through.name(along - x.load * x.mu * turning[i] * pull)
+        rows += [T * pull, T * falls]
+    rows.append(x.after - x.before - x.h * weighted_sum(method.b, turning))
+    return Kernel("sliding_tendon", x.unknowns, x.numbers, ca.vertcat(*rows), through)
 
 
 def turning_function(law: CrossSection, m: int) -> ca.Function:

@@ -2,8 +2,13 @@
 
 What a kernel computes on the way, it may name: of unknowns y, intermediate quantities z_1 to z_K
 one after the other, of all these residuals r. CasADi differentiates each step by itself, and the
-chain rule puts the steps together from the last to the first, for Jacobians and Hessians alike.
-With z = f(x) a step, x all that comes before, and L the rest as a function of both,
+chain rule puts the steps together: for Jacobians from the first to the last, as residuals are as
+many as unknowns and most depend on all of what a step carries on,
+
+    dz_k/dy = f_y + f_z dz/dy,        z_k = f(y, z), z all quantities before,
+
+and for Hessians from the last to the first. With z = f(x) a step, x all that comes before, and L
+the rest as a function of both,
 
     L'(x)  <-  L_x + L_z f_x
     L''(x) <-  L_xx + L_xz f_x + f_x^T L_zx + f_x^T L_zz f_x + sum_k L_z,k f_k,xx.
@@ -56,12 +61,12 @@ class Steps:
 
     def jacobian(self, r: ca.SX, x: ca.SX) -> ca.SX:
         """Return dr/dx (n_r, n_x) as an expression of x and other symbols."""
+        n, by_x = x.numel(), ca.SX(0, x.numel())
+        for k, (_, f, through) in enumerate(self.steps):
+            J = through.jacobian(f, self._all(x, k))
+            by_x = ca.vertcat(by_x, J[:, :n] + J[:, n:] @ by_x)
         J = ca.jacobian(r, self._all(x))
-        for k, (_, f, through) in reversed(list(enumerate(self.steps))):
-            before = self._all(x, k)
-            n = before.numel()
-            J = J[:, :n] + J[:, n:] @ through.jacobian(f, before)
-        return self.resolved(J)
+        return self.resolved(J[:, :n] + J[:, n:] @ by_x)
 
     def hessian(self, lam: ca.SX, r: ca.SX, x: ca.SX) -> ca.SX:
         """Return the Hessian of lam . r in x (n_x, n_x), an expression of x and other symbols."""
