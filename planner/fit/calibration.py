@@ -24,6 +24,7 @@ from model.paths import Array
 from model.progress import reported
 from model.text import Told
 from planner.fit.fitted import Fitted
+from planner.fit.identifiability import UNIFORM
 from planner.fit.least_squares import fit
 from planner.fit.measured import MIDLINE, Measured, Point, checked_shapes
 from planner.fit.residuals import (
@@ -76,7 +77,8 @@ class Prediction:
         [m].
     std : (3, 3)
         Covariance matrix of the tip by the standard errors of the unknowns [m2]: how sure the
-        calibrated arm's tip is, if the model is right.
+        calibrated arm's tip is, if the model is right. Where data tell nothing of the unknowns,
+        their bounds do.
     places : (P, 3)
         Of the points [m]; the tip unless points were given.
     covariance : (P, 3, 3)
@@ -111,7 +113,10 @@ class Prediction:
         """Return whether measured places (P, 3) [m] lie in the points' ellipsoids (P,)."""
         off = (np.asarray(places, dtype=float) - self.places)[:, :, None]
         size = (off * np.linalg.solve(self.covariance, off)).sum(axis=(1, 2))
-        return np.asarray(size <= 3 * scipy.special.fdtri(3, self.freedom, level))
+        most = scipy.special.chdtri(3, 1 - level)
+        if np.isfinite(self.freedom):
+            most = 3 * scipy.special.fdtri(3, self.freedom, level)
+        return np.asarray(size <= most)
 
 
 @dataclass(frozen=True)
@@ -201,9 +206,8 @@ class Calibration(Told, Fitted):
             flat = tuple(self.given_arm.flat(T, name).tolist())
             shapes.append(replace(like, tensions=flat, session=session, name=name))
         there = from_rest(self.experiment(shapes), self.array)
-        J = np.vstack(list(self.jacobians.values()))
-        # The variance of a uniform distribution from bound to bound is 1 / 12.
-        M = J.T @ J + 12 * np.eye(J.shape[1])
+        J = self.all_jacobians
+        M = J.T @ J + np.eye(J.shape[1]) / UNIFORM
         before, rows = np.diag(np.linalg.inv(M)), list[Candidate]()
         told_by = there.scaled(self.noise)
         for i, shape in enumerate(shapes):
@@ -257,8 +261,7 @@ class Calibration(Told, Fitted):
         n = len(shape.places)
         J = (there.jacobians[i][: 3 * n] * self.parameters.range).reshape(n, 3, -1)
         places = miss[: 3 * n].reshape(n, 3) + shape.places
-        covariance = self.information[0]
-        sure = J @ np.where(np.isfinite(covariance), covariance, 0.0) @ J.transpose(0, 2, 1)
+        sure = J @ self.information[1] @ J.transpose(0, 2, 1)
         error = self._model_error(shape.arc_lengths(self.arm))[:count]
         band = sure[:count] + error[:, None, None] ** 2 * np.eye(3)
         # What a shape's markers are missed by has one cause.
@@ -287,10 +290,10 @@ class Calibration(Told, Fitted):
         """Return the residuals (size,) of each shape by a fit without it, to first order.
 
         (I - H_ii)^-1 r_i with H = J (J^T J)^-1 J^T by blocks of shapes: residuals of one shape have
-        the same causes, which no single number's leverage tells. Source: Cook and Weisberg,
-        "Residuals and Influence in Regression" (1982), 4.2.
+        the same causes, which no single number's leverage tells. Priors are further rows of J.
+        Source: Cook and Weisberg, "Residuals and Influence in Regression" (1982), 4.2.
         """
-        J = np.vstack(list(self.jacobians.values()))
+        J = self.all_jacobians
         inverse, missed = np.linalg.pinv(J.T @ J, hermitian=True), dict[int, Array]()
         scaled = self.evaluation.scaled()
         for i, J_i in self.jacobians.items():

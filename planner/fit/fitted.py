@@ -157,7 +157,7 @@ class Fitted:
         names = [unknown.name for unknown in self.unknowns]
         units = [self.parameters.unit(unknown) for unknown in self.unknowns]
         return tuple(
-            direction(v, std, names, self.parameters.range, units) for v, std in self.information[1]
+            direction(v, std, names, self.parameters.range, units) for v, std in self.information[2]
         )
 
     @property
@@ -311,10 +311,14 @@ class Fitted:
         return Experiment(self.parameters, shapes, *mesh)
 
     @cached_property
-    def information(self) -> tuple[Array, list[tuple[Array, float]]]:
+    def information(self) -> tuple[Array, Array, list[tuple[Array, float]]]:
         """What data and priors say of the unknowns, from bound to bound; see identifiability."""
-        prior = self.parameters.priors(self.array)[1]
-        return information(np.vstack([*self.jacobians.values(), prior]))
+        return information(self.all_jacobians)
+
+    @property
+    def all_jacobians(self) -> Array:
+        """Those of the residuals of all shapes and of the priors (n, K)."""
+        return np.vstack([*self.jacobians.values(), self.parameters.priors(self.array)[1]])
 
     @cached_property
     def jacobians(self) -> dict[int, Array]:

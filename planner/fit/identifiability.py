@@ -19,6 +19,8 @@ from model.paths import Array
 # identifiable; and the standard deviation along one, over the bounds' range, above which it is
 # badly so.
 _ZERO, _WIDE = 1e-7, 0.5
+# The variance of a uniform distribution from bound to bound.
+UNIFORM = 1 / 12
 # Parts of a direction that are left out of it, over the largest: where the data tell it badly, and
 # where they do not tell it, where only rounding is.
 _SMALL, _INVOLVED = 0.1, 1e-3
@@ -57,11 +59,12 @@ class Direction:
         return f"a change of {first} trades with {', '.join(others)}: together {difference}"
 
 
-def information(J: Array) -> tuple[Array, list[tuple[Array, float]]]:
+def information(J: Array) -> tuple[Array, Array, list[tuple[Array, float]]]:
     """Return what residuals over noise with derivatives J (n, K), priors included, say.
 
     The covariance (K, K) in units of the bounds' ranges, inf on the diagonal where nothing tells;
-    and directions (K,) that are not identifiable, or badly so, each with its standard deviation.
+    the same with what the bounds say there, which count as a uniform distribution; and directions
+    (K,) that are not identifiable, or badly so, each with its standard deviation.
     """
     K = J.shape[1]
     size = np.linalg.norm(J, axis=0)
@@ -80,8 +83,10 @@ def information(J: Array) -> tuple[Array, list[tuple[Array, float]]]:
         for variance, v in zip(variances[::-1], vectors.T[::-1], strict=True)
         if variance > _WIDE**2
     ]
+    untold = np.linalg.qr(along[null].T)[0]
+    bounded = covariance + untold @ untold.T * UNIFORM
     covariance[np.diag_indices(K)] += np.where(involved.any(axis=0), np.inf, 0.0)
-    return covariance, directions
+    return covariance, bounded, directions
 
 
 def _sparse(vectors: Array) -> Array:

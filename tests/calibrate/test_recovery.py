@@ -305,3 +305,48 @@ def test_the_next_shapes_are_those_that_tell_most() -> None:
     more = [replace(shape, name=f"more {i}") for i, shape in enumerate(more)]
     again = calibrate(small_arm(), HANGING, [*shapes, *more], [E, DENSITY])
     assert again.std[0] / again.noise < found.std[0] / found.noise
+
+
+def test_a_tight_prior_is_as_good_as_a_number_that_is_known() -> None:
+    shapes, asked = synthetic(small_arm(), HANGING, 5e-4, 0), [[0, 0, 1.0], [0.2, 0.2, 0.2]]
+    prior = Unknown(SCALE, 0.5, 2, prior=(1.0, 1e-5))
+    known, held = (calibrate(small_arm(), HANGING, shapes, own) for own in ([E], [E, prior]))
+    for one, other in zip(known.next(asked), held.next(asked), strict=True):
+        assert other.gain == pytest.approx(one.gain, rel=1e-4)
+        assert other.shrink[0] == pytest.approx(one.shrink[0], rel=1e-4)
+    bands = [found.predict([1.0, 0.0, 0.5]).band() for found in (known, held)]
+    assert bands[1] == pytest.approx(bands[0], rel=1e-4)
+
+
+def test_measured_places_lie_in_ellipsoids_where_standard_deviations_hold() -> None:
+    """Of those of a chi-square distribution of three degrees of freedom a half, then nearly all."""
+    arm, rng = small_arm(), np.random.default_rng(20261128)
+    shapes = [replace(own, std=5e-4) for own in synthetic(arm, HANGING, 5e-4, 0)]
+    found = calibrate(arm, HANGING, shapes, [E, DENSITY], absolute_std=True)
+    T = [1.0, 0.0, 0.5]
+    asked = found.predict(T)
+    draws = rng.multivariate_normal(asked.tip, asked.covariance[0], 4000)
+    for level in (0.5, 0.95):
+        held = np.mean([asked.holds([place], level)[0] for place in draws])
+        assert held == pytest.approx(level, abs=0.03)
+
+
+def test_what_data_do_not_tell_makes_predictions_as_unsure_as_bounds_leave_them() -> None:
+    """Lengths tell modulus over density only, so that a shape under tensions may be anywhere."""
+    arm = small_arm()
+    pulls = ([1.0, 0.2, 0.3], [0.3, 1.5, 0.2], [0.5, 0.5, 1.8])
+    settled = [settle(arm, T, HANGING, 1e-7) for T in pulls]
+    shapes = [Measured(lengths=own.tendon_lengths, tip=own.tip) for own in settled]
+    found = calibrate(arm, HANGING, shapes, [E, DENSITY])
+    assert np.all(np.isinf(found.std))
+    # Along the one line of moduli and densities that the data leave.
+    spread = np.array([250.0, 1500.0]) / np.sqrt(12)
+    slope = found.array / np.linalg.norm(found.array / spread)
+    T = [1.0, 0.0, 0.5]
+    tips = []
+    for side in (-1, 1):
+        E_kPa, density = found.array + 1e-3 * side * slope
+        other = replace(arm, material=replace(arm.material, E=1e3 * E_kPa, density=density))
+        tips.append(settle(other, T, HANGING, 1e-8).tip)
+    by_bounds = np.linalg.norm(tips[1] - tips[0]) / 2e-3
+    assert found.predict(T).tip_std == pytest.approx(by_bounds, rel=0.01)
