@@ -24,7 +24,7 @@ from model.errors import InputError, OctoplanError, needed
 from model.progress import check_time, tell, with_progress
 from model.progress import end as end_of_limit
 from model.progress import time_limit as within
-from planner.io.files import versions
+from planner.io.files import path_of, versions
 from planner.sweeps.definition import Sweep, load_sweep, sweep_of
 from planner.sweeps.points import Job, Point, Rows, computed
 from planner.sweeps.store import (
@@ -258,10 +258,11 @@ def sweep(
     else:
         wanted = load_sweep(request, seconds)
     if out is not None:
+        out = path_of(out, "out")
         _, is_earlier = written(wanted, out, jobs=jobs, scheduler=scheduler)
         if is_earlier:
             _log.info("%s holds this sweep already; it is not run again", out)
-        return opened(Path(out))
+        return opened(out)
     _check(jobs)
     with (
         TemporaryDirectory() as name,

@@ -111,3 +111,8 @@ def test_a_time_limit_is_that_of_each_point() -> None:
     assert json.loads(data.attrs["scene"])["time_limit_s"] == 1e-6
     with pytest.raises(InputError, match="time_limit"):
         sweep(ARM, axes={"arm.E_kPa": [100.0]}, time_limit=0.0, **given)
+
+
+def test_an_output_that_is_no_path_is_refused_by_name() -> None:
+    with pytest.raises(InputError, match="out: got 3, allowed is the name of a file or folder"):
+        sweep(ARM, 3, axes={"arm.E_kPa": [100.0]}, tensions=tensions())  # type: ignore[arg-type]
