@@ -119,7 +119,7 @@ def element(form: Form) -> Kernel:
     x, law, method, through = ElementSymbols(form), form.law, gauss(form.stages), Steps()
     twists = [law.twist(v) for v in ca.horzsplit(x.v)]
     twists = [(through.name(kappa), nu) for kappa, nu in twists]
-    *turns, across = _turned(through, [kappa for kappa, _ in twists], x.h)
+    *turns, across = turned(through, [kappa for kappa, _ in twists], x.h)
     R = [unit_matrix(turn) for turn in turns]
     along = [through.name(frame @ nu) for frame, (_, nu) in zip(R, twists, strict=True)]
     first = unit_matrix(x.q)
@@ -147,7 +147,7 @@ def element(form: Form) -> Kernel:
     return Kernel("element", x.unknowns, x.numbers, ca.vertcat(*rows), through)
 
 
-def _turned(through: Steps, kappa: list[ca.SX], h: ca.SX) -> list[ca.SX]:
+def turned(through: Steps, kappa: list[ca.SX], h: ca.SX) -> list[ca.SX]:
     """Return the quaternions (4,) from the first node's frame to each stage's, and the last's."""
     within = Steps()
     stacked = ca.vertcat(*rotation_vectors(kappa, h, within.name))

@@ -13,11 +13,11 @@ from model.cross_section.energy import EnergySection
 from model.cross_section.law import CrossSection, body_size, less_rest, size
 from model.machine.functions import built
 from model.obstacles.base import SIZE, signed_distance
-from model.rotations import half_turn, unit_matrix
-from model.transcription.collocation import gauss, rotation_vectors
-from model.transcription.element import Form, element, run
+from model.rotations import unit_matrix
+from model.transcription.collocation import gauss
+from model.transcription.element import Form, element, run, turned
 from model.transcription.equations import Equations, Term
-from model.transcription.kernels import Kernel
+from model.transcription.kernels import Kernel, Steps
 from model.transcription.layout import POSE, Layout
 
 
@@ -40,13 +40,14 @@ def dead_loads(law: CrossSection, m: int) -> Kernel:
     """
     q, v = ca.SX.sym("q", 4), ca.SX.sym("v", size(law), m)
     h, dead = ca.SX.sym("h"), ca.SX.sym("dead", 3, m)
-    twists = [law.twist(at) for at in ca.horzsplit(v)]
-    turns = rotation_vectors([kappa for kappa, _ in twists], h)[:-1]
-    along = [unit_matrix(half_turn(turn)) @ nu for turn, (_, nu) in zip(turns, twists, strict=True)]
+    twists, through = [law.twist(at) for at in ca.horzsplit(v)], Steps()
+    turns = turned(through, [kappa for kappa, _ in twists], h)[:-1]
+    along = [unit_matrix(turn) @ nu for turn, (_, nu) in zip(turns, twists, strict=True)]
     local = ca.horzsplit(unit_matrix(q).T @ dead)
     work = ca.vertcat(*(ca.dot(f, t) for f, t in zip(local, along, strict=True)))
     value = -h * ca.dot(ca.DM(gauss(m).b), work)
-    return Kernel("dead_loads", ca.vertcat(q, ca.vec(v)), ca.vertcat(h, ca.vec(dead)), value)
+    y, c = ca.vertcat(q, ca.vec(v)), ca.vertcat(h, ca.vec(dead))
+    return Kernel("dead_loads", y, c, value, through)
 
 
 def off_midline() -> Kernel:
@@ -57,8 +58,7 @@ def off_midline() -> Kernel:
 
 def kinematics(law: CrossSection, m: int) -> Kernel:
     """Return the kernel of an element's kinematics: the residuals of the pose at its end."""
-    whole = built(element, Form(law, m, loaded=False))
-    return Kernel("kinematics", whole.y, whole.c, whole.r[-POSE:])
+    return built(element, Form(law, m, loaded=False)).part("kinematics", slice(-POSE, None))
 
 
 def node_gap() -> Kernel:

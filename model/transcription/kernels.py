@@ -111,6 +111,10 @@ class Kernel:
         self.r = self._through.resolved(self._r)
         self.value = ca.Function(name, [y, c], [self.r], {"cse": True})
 
+    def part(self, name: str, rows: slice) -> Kernel:
+        """Return the kernel of some of the residuals."""
+        return Kernel(name, self.y, self.c, self._r[rows], self._through)
+
     def in_numbers(self) -> Kernel:
         """Return the same residuals with the numbers among the unknowns, behind the others."""
         y, none = ca.vertcat(self.y, self.c), ca.SX.sym("none", 0)
