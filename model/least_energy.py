@@ -54,6 +54,8 @@ _IPOPT: dict[str, Any] = {
     "max_iter": 100,
     "bound_relax_factor": 0.0,
     "mu_strategy": "adaptive",
+    # Multipliers of fixed unknowns take another gradient a step.
+    "fixed_variable_treatment": "make_parameter_nodual",
 }
 # Nonconservative forces are updated so often, until no frame turns by more than this.
 ROUNDS, _STAYS = 12, 1e-3
@@ -227,7 +229,7 @@ class LeastEnergy:
             rows.append(np.vstack([bodies, radii, np.full(radii.size, L)]))
         low, high = np.full(n + nT, -inf), np.full(n + nT, inf)
         low[:POSE] = high[:POSE] = base_pose(self.system.arm) / self._unit[:POSE]
-        low[n:], high[n:] = 0.0, np.where(held, inf, 0.0)
+        low[n:], high[n:] = np.where(held, -inf, 0.0), np.where(held, inf, 0.0)
         lengths = np.full(nT, inf) if winches is None else np.where(held, winches.lengths / L, inf)
         gaps, solver = np.zeros(of.elements * K), _solver(of, K)
         g_low = np.concatenate([np.zeros(poses), np.full(nT, -inf), gaps])
