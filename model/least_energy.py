@@ -264,7 +264,12 @@ def _solver(of: Layout, obstacles: int) -> Buffered:
     def matrix(of: Sum, *value: ca.MX) -> ca.MX:
         return ca.MX(of.places, of.function(*value))
 
-    gradient, J = ca.densify(matrix(f.jacobian, z, pf)).T, matrix(g.jacobian, z, pg)
+    # With derivatives come values, which by themselves take less.
+    (gradient, value_too), (J, held_too) = (
+        ca.horzsplit(matrix(of.jacobian, z, numbers), [0, f.n_x, f.n_x + 1])
+        for of, numbers in ((f, pf), (g, pg))
+    )
+    gradient = ca.densify(gradient).T
     H = ca.triu(matrix(f.hessian, z, pf, sigma) + matrix(g.hessian, z, pg, lam))
     options: dict[str, Any] = {
         "print_time": False,
@@ -273,9 +278,9 @@ def _solver(of: Layout, obstacles: int) -> Buffered:
         "no_nlp_grad": True,
         "error_on_fail": False,
         "grad_f": ca.Function(
-            "nlp_grad_f", [z, p], [value, gradient], ["x", "p"], ["f", "grad:f:x"]
+            "nlp_grad_f", [z, p], [value_too, gradient], ["x", "p"], ["f", "grad:f:x"]
         ),
-        "jac_g": ca.Function("nlp_jac_g", [z, p], [held, J], ["x", "p"], ["g", "jac:g:x"]),
+        "jac_g": ca.Function("nlp_jac_g", [z, p], [held_too, J], ["x", "p"], ["g", "jac:g:x"]),
         "hess_lag": ca.Function(
             "nlp_hess_l",
             [z, p, sigma, lam],

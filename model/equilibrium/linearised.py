@@ -9,6 +9,7 @@ is a narrow band.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -58,8 +59,9 @@ class Linearised:
         """The nonzeros of the Jacobian (nnz,), in the places of `band`."""
         if self.near:
             return self.near.nonzeros
-        at = self.system
-        return at.of.equations.jacobian(self.x, at.p) if self.jacobian is None else self.jacobian
+        if self.jacobian is not None:
+            return self.jacobian
+        return self.system.of.equations.jacobian(self.x, self.system.p)[: -self.system.of.n_states]
 
     @property
     def tensions(self) -> Array:
@@ -165,16 +167,25 @@ class Linearised:
         return np.where(exact, self.poses[nodes], poses), reported(self.system.of.form.law, v)
 
 
-def linearised(system: System, x: Array, near: list[Linearised | None]) -> list[Linearised]:
-    """Return equations linearised at points (M, n_x), by themselves or near others."""
-    points, jacobians = list[Linearised](), iter(np.zeros((0, 0)))
-    if near.count(None) > 1:
-        alone = [each is None for each in near]
-        jacobians = iter(system.of.equations.jacobian(x[alone], system.p))
-    for row, each in zip(x, near, strict=True):
-        jacobian = next(jacobians, None) if each is None else None
-        points.append(Linearised(system, row, each, jacobian))
-    return points
+def linearised(
+    system: System, x: Array, near: Sequence[Linearised | None]
+) -> tuple[list[Linearised], Array]:
+    """Return equations linearised at points (M, n_x), by themselves or near others.
+
+    And their residuals there (M, n_states).
+    """
+    n, alone = system.of.n_states, np.array([each is None for each in near], dtype=bool)
+    jacobians, residuals = iter(np.zeros((0, 0))), np.empty((len(x), n))
+    if alone.any():
+        whole = system.of.equations.jacobian(x[alone], system.p)
+        jacobians, residuals[alone] = iter(whole[:, :-n]), whole[:, -n:]
+    if not alone.all():
+        residuals[~alone] = system.residual(x[~alone])
+    points = [
+        Linearised(system, row, each, None if each else next(jacobians))
+        for row, each in zip(x, near, strict=True)
+    ]
+    return points, residuals
 
 
 Equilibrium = Linearised | Marched

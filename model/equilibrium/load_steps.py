@@ -158,9 +158,12 @@ class Collocation:
         followed = list[Followed]()
         if len(T):
             x = at.x(T, 1.0 - self._loaded, at.start(T, v))
-            followed = [Followed(point, 0.0, "") for point in linearised(at, x, [None] * len(x))]
             if self._loaded:
-                followed = follow_on(followed, 1.0, LEAST_STEP, crushed, looser, ROUGHEST)
+                points, _ = linearised(at, x, [None] * len(x))
+                starts = [Followed(point, 0.0, "") for point in points]
+                followed = follow_on(starts, 1.0, LEAST_STEP, crushed, looser, ROUGHEST)
+            else:
+                followed = [Followed(Linearised(at, row), 0.0, "") for row in x]
         known = iter(zip(followed, crushed, strict=True))
         for sections in lost:
             if sections.any():

@@ -96,8 +96,7 @@ def newton(
             last, system = system, touching(system, x[0, first:])
             near = near if np.allclose(system.p, last.p, CLOSE, 0.0) else [None]
         some = x[going]
-        points = linearised(system, some, [near[i] for i in going])
-        steps = system.residual(some)
+        points, steps = linearised(system, some, [near[i] for i in going])
         for point, row in zip(points, steps, strict=True):
             solvable = np.isfinite(row).all() and point.factor is not None
             row[:] = -point.solve(row) if solvable else np.nan

@@ -55,7 +55,7 @@ class Equations:
     value : Sum
         Of (x, p): g.
     jacobian, by_numbers : Sum
-        Of (x, p): dg/dx (n_g, n_x), dg/dp (n_g, n_p).
+        Of (x, p): dg/dx and as a last column g (n_g, n_x + 1); dg/dp (n_g, n_p).
     hessian : Sum
         Of (x, p, lam): the Hessian of lam . g in x (n_x, n_x), all of it.
     """
@@ -68,7 +68,8 @@ class Equations:
         self.n_p = int(ends[-1])
         names = (term.kernel.name for term in self.terms)
         self._numbers = dict(zip(names, self.slices, strict=True))
-        self.value, self.jacobian = Sum(self, "value", (n_g, 1)), Sum(self, "jacobian", (n_g, n_x))
+        self.value = Sum(self, "value", (n_g, 1))
+        self.jacobian = Sum(self, "jacobian", (n_g, n_x + 1))
         self.by_numbers = Sum(self, "by_numbers", (n_g, self.n_p))
         self.hessian = Sum(self, "hessian", (n_x, n_x))
 
@@ -123,6 +124,8 @@ class Sum:
             columns = (values if what == "by_numbers" else term.unknowns)[j]
             rows_of = (term.unknowns if what == "hessian" else term.rows)[i]
             keys.append((columns * height + rows_of).ravel("F"))
+            if what == "jacobian":
+                keys.append((of.n_x * height + term.rows).ravel("F"))
         order, index = np.unique(np.concatenate(keys), return_inverse=True)
         return order % height, order // height, index
 
@@ -148,8 +151,8 @@ class Sum:
         for run, term, numbers in zip(self._columns, self._of.terms, self._of.slices, strict=True):
             assert run is not None
             y, c = unknowns[term.unknowns], p[numbers].reshape(term.count, -1).T
-            (r,) = run(y.reshape(len(y), -1), np.repeat(c, len(x), axis=1))
-            values.append(r.reshape(-1, len(x)))
+            results = run(y.reshape(len(y), -1), np.repeat(c, len(x), axis=1))
+            values += [r.reshape(-1, len(x)) for r in results]
         return np.ascontiguousarray((self._adding @ np.concatenate(values)).T)
 
     @cached_property
@@ -163,9 +166,10 @@ class Sum:
         rows, _, index = self._placed
         ends, order = 0, []
         for term, each in zip(self._of.terms, self._functions, strict=True):
-            size = term.count * each.numel_out(0)
-            order.append(ends + np.arange(size).reshape(term.count, -1).ravel("F"))
-            ends += size
+            for k in range(each.n_out()):
+                size = term.count * each.numel_out(k)
+                order.append(ends + np.arange(size).reshape(term.count, -1).ravel("F"))
+                ends += size
         at = index[np.concatenate(order)]
         return csr_array((np.ones(at.size), (at, np.arange(at.size))), (rows.size, at.size))
 
@@ -179,7 +183,7 @@ class Sum:
 
     @cached_property
     def _each(self) -> Buffered:
-        """The values of the kernels: a result of each, whose columns are repetitions."""
+        """The values of the kernels: the results of each, whose columns are repetitions."""
         of, what = self._of, self._what
         sizes = [("x", of.n_x), ("p", of.n_p), ("lam", of.n_g)]
         arguments = [ca.MX.sym(name, size) for name, size in sizes[: 3 if what == "hessian" else 2]]
@@ -190,7 +194,7 @@ class Sum:
             gathered = [x[term.unknowns.ravel("F").tolist()], p[numbers]]
             gathered += [weights[term.rows.ravel("F").tolist()] for weights in lam]
             columns = [ca.reshape(values, -1, term.count) for values in gathered]
-            results.append(f.map(term.count)(*columns))
+            results += f.map(term.count).call(columns)
         return Buffered(ca.Function(f"{what}_of_kernels", arguments, results))
 
     @property

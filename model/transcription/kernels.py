@@ -60,13 +60,13 @@ class Steps:
         return ca.substitute_inplace(names, values_of, [r], False)[1][0]
 
     def jacobian(self, r: ca.SX, x: ca.SX) -> ca.SX:
-        """Return dr/dx (n_r, n_x) as an expression of x and other symbols."""
+        """Return dr/dx, and as the last column r, (n_r, n_x + 1) as an expression of symbols."""
         n, by_x = x.numel(), ca.SX(0, x.numel())
         for k, (_, f, through) in enumerate(self.steps):
-            J = through.jacobian(f, self._all(x, k))
+            J = through.jacobian(f, self._all(x, k))[:, :-1]
             by_x = ca.vertcat(by_x, J[:, :n] + J[:, n:] @ by_x)
         J = ca.jacobian(r, self._all(x))
-        return self.resolved(J[:, :n] + J[:, n:] @ by_x)
+        return self.resolved(ca.horzcat(J[:, :n] + J[:, n:] @ by_x, r))
 
     def hessian(self, lam: ca.SX, r: ca.SX, x: ca.SX) -> ca.SX:
         """Return the Hessian of lam . r in x (n_x, n_x), an expression of x and other symbols."""
@@ -76,7 +76,7 @@ class Steps:
             before, weight = self._all(x, k), ca.SX.sym("weight", z.numel())
             n = before.numel()
             weights.append((weight, gradient[n:]))
-            J = through.jacobian(f, before)
+            J = through.jacobian(f, before)[:, :-1]
             across = H[:n, n:] @ J
             H = H[:n, :n] + across + across.T + J.T @ (H[n:, n:] @ J)
             H = ca.triu2symm(ca.triu(H + through.hessian(weight, f, before)))
@@ -99,7 +99,8 @@ class Kernel:
         y, c -> r.
     derivative : callable
         What -> a function for the nonzeros of a derivative, and the place of each; made once. Of
-        y, c -> dr/dy or dr/dc; y, c, lam -> the Hessian of lam . r in y.
+        y, c -> dr/dy, and besides its nonzeros r, or dr/dc; y, c, lam -> the Hessian of lam . r in
+        y.
     """
 
     def __init__(
@@ -121,9 +122,10 @@ class Kernel:
         return Kernel(f"{self.name}_in_numbers", y, none, self._r, self._through)
 
     def _differentiated(self, what: What) -> tuple[ca.Function, Places, Places]:
-        lam = ca.SX.sym("lam", self.r.numel())
+        lam, also = ca.SX.sym("lam", self.r.numel()), list[ca.SX]()
         if what == "jacobian":
-            A = self._through.jacobian(self._r, self.y)
+            whole = self._through.jacobian(self._r, self.y)
+            A, also = whole[:, :-1], [ca.densify(whole[:, -1])]
         elif what == "by_numbers":
             A = ca.jacobian(self.r, self.c)
         else:
@@ -134,4 +136,4 @@ class Kernel:
         inputs = [self.y, self.c, lam][: 2 + (what == "hessian")]
         # Of a matrix of one row CasADi gives them in a row.
         values = ca.vec(A.nz[:])
-        return ca.Function(f"{self.name}_{what}", inputs, [values]), rows, columns
+        return ca.Function(f"{self.name}_{what}", inputs, [values, *also]), rows, columns

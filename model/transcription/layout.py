@@ -51,8 +51,8 @@ class Band:
     """
 
     def __init__(self, of: Layout) -> None:
-        self.rows, self.columns = of.equations.jacobian.triplet
         self.first, n = of.first, of.n_states
+        self.rows, self.columns = (each[:-n] for each in of.equations.jacobian.triplet)
         self.inside = np.flatnonzero(self.columns >= of.first)
         self.states = np.arange(n)
         self.states[of.nodes] = np.roll(of.nodes, -4, axis=1)

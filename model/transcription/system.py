@@ -116,8 +116,8 @@ class System:
         """Return the derivatives of the lengths against the states (n_tendons, n_states)."""
         of, lengths = self.of, self.of.lengths
         nonzeros = lengths.jacobian(x, self.length_numbers)
-        whole = csr_array((nonzeros, lengths.jacobian.triplet), (of.n_tendons, of.n_x))
-        return np.asarray(whole.toarray()[:, of.first :])
+        whole = csr_array((nonzeros, lengths.jacobian.triplet), (of.n_tendons, of.n_x + 1))
+        return np.asarray(whole.toarray()[:, of.first : -1])
 
     def by_wrench(self, x: Array, node: int) -> Array:
         """Return how residuals change with a dead force and moment at a node (n_states, 6).

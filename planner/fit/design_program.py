@@ -228,7 +228,7 @@ def _part(
     y, none = ca.vertcat(whole * x, numbers), ca.MX(0, 1)
     chain = ca.diagcat(ca.MX(ca.diag(whole)), by_z)
     J, H = equations.jacobian, equations.hessian
-    by_y = ca.diag(1 / scale) @ ca.MX(J.places, J.function(y, none))
+    by_y = ca.diag(1 / scale) @ ca.MX(J.places, J.function(y, none))[:, :-1]
     curved = chain.T @ ca.MX(H.places, H.function(y, none, lam[m:] / scale)) @ chain
     return Part(
         weight * f,

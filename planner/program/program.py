@@ -231,14 +231,16 @@ class Program:
         g = ca.vertcat(outer, self.equations.value.function(x * scale, numbers) / row_scale)
         of, places = self.equations.jacobian, self.equations.jacobian.places
         row, column = places.row(), places.get_col()
-        nonzeros = of.function(x * scale, numbers) * scale[column] / row_scale[row]
-        J = ca.vertcat(J, ca.MX(places, nonzeros))
+        nonzeros = of.function(x * scale, numbers) * ca.vertcat(scale, 1)[column] / row_scale[row]
+        # With derivatives come values, which by themselves take less.
+        by_x, g_too = ca.horzsplit(ca.MX(places, nonzeros), [0, x.numel(), x.numel() + 1])
+        J, g_too = ca.vertcat(J, by_x), ca.vertcat(outer, g_too)
         of, places = self.equations.hessian, self.equations.hessian.places
         row, column = places.row(), places.get_col()
         nonzeros = of.function(x * scale, numbers, lam[m:] / row_scale)
         H += ca.triu(ca.MX(places, nonzeros * scale[column] * scale[row]))
         self.function = ca.Function("program", [x, p, sigma, lam], [f, gradient, g, J, H])
-        values = list(map(ca.densify, (f, gradient, g, J.nz[:])))
+        values = list(map(ca.densify, (f, gradient, g_too, J.nz[:])))
         self._evaluated = Buffered(ca.Function("program", [x, p], values))
         self._nonzeros = np.array(J.row(), np.int32), np.array(J.sparsity().colind(), np.int32)
 

@@ -34,12 +34,12 @@ class Tangent(Kernel):
         )
 
     def _differentiated(self, what: What) -> tuple[ca.Function, Places, Places]:
-        """See Kernel: (J', J), and (H', H; H, 0)."""
+        """See Kernel: (J', J), r', and (H', H; H, 0)."""
         if what == "by_numbers":
             return super()._differentiated(what)
         lam, symmetric = ca.SX.sym("lam", self.r.numel()), what == "hessian"
         function, i, j = self.of.derivative(what)
-        whole = function(*[self.of.y, self.of.c, lam][: 2 + symmetric])
+        whole = function.call([self.of.y, self.of.c, lam][: 2 + symmetric])[0]
         changed = ca.sparsify(self._along(whole))
         kept = np.array(changed.sparsity().row(), dtype=np.int64)
         also = np.flatnonzero(self.change_of[j] >= 0)
@@ -50,7 +50,8 @@ class Tangent(Kernel):
             rows, columns, values = [*rows, change], [*columns, i[also]], [*values, across]
         inputs = [self.y, self.c, lam][: 2 + symmetric]
         # What the kernel's own share, their derivatives share already.
-        result = ca.Function(f"{self.name}_{what}", inputs, [ca.densify(ca.vertcat(*values))])
+        results = [ca.densify(ca.vertcat(*values)), *[self.r] * (what == "jacobian")]
+        result = ca.Function(f"{self.name}_{what}", inputs, results)
         return result, np.concatenate(rows), np.concatenate(columns)
 
     def _along(self, r: ca.SX) -> ca.SX:
