@@ -185,13 +185,15 @@ class Program:
         missing = ca.sumsqr(ca.vertcat(missed, slacks)) / 2 + weight * aim
         equality = {"exact": ca.vertcat(met, missed), "closest": met, "nearest": none}[mode]
         left = total / reference - ca.sum1(pull)
+        # Of a scalar less a vector CasADi loses derivatives by the scalar.
+        peaks = ca.repmat(peak, pull.numel(), 1)
         constraints = (
             ("equality", equality, 0.0, 0.0),
             ("inequality", inequality, 0.0, np.inf),
             ("clear", clear, 0.0, np.inf),
             (STRETCH, stretches, LEAST_STRETCH, np.inf),
             ("total pull", none if limits.total is None else left, 0.0, np.inf),
-            ("peak", peak - pull if peak.numel() else none, 0.0, np.inf),
+            ("peak", peaks - pull if peak.numel() else none, 0.0, np.inf),
             (STABILITY, modes, 0.0, np.inf),
             (STROKES, lengths, -np.inf, np.inf),
             ("equilibrium", ca.MX(self.n_equations, 1), 0.0, 0.0),

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from model import Arm, Scene
+from model import Anchorage, Arm, Linear, Scene
 from model.effects import (
     Buoyancy,
     Current,
@@ -22,10 +22,11 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from planner import Limits, Problem, Statement
+from model.obstacles import Sphere
+from planner import Limits, Problem, Statement, plan
 from planner.targets import Backbone, TipPosition
 from planner.task import Task
-from tests.differences import Array, all_of, dense
+from tests.differences import Array, all_of, check_derivatives, dense, whole
 
 ARM = Arm.from_paper("table-4")
 ONE_SECTION = Arm.from_paper("section-5.2")
@@ -57,19 +58,36 @@ PROGRAMS: dict[str, tuple[Arm, tuple[Effect, ...]]] = {
 def test_derivatives_of_a_loaded_program_are_those_that_casadi_finds(
     arm: Arm, effects: tuple[Effect, ...]
 ) -> None:
-    check_derivatives(arm, Scene(*effects), "exact")
+    check_program(arm, Scene(*effects), "exact")
 
 
 def test_derivatives_of_the_nearest_shape_are_those_that_casadi_finds() -> None:
-    check_derivatives(ARM, PAYLOAD_IN_WATER, "nearest")
+    check_program(ARM, PAYLOAD_IN_WATER, "nearest")
 
 
 @pytest.mark.slow
 def test_derivatives_with_the_least_stable_mode_are_those_that_casadi_finds() -> None:
-    check_derivatives(ARM, PAYLOAD_IN_WATER, "exact", 1)
+    check_program(ARM, PAYLOAD_IN_WATER, "exact", 1)
 
 
-def check_derivatives(arm: Arm, scene: Scene, mode: Any, modes: int = 0) -> None:
+def test_how_near_a_target_is_had_does_not_depend_on_the_norm_of_effort() -> None:
+    """Among obstacles CasADi takes derivatives backwards, and lost those by the largest tension."""
+    angles = tuple(np.radians([276.2, 6.2, 96.2, 186.2]).tolist())
+    arm = Arm(0.3, Linear(0.012, 0.007), (Anchorage(0.3, Linear(0.007, 0.004), angles),))
+    ball, target = Sphere((0.1855, 0.0869, 0.0769), 0.02), TipPosition((0.149, 0.117, 0.1326))
+    limits: dict[str, Any] = {"tension_max": 5.0, "tension_min": 0.05, "total_pull": 1.8}
+    missed = []
+    for norm in ("2", "inf"):
+        found = plan(arm, target, Scene(Extension()), norm=norm, obstacles=[ball], **limits)
+        missed.append(found.certificate.residual)
+        assert found.optimum is not None
+        problem, x = found.problem, found.optimum.x
+        x = x + 1e-2 * np.random.default_rng(5).normal(size=x.size)
+        check_derivatives(whole(problem, problem.parameters()), x, 1e-4)
+    assert missed[1] == pytest.approx(missed[0], rel=1e-3)
+
+
+def check_program(arm: Arm, scene: Scene, mode: Any, modes: int = 0) -> None:
     """Compare first and second derivatives with CasADi's at a point off the constraints."""
     s = arm.length * np.array([0.4, 0.7])
     through = Backbone(((0.1, 0.05, 0.0), (0.15, 0.1, 0.02)), tuple(s))
