@@ -113,12 +113,11 @@ class DesignProgram:
         _, arm, scene = self.parameters.setting(values)
         numbers, by_structure = list[Array](), dict[Any, Array]()
         for i, problem in enumerate(self.problems):
-            directions = problem.directions
-            targets = problem.together
-            key = targets.stations, targets.requests, directions.tobytes()
+            forces, targets = problem.forces, problem.together
+            key = targets.stations, targets.requests, forces.tobytes()
             if key not in by_structure:
                 system = self.system(i, arm, scene)
-                by_structure[key] = problem.program.numbers(system, directions)
+                by_structure[key] = problem.program.numbers(system, forces)
             numbers.append(by_structure[key])
         return [*numbers, self.making.room(arm)]
 

@@ -7,8 +7,8 @@ equations as unknowns, so that these follow from the tensions. It is a structure
     size                      how many unknowns it has, and as many equations
     terms(place, start, row)  the terms of its equations, the first of which is at `row`; its
                               unknowns begin at `start`, those of the layout are at `place` (n_x,)
-    numbers(at, along)        the numbers (n_c, N) of each term for the equations of an arm, by the
-                              directions `along` (3, k) of all responses
+    numbers(at, forces)       the numbers (n_c, N) of each term for the equations of an arm, by the
+                              forces (3, k) of all responses [N]
     scales(at)                what one unit of each unknown, and of each equation, is worth (size,)
 """
 
@@ -77,7 +77,7 @@ class States:
         terms = self.of.equations.terms
         return [Term(term.kernel, place[term.unknowns], row + term.rows) for term in terms]
 
-    def numbers(self, at: System, along: Array) -> list[Array]:
+    def numbers(self, at: System, forces: Array) -> list[Array]:
         """See planner.program.blocks: those of the equations of equilibrium."""
         equations = at.of.equations
         terms = zip(equations.terms, equations.slices, strict=True)
@@ -166,14 +166,14 @@ class Responses:
             terms.append(Term(built(_locked, of.form.law), unknowns, row + lengths.rows))
         return [*terms, Term(built(_scaled), tensions, rows)]
 
-    def numbers(self, at: System, along: Array) -> list[Array]:
+    def numbers(self, at: System, forces: Array) -> list[Array]:
         """See planner.program.blocks."""
-        columns, of, of_terms = list[Array](), self.states.of, self.states.numbers(at, along)
+        columns, of, of_terms = list[Array](), self.states.of, self.states.numbers(at, forces)
         for k in range(self.first, self.first + self.request.width):
             for term, numbers in zip(of.equations.terms, of_terms, strict=True):
                 change = np.zeros_like(numbers)
                 if term.kernel.name == "element":
-                    change[1:4] = at.arm.bending_force * along[:, k, None]
+                    change[1:4] = forces[:, k, None]
                 columns.append(np.vstack([numbers, change]))
             columns.append(np.ones((1, 1)))
             kept = 1.0
@@ -247,9 +247,9 @@ class LeastMode:
         one = np.full((1, stages.size), row + last)
         return [*terms, Term(built(_part), start + stages[None, :], one)]
 
-    def numbers(self, at: System, along: Array) -> list[Array]:
+    def numbers(self, at: System, forces: Array) -> list[Array]:
         """See planner.program.blocks."""
-        stiff, equations = rest_stiffness(at)[1], self.states.numbers(at, along)
+        stiff, equations = rest_stiffness(at)[1], self.states.numbers(at, forces)
         return [*equations, -stiff[None, :], np.zeros((2, stiff.size))]
 
     def scales(self, at: System) -> tuple[Array, Array]:
@@ -305,7 +305,7 @@ class TendonLengths:
         path = Term(runs.kernel, place[runs.unknowns], row + runs.rows)
         return [path, Term(built(_scaled), start + each, row + each)]
 
-    def numbers(self, at: System, along: Array) -> list[Array]:
+    def numbers(self, at: System, forces: Array) -> list[Array]:
         """See planner.program.blocks."""
         return [at.length_numbers.reshape(-1, 5).T, np.full((1, self.size), -1.0)]
 

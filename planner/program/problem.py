@@ -73,8 +73,8 @@ class Problem:
         What one unit of each unknown is worth.
     n_free, n_outer
         How many unknowns come before the states, and constraints before the equations.
-    directions : (3, k)
-        Of the responses.
+    forces : (3, k)
+        Of the responses: what bends the arm by some rad, along their directions [N].
     bounds : tuple of arrays
         Lower and upper bounds of unknowns, then of constraints.
     slim_at : (k,)
@@ -93,11 +93,12 @@ class Problem:
         built = _built(task.arm, task.scene, key, question, task.machine_code)
         self.program, self.forward, scale, row_scale = of, *_ = built
         self.n_free, self.n_outer = of.n_free, of.n_outer
-        self.directions = np.hstack([np.zeros((3, 0)), *self.together.own.directions])
+        force = task.arm.bending_force
+        self.forces = force * np.hstack([np.zeros((3, 0)), *self.together.own.directions])
         least = REGULARISATION * min(task.accuracy / ACCURACY, 1.0)
         weights = np.array([self.unit.max(), self.limits.total or 0.0, least])
-        equations = of.numbers(self.forward.system, self.directions)
-        values = self.together.numbers, weights, self.unit, [task.arm.bending_force], equations
+        equations = of.numbers(self.forward.system, self.forces)
+        values = self.together.numbers, weights, self.unit, [force], equations
         defect = np.zeros(sum(of.measured))
         self._p = np.concatenate([*values, scale, row_scale, defect])
         self.scale = np.array(of.scale(self._p)).ravel()

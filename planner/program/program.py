@@ -251,9 +251,9 @@ class Program:
         unit, scale = (p[self.parts[name]] for name in ("unit", "scale"))
         return ca.vertcat(unit, ca.DM.ones(self.n_free - self.states.of.n_tendons + 1), scale)
 
-    def numbers(self, at: System, along: Array) -> Array:
-        """Return the numbers of the equations of an arm, by the directions (3, k) of responses."""
-        each = (number for block in self.places for number in block.numbers(at, along))
+    def numbers(self, at: System, forces: Array) -> Array:
+        """Return the numbers of the equations of an arm, by the forces (3, k) of responses [N]."""
+        each = (number for block in self.places for number in block.numbers(at, forces))
         return np.concatenate([np.ravel(number, "F") for number in each])
 
     def scales(self, at: System) -> tuple[Array, Array]:

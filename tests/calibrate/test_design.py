@@ -101,6 +101,17 @@ def test_an_arm_is_designed_for_stiffness() -> None:
         found.sensitivity  # noqa: B018
 
 
+def test_a_stiffest_modulus_is_no_softer_than_others() -> None:
+    """Forces that compliances are counted by do not change with the arm."""
+    up, modulus = Stiffest((0.0, 0.0, 1.0)), Unknown("arm.E_kPa", 60, 200)
+    tasks = _tips()[:1]
+    found = design(_arm(), tasks, [modulus], PAPER, 5.0, objective=up, begins=1, starts=2)
+    arms = [found.parameters.setting(np.array([E])).arm for E in (60.0, 200.0)]
+    plans = [plan(arm, [*tasks, up], PAPER, 5.0, starts=2) for arm in arms]
+    of_tip = [stiffness(own.arm, own.tensions, PAPER).compliance[2, 2] for own in plans]
+    assert found.value >= (1 - 1e-6) * max(found.value_before, 1 / min(of_tip))
+
+
 @pytest.mark.slow
 def test_an_arm_is_designed_for_reach() -> None:
     """Tendons farther out bend more: the tip gets farther aside, and a search confirms how far."""
