@@ -22,6 +22,7 @@ from model.machine.compiled import kernel
 from model.machine.functions import Buffered, Mapped, built
 from model.mesh import Mesh, graded
 from model.paths import Array
+from model.rotations import cross
 from model.scene import Scene
 from model.transcription.collocation import gauss
 from model.transcription.element import Form, element
@@ -203,12 +204,24 @@ class System:
             by_stage = strains.reshape(*tensions.shape[:-1], self.mesh.steps, m, -1)
             rates = slope @ gauss(m).powers[1:] @ by_stage / np.diff(self.mesh.s)[:, None, None]
             states[..., of.rates] = rates.reshape(strains.shape)
-            states[..., of.turned] = np.cumsum(-self.residual(x)[..., of.turned], axis=-2)
-        for first in range(POSE, POSE + of.form.wrench, 3)[::-1]:
-            places = of.nodes[:, first : first + 3]
-            unmet = self.residual(x)[..., places]
-            states[..., places] = np.cumsum(-unmet[..., ::-1, :], axis=-2)[..., ::-1, :]
+        if not (of.form.loaded or of.form.friction):
+            return states
+        missing = -self.residual(x)
+        states[..., of.turned] = np.cumsum(missing[..., of.turned], axis=-2)
+        moments, forces, u = (of.nodes[:, k : k + 3] for k in (POSE, POSE + 3, 4))
+        if of.form.moving:
+            states[..., forces] = _from_tip(missing[..., forces])
+            # The residuals are those without forces beyond the elements.
+            along, beyond = np.diff(states[..., u], axis=-2), states[..., forces[1:]]
+            missing[..., moments[:-1]] += cross(along, beyond)
+        if of.form.loaded:
+            states[..., moments] = _from_tip(missing[..., moments])
         return states
+
+
+def _from_tip(steps: Array) -> Array:
+    """Return the sums (..., N + 1, 3) from the tip on of what is added at each node."""
+    return np.asarray(np.cumsum(steps[..., ::-1, :], axis=-2)[..., ::-1, :])
 
 
 def _restored(*value: Any) -> System:
