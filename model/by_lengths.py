@@ -58,9 +58,16 @@ def tightened(
 
     Over the arm's length; combinations of tensions that lengths feel by less are the least. Where
     rounding keeps the steps from ending it is the equilibrium that misses lengths least; None where
-    lengths are not met at all. Newton steps that lead to no equilibrium are halved.
+    lengths are not met at all. Newton steps that lead to no equilibrium, or to one that misses
+    lengths by more, are halved.
     """
     held, rounding, last = winches.held, rounding * arm.length, 0.0
+
+    def missed_by(there: _At) -> float:
+        T = there.tensions
+        slack = winches.slack_lengths(there.lengths, T)
+        return float(np.where(T > 0, np.abs(slack), -slack)[held].max(initial=0.0))
+
     nearly, best, least_missed = SAME * arm.length, None, np.inf
     for _ in range(_STEPS):
         check_time()
@@ -73,17 +80,17 @@ def tightened(
         change[tight] = result - now[tight]
         size, off = float(np.abs(change).max()), float(np.abs(left[tight]).max(initial=0.0))
         ratio, share, after = size / last if last else np.inf, 1.0, None
-        while after is None and share >= _LEAST_STEP and np.isfinite(size):
+        # The first step goes to combinations that are hardly felt, from what is met already.
+        missed, most = np.inf, max(missed_by(at), nearly) if last else np.inf
+        while (after is None or missed > most) and share >= _LEAST_STEP and np.isfinite(size):
             after, share = beside(at, now + share * change), share / 2
-        if after is None:
+            missed = np.inf if after is None else missed_by(after)
+        if after is None or missed > most:
             return best
-        T = after.tensions
-        slack = winches.slack_lengths(after.lengths, T)
-        missed = np.where(T > 0, np.abs(slack), -slack)[held].max(initial=0.0)
         if missed <= nearly:
-            if (well and size <= _LAST * T.max()) or off * ratio * ratio <= _SQUARE * rounding:
+            last_step = well and size <= _LAST * after.tensions.max()
+            if last_step or off * ratio * ratio <= _SQUARE * rounding:
                 return after
-            # The first step goes to combinations that are hardly felt, from what is met already.
             if last and missed < least_missed:
                 best, least_missed = after, missed
         at, last = after, size

@@ -117,7 +117,7 @@ class Linearised:
         right[at.rows[inside], at.columns[inside] - first] = self.nonzeros[inside]
         return -self.solve(right)
 
-    @property
+    @cached_property
     def lengths(self) -> Array:
         """The lengths of the tendons (n_tendons,) [m]."""
         return self.system.lengths(self.x)
