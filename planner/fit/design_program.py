@@ -151,7 +151,10 @@ class DesignProgram:
     def _followed(
         self, values: Array, tensions: Array, fixed: bool
     ) -> tuple[Array, Bounds, Solution]:
-        """Return the unknowns of an arm and its plans, the bounds, and what ipopt makes of them."""
+        """Return the unknowns of an arm and its plans, the bounds, and what ipopt makes of them.
+
+        OutOfTime where the time limit stopped it.
+        """
         x = self.begun(values, np.array([*tensions, tensions[0]][: len(self.tasks)]))
         z, room = x[-self.K :], self.making.room(self.arm).size
         ends = (z, z) if fixed else (np.zeros(self.K), np.ones(self.K))
@@ -161,6 +164,8 @@ class DesignProgram:
         if solution.is_finite:
             known = solution.lam_x, solution.lam_g
             solution = self.stated.solve(WARM, solution.x, np.zeros(0), bounds, known)
+        if not solution.met:
+            check_time()
         return x, bounds, solution
 
     def _optimum(self, x: Array, bounds: Bounds) -> DesignOptimum:
@@ -175,7 +180,6 @@ class DesignProgram:
 
     def all_numbers(self, z: Array) -> Array:
         """Return all numbers (n,) at z; raises InputError where no such arm can be."""
-        check_time()
         return np.concatenate(self.numbers(self.parameters.from_fractions(z)))
 
     def first_derivatives(self, z: Array) -> Array:

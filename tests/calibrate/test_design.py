@@ -13,6 +13,7 @@ import pytest
 
 from model import Anchorage, Arm, InputError, Linear, Scene, settle
 from model.effects import Extension, Weight
+from model.progress import OutOfTime, time_limit
 from planner import Making, Reach, Unknown, design, plan, stiffness
 from planner.cli import main
 from planner.fit.design_program import DesignProgram, Targets
@@ -85,6 +86,17 @@ def test_derivatives_of_the_program_are_those_of_differences(
         wanted = fourth_order(lambda y, v=along: slopes(x + y * v), 1e-4)
         off = np.abs(H[:, k] - wanted)[: x.size - 3 if k in (-3, -2) else None]
         assert off.max() <= curved * max(np.abs(wanted).max(), 1e-3)
+
+
+def test_a_time_limit_that_ends_the_program_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """CasADi told of what its callback raised as an error of its own."""
+    parameters = Parameters.of(_arm(), PAPER, [RADIUS])
+    program = DesignProgram(parameters, [(_tips()[0],)], Limits.of(_arm(), 5.0), Making())
+    T = np.full((1, 8), 0.1)
+    begun = program.begun(parameters.start, T)
+    monkeypatch.setattr(program, "begun", lambda *_: begun)
+    with pytest.raises(OutOfTime), time_limit(0.0):
+        program.solve(parameters.start, T)
 
 
 @pytest.mark.slow
