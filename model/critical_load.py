@@ -11,9 +11,10 @@ from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_steps import Followed, follow_on
 from model.equilibrium.newton import STAGES
 from model.errors import InputError
-from model.forward import by_collocation, first_pair, refined
-from model.loads import check_loads, convergence_order, is_loaded
+from model.forward import by_collocation, checked_accuracy, first_pair, refined
+from model.loads import convergence_order, is_loaded
 from model.scene import Scene
+from model.settle import checked_scene
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ def critical_load_factor(
     InputError
         For a scene without loads, and as settle does.
     """
-    check_loads(arm, scene)
+    scene, accuracy = checked_scene(arm, scene), checked_accuracy(accuracy)
     if not is_loaded(scene):
         raise InputError("scene", [type(e).__name__ for e in scene.effects], "a scene with loads")
     T, most = arm.flat(tensions), positive("most", most)

@@ -11,7 +11,7 @@ The bounds count as a uniform distribution, so that M is regular.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,10 +20,11 @@ import numpy as np
 import scipy
 
 from model import InputError
+from model.checks import finite_array, kind
 from model.paths import Array
 from model.progress import reported
 from model.text import Told
-from planner.fit.fitted import Fitted
+from planner.fit.fitted import Fitted, checked_level
 from planner.fit.identifiability import UNIFORM
 from planner.fit.least_squares import fit
 from planner.fit.measured import MIDLINE, Measured, Point, checked_shapes
@@ -41,6 +42,7 @@ from planner.plan import Plan, plan
 
 # Singular values of what a shape leaves to others, below which it alone tells an unknown.
 _ALONE = 1e-3
+_POINTS = "(s, (o_t, o_n, o_b)) for each, in m"
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -107,11 +109,13 @@ class Prediction:
     def band(self, level: float = 0.95) -> Array:
         """Return the half widths of the band by coordinate (P, 3) [m]."""
         spread = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
-        return np.asarray(scipy.special.stdtrit(self.freedom, (1 + level) / 2) * spread)
+        half = (1 + checked_level(level)) / 2
+        return np.asarray(scipy.special.stdtrit(self.freedom, half) * spread)
 
     def holds(self, places: Any, level: float = 0.95) -> Array:
         """Return whether measured places (P, 3) [m] lie in the points' ellipsoids (P,)."""
-        off = (np.asarray(places, dtype=float) - self.places)[:, :, None]
+        level = checked_level(level)
+        off = (finite_array("places", places, self.places.shape) - self.places)[:, :, None]
         size = (off * np.linalg.solve(self.covariance, off)).sum(axis=(1, 2))
         most = scipy.special.chdtri(3, 1 - level)
         if np.isfinite(self.freedom):
@@ -170,7 +174,11 @@ class Calibration(Told, Fitted):
         flat = tuple(self.given_arm.flat(tensions).tolist())
         # Behind the markers, whose unknowns are not those of points that are said here.
         none = [Point(0.0, MIDLINE, None)] * len(self.parameters.given.points)
+        for i, point in enumerate(kind("points", points, Iterable, _POINTS)):
+            if not isinstance(point, tuple | list) or len(point) != 2:
+                raise InputError(f"points[{i}]", point, _POINTS)
         places = [*none, *(Point(s, offset, MIDLINE) for s, offset in points)]
+        self._check_session(session)
         shape = Measured(flat, tuple(places), tip=MIDLINE, session=session, name="the prediction")
         there = from_rest(self.experiment([shape]), self.array)
         for reason in there.lost.values():
@@ -193,12 +201,10 @@ class Calibration(Told, Fitted):
 
         The markers are those of the session's first shape, or of the first; see Candidate.
         """
-        sets = list(candidates)
+        sets = list(kind("candidates", candidates, Iterable, "a sequence of tensions"))
         if not sets:
             raise InputError("candidates", candidates, "at least one set of tensions")
-        sessions = {shape.session for shape in self.measured}
-        if session and session not in sessions:
-            raise InputError("session", session, ", ".join(sorted(sessions - {""})) or "none")
+        self._check_session(session)
         like = next((m for m in self.measured if m.session == session), self.measured[0])
         shapes = []
         for i, T in enumerate(sets):
@@ -224,9 +230,10 @@ class Calibration(Told, Fitted):
 
         One by one, or all shapes with the same label of `groups` (one for each shape) together.
         """
-        labels = list(range(len(self.measured))) if groups is None else list(groups)
+        allowed = f"a label for each of {len(self.measured)} shapes"
+        each = range(len(self.measured)) if groups is None else groups
+        labels = list(kind("groups", each, Iterable, allowed))
         if len(labels) != len(self.measured):
-            allowed = f"a label for each of {len(self.measured)} shapes"
             raise InputError("groups", len(labels), allowed)
         if len(set(labels)) < 2:
             raise InputError("groups", labels, "two labels or more: some shapes have to stay")
@@ -253,6 +260,11 @@ class Calibration(Told, Fitted):
         """Return what is predicted less what was measured of other shapes of this arm."""
         shapes = checked_shapes(self.given_arm, measured)
         return tuple(from_rest(self.experiment(shapes), self.array).named())
+
+    def _check_session(self, session: str) -> None:
+        sessions = {shape.session for shape in self.measured}
+        if session and session not in sessions:
+            raise InputError("session", session, ", ".join(sorted(sessions - {""})) or "none")
 
     def _predicted(self, there: Evaluation, count: int) -> Prediction:
         """Return the prediction of the one shape of an evaluation, bands of its first places."""

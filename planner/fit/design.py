@@ -85,7 +85,8 @@ def design(
     if not (isinstance(begins, int) and 1 <= begins <= 1000):
         raise InputError("begins", begins, "a whole number from 1 to 1000")
     parameters = _checked(arm, supported_scene(arm, scene), unknowns)
-    making, limits = making or Making(), Limits.of(arm, tension_max)
+    making = kind("making", Making() if making is None else making, Making)
+    limits = Limits.of(arm, tension_max)
     making.check(arm)
     objective = checked_objective(objective, limits)
     program = DesignProgram(parameters, _tasks(arm, targets), limits, making, objective)

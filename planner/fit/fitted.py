@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 
 from model import Arm, Scene
+from model.checks import within
 from model.equilibrium.newton import STAGES
 from model.paths import Array
 from model.text import counted
@@ -135,7 +136,7 @@ class Fitted:
 
     def quantile(self, level: float) -> float:
         """Return how many standard errors an interval reaches to either side."""
-        half = (1 + level) / 2
+        half = (1 + checked_level(level)) / 2
         if self.absolute_std:
             return float(scipy.special.ndtri(half))
         return float(scipy.special.stdtrit(self.degrees_of_freedom, half))
@@ -327,6 +328,11 @@ class Fitted:
             i: J * np.sqrt(counted_by(self.loss, r))[:, None]
             for i, (r, J) in self.evaluation.scaled(self.noise).items()
         }
+
+
+def checked_level(level: Any) -> float:
+    """Return the probability that an interval holds what it is of, or raise InputError."""
+    return within("level", level, 0.0, np.nextafter(1.0, 0.0))
 
 
 def parameters_of(

@@ -102,7 +102,7 @@ def checked_objective(objective: Any, limits: Limits) -> Objective:
     """Return what a design makes best within limits, or raise InputError."""
     if isinstance(objective, Reach) and not np.all(np.isfinite(limits.upper)):
         raise InputError("tension_max", limits.upper, "finite tensions where a reach is asked for")
-    if objective == "effort" or isinstance(objective, Reach):
+    if isinstance(objective, Reach) or np.array_equal(objective, "effort"):
         return objective  # type: ignore[no-any-return]
     if not isinstance(objective, Stiffest | Softest):
         allowed = '"effort", Stiffest(direction), Softest(direction) or Reach(direction)'

@@ -227,6 +227,8 @@ class Parameters:
 
     def multistart(self, count: int, seed: int) -> list[Array]:
         """Return the values of arm and scene (K,), then others spread evenly over the bounds."""
+        if not isinstance(seed, int) or seed < 0:
+            raise InputError("seed", seed, "a whole number of at least 0")
         if count == 1:
             return [self.start]
         from scipy.stats import qmc  # takes as long to load as all else that a plan needs

@@ -19,7 +19,7 @@ from typing import Any
 from unittest.mock import patch
 
 from model.arm import Arm
-from model.checks import positive
+from model.checks import kind, positive
 from model.errors import InputError, OctoplanError, needed
 from model.progress import check_time, tell, with_progress
 from model.progress import end as end_of_limit
@@ -170,6 +170,7 @@ def on_cluster(sweep: Sweep, chunks: Iterable[int], scheduler: str) -> Computed:
 
 def _client(scheduler: str) -> Any:
     distributed = needed("distributed", "cluster")
+    kind("scheduler", scheduler, str, "the address of a running scheduler, tcp://HOST:PORT")
     try:
         client = distributed.Client(scheduler, set_as_default=False)
     except (OSError, ValueError) as reason:

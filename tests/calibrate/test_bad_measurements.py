@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from model import InputError, OctoplanError, Scene, settle
+from model.critical_load import critical_load_factor
 from model.effects import Contact, Extension
 from model.obstacles import Sphere
 from planner import Measured, Unknown, calibrate
@@ -184,3 +185,25 @@ def test_a_robust_loss_is_not_advised_where_there_is_one() -> None:
         found = calibrate(small_arm(), HANGING, shapes, [E], loss=loss)  # type: ignore[arg-type]
         assert "as well as the others" in found.outcome
         assert ("robust loss" in found.outcome) == advised
+
+
+def test_what_is_asked_of_a_calibration_is_checked() -> None:
+    found = calibrate(small_arm(), HANGING, [GOOD, replace(GOOD, name="again")], [E])
+    asked, T = found.predict([1.0, 0.0, 0.0]), [1.0, 0.0, 0.0]
+    attempts: list[tuple[Callable[[], object], str]] = [
+        (lambda: found.predict(T, 3), "points"),  # type: ignore[arg-type]
+        (lambda: found.predict(T, [(0.1,)]), r"points\[0\]"),  # type: ignore[list-item]
+        (lambda: found.predict(T, session="C"), "session"),
+        (lambda: found.next(3), "candidates"),  # type: ignore[arg-type]
+        (lambda: found.leave_out(3), "groups"),  # type: ignore[arg-type]
+        (lambda: found.interval(2.0), "level"),
+        (lambda: asked.band(-1.0), "level"),
+        (lambda: asked.holds([asked.tip], 3.0), "level"),
+        (lambda: asked.holds([[0.1, 0.2]]), "places"),
+        (lambda: calibrate(small_arm(), HANGING, [GOOD], [E], starts=2, seed=-1), "seed"),
+        (lambda: critical_load_factor(small_arm(), T, 3), "scene"),  # type: ignore[arg-type]
+        (lambda: critical_load_factor(small_arm(), T, HANGING, accuracy=0.0), "accuracy"),
+    ]
+    for attempt, told in attempts:
+        with pytest.raises(InputError, match=told):
+            attempt()

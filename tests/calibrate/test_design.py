@@ -260,6 +260,7 @@ def test_what_does_not_fit_is_refused(targets: Any, unknowns: Any, told: str) ->
     ("objective", "most", "told"),
     [
         ("stiffness", 5.0, "Reach"),
+        (np.zeros(3), 5.0, "Reach"),
         (Stiffest((0, 0, 1), hold="length"), 5.0, "tensions held"),
         (Reach((1, 0, 0)), np.inf, "finite tensions"),
     ],
@@ -267,6 +268,11 @@ def test_what_does_not_fit_is_refused(targets: Any, unknowns: Any, told: str) ->
 def test_objectives_that_cannot_be(objective: Any, most: float, told: str) -> None:
     with pytest.raises(InputError, match=told):
         design(_arm(), _tips(), [RADIUS], PAPER, most, objective=objective)
+
+
+def test_a_making_that_is_none_is_refused() -> None:
+    with pytest.raises(InputError, match="making: got 3, allowed is a Making"):
+        design(_arm(), _tips(), [RADIUS], PAPER, 5.0, making=3)  # type: ignore[arg-type]
 
 
 def test_a_reach_has_a_direction() -> None:
