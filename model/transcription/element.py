@@ -152,7 +152,7 @@ def turned(through: Steps, kappa: list[ca.SX], h: ca.SX) -> list[ca.SX]:
     within = Steps()
     stacked = ca.vertcat(*rotation_vectors(kappa, h, within.name))
     vectors = ca.vertsplit(through.name(stacked, within), 3)
-    halves = [through.name(half_angle(through.name(ca.sumsqr(turn)))) for turn in vectors]
+    halves = [half_angle(through.name(ca.sumsqr(turn))) for turn in vectors]
     pairs = zip(halves, vectors, strict=True)
     return [through.name(ca.vertcat(half[0], half[1] * turn)) for half, turn in pairs]
 

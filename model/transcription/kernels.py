@@ -61,12 +61,10 @@ class Steps:
 
     def jacobian(self, r: ca.SX, x: ca.SX) -> ca.SX:
         """Return dr/dx, and as the last column r, (n_r, n_x + 1) as an expression of symbols."""
-        n, by_x = x.numel(), ca.SX(0, x.numel())
+        J, by_x = ca.jacobian(r, self._all(x)), ca.SX.eye(x.numel())
         for k, (_, f, through) in enumerate(self.steps):
-            J = through.jacobian(f, self._all(x, k))[:, :-1]
-            by_x = ca.vertcat(by_x, J[:, :n] + J[:, n:] @ by_x)
-        J = ca.jacobian(r, self._all(x))
-        return self.resolved(ca.horzcat(J[:, :n] + J[:, n:] @ by_x, r))
+            by_x = ca.vertcat(by_x, through.jacobian(f, self._all(x, k))[:, :-1] @ by_x)
+        return self.resolved(ca.horzcat(J @ by_x if self.steps else J, r))
 
     def hessian(self, lam: ca.SX, r: ca.SX, x: ca.SX) -> ca.SX:
         """Return the Hessian of lam . r in x (n_x, n_x), an expression of x and other symbols."""
