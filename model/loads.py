@@ -150,6 +150,11 @@ def bodies_of(scene: Scene) -> Array:
     return numbers_of([contact.obstacle for contact in contacts(scene)])
 
 
+def without_contacts(scene: Scene) -> Scene:
+    """Return a scene in which the arm touches nothing."""
+    return Scene(*(effect for effect in scene.effects if not isinstance(effect, Contact)))
+
+
 def without_friction(scene: Scene) -> Scene:
     """Return a scene whose contacts have no friction."""
     free = [replace(e, friction=0.0) if isinstance(e, Contact) else e for e in scene.effects]

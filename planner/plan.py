@@ -15,7 +15,7 @@ from model.arm import Arm
 from model.checks import kind, not_negative, positive, within
 from model.errors import InputError, OctoplanError
 from model.forward import checked_accuracy
-from model.loads import contacts, is_loaded
+from model.loads import contacts, is_loaded, without_contacts
 from model.machine.compiled import Compile, checked_compile
 from model.obstacles import check_obstacles
 from model.paths import Array
@@ -31,13 +31,7 @@ from planner.certificate import BRINK
 from planner.contact.grasp import Grip, grips_of
 from planner.contact.load_path import is_same, rubs, settled_along
 from planner.contact.search import ContactSearch, check_contact, optimality_of
-from planner.contact.wrapping import (
-    beside,
-    beside_contacts,
-    open_wrap,
-    with_turns,
-    without_contacts,
-)
+from planner.contact.wrapping import beside, beside_contacts, open_wrap, with_turns
 from planner.io.files import to_json, write_named
 from planner.io.saved_records import plan_record
 from planner.program.problem import Problem

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
@@ -14,7 +14,7 @@ from model.contact.forward import TouchingMap
 from model.contact.sharp import close
 from model.equilibrium.newton import STAGES
 from model.errors import InputError, OctoplanError, UnsettledContactError
-from model.loads import contacts, without_friction
+from model.loads import contacts, without_contacts, without_friction
 from model.paths import Array
 from model.progress import OutOfTime, check_time, tell
 from model.shape import Shape
@@ -22,7 +22,8 @@ from planner.contact.load_path import ON_THE_PATH, LoadPath, from_rest, rubs, se
 from planner.contact.optimum import ContactOptimum, conditions, optimum
 from planner.contact.program import TensionProgram
 from planner.solve.guesses import BendCoordinates, initial_guesses, many_places
-from planner.solve.search import AGREED
+from planner.solve.search import AGREED, Reading
+from planner.targets.backbone import Backbone
 from planner.targets.hold import Hold
 from planner.targets.wrap import Wrap
 from planner.task import SearchResult, Task, Trial, agreed
@@ -186,37 +187,47 @@ class ContactSearch:
         raise UnsettledContactError(1.0, "the arm does not come to the optimum")
 
 
-def _free_arms_reaching(task: Task, hold: Hold) -> list[Array]:
-    """Return tensions of arms without loads that free would reach into what is held.
+def _free_arms_reaching(task: Task, hold: Hold) -> Iterator[Array]:
+    """Yield tensions of arms that free, under their loads, would reach into what is held.
 
-    First those that would be pressed apart from it along what balances the wrench, within the cone
-    of friction; of these the least tensions first. Few that are drawn reach what is small: as many
-    again are drawn around those that come nearest.
+    From arms without loads that do, by tensions that bring the deepest place of each there under
+    loads. First those that would be pressed apart from it along what balances the wrench, within
+    the cone of friction; of these the least tensions first. Few that are drawn reach what is small:
+    as many again are drawn around those that come nearest.
     """
     arm, body, rng = task.arm, hold.obstacle, np.random.default_rng(0)
     tendons = frozenset(j for j in range(arm.n_tendons) if task.allowed.upper[j] > 0)
     bends = BendCoordinates(arm, tendons, task.allowed)
 
-    def deepest(points: Array) -> tuple[Array, Array, Array]:
-        """Return tensions, where each arm is deepest in the body or next to it, and its gap."""
+    def deepest(points: Array) -> tuple[Array, Array, Array, Array]:
+        """Return tensions, where each arm is deepest in the body or next to it, and its gap.
+
+        Where it is as a place, and as an arc length.
+        """
         tensions = bends.tensions(points)
-        places, radius = many_places(task, tensions)
-        gaps = body.distance(places.reshape(-1, 3)).reshape(places.shape[:2]) - radius
+        places, s = many_places(task, tensions)
+        gaps = body.distance(places.reshape(-1, 3)).reshape(places.shape[:2])
+        gaps -= arm.outer_radius(s)[0]
         gaps[np.isnan(gaps)] = np.inf
         each, k = np.arange(len(gaps)), gaps.argmin(axis=1)
-        return tensions, places[each, k], gaps[each, k]
+        return tensions, places[each, k], s[k], gaps[each, k]
 
     points = bends.draw(_DRAWN)
-    nearest = points[np.argsort(deepest(points)[2], kind="stable")[:_NEAREST]]
+    nearest = points[np.argsort(deepest(points)[-1], kind="stable")[:_NEAREST]]
     around = np.repeat(nearest, _DRAWN // _NEAREST, axis=0)
     points = np.vstack([points, around * np.exp(_SPREAD * rng.normal(size=around.shape))])
-    tensions, places, gaps = deepest(points)
-    tensions, places = tensions[gaps < 0], places[gaps < 0]
+    tensions, places, s, gaps = deepest(points)
+    tensions, places, s = tensions[gaps < 0], places[gaps < 0], s[gaps < 0]
     force = np.array(hold.wrench[:3])
     force /= max(float(np.linalg.norm(force)), 1e-300)
     against = body.gradient(places) @ force if len(places) else np.zeros(0)
     within = np.minimum(against, 1 / np.hypot(1.0, hold.friction)).round(1)
-    return list(tensions[np.lexsort((np.linalg.norm(tensions, axis=1), -within))])
+    statement, scene = task.statement.but(margin=0.0), without_contacts(task.scene)
+    for i in np.lexsort((np.linalg.norm(tensions, axis=1), -within)):
+        there = Backbone((tuple(places[i].tolist()),), (float(s[i]),))
+        free = replace(task, targets=(there,), scene=scene, statement=statement)
+        loaded = Reading(free, "closest").led_to(tensions[i])
+        yield tensions[i] if loaded is None else loaded.tensions
 
 
 def optimality_of(task: Task, tensions: Array, shape: Shape, load_path: LoadPath = ()) -> float:

@@ -10,9 +10,8 @@ from typing import TypeVar
 import numpy as np
 
 from model.arm import Arm
-from model.effects import Contact
 from model.errors import InputError
-from model.loads import contacts
+from model.loads import contacts, without_contacts
 from model.obstacles import Obstacle
 from model.progress import OutOfTime
 from model.scene import Scene
@@ -41,11 +40,6 @@ def beside(targets: Iterable[Target], scene: Scene) -> tuple[Obstacle, ...]:
         allowed = "an obstacle that is a Contact of the scene, which has others"
         raise InputError("Wrap.obstacle", free[0], allowed)
     return free
-
-
-def without_contacts(scene: Scene) -> Scene:
-    """Return a scene in which the arm touches nothing."""
-    return Scene(*(effect for effect in scene.effects if not isinstance(effect, Contact)))
 
 
 def beside_contacts(task: Task) -> tuple[Task, Surroundings] | None:

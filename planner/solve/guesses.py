@@ -200,13 +200,13 @@ def _residuals_of(terms: TargetTerms) -> Mapped:
 
 
 def many_places(task: Task, tensions: Array) -> tuple[Array, Array]:
-    """Return places (m, K, 3) of an arm under tensions (m, n_tendons), and radii (K,) there [m].
+    """Return places (m, K, 3) of an arm under tensions (m, n_tendons), and their arc lengths (K,).
 
     Without its loads.
     """
     forward = explicit_map(task.arm, task.bare, "magnus4", 4, (), task.machine_code)
     poses, _ = forward.many(tensions, range(1, forward.mesh.steps + 1))
-    return poses[..., 4:], task.arm.outer_radius(forward.mesh.s[1:])[0]
+    return poses[..., 4:], forward.mesh.s[1:]
 
 
 class BendCoordinates:
