@@ -55,7 +55,10 @@ def check_pulled(statics: str, rod: Rod, T: Array) -> float:
     shape = settle(arm_of(rod), T, STATICS[statics], 1e-9)
     s = rod.length * np.array([0.0, 0.3, 0.7, 1.0])
     found = shape.strain(s)[:, 1:]
-    bend = np.linalg.norm(found[:, :2], axis=1) * rod.sections[0].offset(s)
+    # Towards each of the tendons: another one may bend the arm across.
+    phi = np.array(rod.sections[0].angles)
+    towards = found[:, :1] * -np.sin(phi) + found[:, 1:2] * np.cos(phi)
+    bend = towards * rod.sections[0].offset(s)[:, None]
     if statics == "paper" and bend.max() >= 1:
         raise WrongAnswerError(f"curvature is {bend.max()} times 1 / y")
     # A neo-Hookean body has lambda, and so q, to 1e-16: of strains below 1e-7 not all digits.
