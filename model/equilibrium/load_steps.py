@@ -5,7 +5,6 @@ In one step if that is safe. Many arms alike but for their tensions are followed
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import repeat
@@ -184,8 +183,7 @@ class Collocation:
         of, change = at.system.of, at.by_tensions @ (tensions - at.tensions)
         _, (size,) = step_sizes(at.system, change[None], at.states[None])
         load, states = float(at.x[of.n_tendons]), at.states + change
-        apart = math.inf if at.near else size
-        start = Start(tensions, load, states, at if size < CLOSE else None, apart=apart)
+        start = Start(tensions, load, states, near=at if size < CLOSE else None)
         return newton(at.system, [start])[0]
 
     def without_loads(self, tensions: Array) -> Array:

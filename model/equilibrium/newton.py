@@ -51,8 +51,6 @@ class Start(NamedTuple):
     looser : float
         How many times larger the last steps may be; the root of that for how far from where they
         were linearised the equations count as such.
-    apart : float
-        How far the states are from where `near` was linearised, as the size of a step.
     """
 
     tensions: Array
@@ -60,7 +58,6 @@ class Start(NamedTuple):
     states: Array
     near: Linearised | None = None
     looser: float = 1.0
-    apart: float = math.inf
 
 
 def newton(
@@ -89,7 +86,7 @@ def newton(
         ends.append(None)
         near.append(start.near and (start.near.near or start.near))
         unknowns.append(system.x(start.tensions, start.load, start.states))
-    begun, before, path = near.copy(), [0.0] * len(starts), [start.apart for start in starts]
+    begun, before, path = near.copy(), [0.0] * len(starts), [math.inf] * len(starts)
     x, rubs = np.array(unknowns), system.of.form.contact_friction
     for _ in range(STEPS_IN_CONTACT if touching else STEPS):
         if not going:
