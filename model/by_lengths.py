@@ -69,6 +69,8 @@ def tightened(
         return float(np.where(T > 0, np.abs(slack), -slack)[held].max(initial=0.0))
 
     nearly, best, least_missed = SAME * arm.length, None, np.inf
+    # The first step goes to combinations that are hardly felt, from what is met already.
+    missed = np.inf
     for _ in range(_STEPS):
         check_time()
         now, left = at.tensions, winches.slack_lengths(at.lengths, at.tensions)
@@ -80,8 +82,7 @@ def tightened(
         change[tight] = result - now[tight]
         size, off = float(np.abs(change).max()), float(np.abs(left[tight]).max(initial=0.0))
         ratio, share, after = size / last if last else np.inf, 1.0, None
-        # The first step goes to combinations that are hardly felt, from what is met already.
-        missed, most = np.inf, max(missed_by(at), nearly) if last else np.inf
+        most = max(missed, nearly)
         while (after is None or missed > most) and share >= _LEAST_STEP and np.isfinite(size):
             after, share = beside(at, now + share * change), share / 2
             missed = np.inf if after is None else missed_by(after)

@@ -41,7 +41,7 @@ from planner.program.terms import HIGH_PRIORITY, LOW_PRIORITY, Targets
 from planner.question import Limits, Statement
 
 STABILITY, STROKES, STRETCH = "stability", "strokes", "stretch"
-LEAST_STRETCH = 1e-3
+PLANNED_STRETCH = 1e-3
 
 
 def factorised(matrix: csc_array) -> SuperLU:
@@ -191,7 +191,7 @@ class Program:
             ("equality", equality, 0.0, 0.0),
             ("inequality", inequality, 0.0, np.inf),
             ("clear", clear, 0.0, np.inf),
-            (STRETCH, stretches, LEAST_STRETCH, np.inf),
+            (STRETCH, stretches, PLANNED_STRETCH, np.inf),
             ("total pull", none if limits.total is None else left, 0.0, np.inf),
             ("peak", peaks - pull if peak.numel() else none, 0.0, np.inf),
             (STABILITY, modes, 0.0, np.inf),

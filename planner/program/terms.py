@@ -27,7 +27,7 @@ class Same:
     value: Any = field(compare=False)
 
 
-HIGH_PRIORITY, LOW_PRIORITY = 1e2, 3e-4
+HIGH_PRIORITY, LOW_PRIORITY = 1e2, 2e-4
 KINDS = ("equality", "soft_residual", "inequality", "objective")
 
 
