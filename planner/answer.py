@@ -256,11 +256,11 @@ def _verdict(plan: Any) -> str:
 def _is_nearest(plan: Any) -> bool:
     """Return whether what misses the targets is an optimum of how near it comes, and no worse one.
 
-    At least two initial guesses have to lead to it. Searches in contact do not tell, nor those that
-    were stopped, or met the targets by unstable shapes.
+    At least two initial guesses have to lead to it. Searches in contact and those around obstacles
+    do not tell, nor those that were stopped, or met the targets by unstable shapes.
     """
-    is_told = plan.certificate.complementarity is None and not plan.stopped and not plan.unstable
-    return bool(is_told and plan.agreed > 1)
+    alone = plan.certificate.complementarity is None and plan.avoidance is None
+    return bool(alone and not plan.stopped and not plan.unstable and plan.agreed > 1)
 
 
 def _success(plan: Any) -> str:

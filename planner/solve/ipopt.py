@@ -110,12 +110,8 @@ COLD: Options = {"max_iter": 60, "mu_init": 0.1, "bound_push": 5e-3, "bound_frac
 # Optima are polished later. A barrier parameter that follows the iterates takes a quarter fewer of
 # them.
 _ROUGH: Options = {"mu_strategy": "adaptive", "tol": 1e-6, "constr_viol_tol": 1e-6}
-# Of several programs side by side, where no other guess is cheaper: from an optimum of each by
-# itself, so that the barrier begins lower, and falls step by step.
-_BY_STEPS: Options = {"mu_strategy": "monotone", "mu_init": 1e-3}
-TOGETHER: Options = (
-    COLD | _ROUGH | _BY_STEPS | {"tol": 1e-7, "max_iter": 300, "barrier_tol_factor": 100.0}
-)
+# Of several programs side by side, where no other guess is cheaper.
+TOGETHER: Options = COLD | _ROUGH | {"tol": 1e-7, "max_iter": 300}
 WARM: Options = {
     "mu_init": 1e-6,
     "warm_start_init_point": "yes",
@@ -137,7 +133,7 @@ _FOR: dict[Purpose, Options] = {
     # times farther from equilibrium than the guess are cut.
     "search": COLD | _ROUGH | {"obj_scaling_factor": 30 * MAGNIFIED, "theta_max_fact": 10.0},
     # From the optimum for another target, which may hold other bounds.
-    "follow": WARM | _ROUGH | _BY_STEPS | {"barrier_tol_factor": 30.0, "max_iter": 60},
+    "follow": WARM | _ROUGH | {"max_iter": 60},
     "near": WARM,
     # Bounds that hold are fixed, others are far: there is no barrier left to follow.
     "polish": WARM | {"mu_init": 1e-12},

@@ -109,7 +109,7 @@ def test_where_nothing_leads_around_the_nearest_shape_keeps_clear() -> None:
     p = plan(ARM, TARGET, SCENE, 20.0, obstacles=[plate], starts=2)
     assert not p.certificate.passed
     assert p.mode == "nearest"
-    assert p.outcome.startswith("Not reached")
+    assert p.outcome.startswith("Not reached: the nearest shape found is off")
     assert "obstacles are in the way" in p.outcome
     assert "what the arm is to keep clear of" in p.holding()
     assert p.certificate.gaps["obstacles"] >= 0

@@ -15,6 +15,7 @@ from model.machine.functions import Buffered
 from model.obstacles import Box
 from planner import plan, trajectory
 from planner.answer import sentence
+from planner.avoidance.rows import Avoidance
 from planner.certificate import Certificate
 from planner.program.program import Program
 from planner.solve import ipopt
@@ -163,6 +164,7 @@ SENTENCES: dict[str, tuple[dict[str, Any], str]] = {
     # What a search did not end with is not called the nearest attainable.
     "stopped": ({"stopped": True}, "the nearest shape found is off in"),
     "no stable one": ({"unstable": True}, "the nearest shape found is off in"),
+    "around obstacles": ({"avoidance": Avoidance(())}, "the nearest shape found is off in"),
 }
 
 
@@ -173,7 +175,8 @@ def test_what_is_not_reached_is_said_to_be_held_by_what_holds_it(
     plan = SimpleNamespace(
         certificate=MISSED, mode="nearest", effort=1.0, starts=(0, 0, 0), agreed=2, arm=ARM
     )
-    limits = {"stopped": False, "in_the_way": "", "unstable": False, "holding": list}
+    limits = {"stopped": False, "in_the_way": "", "unstable": False, "avoidance": None}
+    limits["holding"] = list
     assert told in sentence(SimpleNamespace(**vars(plan) | limits | facts))
 
 
