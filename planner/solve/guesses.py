@@ -45,6 +45,8 @@ _APART, _FAR_APART = 0.4, 0.5
 # Drawn arms before the straight one, and before those with so many times the pull: what an arm may
 # take with its loads of what bends it without.
 _FIRST, _STRONGER = 3, 3.0
+# How many sections bend in a draw: where many do, each its own way, the arm pulls against itself.
+_TOGETHER = 3
 # Bends at the base and at the tip, in units of what bends the arm by about 1 rad. A slender tip
 # takes many: it saturates. The best plans for poses and fetches of a slender arm are between these.
 _LEAST, _MOST = (0.5, 0.2), (60.0, 4.0)
@@ -250,10 +252,14 @@ class BendCoordinates:
         return np.asarray(T)
 
     def draw(self, count: int) -> Array:
-        """Return bends (count, 2 n) in all directions, as many small as large; always the same."""
+        """Return bends (count, 2 n) in all directions, as many small as large; always the same.
+
+        Of a few sections at a time.
+        """
         rng, n = np.random.default_rng(0), self.width // 2
         low, high = np.geomspace(*_LEAST, n), np.geomspace(*_MOST, n)
         size = low * (high / low) ** rng.uniform(size=(count, n))
         angle = rng.uniform(0, 2 * np.pi, size=(count, n))
+        size[rng.uniform(size=(count, n)).argsort(axis=1) >= _TOGETHER] = 0.0
         bends = np.stack([size * np.cos(angle), size * np.sin(angle)], axis=2)
         return np.asarray(bends.reshape(count, -1))

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from model import Arm, Scene, settle
+from model import Arm, Scene, conical, settle
 from model.effects import Buoyancy, ExactTendons, Extension, TipLoad, Weight
 from planner import Plan, load_plan, plan
 from planner.program.problem import Candidate
 from planner.solve import search
 from planner.solve.refine import refine
-from planner.targets import Backbone, Bend, Fetch, TipPosition
+from planner.targets import Backbone, Bend, Fetch, TipPose, TipPosition
 from tests.planner.cases import PAPER, Array, off, read
 
 ARM = Arm.from_paper("table-4")
@@ -356,3 +356,18 @@ def test_a_backbone_is_met_to_fine_accuracy_or_told_not_to_be_resolved() -> None
         assert "it may be met all the same" in found.outcome or met
         assert "no limit is active" not in found.outcome
     assert off[1e-9] < off[1e-6]
+
+
+@pytest.mark.parametrize("seed", [pytest.param(1, marks=pytest.mark.slow), 2])
+def test_poses_of_an_arm_with_many_sections_take_no_more_than_the_tensions_drawn(seed: int) -> None:
+    """Guesses bent all sections, each its own way: not met, or for ten times as much."""
+    ends = np.linspace(0.45, 0.0, 24, endpoint=False)
+    sections = [(at, 7.5e-3, (15e-3 - 13e-3 * at / 0.45) / 2) for at in ends.tolist()]
+    arm, rng = conical(0.45, (15e-3, 2e-3), sections), np.random.default_rng(seed)
+    T = rng.uniform(size=(24, 4)) * np.geomspace(0.01, 0.5, 24)[:, None]
+    T *= rng.uniform(size=(24, 4)) < 0.1
+    shape = settle(arm, T, Scene())
+    frame = tuple(tuple(row) for row in shape.tip_frame.tolist())
+    p = plan(arm, TipPose(tuple(shape.tip.tolist()), frame), Scene(), MOST)
+    assert p.reached, p.outcome
+    assert p.effort <= np.linalg.norm(T)
