@@ -32,16 +32,17 @@ from planner.task import Task
 POINT = 3
 # Arms that are drawn; drawn to be fitted; and those of these that are fitted, in so many steps, the
 # best third in as many more.
-_DRAWN, _TO_FIT, _FITTED, _STEPS = 200, 4000, 120, 6
+_DRAWN, _TO_FIT, _FITTED, _STEPS = 200, 4000, 80, 6
 # Roots of how hard sections are squeezed at first: more is found from a little than from none.
 _SQUEEZED = 0.1
-# What a unit of tension counts beside residuals in a fit, which thus leads to where effort is least
-# nearby. Residuals that are less are met, but for that and the errors of the mesh. A fit that does
-# not fall by more than such a part in a step has come to its end.
-_EFFORT, _MET, _END = 1e-2, 1e-2, 3e-2
+# What the largest unit of tension counts beside residuals in a fit, for all tendons alike as in the
+# objective. So much leads away from shapes that take many times the effort, to some that all but
+# meet the targets, which solving does. A fit that does not fall by more than such a part in a step
+# has come to its end.
+_EFFORT, _END = 0.2, 3e-2
 # Guesses differ by more than this part: fitted ones of the largest of their tensions, drawn ones of
 # the root of the sum of squares.
-_APART, _FAR_APART = 0.4, 0.5
+_APART, _FAR_APART = 0.3, 0.5
 # Drawn arms before the straight one, and before those with so many times the pull: what an arm may
 # take with its loads of what bends it without.
 _FIRST, _STRONGER = 3, 3.0
@@ -55,8 +56,8 @@ _LEAST, _MOST = (0.5, 0.2), (60.0, 4.0)
 def initial_guesses(task: Task, loaded: bool = False) -> Iterator[Array]:
     """Yield tensions (n_tendons,) [N] within limits: fitted ones, drawn ones, the straight arm's.
 
-    Fitted ones come by effort. Drawn ones come by how near they are to what the targets want. Of an
-    arm that is `loaded` some come again with more pull.
+    Fitted ones come by effort and nearness. Drawn ones come by how near they are to what the
+    targets want. Of an arm that is `loaded` some come again with more pull.
     """
     limits, count = task.allowed, task.together.conditions
     # All tendons pull a little, inside of the limits.
@@ -91,13 +92,12 @@ def drawn_arms(task: Task) -> Iterator[Array]:
 
 
 def fitted(task: Task) -> Iterator[Array]:
-    """Yield tensions (n_tendons,) fitted to targets: the cheapest that meet them first.
+    """Yield tensions (n_tendons,) fitted to targets, by how near they come with how little effort.
 
-    Then those that come nearest. Where sections shorten, how hard all tendons of a section pull is
-    fitted beside its bends.
+    Where sections shorten, how hard all tendons of a section pull is fitted beside its bends.
     """
     bends = BendCoordinates(task.arm, task.together.tendons, task.allowed)
-    n, unit, residuals = task.arm.n_tendons, units(task.arm, task.allowed), residuals_of(task)
+    unit, residuals = units(task.arm, task.allowed).max(), residuals_of(task)
     # Of least squares a near miss with less effort is no better guess.
     weight = 0.0 if task.together.terms.names[1] else _EFFORT
 
@@ -113,10 +113,8 @@ def fitted(task: Task) -> Iterator[Array]:
     points, r = least_squares(gaps, points)
     best = np.argsort(np.linalg.norm(r, axis=1), kind="stable")[: _FITTED // 3]
     points[best], r[best] = least_squares(gaps, points[best])
-    T, residual = bends.tensions(points), np.linalg.norm(r[:, :-n], axis=1)
-    met = residual < _MET
-    T = T[np.lexsort([np.where(met, np.linalg.norm(T, axis=1), residual), ~met])]
-    yield from _distinct(T, np.ones(n), _APART, np.inf)
+    T = bends.tensions(points[np.argsort(np.linalg.norm(r, axis=1), kind="stable")])
+    yield from _distinct(T, np.ones(T.shape[1]), _APART, np.inf)
 
 
 def _distinct(

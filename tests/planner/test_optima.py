@@ -170,6 +170,24 @@ LOST: dict[str, tuple[str, Scene, Array, float]] = {
         arm_tensions([0, 0, 0.17660976, 0], [0, 0.39592593, 0, 0], [1.07905678, 0, 0, 0]),
         1.16288,
     ),
+    # 2.2 times the effort: in guesses the tip's tendons counted 70 times as much as the base's.
+    "a pose in silicone": (
+        "pose",
+        Scene.silicone(),
+        arm_tensions([0, 0, 0.50372093, 0], [0, 3.82099489, 0, 0], [0, 0, 1.59973819, 0]),
+        4.1729,
+    ),
+    # Said to be out of reach after 12 guesses, by 22 mm.
+    "a pose of a strongly pulled arm": (
+        "pose",
+        EXACT,
+        arm_tensions(
+            [0, 0.27771174, 0.10437704, 0.38910404],
+            [0.35893687, 0.4531971, 0, 1.54591028],
+            [0.60319203, 6.1737029, 11.85577569, 2.2458995],
+        ),
+        13.6764,
+    ),
     # By bends alone, which meet it less directly, 44 % more effort.
     "a pose by co-contraction": (
         "pose",
@@ -267,6 +285,7 @@ LOST: dict[str, tuple[str, Scene, Array, float]] = {
 
 
 SLOW = {
+    "a pose of a strongly pulled arm",
     "a tip against its weight",
     "a pose by co-contraction",
     "a tip that winds up",
