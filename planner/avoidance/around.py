@@ -25,8 +25,7 @@ from model.errors import OctoplanError
 from model.paths import Array
 from model.progress import OutOfTime, tell
 from planner.avoidance.lines import Lines
-from planner.avoidance.places import EXCHANGED, avoiding
-from planner.avoidance.rows import Avoidance, grid
+from planner.avoidance.rows import EXCHANGED, Avoidance, avoiding, grid
 from planner.avoidance.surroundings import Surroundings
 from planner.program.problem import Candidate
 from planner.question import Mode

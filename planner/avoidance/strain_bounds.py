@@ -9,15 +9,24 @@ Over a box Y around the equilibria y_a and y_b interval arithmetic bounds D and 
 with them dy/dt (Neumaier, "Interval Methods for Systems of Equations", 1990, chapter 4). If every
 matrix in the bounds of D is regular, w is one to one in Y; if besides no strain that starts at y_a
 and changes at such rates can leave Y before t = 1, the equilibrium stays in Y, and arrives at y_b
-(Moore, Kearfott, Cloud, chapter 10). Then a quarter of the width of dy/dt bounds how far y is from
-the straight line between y_a and y_b: that is proven, but for rounding, at the mesh's stages.
+(Moore, Kearfott, Cloud, "Introduction to Interval Analysis", 2009, chapter 10). Then a quarter of
+the width of dy/dt bounds how far y is from the straight line between y_a and y_b: that is proven,
+but for rounding, at the mesh's stages.
 
 Under loads cross-sections are coupled, and there is no such proof here: strains are compared with
 the shape halfway, and taken to be at most twice as far from the line anywhere as there. That is a
 check at steps, of which the largest is told (`Found.step`), and no proof.
+
+An interval is an array whose first axis has the lower and the upper bound; one of length 1 is a
+number. Every value of a function for arguments inside of boxes is inside of its bounds, but for
+rounding; they are wider than its range where an argument is used more than once, by a part that
+shrinks with the square of the box (the same, chapters 5 and 6).
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from functools import reduce
 
 import casadi as ca
 import numpy as np
@@ -25,9 +34,8 @@ import numpy as np
 from model.clearance.pieces import Spread
 from model.cross_section.law import CrossSection, body_size
 from model.cross_section.sections import Sections
-from model.machine.functions import built
+from model.machine.functions import built, instructions
 from model.paths import SAME, Array, Mask
-from planner.avoidance.intervals import Bounded, times
 
 # The box around both ends, over their distance.
 _AROUND = 0.4
@@ -128,3 +136,60 @@ def _functions(law: CrossSection) -> tuple[Bounded, Bounded]:
         Bounded(ca.Function("body", [y, body], [of_body], options)),
         Bounded(ca.Function("tendon", [y, path], [both], options)),
     )
+
+
+def times(a: Array, b: Array) -> Array:
+    """Return the interval of the product."""
+    with np.errstate(invalid="ignore"):
+        products = [x * y for x in a for y in b]
+    return np.array([reduce(np.minimum, products), reduce(np.maximum, products)])
+
+
+def _inverse(a: Array) -> Array:
+    """Return 1 / a; everything where a has both signs."""
+    with np.errstate(divide="ignore"):
+        low, high = 1 / a[-1], 1 / a[0]
+    both = a[0] * a[-1] <= 0
+    return np.array([np.where(both, -np.inf, low), np.where(both, np.inf, high)])
+
+
+def _square(a: Array) -> Array:
+    least = np.maximum(np.maximum(a[0], -a[-1]), 0.0)
+    return np.array([least**2, np.maximum(a[0] ** 2, a[-1] ** 2)])
+
+
+_OPERATIONS: dict[int, Callable[..., Array]] = {
+    ca.OP_ASSIGN: lambda a: a,
+    ca.OP_ADD: lambda a, b: a + b,
+    ca.OP_SUB: lambda a, b: a - b[::-1],
+    ca.OP_NEG: lambda a: -a[::-1],
+    ca.OP_TWICE: lambda a: 2 * a,
+    ca.OP_MUL: times,
+    ca.OP_DIV: lambda a, b: times(a, _inverse(b)),
+    ca.OP_INV: _inverse,
+    ca.OP_SQ: _square,
+    ca.OP_SQRT: lambda a: np.sqrt(np.maximum(a, 0.0)),
+}
+
+
+class Bounded:
+    """An SX function of dense vectors, built of sums, products, quotients, squares and roots."""
+
+    def __init__(self, function: ca.Function) -> None:
+        self._size, self._steps = function.numel_out(0), instructions(function)
+
+    def __call__(self, *boxes: Array) -> Array:
+        """Return bounds (2, N, n_out) of the first result over boxes (1 or 2, N, n_in)."""
+        result = np.zeros((2, self._size, boxes[0].shape[1]))
+        columns = [np.ascontiguousarray(np.moveaxis(box, 2, 0)) for box in boxes]
+        work: dict[int, Array] = {}
+        for operation, inputs, out, constant in self._steps:
+            if operation == ca.OP_OUTPUT:
+                result[:, out[1]] = work[inputs[0]]
+            elif operation == ca.OP_INPUT:
+                work[out[0]] = columns[inputs[0]][inputs[1]]
+            elif operation == ca.OP_CONST:
+                work[out[0]] = np.array([[constant]])
+            else:
+                work[out[0]] = _OPERATIONS[operation](*(work[i] for i in inputs))
+        return np.moveaxis(result, 1, 2)

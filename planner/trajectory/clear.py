@@ -21,8 +21,7 @@ from model.obstacles import numbers_of
 from model.obstacles.base import Convex
 from model.paths import Array
 from planner.avoidance.lines import Lines, Moving
-from planner.avoidance.places import EXCHANGED, avoiding
-from planner.avoidance.rows import Place
+from planner.avoidance.rows import EXCHANGED, Place, avoiding
 from planner.avoidance.surroundings import Surroundings
 from planner.measure import taken_in
 from planner.trajectory.question import Question, Waypoint

@@ -17,8 +17,7 @@ from model.rotations import matrices
 from model.shape import Shape
 from planner import Plan, load_plan, plan
 from planner.avoidance.around import line_of
-from planner.avoidance.places import avoiding
-from planner.avoidance.rows import cubic, element_of, grid
+from planner.avoidance.rows import avoiding, cubic, element_of, grid
 from planner.avoidance.surroundings import Surroundings
 from planner.io.scene_file import read
 from planner.question import Limits, Statement
