@@ -281,7 +281,9 @@ def certify(
         least_gaps=least_gaps,
         clearances_of=lambda: {
             **gaps,
-            **clearances(line(), surroundings.obstacles, KINDS - gaps.keys()),
+            **clearances(
+                line(), surroundings.obstacles, [kind for kind in KINDS if kind not in gaps]
+            ),
         },
         load_factor_of=lambda: _load_factor(shape),
         units=targets.terms.units,

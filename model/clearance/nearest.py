@@ -18,7 +18,7 @@ from model.clearance.bisection import Around, closest
 from model.obstacles import HalfSpace, Obstacle, check_obstacles
 
 OBSTACLES, BASE, ITSELF = "obstacles", "the far side of its base plane", "itself"
-KINDS = frozenset({OBSTACLES, BASE, ITSELF})
+KINDS = OBSTACLES, BASE, ITSELF
 
 
 @dataclass(frozen=True)
