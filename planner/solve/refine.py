@@ -20,8 +20,8 @@ import numpy as np
 
 from model.equilibrium.newton import STAGES
 from model.errors import CollapsedError, OctoplanError
-from model.forward import FINEST_ACCURACY, by_collocation, next_refinement
-from model.loads import convergence_order, is_loaded
+from model.forward import FINEST_ACCURACY, next_refinement
+from model.loads import convergence_order
 from model.paths import Array
 from model.progress import check_time
 from model.shape import Shape
@@ -41,20 +41,16 @@ def refine(candidate: Candidate) -> Candidate | None:
     """Return the optimum whose settled shape is what its program measures, to the last digits.
 
     To a part of the accuracy. None where the optimum is lost on the way, and where the arm comes to
-    another shape from rest, or buckles. The first shape, of which only the defect is read, is
-    settled near the candidate's; all others are settled from rest.
+    another shape from rest, or buckles.
     """
     task, last = candidate.problem.task, None
     enough = max(min(task.accuracy, KKT_TOLERANCE) / PART, FINEST_ACCURACY)
     with suppress(OctoplanError, np.linalg.LinAlgError):
-        for correction in range(CORRECTIONS):
+        for _ in range(CORRECTIONS):
             check_time()
-            begins = not correction and is_loaded(task.scene)
-            corrected, change = _corrected(candidate, begins, enough)
+            corrected, change = _corrected(candidate, enough)
             if corrected is None:
                 return None
-            if change <= enough and begins:
-                continue
             if change <= enough:
                 last, problem = candidate, candidate.problem
                 # The defect enters the gradient of least squares, and of stiffnesses.
@@ -69,7 +65,7 @@ def refine(candidate: Candidate) -> Candidate | None:
     return None
 
 
-def _corrected(candidate: Candidate, begins: bool, enough: float) -> tuple[Candidate | None, float]:
+def _corrected(candidate: Candidate, enough: float) -> tuple[Candidate | None, float]:
     """Return a candidate with the defect of its shape, and how much that differs from the last.
 
     Where it is large, and differs by more than is enough, on a finer mesh, which differs by any
@@ -77,7 +73,7 @@ def _corrected(candidate: Candidate, begins: bool, enough: float) -> tuple[Candi
     """
     problem, before = candidate.problem, candidate.defect
     try:
-        shape = _nearby(candidate) if begins else problem.task.settled(candidate.tensions)
+        shape = problem.task.settled(candidate.tensions)
     except CollapsedError as crushed:
         return replace(candidate, defect=stretched(problem, candidate.x, crushed)), np.inf
     error = defect(problem, candidate.x, shape)
@@ -90,15 +86,6 @@ def _corrected(candidate: Candidate, begins: bool, enough: float) -> tuple[Candi
     if not finer:
         return None, np.inf
     return on_mesh(candidate, problem.but(refinement=finer), shape).extended(), np.inf
-
-
-def _nearby(candidate: Candidate) -> Shape:
-    """Return the shape near a candidate's, on a mesh so fine that the defect shows."""
-    problem = candidate.problem
-    arm, scene, mesh = problem.arm, problem.scene, 4 * problem.statement.refinement
-    forward = by_collocation(arm, scene, STAGES, mesh, machine_code=problem.task.machine_code)
-    point = forward.solve(candidate.tensions, problem.linearised(candidate.x))
-    return Shape(arm, scene, np.inf, point, mesh)
 
 
 def on_mesh(candidate: Candidate, problem: Problem, shape: Shape) -> Candidate:
