@@ -19,28 +19,24 @@ from operator import attrgetter, itemgetter
 
 import numpy as np
 
-from model.equilibrium.stability import least_modes
 from model.errors import OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
 from model.progress import OutOfTime, check_time, tell
 from planner.program.problem import KKT_TOLERANCE, SEARCHED, Candidate, Problem
 from planner.program.terms import LOW_PRIORITY
-from planner.question import Mode, Statement
+from planner.question import Mode
 from planner.solve.fatrop import solve as by_stages
 from planner.solve.guesses import POINT, drawn_arms, initial_guesses
 from planner.solve.ipopt import solve
 from planner.solve.refine import COARSE, refine
 from planner.task import SearchResult, Task, Trial, agreed
 
-# Guesses that have to agree; one more where as many lead nowhere, or all miss the targets, and
-# where a point or more is to be met, which arms meet in several ways.
+# Guesses that have to agree; one more where all miss the targets, and where a point or more is to
+# be met, which arms meet in several ways.
 # Of guesses that come by effort, so many after the one that leads to the best are enough, too; and
 # so many and one from which the targets are not met before slacks tell how near they can be had.
 AGREED = 2
-# What unstable optima are held to, one after the other, where the arm comes to another shape from
-# rest; the first is what any are held to by default.
-_FLOORS = (Statement.floor, 0.1, 0.3)
 # Programs that hold a mode of an optimum, one after the other.
 _HOLDS = 6
 _PHASES: dict[Mode, str] = {
@@ -77,8 +73,6 @@ class Reading:
         Optima that are as stable as they have to be.
     unstable : list of Candidate
         Others.
-    lost : list of Candidate
-        Optima that finer meshes do not have.
     last : Candidate or None
         What the last guess led to.
     """
@@ -89,7 +83,6 @@ class Reading:
     trials: list[Trial] = field(default_factory=list)
     met: list[Candidate] = field(default_factory=list)
     unstable: list[Candidate] = field(default_factory=list)
-    lost: list[Candidate] = field(default_factory=list)
     last: Candidate | None = None
 
     @property
@@ -179,16 +172,11 @@ class Reading:
             return False
         trials, mode, count = self.trials, self.mode, self.task.together.conditions
         objectives = [trial.objective if trial.met else np.inf for trial in trials]
-        met, best = len(trials) - objectives.count(np.inf), min(objectives, default=np.inf)
-        by_effort = count > POINT
+        best = min(objectives, default=np.inf)
         missed = mode == "nearest" or (mode == "closest" and best > KKT_TOLERANCE)
-        astray = not by_effort and len(trials) >= 2 * met
-        hard = missed or astray or (count >= POINT and mode == "exact")
-        # Where least squares seldom come to an end, half of the guesses are enough.
-        rare = 2 * met <= len(trials)
-        if mode == "nearest" and met and rare and 2 * len(trials) >= self.task.most:
-            return True
-        since = len(trials) - 1 - objectives.index(best) if met and by_effort else 0
+        hard = missed or (count >= POINT and mode == "exact")
+        by_effort = best < np.inf and count > POINT
+        since = len(trials) - 1 - objectives.index(best) if by_effort else 0
         return agreed(trials) >= AGREED + hard or (mode == "exact" and since >= AGREED)
 
     def best(self, limit: float = np.inf) -> SearchResult | None:
@@ -212,43 +200,24 @@ class Reading:
         return None
 
     def _held(self, optimum: Candidate) -> Iterator[tuple[float, Candidate | None]]:
-        """Yield the optimum near an unstable one whose least mode is held to more and more.
+        """Yield the optimum near an unstable one that is as stable as it has to be, if any is.
 
-        Each with its objective, up to where there is none; first, as no more than these, that of
-        the unstable one alone.
+        With its objective; first, as no more than that, the objective of the unstable one alone.
+        Where another mode is less stable then, that one is held next.
         """
         yield optimum.f, None
-        margin, near = self.task.statement.margin, optimum
+        near, least = optimum, self.task.statement.least
         with suppress(OctoplanError, np.linalg.LinAlgError):
-            for floor in sorted({max(floor, margin) for floor in _FLOORS}):
-                held = self._held_to(floor, near)
-                if held is None:
+            for _ in range(_HOLDS):
+                problem = near.problem.but(modes=1)
+                x = problem.closed(near.tensions, near.problem.linearised(near.x).states)
+                near = solve(problem, x, problem.parameters(SEARCHED))
+                check_time()
+                if not near.met:
                     return
-                yield held.f, held
-                near = held
-
-    def _held_to(self, floor: float, near: Candidate) -> Candidate | None:
-        """Return the optimum near another as stable as a floor says, None where none is found.
-
-        Where another mode is less stable then, that one is held next; where no optimum is near,
-        first to half as much more.
-        """
-        margin, goal = self.task.statement.margin, floor
-        for _ in range(_HOLDS):
-            before = near.problem
-            equilibrium = before.linearised(near.x)
-            problem = before.but(modes=1, floor=goal, margin=min(goal, margin))
-            x = problem.closed(near.tensions, equilibrium.states)
-            held = solve(problem, x, problem.parameters(SEARCHED))
-            check_time()
-            if not held.met:
-                (least,), _ = least_modes(equilibrium, 1)
-                goal = (least + goal) / 2
-            elif problem.stands(held.x, floor - COARSE * floor):
-                return held
-            else:
-                near, goal = held, floor
-        return None
+                if problem.stands(near.x, least - COARSE * least):
+                    yield near.f, near
+                    return
 
 
 class Search:
@@ -299,22 +268,13 @@ class Search:
     def _finished(self) -> SearchResult | None:
         """Return the best optimum of a reading of the targets, None where there is none.
 
-        Where finer meshes have none of the coarse mesh's optima others are looked for, as if no
-        guess had led there. That a default margin of stability cannot be had counts less than that
-        targets are missed.
+        That a default margin of stability cannot be had counts less than that targets are missed.
         """
         reading = self.now
         reading.task = self.task
-        while True:
-            reading.search()
-            near = reading.mode != "exact" and any(
-                each.f <= KKT_TOLERANCE for each in reading.unstable
-            )
-            result = reading.best(KKT_TOLERANCE if near and self.task.best_margin else np.inf)
-            if result is not None or near or not reading.met:
-                break
-            reading.lost, reading.met = [*reading.lost, *reading.met], []
-            reading.trials = [replace(trial, met=False) for trial in reading.trials]
+        reading.search()
+        near = reading.mode != "exact" and any(each.f <= KKT_TOLERANCE for each in reading.unstable)
+        result = reading.best(KKT_TOLERANCE if near and self.task.best_margin else np.inf)
         if result is not None or not reading.unstable or not self.task.best_margin:
             return result
         # The best that is stable at all.
@@ -339,8 +299,7 @@ class Search:
 
     def _so_far(self, stopped: bool = True) -> SearchResult:
         """Return the best that was seen: of optima that of least effort, else what came last."""
-        seen = [*self.now.met, *self.now.lost]
-        best = min(seen, key=attrgetter("f"), default=self.now.last)
+        best = min(self.now.met, key=attrgetter("f"), default=self.now.last)
         if best is None:
             *_, T = islice(drawn_arms(self.task), 2)
             statement = self.task.coarse("nearest")
