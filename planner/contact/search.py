@@ -36,9 +36,8 @@ _SAME = 0.1
 # What is taken of the way to tensions without friction, and beyond.
 _SLID = (1.0, 1.5, 2.5)
 # Arms that are drawn where something is held; of these, those around which as many are drawn again,
-# and the spread of their bends' logarithms. So many times more guesses are made: those from which
-# the arm does not touch what it is to hold end soon.
-_DRAWN, _NEAREST, _SPREAD, _MORE = 3000, 150, 0.3, 4
+# and the spread of their bends' logarithms.
+_DRAWN, _NEAREST, _SPREAD = 3000, 150, 0.3
 
 
 def check_contact(task: Task, avoids: bool) -> None:
@@ -146,9 +145,8 @@ class ContactSearch:
         reaching = chain.from_iterable(_free_arms_reaching(task, hold) for hold in coarse.holds)
         guesses = reaching if coarse.holds else initial_guesses(task)
         from_rest = ((tuple(T.tolist()),) for T in guesses)
-        most = task.most * (_MORE if coarse.holds and not task.guesses else 1)
         for tried, load_path in enumerate(chain(nearby, from_rest), 1):
-            tell("initial guesses", tried - 1, most)
+            tell("initial guesses", tried - 1, task.most)
             with suppress(OctoplanError):
                 end = optimum(coarse, coarse.along(load_path))
                 end = replace(end, load_path=(*load_path, *end.load_path))
@@ -158,7 +156,7 @@ class ContactSearch:
                     self.best = self._refined_optimum(fine, end)
             enough = agreed(_trials(self.optima)) >= (from_all if tried > len(nearby) else needed)
             missed = hasty and self.best is None and len(self.optima) > AGREED
-            if enough or missed or tried == most:
+            if enough or missed or tried == task.most:
                 break
         ends = sorted(self.optima, key=attrgetter("cost"))
         if hasty and self.best is None:
