@@ -45,7 +45,8 @@ Bounds = tuple[Array, Array, Array, Array]
 # and in the end, where it keeps shapes away from points that they could meet by half the default
 # accuracy, which is what least squares tell apart. It is less where a finer accuracy is asked for,
 # but less and less of the effort is left by the solver's tolerance.
-SEARCHED, REGULARISATION, RESOLVED = 1e-7, 3e-11, 5e-7
+SEARCHED, REGULARISATION = 1e-7, 3e-11
+RESOLVED = ACCURACY / 2
 # Meshes of programs, whose error is corrected (planner.solve.refine), have fewer elements than
 # those that shapes are settled on, which take 2; see model.mesh.graded.
 STEPS_PER_UNIT = 1.2

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from model.errors import OctoplanError
+from model.forward import FINEST_ACCURACY
 from model.loads import contacts, is_loaded
 from model.shape import Shape
 from model.text import Shown, told
@@ -20,13 +21,11 @@ from planner.trajectory.clear import between, strokes_between
 from planner.trajectory.question import Question
 from planner.trajectory.time_law import Timed, fastest_pace
 
-# Rounding, over a limit.
-_ROUNDING = 1e-9
 # What rates and accelerations of strokes and tip may be off by, over their limit: at instants.
 SAMPLED = 1e-3
 # What is told over its limit: its name, label, words, and what it may be off by.
 _RATIOS = (
-    ("rate", "rate of tension over limit [-]", "a rate of tension", _ROUNDING),
+    ("rate", "rate of tension over limit [-]", "a rate of tension", FINEST_ACCURACY),
     ("stroke_rate", "rate of stroke over limit [-]", "a rate of stroke", SAMPLED),
     (
         "stroke_acceleration",

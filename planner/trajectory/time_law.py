@@ -25,6 +25,7 @@ from numpy.polynomial import chebyshev
 from scipy.interpolate import PPoly
 
 from model.errors import ConvergenceError
+from model.forward import FINEST_ACCURACY
 from model.paths import Array
 from planner.contact.grasp import Cone, conic_program
 from planner.trajectory.question import Question, Rates, Waypoint
@@ -35,8 +36,6 @@ INSTANTS = 4 * _KNOTS
 # Degrees that are tried, and what their last coefficients may be, over the largest change; what a
 # stretch takes on which nothing limits the pace [s].
 _DEGREES, _ROUNDING = (8, 16, 32, 64, 128), 1e-8
-# What places are settled to, over their size: where an arm all but stays they change by no more.
-_SETTLED = 1e-12
 # Tensions (n_tendons,) -> lengths of the tendons, place of the tip: (n_tendons + 3,) [m].
 Places = Callable[[Array], Array]
 
@@ -78,7 +77,8 @@ class Stretch:
             fitted = chebyshev.chebfit(x, values, degree)
             change, size = np.abs(fitted[1:]).max(), np.abs(fitted).max()
             allowed = at_last if degree == _DEGREES[-1] else 0.0
-            allowed = max(allowed, within, _ROUNDING * change + _SETTLED * size)
+            # Where an arm all but stays places change by what they are settled to.
+            allowed = max(allowed, within, _ROUNDING * change + FINEST_ACCURACY * size)
             if np.abs(fitted[-2:]).max() <= allowed:
                 return cls(end - start, fitted)
         remedy = "somewhere between two waypoints it snaps: put waypoints where it does not"
