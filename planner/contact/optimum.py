@@ -89,8 +89,8 @@ def optimum(
 def _iterates(program: TensionProgram, at: Constraints) -> Iterator[Constraints]:
     """Yield where steps lead from constraints at tensions, until they are too short to count.
 
-    A step fails where no shape is settled or the merit is above the last ones: then its constraints
-    correct those of the step to the second order, or the next is shorter.
+    A step fails where no shape is settled or the merit is above the last ones, of which the largest
+    counts: a step along curved constraints violates them. The next is shorter then.
     """
     natural, n = natural_tensions(program.task.arm) / program.unit, program.n
     radius, penalty, recent = _RADIUS, _PENALTIES[0], [at]
@@ -110,9 +110,6 @@ def _iterates(program: TensionProgram, at: Constraints) -> Iterator[Constraints]
         longer, radius, there = max(radius, 2 * size), size / 4, None
         with suppress(OctoplanError):
             there = program.at(at.tensions + change, at.point, tangential)
-            if there.merit(penalty) > most and there.by_tensions.shape == at.by_tensions.shape:
-                change, tangential, *_ = at.step(*region, penalty, there)
-                there = program.at(at.tensions + change, at.point, tangential)
         if there is None or there.merit(penalty) > most:
             continue
         if there.by_tensions.shape == at.by_tensions.shape:

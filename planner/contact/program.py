@@ -113,31 +113,21 @@ class Constraints:
         return np.vstack([rows[:, : self.tensions.size] for _, rows, _ in self.cones])
 
     def step(
-        self, hessian: Array, radius: Array, penalty: float, after: Constraints | None = None
+        self, hessian: Array, radius: Array, penalty: float
     ) -> tuple[Array, Array, Array, float]:
         """Return the step of least merit in a trust region (n,), by the Lagrangian's Hessian.
 
         The change of scaled tensions (n,), the tangential forces after it (2 k,), multipliers, and
         the violation that is left. The multipliers are of bounds above and below (2 n,), then of
         the constraints as their cones have them; 0 for the violation, whose multiplier is the
-        penalty. Constraints as they are `after` a step, the same in number, correct those that are
-        linearised to the second order. Raises UnsettledContactError if no step is found.
+        penalty. Raises UnsettledContactError if no step is found.
         """
         n, k, size = self.tensions.size, self.tangential.size, self.cones[0][1].shape[1]
         T, f, (*_, t) = np.split(np.eye(size), [n, n + k])
         bounds = np.minimum(self.room, radius).ravel()
         limits = (clarabel.NonnegativeConeT, np.vstack([-T, T]), bounds)
         H, cost = T.T @ hessian @ T + COST * f.T @ f, T.T @ self.tensions + penalty * t
-        cones = self.cones
-        if after is not None:
-            there, here = np.zeros((2, size))
-            here[:n] = after.tensions - self.tensions
-            here[n : n + k] = there[n : n + k] = after.tangential
-            cones = [
-                (kind, rows, values + ends @ there - rows @ here)
-                for (kind, rows, _), (_, ends, values) in zip(cones, after.cones, strict=True)
-            ]
-        solution = conic_program(H, cost, [limits, *cones])
+        solution = conic_program(H, cost, [limits, *self.cones])
         if solution is None:
             raise UnsettledContactError(1.0, "no step is found")
         x, lam = solution
