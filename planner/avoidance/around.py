@@ -25,12 +25,12 @@ from model.errors import OctoplanError
 from model.paths import Array
 from model.progress import OutOfTime, tell
 from planner.avoidance.lines import Lines
-from planner.avoidance.rows import EXCHANGED, Avoidance, avoiding, grid
+from planner.avoidance.rows import Avoidance, avoiding, grid
 from planner.avoidance.surroundings import Surroundings
 from planner.program.problem import Candidate
 from planner.question import Mode
 from planner.solve.guesses import drawn_arms
-from planner.solve.refine import refine
+from planner.solve.refine import CORRECTIONS, refine
 from planner.solve.search import AGREED, Reading, Search
 from planner.task import SearchResult, Task, Trial
 
@@ -134,7 +134,7 @@ class Around:
         avoidance: Avoidance | None = None
         optimum: Candidate | None = None
         task, line, objectives = self.task, self._lines(T), list[float]()
-        for _ in range(EXCHANGED):
+        for _ in range(CORRECTIONS):
             if line is None:
                 return None
             is_final = False

@@ -36,8 +36,6 @@ from planner.targets.base import Target
 # nearly all that is to be kept clear of. Those that are empty keep clear of a ball far off.
 _SLOTS = 2
 _FAR = 10.0
-# How often places are exchanged for those of the arm that keeps clear of them.
-EXCHANGED = 16
 # Even points that are looked at: the parabola through three is off by a few thousandths of a
 # millimetre where an arm of half a metre passes a body of 5 mm. Rows of one body that are nearer to
 # each other than two of them are one.

@@ -28,8 +28,9 @@ from model.shape import Shape
 from planner.program.problem import KKT_TOLERANCE, Bounds, Candidate, Problem
 from planner.solve.ipopt import MAGNIFIED, solve
 
-# Corrections and meshes that are tried; the part of the accuracy that a defect may be off by, and
-# of what optimality is held to.
+# How often a program is corrected and solved again: by defects and on finer meshes, for other modes
+# and other places that come nearest. The part of the accuracy that a defect may be off by, and of
+# what optimality is held to.
 CORRECTIONS, PART = 16, 3
 # What a coarse mesh may be off by of a margin and of effort. Defects over L above which the mesh is
 # made finer: tensions are off by a few times as much. What is farther off comes to another shape;

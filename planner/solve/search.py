@@ -29,7 +29,7 @@ from planner.question import Mode
 from planner.solve.fatrop import solve as by_stages
 from planner.solve.guesses import POINT, drawn_arms, initial_guesses
 from planner.solve.ipopt import solve
-from planner.solve.refine import COARSE, refine
+from planner.solve.refine import COARSE, CORRECTIONS, refine
 from planner.task import SearchResult, Task, Trial, agreed
 
 # Guesses that have to agree; one more where all miss the targets, and where a point or more is to
@@ -37,8 +37,6 @@ from planner.task import SearchResult, Task, Trial, agreed
 # Of guesses that come by effort, so many after the one that leads to the best are enough, too; and
 # so many and one from which the targets are not met before slacks tell how near they can be had.
 AGREED = 2
-# Programs that hold a mode of an optimum, one after the other.
-_HOLDS = 6
 _PHASES: dict[Mode, str] = {
     "exact": "trials that meet the targets",
     "closest": "trials as near as the limits allow",
@@ -208,7 +206,7 @@ class Reading:
         yield optimum.f, None
         near, least = optimum, self.task.statement.least
         with suppress(OctoplanError, np.linalg.LinAlgError):
-            for _ in range(_HOLDS):
+            for _ in range(CORRECTIONS):
                 problem = near.problem.but(modes=1)
                 x = problem.closed(near.tensions, near.problem.linearised(near.x).states)
                 near = solve(problem, x, problem.parameters(SEARCHED))

@@ -21,9 +21,10 @@ from model.obstacles import numbers_of
 from model.obstacles.base import Convex
 from model.paths import Array
 from planner.avoidance.lines import Lines, Moving
-from planner.avoidance.rows import EXCHANGED, Place, avoiding
+from planner.avoidance.rows import Place, avoiding
 from planner.avoidance.surroundings import Surroundings
 from planner.measure import taken_in
+from planner.solve.refine import CORRECTIONS
 from planner.trajectory.question import Question, Waypoint
 from planner.trajectory.time_law import INSTANTS, Stretch, Timed
 from planner.trajectory.waypoints import Waypoints
@@ -49,7 +50,7 @@ def cleared(question: Question) -> list[Waypoint]:
         allowed = f"a start or obstacles that leave the arm {kept} before it moves: {nearest}"
         raise InputError("start", [round(float(T), 6) for T in question.start], allowed)
     waypoints = Waypoints(question)
-    for _ in range(EXCHANGED):
+    for _ in range(CORRECTIONS):
         corrected = _corrected(question, waypoints.waypoints, lines)
         # Those that keep clear are the same objects.
         if corrected == waypoints.waypoints or not waypoints.solve(corrected):
