@@ -147,12 +147,13 @@ _LEAST: dict[Purpose, Options] = {
     "near": WARM | _SMALL,
     "polish": _FOR["polish"] | _SMALL,
 }
-# Some backbones take that many iterations. Of targets out of reach what takes more than half of
-# them seldom ends at all, and another guess is cheaper.
+# Some backbones take that many iterations. Targets out of reach are missed by more than what is
+# small: an objective that outweighs equilibrium by so much is led astray.
+_FAR: Options = {"obj_scaling_factor": 100.0, "mu_init": 0.1, "max_iter": 100}
 _BY_MODE: dict[Mode, dict[Purpose, Options]] = {
     "exact": _FOR,
     "closest": _LEAST,
-    "nearest": _LEAST | {"search": _LEAST["search"] | {"max_iter": 100}},
+    "nearest": _LEAST | {"search": COLD | _FAR},
 }
 
 
