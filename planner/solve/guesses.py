@@ -53,17 +53,18 @@ _TOGETHER = 3
 _LEAST, _MOST = (0.5, 0.2), (60.0, 4.0)
 
 
-def initial_guesses(task: Task, loaded: bool = False) -> Iterator[Array]:
+def initial_guesses(task: Task, loaded: bool = False, missed: bool = False) -> Iterator[Array]:
     """Yield tensions (n_tendons,) [N] within limits: fitted ones, drawn ones, the straight arm's.
 
-    Fitted ones come by effort and nearness. Drawn ones come by how near they are to what the
-    targets want. Of an arm that is `loaded` some come again with more pull.
+    Fitted ones come by effort and nearness, by nearness alone where targets are `missed`. Drawn
+    ones come by how near they are to what the targets want. Of an arm that is `loaded` some come
+    again with more pull.
     """
     limits, count = task.allowed, task.together.conditions
     # All tendons pull a little, inside of the limits.
     straight = np.clip(5e-3 * units(task.arm, limits), limits.lower, limits.upper)
     if count > POINT:
-        yield from fitted(task)
+        yield from fitted(task, 0.0 if missed else _EFFORT)
     # A bend in a plane is met by arms that wind round once more, too, and more cheaply by those
     # next to the straight one.
     if count < POINT:
@@ -91,15 +92,16 @@ def drawn_arms(task: Task) -> Iterator[Array]:
     yield from _distinct(drawn[np.ravel(orders, "F")], unit, _FAR_APART)
 
 
-def fitted(task: Task) -> Iterator[Array]:
+def fitted(task: Task, effort: float) -> Iterator[Array]:
     """Yield tensions (n_tendons,) fitted to targets, by how near they come with how little effort.
 
-    Where sections shorten, how hard all tendons of a section pull is fitted beside its bends.
+    Effort weighs so much. Where sections shorten, how hard all tendons of a section pull is fitted
+    beside its bends.
     """
     bends = BendCoordinates(task.arm, task.together.tendons, task.allowed)
     unit, residuals = units(task.arm, task.allowed).max(), residuals_of(task)
     # Of least squares a near miss with less effort is no better guess.
-    weight = 0.0 if task.together.terms.names[1] else _EFFORT
+    weight = 0.0 if task.together.terms.names[1] else effort
 
     def gaps(points: Array) -> Array:
         T = bends.tensions(points)

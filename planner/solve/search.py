@@ -71,6 +71,8 @@ class Reading:
         Optima that are as stable as they have to be.
     unstable : list of Candidate
         Others.
+    lost : list of Candidate
+        Optima that finer meshes do not have.
     last : Candidate or None
         What the last guess led to.
     """
@@ -81,6 +83,7 @@ class Reading:
     trials: list[Trial] = field(default_factory=list)
     met: list[Candidate] = field(default_factory=list)
     unstable: list[Candidate] = field(default_factory=list)
+    lost: list[Candidate] = field(default_factory=list)
     last: Candidate | None = None
 
     @property
@@ -266,13 +269,22 @@ class Search:
     def _finished(self) -> SearchResult | None:
         """Return the best optimum of a reading of the targets, None where there is none.
 
-        That a default margin of stability cannot be had counts less than that targets are missed.
+        Where finer meshes have none of the coarse mesh's optima others are looked for, as if no
+        guess had led there. That a default margin of stability cannot be had counts less than that
+        targets are missed.
         """
         reading = self.now
         reading.task = self.task
-        reading.search()
-        near = reading.mode != "exact" and any(each.f <= KKT_TOLERANCE for each in reading.unstable)
-        result = reading.best(KKT_TOLERANCE if near and self.task.best_margin else np.inf)
+        while True:
+            reading.search()
+            near = reading.mode != "exact" and any(
+                each.f <= KKT_TOLERANCE for each in reading.unstable
+            )
+            result = reading.best(KKT_TOLERANCE if near and self.task.best_margin else np.inf)
+            if result is not None or near or not reading.met:
+                break
+            reading.lost, reading.met = [*reading.lost, *reading.met], []
+            reading.trials = [replace(trial, met=False) for trial in reading.trials]
         if result is not None or not reading.unstable or not self.task.best_margin:
             return result
         # The best that is stable at all.
@@ -287,17 +299,21 @@ class Search:
         """Yield initial guesses, tensions (n_tendons,) [N], as many as are tried at most.
 
         After the likeliest those beyond some that were tried before: another reading of the targets
-        seldom leads farther from these.
+        seldom leads farther from these. Where these missed the targets others come by nearness
+        alone.
         """
         self._source, again = tee(self._source)
         before = list(islice(again, tried))
         yield from before[:1]
+        if tried > 1 and self.task.together.conditions > POINT:
+            again = initial_guesses(self.task, is_loaded(self.task.scene), missed=True)
         yield from islice(again, self.task.most - tried)
         yield from before[1:]
 
     def _so_far(self, stopped: bool = True) -> SearchResult:
         """Return the best that was seen: of optima that of least effort, else what came last."""
-        best = min(self.now.met, key=attrgetter("f"), default=self.now.last)
+        seen = [*self.now.met, *self.now.lost]
+        best = min(seen, key=attrgetter("f"), default=self.now.last)
         if best is None:
             *_, T = islice(drawn_arms(self.task), 2)
             statement = self.task.coarse("nearest")
