@@ -98,8 +98,11 @@ class Task:
         return _settled(self.arm, T, self.scene, self.sharper, self.machine_code)
 
     def coarse(self, mode: Mode) -> Statement:
-        """Return the statement on a mesh that costs little: good to 1e-4 of L or so."""
-        return self.statement.but(mode=mode, refinement=1)
+        """Return the statement on a mesh that costs little: good to 1e-4 of L or so.
+
+        Without extension a slender tip winds up further, and takes a finer mesh.
+        """
+        return self.statement.but(mode=mode, refinement=1 if self.scene.has(Extension) else 2)
 
 
 @lru_cache(maxsize=8)

@@ -21,6 +21,7 @@ from functools import partial
 
 import numpy as np
 
+from model.effects import Extension
 from model.errors import CollapsedError, InputError, OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
@@ -45,7 +46,10 @@ class Waypoints:
     def __init__(self, question: Question) -> None:
         self.question, self.waypoints = question, list[Waypoint]()
         first = question.planned(0)
-        self.statement = first.coarse("exact")
+        self.statement = first.statement.but(
+            mode="exact",
+            refinement=1 if question.scene.has(Extension) else 2,
+        )
         followed = self._followed(first)
         # What is followed is met on the coarse mesh alone.
         if followed is None or not self.solve(followed):
