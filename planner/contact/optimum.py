@@ -89,8 +89,8 @@ def optimum(
 def _iterates(program: TensionProgram, at: Constraints) -> Iterator[Constraints]:
     """Yield where steps lead from constraints at tensions, until they are too short to count.
 
-    A step fails where no shape is settled or the merit is above the last ones, of which the largest
-    counts: a step along curved constraints violates them. The next is shorter then.
+    A step fails where no shape is settled, or where the merit is above the largest of the last
+    ones, as steps along curved constraints violate these a little; the next is shorter then.
     """
     natural, n = natural_tensions(program.task.arm) / program.unit, program.n
     radius, penalty, recent = _RADIUS, _PENALTIES[0], [at]

@@ -36,9 +36,8 @@ _DRAWN, _TO_FIT, _FITTED, _STEPS = 200, 4000, 80, 6
 # Roots of how hard sections are squeezed at first: more is found from a little than from none.
 _SQUEEZED = 0.1
 # What the largest unit of tension counts beside residuals in a fit, for all tendons alike as in the
-# objective. So much leads away from shapes that take many times the effort, to some that all but
-# meet the targets, which solving does. A fit that does not fall by more than such a part in a step
-# has come to its end.
+# objective: so much that fits come to shapes of little effort that all but meet the targets. A fit
+# that does not fall by more than such a part in a step has come to its end.
 _EFFORT, _END = 0.2, 3e-2
 # Guesses differ by more than this part: fitted ones of the largest of their tensions, drawn ones of
 # the root of the sum of squares.
@@ -93,10 +92,10 @@ def drawn_arms(task: Task) -> Iterator[Array]:
 
 
 def fitted(task: Task, effort: float) -> Iterator[Array]:
-    """Yield tensions (n_tendons,) fitted to targets, by how near they come with how little effort.
+    """Yield tensions (n_tendons,) fitted to targets and to little effort, the best fits first.
 
-    Effort weighs so much. Where sections shorten, how hard all tendons of a section pull is fitted
-    beside its bends.
+    `effort` is its weight beside residuals. Where sections shorten, how hard all tendons of a
+    section pull is fitted beside its bends.
     """
     bends = BendCoordinates(task.arm, task.together.tendons, task.allowed)
     unit, residuals = units(task.arm, task.allowed).max(), residuals_of(task)
@@ -254,7 +253,7 @@ class BendCoordinates:
     def draw(self, count: int) -> Array:
         """Return bends (count, 2 n) in all directions, as many small as large; always the same.
 
-        Of a few sections at a time.
+        In each draw a few sections bend, the others are straight.
         """
         rng, n = np.random.default_rng(0), self.width // 2
         low, high = np.geomspace(*_LEAST, n), np.geomspace(*_MOST, n)

@@ -147,8 +147,8 @@ _LEAST: dict[Purpose, Options] = {
     "near": WARM | _SMALL,
     "polish": _FOR["polish"] | _SMALL,
 }
-# Some backbones take that many iterations. Targets out of reach are missed by more than what is
-# small: an objective that outweighs equilibrium by so much is led astray.
+# Some backbones take that many iterations. Targets out of reach are missed by much: magnified as
+# above, least squares would outweigh equilibrium, and searches under loads seldom end.
 _FAR: Options = {"obj_scaling_factor": 100.0, "mu_init": 0.1, "max_iter": 100}
 _BY_MODE: dict[Mode, dict[Purpose, Options]] = {
     "exact": _FOR,

@@ -299,15 +299,14 @@ class Search:
         """Yield initial guesses, tensions (n_tendons,) [N], as many as are tried at most.
 
         After the likeliest those beyond some that were tried before: another reading of the targets
-        seldom leads farther from these. Where these missed equalities others come by nearness
-        alone, which gives inequalities, as the sides of bends, up too soon.
+        seldom leads farther from these. Where these missed equalities alone others are fitted
+        without regard to effort; fits that have inequalities, too, end where these are violated.
         """
         self._source, again = tee(self._source)
         before = list(islice(again, tried))
         yield from before[:1]
-        terms = self.task.together.terms
-        of_equalities = not np.size(terms.inequality_weights)
-        if tried > 1 and of_equalities and self.task.together.conditions > POINT:
+        together = self.task.together
+        if tried > 1 and together.conditions > POINT and not together.terms.names[2]:
             again = initial_guesses(self.task, is_loaded(self.task.scene), missed=True)
         yield from islice(again, self.task.most - tried)
         yield from before[1:]
