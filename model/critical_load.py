@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from model.arm import Arm
 from model.checks import positive
 from model.equilibrium.linearised import Linearised
-from model.equilibrium.load_steps import Followed, follow_on
+from model.equilibrium.load_steps import BranchEnd, continue_branches
 from model.equilibrium.newton import STAGES
 from model.errors import InputError
 from model.forward import by_collocation, checked_accuracy, first_pair, refined
@@ -55,16 +57,18 @@ def critical_load_factor(
         raise InputError("scene", [type(e).__name__ for e in scene.effects], "a scene with loads")
     T, most = arm.flat(tensions), positive("most", most)
 
-    def end(refinement: int) -> Followed:
+    def end(refinement: int) -> BranchEnd:
         """Return where the branch ends on the mesh of a refinement, four times as accurate."""
         forward = by_collocation(arm, scene, STAGES, refinement)
         x = forward.system.x(T, 0.0, forward.without_loads(T))
-        begin = Followed(Linearised(forward.system, x), 0.0, "")
-        return follow_on([begin], most, accuracy / 4)[0]
+        begin = BranchEnd(Linearised(forward.system, x), 0.0)
+        lines = np.append(T, 0.0)[None], np.append(T, most)[None]
+        first_step = min(1.0, 1 / most)
+        return continue_branches([begin], lines, accuracy / 4, first_step=first_step)[0]
 
-    def gap(now: Followed, before: Followed) -> float:
-        return abs(now.load - before.load) / now.load
+    def gap(now: BranchEnd, before: BranchEnd) -> float:
+        return abs(now.fraction - before.fraction) / now.fraction
 
     order = convergence_order(scene, 2 * STAGES)
     last, _, _ = refined(first_pair(accuracy, 2 * STAGES), accuracy, order, end, gap)
-    return Critical(last.load, last.why if last.load < most else "")
+    return Critical(most * last.fraction, last.why)

@@ -7,6 +7,8 @@ from functools import partial
 from importlib import import_module
 from typing import Any, Self
 
+# Largest difference of the fractions at which an arm snaps on two meshes that agree.
+_SNAP_AGREEMENT = 1e-2
 # Of what was given, in characters, in a message.
 _LONG = 300
 
@@ -182,22 +184,49 @@ class UnsettledContactError(ConvergenceError):
 
 
 class SnapError(OctoplanError):
-    """No equilibrium under the full loads is connected with the unloaded arm.
+    """The arm loses its equilibrium before its loads and tensions act in full.
 
     Attributes
     ----------
-    load_factor : float
-        How much of the loads, from 0 to 1, the arm bears.
+    load_factor, tension_factor : float
+        Fractions of the loads and of the tensions, from 0 to 1, at which the arm snaps.
     why : str
-        What happens to it there.
+        What happens to the arm there.
+    history : "loads first", "tensions first" or "together"
+        In what order loads and tensions acted.
     """
 
-    def __init__(self, load_factor: float, why: str) -> None:
-        self.load_factor, self.why = load_factor, why
-        super().__init__(
-            f"the arm does not bear its loads: at {100 * load_factor:.1f} % of them {why}, and no "
-            "equilibrium beyond is connected with the unloaded arm; lower the loads or stiffen it"
-        )
+    def __init__(
+        self,
+        load_factor: float,
+        why: str,
+        tension_factor: float = 1.0,
+        history: str = "together",
+        unpulled: str = "",
+    ) -> None:
+        self.load_factor, self.tension_factor = load_factor, tension_factor
+        self.why, self.history, self.unpulled = why, history, unpulled
+        bears = f"the arm does not bear its loads: {unpulled}at {100 * load_factor:.1f} % of them"
+        message = {
+            "loads first": f"the arm does not follow its tendons: under its loads, at "
+            f"{100 * tension_factor:.1f} % of the tensions {why}, and no equilibrium beyond is "
+            "connected with the arm without tension; lower the tensions, or pass near= a shape",
+            "tensions first": f"{bears} {why}; lower the loads or stiffen the arm",
+            "together": f"at {100 * load_factor:.1f} % of loads and tensions {why}; lower both",
+        }
+        super().__init__(message[history])
+
+    def agrees(self, other: SnapError | None) -> bool:
+        """Return whether two meshes agree on where the arm snaps, clearly before the end."""
+        if other is None or self.history != other.history:
+            return False
+        now = self.load_factor * self.tension_factor
+        change = abs(now - other.load_factor * other.tension_factor)
+        return change < min(_SNAP_AGREEMENT, (1 - now) / 2)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        parts = self.load_factor, self.why, self.tension_factor, self.history, self.unpulled
+        return SnapError, parts
 
 
 class SingularError(OctoplanError):

@@ -34,6 +34,8 @@ _LOADS = (Contact, Current, Friction, PointLoad, PointMass, Shear, TipLoad, Weig
 _NAMES = tuple(kind.__name__ for kind in _LOADS)
 # Those that may bend an arm to the other side than its tendons do.
 _BENDING = tuple(kind for kind in _LOADS if kind not in (Friction, Shear))
+# Arc lengths at which the largest radius is sought.
+_SAMPLES = 65
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
@@ -182,23 +184,60 @@ def places(arm: Arm, scene: Scene) -> tuple[float, ...]:
 
 
 def growth(arm: Arm, scene: Scene, s: Array) -> Array:
-    """Return how fast solutions of the bent arm may grow or decay at s (N,), per length [1/m].
+    """Return a bound of the rate at which solutions grow or decay at s (N,), per length [1/m].
 
-    (F / EJ)^(1/2) under a force F, of which a bound is taken: all that acts beyond.
+    The rate is (F / EJ)^(1/2) under a force F.
     """
-    R, tip = arm.radius.evaluate(s, arm.length)[0], scene.find(TipLoad)
-    current = scene.find(Current)
+    R = arm.radius.evaluate(s, arm.length)[0]
+    force = force_bound(arm, scene, s)
+    EA = arm.material.E * np.pi * R**2
+    longer = 1 + force / EA * scene.has(Extension)
+    return np.asarray(np.minimum(longer * np.sqrt(force / (EA * R**2 / 4)), LARGEST))
+
+
+def force_bound(arm: Arm, scene: Scene, s: Array) -> Array:
+    """Return a bound of the resultant force (N,) of all loads beyond arc lengths s (N,) [N]."""
+    tip = scene.find(TipLoad)
     force = _capped_norm(heaviness(arm, scene)) * volume(arm, s)
     force += _capped_norm(tip.force) if tip else 0.0
     for load in acting(scene):
         force += _capped_norm(load.force) * (s <= load.s)
-    if current:
-        drag = min(current.density * current.coefficient * R.max(), LARGEST)
-        # The last place may be beyond the tip by rounding.
-        force += drag * _capped_norm(current.velocity) ** 2 * np.maximum(arm.length - s, 0.0)
-    EA = arm.material.E * np.pi * R**2
-    longer = 1 + force / EA * scene.has(Extension)
-    return np.asarray(np.minimum(longer * np.sqrt(force / (EA * R**2 / 4)), LARGEST))
+    # Rounding may put the last arc length beyond the tip.
+    force += _drag_bound(arm, scene) * np.maximum(arm.length - s, 0.0)
+    return np.asarray(force)
+
+
+def turning_bounds(arm: Arm, scene: Scene) -> tuple[Array, Array]:
+    """Return bounds of the moments that loads exert per squared rotation of a cross-section.
+
+    Arc lengths (n,) [m] and moments (n,) [N m], beside those of dead forces on the midline: of
+    moments, of forces off the midline, and of loads that change with the shape. Theta, the rotation
+    bound of a cross-section, does not decrease from base to tip, so that a follower and a current
+    are bounded by their lever arms to the base.
+    """
+    rows = [
+        (load.s, float(np.linalg.norm(load.offset)) * _capped_norm(load.force))
+        for load in acting(scene)
+        if load.offset
+    ]
+    tip = scene.find(TipLoad)
+    if tip:
+        moment = (1.5 if tip.follower else 0.5) * _capped_norm(tip.moment)
+        moment += _capped_norm(tip.force) * arm.length * tip.follower
+        rows.append((arm.length, moment))
+    rows.append((arm.length, _drag_bound(arm, scene) * arm.length**2))
+    table = np.array(rows).reshape(-1, 2)
+    return table[:, 0], table[:, 1]
+
+
+def _drag_bound(arm: Arm, scene: Scene) -> float:
+    """Return a bound of a current's load per length [N/m]."""
+    current = scene.find(Current)
+    if current is None:
+        return 0.0
+    R = arm.radius.evaluate(np.linspace(0.0, arm.length, _SAMPLES), arm.length)[0]
+    drag = min(current.density * current.coefficient * R.max(), LARGEST)
+    return float(drag * _capped_norm(current.velocity) ** 2)
 
 
 def beyond(arm: Arm, scene: Scene, s: Array, end: Array) -> Array:

@@ -20,6 +20,7 @@ from model.contact.path import Touching
 from model.contact.self_contact import pressed_on_itself
 from model.effects import PrintedStatics, SelfContact
 from model.equilibrium.linearised import Equilibrium, check_stretch
+from model.equilibrium.load_changes import with_loads_of
 from model.equilibrium.load_steps import ROUGHEST
 from model.equilibrium.newton import SETTLED
 from model.errors import (
@@ -108,9 +109,12 @@ def settle(
         How much more of each tendon there is between its winch and the base [m], which stretches.
         Friction in the arm is left out of how much it stretches.
     near : Shape
-        A shape of the same arm and scene nearby, whose tensions and branch are begun with. With
-        friction of contacts the arm moves from it, in a straight line of tensions; its scene may
-        have other friction there, or none.
+        A shape of the same arm that the arm moves from: first the loads change in a straight line
+        to those of `scene`, then the tensions change in a straight line to `tensions`. The scene
+        of `near` is the same but for the strength of its loads; it may lack some of them, such as a
+        payload that the arm picks up in its bent shape. If the branch ends on the way, the arm
+        settles from rest (`Shape.history`). With contact both scenes have the same loads; friction
+        may differ.
     time_limit : float
         How long it may take [s]; with contact 20 s for the equilibrium on a mesh in any case.
     progress : bool
@@ -150,8 +154,10 @@ def settle(
             maps, begin = maps_of(arm, scene, scheme, machine_code), None
             if near is not None:
                 kind("near", near, Shape, "a Shape of the same arm and scene, or None")
-                if near.arm != arm or without_friction(near.scene) != without_friction(scene):
-                    raise InputError("near", "a shape of another arm or scene", "one of the same")
+                alike = without_friction(near.scene) == without_friction(scene)
+                if near.arm != arm or not (alike or with_loads_of(scene, near.scene)):
+                    allowed = "a shape of the same arm and scene, which may lack some of the loads"
+                    raise InputError("near", "a shape of another arm or scene", allowed)
                 begin = near.equilibrium
             if lengths is not None:
                 held = _winches(arm, scene, tensions, lengths, tendon_EA, tendon_outside)
@@ -222,6 +228,7 @@ def _settled(
     coarse, before, error, snaps = 0, list[float](), np.inf, tuple[float, ...]()
     known, by_jumps = no_estimate(maps.least_order), no_estimate(1)
     begun = time.process_time() if maps.contacts else 0.0
+    snapped: SnapError | None = None
     while refinement:
         check_time()
         forward = maps.on(refinement)
@@ -239,8 +246,10 @@ def _settled(
             printed = maps.scene.has(PrintedStatics)
             in_closed_form = isinstance(problem, UnsettledSectionError) and not printed
             slow = bool(maps.contacts) and time.process_time() - begun > PATIENCE
-            if refinement >= _COARSE or in_closed_form or slow:
+            sure = isinstance(problem, SnapError) and problem.agrees(snapped)
+            if refinement >= _COARSE or in_closed_form or slow or sure:
                 raise
+            snapped = problem if isinstance(problem, SnapError) else None
             # Nor does a coarser one that did bear the loads tell how accurate a finer one is.
             coarse, fine, error = 0, 0, np.inf
             refinement = next_refinement(refinement, error, accuracy, maps.order)

@@ -19,7 +19,7 @@ from model.cross_section import cross_section_of
 from model.cross_section.sections import Sections, strains_of
 from model.effects import ExactTendons
 from model.equilibrium.integration import sliding_tensions
-from model.equilibrium.linearised import Equilibrium, Linearised
+from model.equilibrium.linearised import Equilibrium, History, Linearised
 from model.equilibrium.newton import STAGES
 from model.equilibrium.stability import stability
 from model.errors import InputError
@@ -76,6 +76,17 @@ class Shape(Shown):
     def tensions(self) -> Array:
         """The tensions (n_tendons,) [N], tendon order."""
         return self.equilibrium.tensions
+
+    @property
+    def history(self) -> History:
+        """The order in which loads and tensions acted: see docs/theory.rst.
+
+        "loads first": the loads acted, then the tendons were pulled in proportion. "tensions
+        first": the arm does not bear its loads without tension. "near": the tensions changed from
+        those of another shape. "together": loads and tensions grew in proportion, with contact.
+        """
+        point = self.known
+        return "loads first" if point is None else point.history
 
     @property
     def scheme(self) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from model.centreline import Centreline
 from model.clearance import KINDS, Clearance, clearances
 from model.equilibrium.integration import SCHEME
-from model.equilibrium.load_steps import LEAST_STEP, Collocation, Followed, follow_on
+from model.equilibrium.load_steps import LEAST_STEP, BranchEnd, Collocation, continue_branches
 from model.equilibrium.newton import STAGES
 from model.equilibrium.stability import stability
 from model.equilibrium.verification import verified
@@ -351,6 +351,7 @@ def _load_factor(shape: Shape) -> float | None:
         return None
     mesh = STAGES, 1, (), True, shape.machine_code
     coarsest = Collocation(system(shape.arm, shape.scene, *mesh))
-    begin = Followed(coarsest.solve(shape.tensions, shape.known), 1.0, "")
-    (end,) = follow_on([begin], MOST_LOADS, LEAST_STEP)
-    return end.load if end.why else np.inf
+    begin = BranchEnd(coarsest.solve(shape.tensions, shape.known), 1 / MOST_LOADS)
+    lines = np.append(shape.tensions, 0.0)[None], np.append(shape.tensions, MOST_LOADS)[None]
+    (end,) = continue_branches([begin], lines, LEAST_STEP, first_step=1 / MOST_LOADS)
+    return MOST_LOADS * end.fraction if end.why else np.inf

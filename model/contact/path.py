@@ -64,7 +64,15 @@ class Touching(Linearised):
     @classmethod
     def of(cls, end: Linearised, snaps: tuple[float, ...] = (), path: Path = ()) -> Touching:
         """Return an equilibrium that an arm came to like this."""
-        return cls(end.system, end.x, end.near, end.jacobian, snaps, path)
+        return cls(
+            end.system,
+            end.x,
+            near=end.near,
+            jacobian=end.jacobian,
+            history="together",
+            snaps=snaps,
+            path=path,
+        )
 
     @property
     def before(self) -> Linearised | None:
@@ -72,7 +80,8 @@ class Touching(Linearised):
         return self.path[-2][0] if self.path else None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Touching, (self.system, self.x, None, None, self.snaps, self.path[-2:])
+        values = self.system, self.x, None, None, self.history, self.snaps, self.path[-2:]
+        return Touching, values
 
 
 def follow(end: Request, near: Linearised, jumps: bool = True) -> Touching:

@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,9 @@ from model.transcription.system import System
 from model.unloaded.marched import Marched
 
 Index = NDArray[np.int64]
+# The order in which loads and tensions acted. "near": tensions changed from those of another shape;
+# "together": both grew in proportion, as in scenes with contact.
+History = Literal["loads first", "tensions first", "near", "together"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,15 +47,18 @@ class Linearised:
         The equations linearised so near that their Jacobian and its factors are as good.
     jacobian : (nnz,)
         The nonzeros, where they are known, or not those of the system: of a body that resists more.
+    history : History
+        How the arm came to the equilibrium.
     """
 
     system: System
     x: Array
     near: Linearised | None = None
     jacobian: Array | None = None
+    history: History = "loads first"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Linearised, (self.system, self.x)
+        return Linearised, (self.system, self.x, None, None, self.history)
 
     @cached_property
     def nonzeros(self) -> Array:
@@ -115,6 +121,17 @@ class Linearised:
         at, right = self.system.of.band, np.zeros((self.system.of.n_states, last - first))
         inside = (at.columns >= first) & (at.columns < last)
         right[at.rows[inside], at.columns[inside] - first] = self.nonzeros[inside]
+        return -self.solve(right)
+
+    def by_direction(self, direction: Array) -> Array:
+        """Return the derivative of the states (n_states,) along a line.
+
+        `direction` (n_tendons + 1,) are changes of tensions [N] and load factor. Raises
+        SingularError.
+        """
+        at, right = self.system.of.band, np.zeros(self.system.of.n_states)
+        inside = at.columns < self.system.of.first
+        np.add.at(right, at.rows[inside], self.nonzeros[inside] * direction[at.columns[inside]])
         return -self.solve(right)
 
     @cached_property

@@ -1,20 +1,26 @@
-"""Load stepping: from equilibria without loads along their branches up to the full loads.
+"""Continuation: equilibria along straight lines of tensions and loads, from rest to those in full.
 
-In one step if that is safe. Many arms alike but for their tensions are followed side by side.
+The equilibrium depends on the history of an arm: the loads act first, then the tendons are pulled
+in proportion. An arm that does not bear its loads without tension, such as an upright arm that is
+stiffened by antagonists, is pulled first and loaded afterwards. Weak loads, under which the arm has
+one equilibrium at most, allow the shortest way. Many sets of tensions are followed side by side.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
-from itertools import repeat
+from dataclasses import replace
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 
-from model.equilibrium.linearised import Equilibrium, Linearised, linearised
+from model.cross_section.sections import Sections
+from model.equilibrium.linearised import Equilibrium, History, Linearised, linearised
+from model.equilibrium.load_changes import change_loads
 from model.equilibrium.newton import CLOSE, FOLLOWED, TURN, Start, newton, step_sizes
 from model.equilibrium.stability import stands, stands_each
+from model.equilibrium.uniqueness import has_unique_equilibrium
 from model.errors import CollapsedError, OctoplanError, SnapError, UnsettledSectionError
 from model.loads import is_loaded
 from model.paths import Array
@@ -22,51 +28,78 @@ from model.progress import check_time, tell
 from model.transcription.collocation import gauss
 from model.transcription.system import System
 
-# The least step in the load factor over what is reached; before the first step, over itself.
+# Smallest step over the fraction of the line that is reached; before the first step, over itself.
 LEAST_STEP = 1 / 8192
-# How many times larger last steps may be where the equilibrium is there to begin the next one with.
+# The same if the place where a branch ends is not asked for.
+ROUGH_STEP = 1 / 32
+# How many times larger the last steps of Newton's method may be on the way.
 ROUGHEST = 1e6
-# Where a tendon has no length left any load moves it by many times the width that keeps its root
-# smooth: steps in the loads shrink with that, and come to an end in a few or not at all.
+# Number of rounds after which tensions are checked for a tendon without length: any load moves such
+# a tendon by many times the width that keeps its root smooth, so that steps shrink without end.
 _SOON_IF_CRUSHED = 30
-SNAPS, BUCKLES = "it snaps or folds", "it buckles"
+SNAPS = "it snaps or folds"
+BUCKLES = "it buckles"
 
 
-class Followed(NamedTuple):
-    """The last equilibrium on a branch, the load factor there, and what happens beyond."""
+class BranchEnd(NamedTuple):
+    """The last equilibrium on a branch.
+
+    Attributes
+    ----------
+    point : Linearised
+    fraction : float
+        The fraction of the line of tensions and loads that is reached.
+    why : str
+        What happens beyond; empty at the end of the line.
+    """
 
     point: Linearised
-    load: float
-    why: str
+    fraction: float
+    why: str = ""
 
 
-def follow_on(
-    starts: Sequence[Followed],
-    most: float,
+def continue_branches(
+    starts: Sequence[BranchEnd],
+    lines: tuple[Array, Array],
     least: float,
-    crushed: Sequence[Callable[[], CollapsedError | None]] = (),
+    crushed: Sequence[Callable[[], CollapsedError | UnsettledSectionError | None]] = (),
     looser: float = 1.0,
     on_the_way: float = 1.0,
-) -> list[Followed]:
-    """Follow the branches of equilibria of one system on, up to a load factor.
+    first_step: float = 1.0,
+) -> list[BranchEnd]:
+    """Follow branches of equilibria of one system along lines of tensions and load factor.
 
-    No step is so long that the tangent turns a frame far. One that leads to no
-    equilibrium is halved; the end is where it is down to `least` of the load factor that is
-    reached, or soon where the arm is `crushed` without loads. `looser` is that of Newton's method;
-    on the way, until a step fails, `on_the_way` is.
+    A step is shortened if the tangent rotates a frame far, and halved if it leads to no stable
+    equilibrium. A branch ends if its step is `least` of the fraction that is reached.
+
+    Parameters
+    ----------
+    starts : sequence of BranchEnd
+    lines : (M, n_tendons + 1), (M, n_tendons + 1)
+        Tensions [N] and load factor at the fractions 0 and 1.
+    least, first_step : float
+        Smallest step over the fraction that is reached, and the first step.
+    crushed : sequence of callable
+        Whether the tensions at the end of a line crush the arm without loads: a reason to stop.
+    looser, on_the_way : float
+        Factors of the tolerance of Newton's method, at the end of the line and before; see Start.
     """
-    system, ends, count = starts[0].point.system, [*starts], len(starts)
-    steps, loads, levels = [min(1.0, most)] * count, [0.0] * count, [on_the_way] * count
-    begin_stable: list[bool | None] = [None] * count
+    system = starts[0].point.system
+    begins, ends_at = lines
+    ends = [*starts]
+    steps = [first_step] * len(starts)
+    fractions = [0.0] * len(starts)
+    levels = [on_the_way] * len(starts)
+    begin_stable: list[bool | None] = [None] * len(starts)
     n, quaternions = system.of.n_tendons, system.of.nodes[:, :4]
-    tried, going = 0, [*range(count)]
+    tried, going = 0, [*range(len(starts))]
     while going:
         check_time()
         going, before = list[int](), going
         begun = list[Start]()
         for i in before:
             point, reached, _ = ends[i]
-            steps[i] = min(steps[i], most - reached)
+            steps[i] = min(steps[i], 1.0 - reached)
             if steps[i] <= 0 or steps[i] < least * max(reached, least):
                 continue
             if tried == _SOON_IF_CRUSHED and crushed and crushed[i]():
@@ -74,16 +107,18 @@ def follow_on(
             if point.factor is None:
                 ends[i] = ends[i]._replace(why=BUCKLES)
                 continue
-            rate = point.by_unknowns(n, n + 1)[:, 0]
+            rate = point.by_direction(ends_at[i] - begins[i])
             turned = 2 * steps[i] * float(np.abs(rate[quaternions]).max())
-            loads[i] = reached + steps[i] * min(1.0, TURN / max(turned, TURN))
-            states = point.states + (loads[i] - reached) * rate
-            level = looser if loads[i] == most else levels[i]
-            begun.append(Start(point.tensions, loads[i], states, looser=level))
+            fractions[i] = reached + steps[i] * min(1.0, TURN / max(turned, TURN))
+            states = point.states + (fractions[i] - reached) * rate
+            level = looser if fractions[i] == 1.0 else levels[i]
+            now = begins[i] + fractions[i] * (ends_at[i] - begins[i])
+            history = point.history
+            begun.append(Start(now[:n], float(now[n]), states, looser=level, history=history))
             going.append(i)
         if not going:
             break
-        tell("percent of the loads", round(100 * min(loads) / most), 100)
+        tell("percent of tensions and loads", round(100 * min(fractions)), 100)
         tried, points = tried + 1, newton(system, begun)
         for k, (i, there) in enumerate(zip(going, points, strict=True)):
             if there is not None:
@@ -92,13 +127,13 @@ def follow_on(
                     points[k] = None
         for i, there, stable in zip(going, points, stands_each(points), strict=True):
             if there is not None and not stable and begin_stable[i] is None:
-                # What is unstable without loads, or where it begins, is not their doing.
+                # An instability that exists at the start does not end the branch.
                 begin_stable[i] = stands(starts[i].point)
             if there is None or (not stable and begin_stable[i]):
                 ends[i] = ends[i]._replace(why=SNAPS if there is None else BUCKLES)
-                steps[i], levels[i] = (loads[i] - ends[i].load) / 2, 1.0
+                steps[i], levels[i] = (fractions[i] - ends[i].fraction) / 2, 1.0
             else:
-                ends[i], steps[i] = Followed(there, loads[i], ""), 2 * steps[i]
+                ends[i], steps[i] = BranchEnd(there, fractions[i]), 2 * steps[i]
     return ends
 
 
@@ -116,15 +151,26 @@ class Collocation:
     def solve(
         self, tensions: Array, near: Equilibrium | None = None, looser: float = 1.0
     ) -> Linearised:
-        """Return the equilibrium under tensions (n_tendons,), near that of another mesh if any is.
+        """Return the equilibrium under tensions (n_tendons,).
 
-        Else the one that the unloaded arm comes to; without loads its states are that. The last
-        steps of Newton's method may be so many times `looser` than elsewhere. Raises SnapError,
-        which says where its branch ends or loses its stability, and UnsettledSectionError where a
-        section has none, or tensions that leave a tendon no length keep loads from being applied in
-        steps.
+        With `near`, an equilibrium of this or another mesh, that on its branch if the branch leads
+        to the tensions; otherwise that which the arm reaches from rest.
+
+        Raises
+        ------
+        SnapError
+            If the arm loses its equilibrium or its stability on the way.
+        UnsettledSectionError
+            If a cross-section has no equilibrium, or a tendon is left no length.
         """
-        begin = [near] if isinstance(near, Linearised) and self._loaded else []
+        begin = list[Linearised]()
+        if self._loaded and isinstance(near, Linearised):
+            begin = [near]
+        elif self._loaded and near is not None:
+            # The loads act on an arm that is pulled without them.
+            (loaded,) = self._loaded_last(near.tensions[None], looser)
+            if isinstance(loaded, Linearised):
+                begin = [replace(loaded, history="near")]
         (end,) = self.many(tensions[None], begin, looser)
         if isinstance(end, OctoplanError):
             raise end
@@ -135,48 +181,164 @@ class Collocation:
     ) -> list[Linearised | OctoplanError]:
         """Return the equilibria under sets of tensions (M, n_tendons), or why there are none.
 
-        As `solve` does, near those of another mesh, one for each set, if any are.
+        As `solve` does, with one equilibrium `near` for each set, or none.
         """
         ends: list[Linearised | OctoplanError | None] = [None] * len(tensions)
         if near:
-            starts = map(Start, tensions, repeat(1.0), self.carried(tensions, near))
-            ends[:] = newton(self.system, [*starts], CLOSE)
+            ends[:] = self._from_nearby(tensions, near)
         left = [i for i, end in enumerate(ends) if end is None]
         if left:
             for i, end in zip(left, self._from_rest(tensions[left], looser), strict=True):
                 ends[i] = end
         return [end for end in ends if end]
 
+    def _from_nearby(self, tensions: Array, near: Sequence[Linearised]) -> list[Linearised | None]:
+        """Return the equilibria on the branches of others, each under tensions of its own.
+
+        In one step if the tangent leads there; else along the line of tensions from those of the
+        other equilibrium.
+        """
+        moved = [
+            not np.array_equal(T, each.tensions) or each.system.scene != self.system.scene
+            for T, each in zip(tensions, near, strict=True)
+        ]
+        ends = newton(self.system, self._starts(tensions, near, moved), CLOSE)
+        far = [i for i, end in enumerate(ends) if end is None and moved[i]]
+        if not far:
+            return ends
+        others = [near[i] for i in far]
+        starts = self._starts(
+            np.array([each.tensions for each in others]), others, [True] * len(far)
+        )
+        begun = newton(self.system, starts, CLOSE)
+        for k, other in enumerate(others):
+            if begun[k] is None and other.system.scene != self.system.scene:
+                strains = other.states[other.system.of.stages]
+                strains = carried_strains(other.system, strains, self.system)
+                begun[k] = change_loads(self.system, other, strains)
+        on_line = [(i, point) for i, point in zip(far, begun, strict=True) if point is not None]
+        if on_line:
+            lines = (
+                self._line(np.array([point.tensions for _, point in on_line]), 1.0),
+                self._line(tensions[[i for i, _ in on_line]], 1.0),
+            )
+            begins = [BranchEnd(point, 0.0) for _, point in on_line]
+            followed = continue_branches(begins, lines, LEAST_STEP, on_the_way=ROUGHEST)
+            for (i, _), end in zip(on_line, followed, strict=True):
+                ends[i] = end.point if end.fraction == 1.0 else None
+        return ends
+
+    def _starts(
+        self, tensions: Array, near: Sequence[Linearised], moved: Sequence[bool]
+    ) -> list[Start]:
+        """Return where Newton's method begins; `moved` says which tensions or loads are new."""
+        states = self.carried(tensions, near)
+        return [
+            Start(T, 1.0, row, history="near" if new else each.history)
+            for T, row, each, new in zip(tensions, states, near, moved, strict=True)
+        ]
+
+    def towards(self, tensions: Array) -> Linearised:
+        """Return the equilibrium from rest that comes nearest to tensions (n_tendons,) on its line.
+
+        The place where the branch ends is located roughly.
+        """
+        if not self._loads_first:
+            return self.solve(tensions)
+        lines = self._line(0 * tensions[None], 1.0), self._line(tensions[None], 1.0)
+        begin = BranchEnd(self._under_loads.point, 0.0)
+        (end,) = continue_branches([begin], lines, ROUGH_STEP, on_the_way=ROUGHEST)
+        return end.point
+
+    @cached_property
+    def _loads_first(self) -> bool:
+        """Whether the history matters, and the arm bears its loads without tension."""
+        if not self._loaded or has_unique_equilibrium(self.system.arm, self.system.scene):
+            return False
+        return not self._under_loads.why
+
     def _from_rest(self, tensions: Array, looser: float) -> list[Linearised | OctoplanError]:
-        """Return what unloaded arms come to under sets of tensions (M, n_tendons)."""
+        """Return the equilibria that the arm reaches from rest under sets (M, n_tendons)."""
+        if self._loads_first:
+            return self._pulled(self._under_loads.point, tensions, looser)
+        return self._loaded_last(tensions, looser)
+
+    @cached_property
+    def _under_loads(self) -> BranchEnd:
+        """The arm without tension as far as it bears its loads."""
+        none = np.zeros(self.system.of.n_tendons)
+        x = self.system.x(none, 0.0, self.without_loads(none))
+        start = BranchEnd(Linearised(self.system, x), 0.0)
+        lines = self._line(none[None], 0.0), self._line(none[None], 1.0)
+        return continue_branches([start], lines, LEAST_STEP, on_the_way=ROUGHEST)[0]
+
+    def _pulled(
+        self, rest: Linearised, tensions: Array, looser: float
+    ) -> list[Linearised | OctoplanError]:
+        """Return the equilibria of a loaded arm whose tendons are pulled in proportion."""
+        at = self.system.sections
+        crushed = [partial(_crushed, at, T) for T in tensions]
+        starts = [BranchEnd(rest, 0.0)] * len(tensions)
+        lines = self._line(0 * tensions, 1.0), self._line(tensions, 1.0)
+        followed = continue_branches(starts, lines, LEAST_STEP, crushed, looser, ROUGHEST)
+        ends = list[Linearised | OctoplanError]()
+        for end, fails in zip(followed, crushed, strict=True):
+            if not end.why and end.fraction == 1.0:
+                ends.append(end.point)
+            elif section := fails():
+                ends.append(UnsettledSectionError(section.s))
+            else:
+                ends.append(SnapError(1.0, end.why or SNAPS, end.fraction, "loads first"))
+        return ends
+
+    def _loaded_last(self, tensions: Array, looser: float) -> list[Linearised | OctoplanError]:
+        """Return the equilibria of arms that are pulled before their loads act.
+
+        Without loads each cross-section settles by itself.
+        """
         at, ends = self.system, list[Linearised | OctoplanError]()
+        is_unique = not self._loaded or has_unique_equilibrium(at.arm, at.scene)
+        unpulled = None if is_unique else self._under_loads
+        history: History = "loads first" if is_unique else "tensions first"
         strains = at.sections.unloaded(tensions)
         lost = np.asarray(np.isnan(strains).any(axis=2), dtype=bool)
         some = ~lost.any(axis=1)
         T, v = tensions[some], strains[some]
         crushed = [partial(at.sections.crushed, each) for each in v]
-        followed = list[Followed]()
+        followed = list[BranchEnd]()
         if len(T):
             x = at.x(T, 1.0 - self._loaded, at.start(T, v))
             if self._loaded:
                 points, _ = linearised(at, x, [None] * len(x))
-                starts = [Followed(point, 0.0, "") for point in points]
-                followed = follow_on(starts, 1.0, LEAST_STEP, crushed, looser, ROUGHEST)
+                starts = [BranchEnd(replace(point, history=history), 0.0) for point in points]
+                lines = self._line(T, 0.0), self._line(T, 1.0)
+                followed = continue_branches(starts, lines, LEAST_STEP, crushed, looser, ROUGHEST)
             else:
-                followed = [Followed(Linearised(at, row), 0.0, "") for row in x]
+                followed = [BranchEnd(Linearised(at, row), 1.0) for row in x]
         known = iter(zip(followed, crushed, strict=True))
+        before = ""
+        if unpulled is not None and tensions.any():
+            before = (
+                f"without tension {unpulled.why} at {100 * unpulled.fraction:.1f} %, pulled first "
+            )
         for sections in lost:
             if sections.any():
                 ends.append(UnsettledSectionError(float(at.s[np.argmax(sections)])))
                 continue
             end, fails = next(known)
-            if end.load >= self._loaded:
+            if end.fraction == 1.0:
                 ends.append(end.point)
             elif section := fails():
                 ends.append(UnsettledSectionError(section.s))
             else:
-                ends.append(SnapError(end.load, end.why or SNAPS))
+                ends.append(
+                    SnapError(end.fraction, end.why or SNAPS, 1.0, "tensions first", before)
+                )
         return ends
+
+    def _line(self, tensions: Array, load: float) -> Array:
+        """Return points of lines (M, n_tendons + 1): tensions (M, n_tendons), load factor."""
+        return np.column_stack([tensions, np.full(len(tensions), load)])
 
     def led_to(self, at: Linearised, tensions: Array) -> Linearised | None:
         """Return the equilibrium under tensions near another of this mesh; None for none."""
@@ -202,6 +364,14 @@ class Collocation:
         strains = states[:, before.of.stages].transpose(1, 2, 0)
         strains = carried_strains(before, strains, self.system)
         return self.system.start(tensions, strains.transpose(2, 0, 1), 1.0)
+
+
+def _crushed(sections: Sections, tensions: Array) -> CollapsedError | UnsettledSectionError | None:
+    """Return where tensions (n_tendons,) crush an arm without loads; None if nowhere."""
+    try:
+        return sections.crushed(sections.strains(tensions))
+    except UnsettledSectionError as problem:
+        return problem
 
 
 def predicted(near: Linearised, tensions: Array) -> Array:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from model.equilibrium.linearised import Linearised, linearised
+from model.equilibrium.linearised import History, Linearised, linearised
 from model.paths import Array
 from model.progress import check_time
 from model.transcription.system import System
@@ -51,6 +51,8 @@ class Start(NamedTuple):
     looser : float
         How many times larger the last steps may be; the root of that for how far from where they
         were linearised the equations count as such.
+    history : History
+        How the arm comes to the equilibrium.
     """
 
     tensions: Array
@@ -58,6 +60,7 @@ class Start(NamedTuple):
     states: Array
     near: Linearised | None = None
     looser: float = 1.0
+    history: History = "loads first"
 
 
 def newton(
@@ -117,7 +120,8 @@ def newton(
             if rotation <= farthest and (size < level or size**2 < level * before[i]):
                 # So near to where they were linearised the equations have the same derivatives.
                 is_close = path[i] < math.sqrt(SETTLED * looser) and not rubs
-                ends[i] = Linearised(system, x[i], near[i] if is_close else None)
+                close = near[i] if is_close else None
+                ends[i] = Linearised(system, x[i], close, history=starts[i].history)
                 continue
             far = CLOSE if begun[i] is None else math.inf
             if rubs or size > (KEPT * before[i] if before[i] else far):

@@ -27,6 +27,7 @@ from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_steps import Collocation
 from model.equilibrium.newton import STAGES
 from model.equilibrium.stability import stands
+from model.equilibrium.uniqueness import has_unique_equilibrium
 from model.errors import OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
@@ -157,15 +158,20 @@ class Problem:
         return np.clip(T, self.limits.lower, self.limits.upper)
 
     def guess(self, tensions: Array, settled: bool = False) -> Array:
-        """Return the unknowns for tensions: the arm without its loads, no equilibrium under them.
+        """Return the unknowns for tensions (n_tendons,) [N].
 
-        Under its loads, where it comes there from rest, if it is to be `settled`. The straight arm
-        where tensions leave a cross-section no equilibrium, or the arm no stiffness.
+        The states are those of the arm without its loads, which are no equilibrium under them. If
+        the states are to be `settled`, or the loads are strong, they are the equilibrium from rest
+        that comes nearest to the tensions; strong loads move the arm too far for Newton's method.
+        The guess is the straight arm if the tensions crush a cross-section.
         """
+        strong = is_loaded(self.scene) and not has_unique_equilibrium(self.arm, self.scene)
         with suppress(OctoplanError, np.linalg.LinAlgError):
-            if settled and is_loaded(self.scene):
+            if strong or (settled and is_loaded(self.scene)):
                 with suppress(OctoplanError, np.linalg.LinAlgError):
-                    return self.closed(tensions, self.forward.solve(tensions).states)
+                    point = self.forward.towards(tensions)
+                    limits = self.limits.lower, self.limits.upper
+                    return self.closed(np.clip(point.tensions, *limits), point.states)
             return self.closed(tensions, self.forward.without_loads(tensions))
         return self.closed(tensions, self.forward.without_loads(np.zeros(self.arm.n_tendons)))
 

@@ -19,6 +19,7 @@ from operator import attrgetter, itemgetter
 
 import numpy as np
 
+from model.equilibrium.uniqueness import has_unique_equilibrium
 from model.errors import OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
@@ -37,6 +38,8 @@ from planner.task import SearchResult, Task, Trial, agreed
 # Of guesses that come by effort, so many after the one that leads to the best are enough, too; and
 # so many and one from which the targets are not met before slacks tell how near they can be had.
 AGREED = 2
+# Largest difference of the scaled unknowns of one optimum that is found twice.
+SAME_OPTIMUM = 1e-4
 _PHASES: dict[Mode, str] = {
     "exact": "trials that meet the targets",
     "closest": "trials as near as the limits allow",
@@ -149,17 +152,29 @@ class Reading:
         return next(chain(self.met, held), None)
 
     def _keep(self, candidate: Candidate) -> None:
-        self.trials.append(Trial(candidate.f, candidate.met, candidate.iterations))
+        met = candidate.met and not any(_is_same(candidate, each) for each in self.lost)
+        self.trials.append(Trial(candidate.f, met, candidate.iterations))
         if candidate.is_finite:
             self.last = candidate
-        if candidate.met:
+        if met:
             self.sort(candidate)
+
+    def reject(self) -> None:
+        """Reject all optima: the settled arm does not have them.
+
+        Under strong loads the arm may take another shape under the tensions of an optimum. The
+        equilibria that it does take are the next guesses.
+        """
+        if not has_unique_equilibrium(self.task.arm, self.task.scene):
+            self.guesses = chain([optimum.tensions for optimum in self.met], self.guesses)
+        self.lost = [*self.lost, *self.met]
+        self.met = []
+        self.trials = [replace(trial, met=False) for trial in self.trials]
 
     def sort(self, optimum: Candidate) -> None:
         """Keep an optimum with those that are as stable as they have to be, or with the others."""
         x, margin = optimum.x, self.task.statement.margin
-        others = [other.x[: x.size] - x[: other.x.size] for other in self.optima]
-        if all(np.abs(apart).max() > 1e-4 for apart in others):
+        if not any(_is_same(optimum, other) for other in self.optima):
             stable = optimum.problem.stands(x, margin - COARSE * (margin > 0))
             (self.met if stable else self.unstable).append(optimum)
 
@@ -219,6 +234,12 @@ class Reading:
                 if problem.stands(near.x, least - COARSE * least):
                     yield near.f, near
                     return
+
+
+def _is_same(one: Candidate, other: Candidate) -> bool:
+    """Return whether two optima have the same unknowns, but for those of modes that are held."""
+    size = min(one.x.size, other.x.size)
+    return bool(np.abs(one.x[:size] - other.x[:size]).max() <= SAME_OPTIMUM)
 
 
 class Search:
@@ -283,8 +304,7 @@ class Search:
             result = reading.best(KKT_TOLERANCE if near and self.task.best_margin else np.inf)
             if result is not None or near or not reading.met:
                 break
-            reading.lost, reading.met = [*reading.lost, *reading.met], []
-            reading.trials = [replace(trial, met=False) for trial in reading.trials]
+            reading.reject()
         if result is not None or not reading.unstable or not self.task.best_margin:
             return result
         # The best that is stable at all.
@@ -308,7 +328,7 @@ class Search:
         together = self.task.together
         if tried > 1 and together.conditions > POINT and not together.terms.names[2]:
             again = initial_guesses(self.task, is_loaded(self.task.scene), missed=True)
-        yield from islice(again, self.task.most - tried)
+        yield from islice(again, max(self.task.most - tried, 0))
         yield from before[1:]
 
     def _so_far(self, stopped: bool = True) -> SearchResult:

@@ -1,0 +1,106 @@
+"""Loads that change on an arm in equilibrium, such as a payload that a bent arm picks up.
+
+The numbers of the equations change in a straight line from one loading to the other.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import replace
+
+from model.effects import Buoyancy, Current, Effect, PointLoad, PointMass, TipLoad, Weight
+from model.equilibrium.linearised import Linearised
+from model.equilibrium.newton import CLOSE, Start, newton
+from model.equilibrium.stability import stands
+from model.paths import Array
+from model.progress import check_time
+from model.scene import Scene
+from model.transcription.system import System
+
+# Smallest change of the loads in one step, over the whole change.
+_LEAST_STEP = 1 / 1024
+_NONE = (0.0, 0.0, 0.0)
+
+
+def with_loads_of(scene: Scene, other: Scene) -> Scene | None:
+    """Return a scene with the loads of another one, as far as they are of the same kinds.
+
+    Loads that the other scene lacks are 0 in the result, so that both scenes have equations of one
+    structure. Return None if the scenes differ in more, or if the other one has further loads.
+    """
+    known = {(type(each), each.place): each for each in other.effects}
+    effects = list[Effect]()
+    for effect in scene.effects:
+        before = known.pop((type(effect), effect.place), None)
+        if before is None:
+            before = _without_force(effect)
+        elif _without_force(before) != _without_force(effect):
+            return None
+        if before is None:
+            return None
+        effects.append(before)
+    return None if known else Scene(*effects)
+
+
+def _without_force(effect: Effect) -> Effect | None:
+    """Return a load with no force, None for an effect that is no load."""
+    match effect:
+        case Weight():
+            return replace(effect, g=_NONE)
+        case Buoyancy():
+            return replace(effect, density=0.0)
+        case TipLoad():
+            return replace(effect, force=_NONE, moment=_NONE)
+        case PointLoad():
+            return replace(effect, force=_NONE)
+        case PointMass():
+            return replace(effect, mass=0.0)
+        case Current():
+            return replace(effect, velocity=_NONE)
+    return None
+
+
+def change_loads(system: System, begin: Linearised, strains: Array) -> Linearised | None:
+    """Return the equilibrium under the loads of a system, on the branch of one under other loads.
+
+    Parameters
+    ----------
+    system : System
+        The equations with the new loads.
+    begin : Linearised
+        The equilibrium under the old loads, whose tensions stay.
+    strains : (N stages, strains)
+        Its strains at the stages of the system.
+
+    Returns
+    -------
+    Linearised or None
+        None if the arm snaps, folds or buckles on the way, or if the scenes differ in more than
+        their loads.
+    """
+    scene = with_loads_of(system.scene, begin.system.scene)
+    if scene is None:
+        return None
+    form = system.of.form
+    before = System(system.arm, scene, system.mesh, form.stages, form.loaded, form.machine_code)
+    if before.of is not system.of:
+        return None
+    states = before.start(begin.tensions, strains, 1.0)
+    (point,) = newton(before, [Start(begin.tensions, 1.0, states, history="near")], CLOSE)
+    change = system.p - before.p
+    fraction = 0.0
+    step = 1.0
+    while point is not None and fraction < 1 and step >= _LEAST_STEP:
+        check_time()
+        step = min(step, 1 - fraction)
+        after = copy(system)
+        after.p = before.p + (fraction + step) * change
+        guess = point.states - point.solve(after.residual(point.x))
+        (there,) = newton(after, [Start(begin.tensions, 1.0, guess, history="near")])
+        if there is None or not stands(there):
+            step /= 2
+            continue
+        point = there
+        fraction += step
+        step *= 2
+    return point if fraction == 1 else None
