@@ -27,8 +27,15 @@ def as_given(value: object) -> str:
 
 
 class OctoplanError(Exception):
-    """Root of all errors raised by octoplan; they pickle by what they were made of."""
+    """Root of all errors raised by octoplan; they pickle by what they were made of.
 
+    Attributes
+    ----------
+    which : str
+        The set of tensions or lengths that failed, if there were many; empty otherwise.
+    """
+
+    which: str = ""
     _made_of: tuple[tuple[Any, ...], dict[str, Any]]
 
     def __new__(cls, *args: Any, **more: Any) -> Self:
@@ -39,7 +46,18 @@ class OctoplanError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         args, more = self._made_of
-        return partial(type(self), **more), args
+        return partial(type(self), **more), args, {"which": self.which}
+
+    def __str__(self) -> str:
+        message = super().__str__()
+        return f"{self.which}: {message}" if self.which else message
+
+    def of_set(self, which: str) -> Self:
+        """Return this error as that of one set of many, which its message names first."""
+        make, args, _ = self.__reduce__()
+        error: Self = make(*args)
+        error.which = which
+        return error
 
 
 class InputError(OctoplanError, ValueError):
@@ -111,14 +129,12 @@ class CollapsedError(OctoplanError):
         Where, in m from the base.
     stretch : float
         The value of 1 + q there.
-    which : str
-        Which set of tensions, where there were many.
     """
 
-    def __init__(self, s: float, stretch: float, which: str = "") -> None:
-        self.s, self.stretch, self.which = s, stretch, which
+    def __init__(self, s: float, stretch: float) -> None:
+        self.s, self.stretch = s, stretch
         super().__init__(
-            f"{which}{': ' * bool(which)}the arm is crushed at s = {s:.6g} m: "
+            f"the arm is crushed at s = {s:.6g} m: "
             f"1 + q = {stretch:.4g}, it has to stay above 0; "
             "lower the tensions that cross this section or raise E A there"
         )
@@ -148,17 +164,13 @@ class UnsettledSectionError(ConvergenceError):
     ----------
     s : float
         Where, in m from the base.
-    which : str
-        Which set of tensions, where there were many.
     """
 
-    def __init__(self, s: float, which: str = "") -> None:
-        self.s, self.which, self.asked, self.reached = s, which, 0.0, float("inf")
+    def __init__(self, s: float) -> None:
+        self.s, self.asked, self.reached = s, 0.0, float("inf")
         self.remedy = "lower the tensions that cross it"
         OctoplanError.__init__(
-            self,
-            f"{which}{': ' * bool(which)}no equilibrium of the section at s = {s:.6g} m was found; "
-            f"{self.remedy}",
+            self, f"no equilibrium of the section at s = {s:.6g} m was found; {self.remedy}"
         )
 
 

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.arm import Arm
-from model.checks import LARGEST, is_several, literal
+from model.checks import LARGEST, is_several, literal, positive
 from model.cross_section.sections import LEAST_STRETCH
 from model.effects import ExactTendons, SelfContact
 from model.equilibrium.linearised import Linearised
 from model.equilibrium.load_steps import Collocation
-from model.errors import CollapsedError, InputError, OctoplanError, UnsettledSectionError
+from model.errors import CompilerError, InputError, OctoplanError
 from model.forward import (
     Maps,
     checked_accuracy,
@@ -27,10 +28,11 @@ from model.forward import (
     next_refinement,
     no_estimate,
 )
-from model.loads import contacts, is_loaded
+from model.loads import is_loaded
 from model.machine.compiled import Compile, checked_compile
 from model.paths import Array
-from model.progress import check_time
+from model.progress import OutOfTime, check_time
+from model.progress import time_limit as limit_time
 from model.rotations import matrices
 from model.scene import Scene
 from model.settle import ACCURACY, loosest, scene_of, settle
@@ -38,9 +40,15 @@ from model.shape import at_ends
 from model.text import MOST_LINES, columns, counted, shortened_lines
 from model.winches import pulls
 
+LOG = logging.getLogger(__name__)
 Errors = Literal["raise", "nan"]
-# Sets at a time under loads: their equations stay in the processor's cache.
+# Number of sets that are solved side by side under loads: their equations fit into the cache.
 _AT_ONCE = 128
+# The finest mesh for batches, unless the accuracy asks for a finer one from the beginning: on finer
+# ones the overhead of a call is small, and a set that is slow holds up the others.
+_FINEST_TOGETHER = 16
+# Number of parts that a failed batch is divided into; smaller batches are solved set by set.
+_PARTS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +68,7 @@ class Shapes:
     slack : (m, n_tendons)
         Whether each tendon is slack.
     problems : tuple of str
-        Why each set is not settled, its numbers nan; empty of those that are.
+        Why each set is not settled, its numbers NaN; empty for settled sets.
     """
 
     tip: Array
@@ -80,17 +88,49 @@ class Shapes:
         return "\n".join([said, *table, *shortened_lines(lost)])
 
 
+def _settle_together(
+    maps: Maps, T: Array, accuracy: float, seconds: float | None
+) -> tuple[Array, Array]:
+    """Return the poses (M, 7) of tips under tensions (M, n_tendons), and errors (M,).
+
+    Errors are NaN for sets that `settle` has to solve. A batch that takes longer than one set may,
+    or that raises an error, is divided, so that only a few sets share the fate of a bad one.
+    """
+    poses, errors = np.full((len(T), 7), np.nan), np.full(len(T), np.nan)
+    at_once = _AT_ONCE if is_loaded(maps.scene) else max(len(T), 1)
+    batches = [np.arange(k, min(k + at_once, len(T))) for k in range(0, len(T), at_once)]
+    while batches:
+        check_time()
+        batch = batches.pop()
+        try:
+            with limit_time(seconds):
+                poses[batch], errors[batch] = _side_by_side(maps, T[batch], accuracy)
+        except CompilerError:
+            raise
+        except OutOfTime:
+            check_time()
+        except Exception:
+            # The error belongs to a set; `settle` raises it again for this set alone.
+            LOG.warning("a batch of %d sets failed and is divided", batch.size, exc_info=True)
+        else:
+            continue
+        if batch.size > _PARTS:
+            batches += np.array_split(batch, _PARTS)
+    return poses, errors
+
+
 def _side_by_side(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
     """Return the poses (M, 7) of tips under tensions (M, n_tendons), and errors (M,).
 
-    Only those that a mesh does not settle go on to a finer one. Errors are nan of those that are to
-    be settled alone: what is crushed or folded, or has no equilibrium, or none on a first mesh.
+    Only sets that a mesh does not settle go on to a finer one, each by meshes of its own. Errors
+    are NaN for sets that `settle` has to solve: those without an equilibrium on one of their
+    meshes, crushed, folded, or slow to converge.
     """
     coarse, fine = first_pair(accuracy, maps.order)
     poses, errors = np.zeros((len(T), 7)), np.full(len(T), np.nan)
     estimates, last = np.full(len(T), no_estimate(maps.least_order)), np.zeros(len(T), int)
     wanted = np.full(len(T), coarse)
-    near = dict[int, Linearised]()
+    near: list[Linearised | None] = [None] * len(T)
     while wanted.any():
         check_time()
         refinement = int(wanted[wanted > 0].min())
@@ -99,12 +139,10 @@ def _side_by_side(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
         if isinstance(forward, Collocation):
             looser = loosest(accuracy) if refinement == coarse else 1.0
             least = np.full(now.size, np.nan)
-            for k in range(0, now.size, _AT_ONCE):
-                some = now[k : k + _AT_ONCE]
-                ends = forward.many(T[some], [near[i] for i in some if i in near], looser)
-                for j, (i, end) in enumerate(zip(some, ends, strict=True), k):
-                    if isinstance(end, Linearised):
-                        near[i], poses[i], least[j] = end, end.poses[-1], end.extremes.stretch
+            ends = forward.many(T[now], [near[i] for i in now], looser)
+            for j, (i, end) in enumerate(zip(now, ends, strict=True)):
+                if isinstance(end, Linearised):
+                    near[i], poses[i], least[j] = end, end.poses[-1], end.extremes.stretch
         else:
             tips, least = forward.many(T[now])
             poses[now] = tips[:, 0]
@@ -121,8 +159,11 @@ def _side_by_side(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
             wanted[now], late = 0, now[~(errors[now] <= accuracy)]
             finer = partial(next_refinement, refinement, accuracy=accuracy, order=order)
             wanted[late] = [*map(finer, errors[late].tolist())]
-        last[now], alone = refinement, now[~(least > LEAST_STRETCH)]
+        last[now] = refinement
+        alone = now[~(least > LEAST_STRETCH) | (wanted[now] > max(fine, _FINEST_TOGETHER))]
         wanted[alone], errors[alone] = 0, np.nan
+    jumps = [i for i, point in enumerate(near) if point is not None and point.jump is not None]
+    errors[jumps] = np.nan
     errors[~(errors <= accuracy)] = np.nan
     settled = np.flatnonzero(np.isfinite(errors))
     if settled.size and maps.scene.has(ExactTendons) and not is_loaded(maps.scene):
@@ -142,25 +183,29 @@ def settle_many(
     tendon_EA: float | None = None,
     tendon_outside: float = 0.0,
     errors: Errors = "raise",
+    time_limit: float | None = None,
 ) -> Shapes:
     """Return the tips for many sets of tensions (m, n_sections, n) or (m, n_tendons) [N].
 
-    As settle, but for rounding: side by side, and only those that a mesh does not settle to the
-    accuracy go on to a finer one; in contact one set after the other. With `lengths`, of the same
-    form [m], tendons are held by these, and settled one after the other too.
+    Each set is settled as `settle` does, up to rounding. Batches of sets share their meshes; a set
+    that fails or converges slowly in its batch is settled by `settle` itself. So is each set with
+    `lengths` (of the same form [m]), with contact and with SelfContact.
 
     Parameters
     ----------
     arm, scene, accuracy, compile, tendon_EA, tendon_outside
-        As settle takes them.
+        As in `settle`.
     errors : "raise" or "nan"
-        Whether a set that is not allowed or does not settle ends all with its error, or is a row of
-        nan with the reason in `problems`, as in a sweep, while the others are settled.
+        Whether the first set that fails ends the call with its error. With "nan" it is a row of NaN
+        with the reason in `problems`, as in a sweep, and the other sets are settled.
+    time_limit : float
+        The longest time that each set may take [s].
 
     Raises
     ------
-    InputError, CollapsedError, ConvergenceError, SnapError
-        As settle does, naming the set, unless `errors` is "nan".
+    InputError, CollapsedError, ConvergenceError, SnapError, TimeLimitError
+        As in `settle`, naming the set, unless `errors` is "nan". InputError for an arm, a scene or
+        an option that is not allowed, in any case.
     CompilerError
         If `compile` is True, and there is no compiler or it fails.
     """
@@ -176,25 +221,34 @@ def settle_many(
         raise InputError("tensions", f"{len(tensions)} sets", f"{len(sets)}, as of lengths")
     if lengths is not None:
         options |= {"tendon_EA": tendon_EA, "tendon_outside": tendon_outside}
+    if time_limit is not None:
+        options["time_limit"] = positive("time_limit", time_limit)
     count, problems = len(sets), [""] * len(sets)
     poses, error = np.full((count, 7), np.nan), np.full(count, np.nan)
     pulling = np.full((count, arm.n_tendons), np.nan)
-    if lengths is None and not (contacts(scene) or scene.has(SelfContact)):
+    maps = maps_of(arm, _without_self_contact(scene), None, options["compile"])
+    if lengths is None and not (maps.contacts or scene.has(SelfContact)):
         pulling = _rows(arm, tensions)
         allowed = np.flatnonzero(((pulling >= 0) & (pulling <= LARGEST)).all(axis=1))
-        maps = maps_of(arm, scene, None, options["compile"])
-        poses[allowed], error[allowed] = _side_by_side(maps, pulling[allowed], accuracy)
+        each = maps, pulling[allowed], accuracy, time_limit
+        poses[allowed], error[allowed] = _settle_together(*each)
     slack = ~pulls(arm, pulling)
     for i in np.flatnonzero(np.isnan(error)).tolist():
+        check_time()
         poses[i], pulling[i], slack[i] = np.nan, np.nan, False
         held = None if lengths is None else lengths[i]
         T = None if tensions is None else tensions[i]
         try:
             alone = settle(arm, T, scene, accuracy, lengths=held, **options)
-        except OctoplanError as reason:
+        except CompilerError:
+            raise
+        except Exception as reason:
+            check_time()
+            failure = _of_set(reason, f"{by}[{i}]")
             if errors == "raise":
-                raise _of_set(reason, by, i) from None
-            problems[i] = str(_of_set(reason, by, i))
+                raise failure from None
+            kind = "" if isinstance(failure, OctoplanError) else f"{type(failure).__name__}: "
+            problems[i] = f"{kind}{failure}"
         else:
             poses[i], error[i] = alone.equilibrium.poses[-1], alone.error
             pulling[i], slack[i] = alone.tensions, alone.slack.ravel()
@@ -214,12 +268,17 @@ def _rows(arm: Arm, tensions: Any) -> Array:
     return rows
 
 
-def _of_set(reason: OctoplanError, by: str, i: int) -> OctoplanError:
-    """Return an error that names the set, of what is about its tendons or a cross-section."""
-    if isinstance(reason, InputError):
-        field = re.sub("^(tensions|lengths)", rf"\1[{i}]", reason.field)
+def _of_set(reason: Exception, which: str) -> Exception:
+    """Return an error as that of one set, such as "tensions[3]"."""
+    if isinstance(reason, InputError) and re.match("tensions|lengths", reason.field):
+        field = re.sub("^(tensions|lengths)", which, reason.field)
         return InputError(field, reason.given, reason.allowed)
-    if isinstance(reason, CollapsedError | UnsettledSectionError):
-        made, arguments = reason.__reduce__()
-        return cast(OctoplanError, made(*arguments, which=f"{by}[{i}]"))
+    if isinstance(reason, OctoplanError):
+        return reason.of_set(which)
+    reason.add_note(f"the failed set is {which}")
     return reason
+
+
+def _without_self_contact(scene: Scene) -> Scene:
+    """Return the scene without SelfContact, whose loads are checked as those of other scenes."""
+    return Scene(*(effect for effect in scene.effects if not isinstance(effect, SelfContact)))

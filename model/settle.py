@@ -19,7 +19,7 @@ from model.contact.gaps import THROUGH
 from model.contact.path import Touching
 from model.contact.self_contact import pressed_on_itself
 from model.effects import PrintedStatics, SelfContact
-from model.equilibrium.linearised import Equilibrium, check_stretch
+from model.equilibrium.linearised import Equilibrium, Linearised, check_stretch
 from model.equilibrium.load_changes import with_loads_of
 from model.equilibrium.load_steps import ROUGHEST
 from model.equilibrium.newton import SETTLED
@@ -34,6 +34,7 @@ from model.errors import (
 )
 from model.forward import (
     COARSE,
+    FINEST,
     Maps,
     check_scheme,
     checked_accuracy,
@@ -57,6 +58,11 @@ LOG = logging.getLogger(__name__)
 ACCURACY = 1e-6
 # A mesh up to this one may be too coarse to say that the arm snaps.
 _COARSE = 16
+# The remedy if the strains jump, so that the finest mesh is foreseen to be too coarse.
+SMOOTHER = (
+    "its strains jump at s = {:.6g} m, where tendons have two equilibria; lower the tensions that "
+    "cross this section or ask for less accuracy"
+)
 # How accurate shapes are that tell whether lengths are too short.
 _ROUGHLY = 1e-3
 
@@ -263,6 +269,11 @@ def _settled(
             pair = coarse, refinement
             error, known = larger_estimate(known, gap, *pair, maps.least_order, maps.rounding)
             jumpy, by_jumps = larger_estimate(by_jumps, gap, *pair, 1, maps.rounding)
+            if isinstance(point, Linearised) and point.jump is not None:
+                error = jumpy
+                if by_jumps * refinement > accuracy * FINEST:
+                    check_stretch(point)
+                    raise ConvergenceError(accuracy, by_jumps, SMOOTHER.format(point.jump))
             LOG.debug("%s, mesh %d: estimated tip error %.1e of L", maps.scheme, refinement, error)
             if error <= accuracy:
                 check_stretch(point)

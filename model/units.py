@@ -1,7 +1,8 @@
 """Warnings of numbers that are likely given in another unit: millimetres, degrees, kilopascals.
 
-Numbers that are only unusual are allowed; what they are taken for, and what was likely meant, is
-told once at the line that gave them. `warnings.simplefilter("ignore", UnitWarning)` is silence.
+Unusual numbers are allowed. The warning names the field and the likely mistake, the same text for
+all numbers, so that Python shows it once for each line of a script; its `details` have the number
+and the one likely meant. `warnings.simplefilter("ignore", UnitWarning)` silences it.
 """
 
 from __future__ import annotations
@@ -30,13 +31,31 @@ def called_by_a_script() -> bool:
     return frame is None or frame.f_globals.get("__name__", "").split(".")[0] not in _OURS
 
 
-def warn(message: str, category: type[Warning]) -> None:
-    """Warn as of the nearest line that is not this project's."""
+class DetailedWarning(UserWarning):
+    """A warning whose text is the same for all cases of a kind.
+
+    Python shows a text once for each line of a script, so that a loop does not repeat it.
+
+    Attributes
+    ----------
+    details : str
+        The text with the numbers of this case.
+    """
+
+    def __init__(self, text: str, details: str = "") -> None:
+        super().__init__(text)
+        self.details = details or text
+
+
+def warn(text: str, category: type[Warning], details: str = "") -> None:
+    """Warn as of the nearest line that is not this project's; `details` are a DetailedWarning's."""
     frame: FrameType | None = sys._getframe(1)
     level = 2
     while frame is not None and frame.f_globals.get("__name__", "").split(".")[0] in _OURS:
         frame, level = frame.f_back, level + 1
-    warnings.warn(message, category, stacklevel=level)
+    detailed = issubclass(category, DetailedWarning)
+    message = category(text, details) if detailed else category(text)
+    warnings.warn(message, stacklevel=level)
 
 
 _SENTENCES_IN_MM = ContextVar("sentences tell lengths in mm", default=False)
@@ -57,98 +76,180 @@ def length_text(metres: float) -> str:
     return f"{1e3 * metres:.6g} mm" if _SENTENCES_IN_MM.get() else f"{metres:.6g} m"
 
 
-class UnitWarning(UserWarning):
+class UnitWarning(DetailedWarning):
     """A number that was likely given in another unit."""
 
 
 @dataclass(frozen=True)
 class Usual:
-    """What numbers of a kind usually are, and what to tell of others.
+    """The usual size of numbers of a kind, and the warnings about others.
 
-    Sentences may hold `{field}`; the number `{x}`, a thousandth, a thousand and a million times it,
+    Details may hold `{field}`; the number `{x}`, a thousandth, a thousand and a million times it,
     `{m}`, `{k}` and `{M}`; of an angle its `{turns}`, and `{rad}`, what it is in degrees.
 
     Attributes
     ----------
     least, most : float
-        Of the size of the number.
-    small, large : str
-        The sentences about what is below and above.
+        Bounds of the size of usual numbers.
+    small, large : (str, str)
+        The constant end of the text about a number below and above, and the details.
     """
 
     least: float
     most: float
-    small: str
-    large: str
+    small: tuple[str, str]
+    large: tuple[str, str]
 
 
+_NONE = "", ""
+_IN_MM, _IN_M = "if metres were meant in a key in mm", "if millimetres were meant for metres"
+_SMALL, _LARGE = (
+    f"is very small; {_IN_MM}, multiply by 1000",
+    f"is very large; {_IN_M}, divide by 1000",
+)
 LENGTH = Usual(
     2e-3,
     30.0,
-    "{field} is {x:g} m, {k:g} mm; if {k:g} m were meant, give {k:g} (m), or {M:g} in a key in mm",
-    "{field} is {x:g} m; if millimetres were meant, give {m:g} (m)",
+    (
+        _SMALL,
+        "{field} is {x:g} m, {k:g} mm; if {k:g} m were meant, give {k:g} (m), or {M:g} in a key "
+        "in mm",
+    ),
+    (_LARGE, "{field} is {x:g} m; if millimetres were meant, give {m:g} (m)"),
 )
 WIDTH = Usual(
     LENGTH.least,
     LENGTH.most,
-    "{field} is {k:.4g} mm wide; if that is in metres, unit='m' was meant",
-    "{field} is {x:.4g} m wide; if that is in millimetres, unit='mm' was meant",
+    (
+        "is very small; if it is in metres, unit='m' was meant",
+        "{field} is {k:.4g} mm wide; if that is in metres, unit='m' was meant",
+    ),
+    (
+        "is very wide; if it is in millimetres, unit='mm' was meant",
+        "{field} is {x:.4g} m wide; if that is in millimetres, unit='mm' was meant",
+    ),
 )
 MODULUS = Usual(
     1e3,
     2e12,
-    "{field} is {x:g} Pa, softer than any elastomer; if kilopascals were meant, give {k:g} (Pa)",
-    "{field} is {x:g} Pa, harder than diamond; if that was in pascals already, give {m:g} Pa",
+    (
+        "is softer than any elastomer; if kilopascals were meant, multiply by 1000",
+        "{field} is {x:g} Pa, softer than any elastomer; if kilopascals were meant, give {k:g} "
+        "(Pa)",
+    ),
+    (
+        "is harder than diamond; if that was in pascals already, divide by 1000",
+        "{field} is {x:g} Pa, harder than diamond; if that was in pascals already, give {m:g} Pa",
+    ),
 )
 DENSITY = Usual(
     25.0,  # foams are heavier
-    math.inf,
-    "{field} is {x:g} kg/m3, lighter than any elastomer; if g/cm3 were meant, give {k:g} (kg/m3)",
-    "",
+    3e4,  # the heaviest metals have 2.3e4 kg/m3
+    (
+        "is lighter than any elastomer; if g/cm3 were meant, multiply by 1000",
+        "{field} is {x:g} kg/m3, lighter than any elastomer; if g/cm3 were meant, give {k:g} "
+        "(kg/m3)",
+    ),
+    (
+        "is heavier than any metal; densities are in kg/m3",
+        "{field} is {x:g} kg/m3, heavier than any metal; if that was in kg/m3 times 1000, give "
+        "{m:g} (kg/m3)",
+    ),
+)
+FLUID = Usual(
+    0.05,  # hydrogen has 0.08 kg/m3
+    3e4,
+    (
+        "is lighter than any gas; densities are in kg/m3",
+        "{field} is {x:g} kg/m3, lighter than any gas; if g/cm3 were meant, give {k:g} (kg/m3)",
+    ),
+    DENSITY.large,
 )
 # Directions, and angles of tendons around the arm.
 ANGLE, ANGLE_AROUND = (
     Usual(
         0.0,
         2 * math.pi * turns * (1 + 1e-9),
-        "",
-        "{field} is {x:g} rad, {turns:.3g} turns; if degrees were meant, give {rad:.6g} (rad)",
+        _NONE,
+        (
+            "is many turns; if degrees were meant, convert them by numpy.radians",
+            "{field} is {x:g} rad, {turns:.3g} turns; if degrees were meant, give {rad:.6g} (rad)",
+        ),
     )
     for turns in (1, 2)
 )
+# The turn of a tendon along the arm: helices of up to 20 turns are allowed, 360 degrees are not.
+TURN = Usual(0.0, 2 * math.pi * 20, *(ANGLE.small, ANGLE.large))
 # Over the arm's length: distances of targets from the base, lengths of tendons, and strokes of
 # winches, of which shorter ones move no tip that anybody sees.
-_IN_MM, _IN_M = "if metres were meant in a key in mm", "if millimetres were meant for metres"
 DISTANCE = Usual(
     3e-3,
     50.0,
-    f"{{field}} is {{x:.2g}} arm lengths from the base; {_IN_MM}, it is 1000 times too near",
-    f"{{field}} is {{x:.3g}} arm lengths from the base; {_IN_M}, it is 1000 times too far",
+    (
+        _SMALL,
+        f"{{field}} is {{x:.2g}} arm lengths from the base; {_IN_MM}, it is 1000 times too near",
+    ),
+    (
+        _LARGE,
+        f"{{field}} is {{x:.3g}} arm lengths from the base; {_IN_M}, it is 1000 times too far",
+    ),
 )
 TENDONS = Usual(
     3e-3,
     50.0,
-    f"{{field}} are all about {{x:.2g}} arm lengths; {_IN_MM}, they are 1000 times too short",
-    f"{{field}} are all about {{x:.3g}} arm lengths; {_IN_M}, they are 1000 times too long",
+    (
+        _SMALL,
+        f"{{field}} are all about {{x:.2g}} arm lengths; {_IN_MM}, they are 1000 times too short",
+    ),
+    (
+        _LARGE,
+        f"{{field}} are all about {{x:.3g}} arm lengths; {_IN_M}, they are 1000 times too long",
+    ),
 )
 STROKE = Usual(
     3e-4,
     50.0,
-    f"{{field}} is {{x:.2g}} arm lengths or less; {_IN_MM}, it is 1000 times too little",
-    f"{{field}} is {{x:.3g}} arm lengths; {_IN_M}, it is 1000 times too much",
+    (_SMALL, f"{{field}} is {{x:.2g}} arm lengths or less; {_IN_MM}, it is 1000 times too little"),
+    (_LARGE, f"{{field}} is {{x:.3g}} arm lengths; {_IN_M}, it is 1000 times too much"),
+)
+# Acceleration of gravity [m/s2], up to ten times that of Earth.
+GRAVITY = Usual(
+    0.0,
+    100.0,
+    _NONE,
+    (
+        "is far above that of Earth; it is in m/s2",
+        "{field} is {x:g} m/s2, {earth:.3g} times that of Earth; if mm/s2 were meant, give {m:g} "
+        "(m/s2)",
+    ),
+)
+# The least tension that bends an arm by 1 rad, for any of its tendons [N].
+BENDING_TENSION = Usual(
+    0.0,
+    300.0,
+    _NONE,
+    (
+        "is very stiff against its tendons; is its modulus in Pa (in files: kPa), its radius in m "
+        "(in files: mm)?",
+        "",
+    ),
 )
 
 
-def warn_unusual(field: str, numbers: Iterable[float], usual: Usual) -> None:
-    """Warn of the first of numbers that is too large, or of the largest if all are too small."""
+def warn_unusual(field: str, numbers: Iterable[float], usual: Usual, details: str = "") -> None:
+    """Warn of the first number that is too large, or of the largest if all are too small.
+
+    The details are those of `usual` unless given.
+    """
     finite = [x for x in numbers if math.isfinite(x)]
     large = next((x for x in finite if abs(x) > usual.most), None)
     x = large if large is not None else max(finite, key=abs, default=0.0)
     if large is not None or 0 < abs(x) < usual.least:
-        sentence = usual.small if large is None else usual.large
-        scaled = {"x": x, "m": x / 1e3, "k": 1e3 * x, "M": 1e6 * x}
+        text, sentence = usual.small if large is None else usual.large
+        scaled = {"x": x, "m": x / 1e3, "k": 1e3 * x, "M": 1e6 * x, "earth": x / 9.81}
         angle = {"turns": abs(x) / (2 * math.pi), "rad": math.radians(x)}
-        warn(sentence.format(field=field, **scaled, **angle), UnitWarning)
+        told = details or sentence.format(field=field, **scaled, **angle)
+        warn(f"{field} {text}", UnitWarning, told)
 
 
 def likely_degrees(radians: float) -> str:

@@ -32,6 +32,11 @@ Index = NDArray[np.int64]
 # The order in which loads and tensions acted. "near": tensions changed from those of another shape;
 # "together": both grew in proportion, as in scenes with contact.
 History = Literal["loads first", "tensions first", "near", "together"]
+# Change of curvature times radius, or of stretch, from one stage to the next that is a jump.
+JUMP = 0.3
+# Stages count as neighbours of a jump if they are this near to each other, over the body's radius:
+# a rod has no features of that size.
+JUMP_WIDTH = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,6 +167,23 @@ class Linearised:
         ends = gauss(of.form.stages).at(np.array([0.0, 1.0])) @ q.reshape(of.elements, -1).T
         places = np.concatenate([at.s, s[:-1], s[1:]])
         return Extremes.of(places, np.append(q, ends), np.hypot(xi, k), at.stations.radius)
+
+    @cached_property
+    def jump(self) -> float | None:
+        """The place inside an element where the strains jump most [m], None if they are smooth.
+
+        A tendon that a section bends around has two equilibria there, and the arm may change from
+        one to the other. No mesh has a node at such a place, so that errors fall by order one.
+        """
+        of, at = self.system.of, self.system.sections
+        _, xi, k, q = reported(of.form.law, self.states[of.stages])[:, :4].T
+        radius = at.stations.radius
+        values = np.array([radius * xi, radius * k, q])
+        change = np.abs(np.diff(values)).max(axis=0)
+        is_inside = np.arange(1, at.s.size) % of.form.stages > 0
+        is_near = np.diff(at.s) < JUMP_WIDTH * radius[1:]
+        jumps = np.where(is_inside & is_near, change, 0.0)
+        return float(at.s[jumps.argmax()]) if jumps.max(initial=0.0) > JUMP else None
 
     @property
     def scheme(self) -> str:

@@ -177,15 +177,19 @@ class Collocation:
         return end
 
     def many(
-        self, tensions: Array, near: Sequence[Linearised] = (), looser: float = 1.0
+        self, tensions: Array, near: Sequence[Linearised | None] = (), looser: float = 1.0
     ) -> list[Linearised | OctoplanError]:
         """Return the equilibria under sets of tensions (M, n_tendons), or why there are none.
 
-        As `solve` does, with one equilibrium `near` for each set, or none.
+        As `solve` does. Each set may begin near an equilibrium of its own, of any other mesh, or
+        near none.
         """
         ends: list[Linearised | OctoplanError | None] = [None] * len(tensions)
-        if near:
-            ends[:] = self._from_nearby(tensions, near)
+        begun = [(i, each) for i, each in enumerate(near) if each is not None]
+        if begun:
+            points = self._from_nearby(tensions[[i for i, _ in begun]], [e for _, e in begun])
+            for (i, _), point in zip(begun, points, strict=True):
+                ends[i] = point
         left = [i for i, end in enumerate(ends) if end is None]
         if left:
             for i, end in zip(left, self._from_rest(tensions[left], looser), strict=True):
@@ -353,17 +357,23 @@ class Collocation:
         return self.system.start(tensions, self.system.sections.strains(tensions))
 
     def carried(self, tensions: Array, near: Sequence[Linearised]) -> Array:
-        """Return the states (M, n_states) of this mesh by the polynomials of others' strains.
+        """Return the states (M, n_states) of this mesh by the strains of equilibria on others.
 
-        Others of one system. Where tensions (M, n_tendons) differ, of the states at these by
-        derivatives.
+        Each set of tensions (M, n_tendons) has an equilibrium of its own, on a mesh of its own.
+        Where its tensions differ, derivatives predict the states under these first.
         """
-        before, states = near[0].system, np.array([*map(predicted, near, tensions)])
-        if before.of is self.system.of and np.array_equal(before.mesh.s, self.mesh.s):
-            return states
-        strains = states[:, before.of.stages].transpose(1, 2, 0)
-        strains = carried_strains(before, strains, self.system)
-        return self.system.start(tensions, strains.transpose(2, 0, 1), 1.0)
+        result = np.empty((len(near), self.system.of.n_states))
+        systems = np.array([id(each.system) for each in near])
+        for one in np.unique(systems):
+            alike = np.flatnonzero(systems == one)
+            before = near[alike[0]].system
+            states = np.array([predicted(near[i], tensions[i]) for i in alike])
+            if before.of is not self.system.of or not np.array_equal(before.mesh.s, self.mesh.s):
+                strains = states[:, before.of.stages].transpose(1, 2, 0)
+                strains = carried_strains(before, strains, self.system).transpose(2, 0, 1)
+                states = self.system.start(tensions[alike], strains, 1.0)
+            result[alike] = states
+        return result
 
 
 def _crushed(sections: Sections, tensions: Array) -> CollapsedError | UnsettledSectionError | None:

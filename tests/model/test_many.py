@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import pickle
 import shutil
 from typing import Any
 
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle, settle_many
+import model.many as many_module
+from model import Anchorage, Arm, Linear, Material, Scene, settle, settle_many
 from model.effects import (
     Buoyancy,
     Contact,
@@ -18,12 +20,27 @@ from model.effects import (
     Extension,
     PointMass,
     SelfContact,
+    Shear,
     TipLoad,
     Weight,
 )
-from model.errors import SnapError
+from model.equilibrium.linearised import Linearised
+from model.equilibrium.load_steps import Collocation
+from model.errors import (
+    CollapsedError,
+    ConvergenceError,
+    InputError,
+    OctoplanError,
+    SnapError,
+    TimeLimitError,
+    UnsettledContactError,
+    UnsettledSectionError,
+)
+from model.forward import Maps, maps_of
 from model.obstacles import Sphere
 from model.paths import Array
+from model.progress import check_time
+from model.winches import rest_lengths
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 
@@ -76,7 +93,7 @@ def test_what_buckles_is_refused_as_it_is_alone() -> None:
     with pytest.raises(SnapError) as refused:
         settle(arm, T[1], scene)
     many = settle_many(arm, T, scene, compile=True, errors="nan")
-    assert many.problems == ("", str(refused.value), "")
+    assert many.problems == ("", f"tensions[1]: {refused.value}", "")
     assert np.isnan(many.tip).all(axis=1).tolist() == [False, True, False]
 
 
@@ -125,8 +142,6 @@ def test_the_given_array_stays_as_it_was() -> None:
 
 
 def test_sets_of_lengths_too() -> None:
-    from model.winches import rest_lengths
-
     scene = Scene(Extension(), ExactTendons())
     rest = rest_lengths(ARM)
     sets = [rest - 1e-3, rest * np.nan, rest]
@@ -134,3 +149,141 @@ def test_sets_of_lengths_too() -> None:
     assert many.problems[0] == many.problems[2] == ""
     assert "lengths[1]" in many.problems[1]
     assert np.isnan(many.tip[1]).all() and np.isfinite(many.tip[[0, 2]]).all()
+
+
+# An arm of three straight tendons and one of 1.5 turns.
+HELICAL = Arm(
+    0.2,
+    Linear(3e-3, 3e-3),
+    (
+        Anchorage(
+            0.2,
+            Linear(8e-3, 8e-3),
+            (1.571, -0.524, -2.618, -2.618),
+            turn=(*[Linear(0.0, 0.0)] * 3, Linear(0.0, -9.425)),
+        ),
+    ),
+    Material(E=1.1e6, nu=0.3, density=1000.0),
+    base_frame=((0, 1, 0), (0, 0, 1), (1, 0, 0)),
+    hull=Linear(0.015, 0.015),
+)
+SHEARED = Scene(Extension(), ExactTendons(), Shear())
+# Tensions at which strains of the arm of table 4 jump near its tip.
+JUMPING = np.array([1.97, 1.92, 0.01, 0.16, 1.36, 0.44, 1.33, 0.42, 0.79, 0.65, 0.49, 1.55])
+HISTORIES = {
+    "helical tendons": (
+        HELICAL,
+        SHEARED,
+        [[0.043, 0.09, 0.003, 0.091], [0.066, 0.046, 0.093, 0.123]],
+    ),
+    "strains that jump": (ARM, Scene.silicone(Weight()), [0.95 * JUMPING, 1.2 * JUMPING]),
+}
+
+
+@pytest.mark.parametrize("name", HISTORIES)
+def test_each_set_has_meshes_of_its_own(name: str, caplog: pytest.LogCaptureFixture) -> None:
+    arm, scene, T = HISTORIES[name]
+    many = settle_many(arm, T, scene, errors="nan")
+    assert not caplog.records  # no batch was divided for an error
+    for i, row in enumerate(T):
+        try:
+            alone = settle(arm, row, scene)
+        except ConvergenceError as refused:
+            assert many.problems[i] == f"tensions[{i}]: {refused}"
+        else:
+            assert many.tip[i] == pytest.approx(alone.tip, abs=1e-11)
+
+
+def test_guesses_may_come_from_different_meshes() -> None:
+    maps = maps_of(ARM, Scene(Extension(), Weight()), None, False)
+    T = np.array([0.1 * JUMPING, 0.2 * JUMPING, 0.3 * JUMPING])
+    near = [maps.on(1).solve(T[0]), None, maps.on(2).solve(T[2])]
+    ends = maps.on(3).many(T, near)
+    for row, end in zip(T, ends, strict=True):
+        assert isinstance(end, Linearised)
+        assert end.poses[-1] == pytest.approx(maps.on(3).solve(row).poses[-1], abs=1e-10)
+
+
+def test_strains_that_jump_are_refused_on_a_coarse_mesh() -> None:
+    scene = Scene.silicone(Weight())
+    finest = []
+    with pytest.MonkeyPatch.context() as patch:
+        on = Maps.on
+        patch.setattr(
+            Maps, "on", lambda self, mesh, *at: finest.append(mesh) or on(self, mesh, *at)
+        )
+        with pytest.raises(ConvergenceError, match=r"its strains jump at s = 0\.44"):
+            settle(ARM, 0.95 * JUMPING, scene)
+    assert max(finest) <= 64
+
+
+@pytest.mark.parametrize("scene", [Scene(Extension()), Scene(Extension(), Weight())])
+def test_an_unforeseen_error_is_that_of_its_set(scene: Scene) -> None:
+    T = np.outer([0.01, 0.02, 0.03], np.ones(12))
+
+    def alone(arm: Arm, tensions: Array, *_: Any, **__: Any) -> Any:
+        if tensions[0] == 0.02:
+            raise ZeroDivisionError("float division by zero")
+        return settle(arm, tensions, scene)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(many_module, "settle", alone)
+        patch.setattr(many_module, "_side_by_side", lambda maps, T, accuracy: alone(maps.arm, T[1]))
+        many = settle_many(ARM, T, scene, errors="nan")
+        assert many.problems == ("", "ZeroDivisionError: float division by zero", "")
+        assert np.isnan(many.tip).all(axis=1).tolist() == [False, True, False]
+        with pytest.raises(ZeroDivisionError) as raised:
+            settle_many(ARM, T, scene)
+    assert raised.value.__notes__ == ["the failed set is tensions[1]"]
+
+
+def test_a_slow_set_does_not_hold_up_the_others() -> None:
+    slow = 1.3
+    with pytest.MonkeyPatch.context() as patch:
+        many_of = Collocation.many
+
+        def many(self: Collocation, tensions: Array, *more: Any) -> Any:
+            while (tensions[:, 0] == slow).any():
+                check_time()
+            return many_of(self, tensions, *more)
+
+        patch.setattr(Collocation, "many", many)
+        T = np.outer(np.linspace(0.1, 0.2, 40), JUMPING)
+        T[17, 0] = slow
+        found = settle_many(ARM, T, Scene(Extension(), Weight()), errors="nan", time_limit=2.0)
+        lost = [i for i, text in enumerate(found.problems) if text]
+        assert lost == [17]
+        assert found.problems[17].startswith("tensions[17]: nothing was found within the time")
+        with pytest.raises(TimeLimitError, match=r"tensions\[1\]"):
+            settle_many(ARM, T[16:18], Scene(Extension(), Weight()), time_limit=2.0)
+
+
+def test_a_time_limit_holds_in_contact_and_by_lengths() -> None:
+    contact = Scene(Extension(), ExactTendons(), BALL)
+    many = settle_many(SHORT, np.full((2, 4), 0.3), contact, errors="nan", time_limit=1e-6)
+    assert all("within the time limit" in text for text in many.problems)
+    rest = rest_lengths(SHORT)
+    exact = Scene(Extension(), ExactTendons())
+    many = settle_many(SHORT, None, exact, lengths=[rest - 1e-3], errors="nan", time_limit=1e-6)
+    assert "lengths[0]: nothing was found within the time limit" in many.problems[0]
+    with pytest.raises(InputError, match="time_limit"):
+        settle_many(SHORT, np.zeros((2, 4)), exact, errors="nan", time_limit=0.0)
+
+
+REFUSALS = [
+    SnapError(0.5, "it buckles"),
+    CollapsedError(0.1, -0.2),
+    UnsettledSectionError(0.1),
+    ConvergenceError(1e-6, 1e-3, "ask for less accuracy"),
+    TimeLimitError(2.0),
+    UnsettledContactError(0.5, "nothing is found"),
+]
+
+
+@pytest.mark.parametrize("error", REFUSALS, ids=lambda error: type(error).__name__)
+def test_errors_name_their_set_and_pickle(error: OctoplanError) -> None:
+    named = error.of_set("tensions[3]")
+    again = pickle.loads(pickle.dumps(named))
+    assert type(again) is type(error)
+    assert str(again) == str(named) == f"tensions[3]: {error}"
+    assert {**vars(again)} == {**vars(error), "which": "tensions[3]"}
