@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import Annotated
 
 import numpy as np
@@ -18,7 +19,7 @@ from model.quantities import (
     Positive,
     unit,
 )
-from model.units import ANGLE_AROUND, DENSITY, MODULUS, warn_unusual
+from model.units import ANGLE_AROUND, DENSITY, MODULUS, TURN, warn_unusual
 from model.value import value
 
 QUARTERS = (0.0, np.pi / 2, np.pi, 3 * np.pi / 2)
@@ -53,6 +54,9 @@ class Anchorage:
             if isinstance(each, tuple) and len(each) != len(self.angles):
                 allowed = f"one for each of {len(self.angles)} tendons"
                 raise InputError(f"Anchorage.{name}", f"{len(each)} paths", allowed)
+        turns = self.turn if isinstance(self.turn, tuple) else (self.turn,)
+        ends = [(path.base, path.end) for path in turns if isinstance(path, Linear)]
+        warn_unusual("Anchorage.turn", chain.from_iterable(ends), TURN)
 
     @property
     def offsets(self) -> tuple[Path, ...]:

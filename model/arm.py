@@ -13,12 +13,21 @@ import numpy as np
 from msgspec import Meta
 
 from model.anchorage import Anchorage, Material, RestCurvature
-from model.checks import LARGEST, finite_array, is_several, numbers
+from model.checks import LARGEST, SMALLEST, finite_array, is_several, numbers
 from model.errors import InputError
 from model.paths import Array, Linear, Path
 from model.quantities import Frame, Length, LengthPath, Place
 from model.text import Shown, columns, ends_text, shortened_lines
-from model.units import LENGTH, length_text, warn_unusual
+from model.units import (
+    LENGTH,
+    PLASTICS,
+    RADIUS,
+    STIFF,
+    STIFF_PLASTIC,
+    length_text,
+    stiff_text,
+    warn_unusual,
+)
 from model.value import value
 
 Row = tuple[float, float, float]
@@ -106,11 +115,13 @@ class Arm(Shown):
                 )
         s = np.linspace(0.0, self.length, 401)
         radius = _evaluated("Arm.radius", self.radius, s, self.length)
+        warn_unusual("Arm.radius", (radius / self.length).tolist(), RADIUS)
         if radius.min() <= 0:
             at = s[np.argmin(radius)]
             raise InputError(
                 "Arm.radius", float(radius.min()), f"above 0; see s = {length_text(at)}"
             )
+        bends = list[float]()
         for i, path in self.offset_paths:
             section = self.sections[i]
             s = np.linspace(0.0, section.at, 401)
@@ -124,6 +135,14 @@ class Arm(Shown):
                     f"up to the radius of the {'hull' if self.hull else 'body'}, "
                     f"{length_text(room[worst])} at s = {length_text(s[worst])}",
                 )
+            R = _evaluated("Arm.radius", self.radius, s, self.length)
+            bends.append(float(np.trapezoid(4 * offset / (np.pi * R**4), s)) / self.material.E)
+        tension = 1 / max(min(bends), SMALLEST)
+        is_plastic = PLASTICS[0] <= self.material.E <= PLASTICS[1]
+        usual = STIFF_PLASTIC if is_plastic else STIFF
+        warn_unusual(
+            "Material.E", [tension * (min(bends) > 0)], usual, stiff_text(tension, self.material.E)
+        )
 
     @classmethod
     def from_paper(cls, name: str) -> Arm:

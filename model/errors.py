@@ -245,8 +245,28 @@ class SingularError(OctoplanError):
     """A matrix that was asked for does not exist; the message says along what it is singular."""
 
 
-class ShapeWarning(UserWarning):
-    """A settled shape that no arm takes, as it bends sharper than its own radius."""
+class DetailedWarning(UserWarning):
+    """A warning whose text is the same for all cases of a kind.
+
+    Python shows a text once for each line of a script, so that a loop does not repeat it.
+
+    Attributes
+    ----------
+    details : str
+        The text with the numbers of this case.
+    """
+
+    def __init__(self, text: str, details: str = "") -> None:
+        super().__init__(text)
+        self.details = details or text
+
+
+class ShapeWarning(DetailedWarning):
+    """A settled shape that no arm takes: bent too sharply, or stretched too far."""
+
+
+class CompilerWarning(DetailedWarning, RuntimeWarning):
+    """No C compiler works, or compiled code cannot be kept."""
 
 
 class CompilerError(OctoplanError):

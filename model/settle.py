@@ -49,7 +49,7 @@ from model.machine.compiled import Compile, checked_compile
 from model.paths import Array
 from model.progress import PATIENCE, before_long, check_time, limited, with_progress
 from model.scene import Scene
-from model.shape import Shape, sharp
+from model.shape import Shape, sharp, stretched
 from model.shortest import UnknownLeastError, too_short
 from model.units import TENDONS, called_by_a_script, warn, warn_unusual
 from model.winches import Winches
@@ -58,6 +58,9 @@ LOG = logging.getLogger(__name__)
 ACCURACY = 1e-6
 # A mesh up to this one may be too coarse to say that the arm snaps.
 _COARSE = 16
+# Texts of ShapeWarning, the same for all shapes, so that Python shows them once for each line.
+BENT = "the arm bends sharper than its own radius; see `remarks` of the shape"
+STRETCHED = "the arm is stretched beyond the law of its body; see `remarks` of the shape"
 # The remedy if the strains jump, so that the finest mesh is foreseen to be too coarse.
 SMOOTHER = (
     "its strains jump at s = {:.6g} m, where tendons have two equilibria; lower the tensions that "
@@ -143,7 +146,9 @@ def settle(
     Warns
     -----
     ShapeWarning
-        Where the arm bends sharper than its own radius; see Shape.remarks.
+        If the arm bends sharper than its own radius, or is stretched beyond the law of its body.
+        The text is the same for all shapes; `details` of the warning has the numbers, as
+        Shape.remarks.
     """
     with nullcontext() if time_limit is None else limited(time_limit):
         accuracy, machine_code = checked_accuracy(accuracy), checked_compile(compile)
@@ -174,8 +179,10 @@ def settle(
                 raise InputError(name, value, "none where no lengths are given")
             else:
                 shape = _settled(maps, arm.flat(tensions), accuracy, begin)
-    if (bent := sharp(shape)) and called_by_a_script():
-        warn(bent, ShapeWarning)
+    if called_by_a_script():
+        for text, details in ((BENT, sharp(shape)), (STRETCHED, stretched(shape))):
+            if details:
+                warn(text, ShapeWarning, details)
     return shape
 
 

@@ -17,7 +17,7 @@ from model.contact.path import Touching
 from model.contact.touches import Touch, touches_of
 from model.cross_section import cross_section_of
 from model.cross_section.sections import Sections, strains_of
-from model.effects import ExactTendons
+from model.effects import ExactTendons, NeoHookean
 from model.equilibrium.integration import sliding_tensions
 from model.equilibrium.linearised import Equilibrium, History, Linearised
 from model.equilibrium.newton import STAGES
@@ -162,11 +162,12 @@ class Shape(Shown):
 
     @cached_property
     def remarks(self) -> tuple[str, ...]:
-        """What is not to be believed of the shape, a sentence each.
+        """The reasons not to believe the shape, a sentence each.
 
-        That the arm passes through itself, bends sharper than its own radius, or that a tendon has
-        no length left: the equations know no body. `settle` warns of sharp bends too. Against
-        friction of contacts, what `error` leaves out: how long the steps were that led there.
+        The arm passes through itself, bends sharper than its own radius, is stretched beyond the
+        law of its body, or a tendon has no length left: the equations know no body. `settle` warns
+        of sharp bends and of such stretch. With friction of contacts, `error` leaves out how long
+        the load steps were.
         """
         folded = self.folded is not None and (
             f"no arm bends so far: at s = {self.folded:.6g} m a tendon has no length left; "
@@ -183,7 +184,7 @@ class Shape(Shown):
             "thousandths of the length, which is no part of its error; settle shapes in between, "
             "each near the one before"
         )
-        return tuple(each for each in (sharp(self), crosses, folded, led) if each)
+        return tuple(each for each in (sharp(self), stretched(self), crosses, folded, led) if each)
 
     @property
     def tip(self) -> Array:
@@ -330,7 +331,7 @@ def sharp(shape: Shape) -> str:
 
     Its inner side would have no length left. Empty where it does not, at the places of the mesh.
     """
-    arm, (_, _, s, radius, bend) = shape.arm, shape.equilibrium.extremes
+    arm, (_, _, s, radius, bend, _, _) = shape.arm, shape.equilibrium.extremes
     if not bend >= 1:
         return ""
     lengths, rest = shape.tendon_lengths, rest_lengths(arm)
@@ -343,4 +344,23 @@ def sharp(shape: Shape) -> str:
         f"the arm bends sharper than its own radius: by a radius of {1e3 * radius / bend:.3g} mm "
         f"at s = {s:.6g} m, where its body has one of {1e3 * radius:.3g} mm"
         f"{longer * bool(lengths[j] > rest[j])}; lower the tensions or the loads"
+    )
+
+
+# Stretch from which on the law of the body is no description of a material: a linear law of small
+# strains, and a neo-Hookean one of rubber before it stiffens.
+MOST_STRETCH, MOST_RUBBER_STRETCH = 2.0, 3.0
+
+
+def stretched(shape: Shape) -> str:
+    """Return where the arm is stretched beyond the law of its body; empty if it is not."""
+    most = MOST_RUBBER_STRETCH if shape.scene.has(NeoHookean) else MOST_STRETCH
+    extremes = shape.equilibrium.extremes
+    if not extremes.longest >= most:
+        return ""
+    law = "neo-Hookean" if shape.scene.has(NeoHookean) else "linear"
+    return (
+        f"the arm is stretched to {extremes.longest:.3g} times its length at "
+        f"s = {extremes.long_at:.6g} m, where its {law} law holds up to {most:g} times; "
+        "lower the loads or stiffen the arm"
     )

@@ -16,6 +16,8 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from types import FrameType
 
+from model.errors import DetailedWarning
+
 _OURS = frozenset({"model", "planner", "octoplan", "octoplan_packages"})
 
 
@@ -29,22 +31,6 @@ def called_by_a_script() -> bool:
     while frame is not None and frame.f_globals.get("__name__", "") in _BETWEEN:
         frame = frame.f_back
     return frame is None or frame.f_globals.get("__name__", "").split(".")[0] not in _OURS
-
-
-class DetailedWarning(UserWarning):
-    """A warning whose text is the same for all cases of a kind.
-
-    Python shows a text once for each line of a script, so that a loop does not repeat it.
-
-    Attributes
-    ----------
-    details : str
-        The text with the numbers of this case.
-    """
-
-    def __init__(self, text: str, details: str = "") -> None:
-        super().__init__(text)
-        self.details = details or text
 
 
 def warn(text: str, category: type[Warning], details: str = "") -> None:
@@ -178,8 +164,8 @@ ANGLE, ANGLE_AROUND = (
     )
     for turns in (1, 2)
 )
-# The turn of a tendon along the arm: helices of up to 20 turns are allowed, 360 degrees are not.
-TURN = Usual(0.0, 2 * math.pi * 20, *(ANGLE.small, ANGLE.large))
+# The turn of a tendon along the arm: that of 90 degrees is 14 turns if it is in radians.
+TURN = Usual(0.0, 2 * math.pi * 10, ANGLE.small, ANGLE.large)
 # Over the arm's length: distances of targets from the base, lengths of tendons, and strokes of
 # winches, of which shorter ones move no tip that anybody sees.
 DISTANCE = Usual(
@@ -223,17 +209,50 @@ GRAVITY = Usual(
         "(m/s2)",
     ),
 )
-# The least tension that bends an arm by 1 rad, for any of its tendons [N].
-BENDING_TENSION = Usual(
+# Speed of a stream [m/s]: no arm is used in faster ones.
+SPEED = Usual(
     0.0,
-    300.0,
+    100.0,
     _NONE,
     (
-        "is very stiff against its tendons; is its modulus in Pa (in files: kPa), its radius in m "
-        "(in files: mm)?",
-        "",
+        "is faster than any stream around an arm; it is in m/s",
+        "{field} is {x:g} m/s; if mm/s were meant, give {m:g} (m/s)",
     ),
 )
+# Radius over the arm's length.
+RADIUS = Usual(
+    1e-4,
+    1.0,
+    (_SMALL, f"{{field}} is {{x:.2g}} arm lengths or less; {_IN_MM}, it is 1000 times too small"),
+    (_LARGE, f"{{field}} is {{x:.3g}} arm lengths; {_IN_M}, it is 1000 times too large"),
+)
+# Tension that bends an arm by 1 rad, of the tendon that bends it least [N]. Moduli from 1e7 to 1e10
+# Pa are those of plastics, and a thousand times those of the rubbers that soft arms are made of:
+# among them an arm that needs tens of newtons is likely of rubber. Metal rods are stiffer.
+PLASTICS = 1e7, 1e10
+_STIFF = "makes the arm stiff against its tendons; if it was in pascals already, divide by 1000", ""
+STIFF = Usual(0.0, 300.0, _NONE, _STIFF)
+STIFF_PLASTIC = Usual(0.0, 20.0, _NONE, _STIFF)
+# The largest limit of a tension over the tension that bends the arm by 1 rad.
+LIMIT = Usual(
+    1e-2,
+    math.inf,
+    (
+        "bends the arm by less than 0.01 rad; tensions are in N, moduli in Pa (in files: kPa)",
+        "{field} bends the arm by about {x:.1g} rad; tensions are in N, moduli in Pa (in files: "
+        "kPa)",
+    ),
+    _NONE,
+)
+
+
+def stiff_text(tension: float, modulus: float) -> str:
+    """Return the details about an arm that only a large tension [N] bends, by its modulus [Pa]."""
+    return (
+        f"Material.E is {modulus:g} Pa, so that a tendon needs {tension:.3g} N to bend the arm by "
+        f"1 rad; if that was in pascals already, give {modulus / 1e3:g} Pa "
+        f"({modulus / 1e6:g} in a key in kPa)"
+    )
 
 
 def warn_unusual(field: str, numbers: Iterable[float], usual: Usual, details: str = "") -> None:

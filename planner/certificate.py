@@ -23,7 +23,7 @@ from model.loads import bodies_of, contacts, is_loaded
 from model.obstacles import distances
 from model.paths import Array
 from model.progress import OutOfTime, tell
-from model.shape import Shape, sharp
+from model.shape import Shape, sharp, stretched
 from model.text import Shown, told
 from model.transcription.system import system
 from planner.avoidance.surroundings import NOTHING, Surroundings
@@ -69,6 +69,7 @@ class Certificate(Shown):
         verdict, and are not compared
     units : of these by name: "L" of lengths over the arm's, "rad"
     bends : where the arm bends sharper than its own radius, in words
+    stretches : where the arm is stretched beyond the law of its body, in words
     """
 
     equality: Mapping[str, float] = field(default_factory=dict)
@@ -91,6 +92,7 @@ class Certificate(Shown):
     strokes: float = 0.0
     complementarity: float | None = None
     bends: str = ""
+    stretches: str = ""
 
     @cached_property
     def clearances(self) -> Mapping[str, Clearance]:
@@ -144,7 +146,7 @@ class Certificate(Shown):
             for name, gap in self.gaps.items()
             if gap < 0 and name not in self.least_gaps
         ]
-        sentences += [self.bends] * bool(self.bends)
+        sentences += [each for each in (self.bends, self.stretches) if each]
         soon = (self.load_factor or np.inf) < 1 + BRINK
         if self.stability >= 0 and (soon or (self.stability < BRINK and not self.stability_margin)):
             reasons = [f"its stability is {self.stability:.2g}"] * (not soon)
@@ -290,6 +292,7 @@ def certify(
         strokes=over,
         complementarity=_violation(shape, line()) if contacts(task.scene) else None,
         bends=sharp(shape),
+        stretches=stretched(shape),
     )
 
 

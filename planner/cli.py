@@ -232,7 +232,8 @@ def _warned() -> Iterator[None]:
         try:
             yield
         finally:
-            for text in dict.fromkeys(str(item.message) for item in caught):
+            details = (getattr(item.message, "details", str(item.message)) for item in caught)
+            for text in dict.fromkeys(details):
                 sys.stderr.write(f"octoplan: beware: {shortened(text, _LONG)}\n")
 
 

@@ -231,6 +231,8 @@ class Extremes(NamedTuple):
         Where 1 + q is least, or the first place where it is no number [m], and its value there.
     bent_at, radius, bend : float
         Where curvature times the body's radius is largest [m], that radius [m], the product.
+    long_at, longest : float
+        Where 1 + q is largest [m], and its value there.
     """
 
     s: float
@@ -238,13 +240,16 @@ class Extremes(NamedTuple):
     bent_at: float
     radius: float
     bend: float
+    long_at: float
+    longest: float
 
     @classmethod
     def of(cls, s: Array, q: Array, curvature: Array, radius: Array) -> Extremes:
         """Return those of q at arc lengths s [m], the first of which have the others too."""
-        worst, bend = int(q.argmin()), curvature * radius
+        worst, longest, bend = int(q.argmin()), int(q.argmax()), curvature * radius
         i = int(bend.argmax())
-        return cls(*map(float, (s[worst], 1 + q[worst], s[i], radius[i], bend[i])))
+        values = s[worst], 1 + q[worst], s[i], radius[i], bend[i], s[longest], 1 + q[longest]
+        return cls(*map(float, values))
 
 
 def _kernels(statics: ClosedStatics, machine_code: bool) -> list[Mapped]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any
 
 from model.effects.base import Effect
@@ -14,6 +15,7 @@ from model.quantities import (
     Vector,
     unit,
 )
+from model.units import FLUID, GRAVITY, SPEED, warn_unusual
 from model.value import value
 
 
@@ -34,6 +36,9 @@ class Weight(Effect):
 
     g: Annotated[Vector, unit("m/s2")] = (0.0, 0.0, -9.81)
 
+    def __post_init__(self) -> None:
+        warn_unusual("Weight.g", [math.hypot(*self.g)], GRAVITY)
+
 
 @value
 class Buoyancy(Effect):
@@ -49,6 +54,9 @@ class Buoyancy(Effect):
     """
 
     density: Density = 1000.0
+
+    def __post_init__(self) -> None:
+        warn_unusual("Buoyancy.density", [self.density], FLUID)
 
 
 @value
@@ -152,3 +160,7 @@ class Current(Effect):
     velocity: Annotated[Vector, unit("m/s")]
     density: Density = 1000.0
     coefficient: NotNegative = 1.1
+
+    def __post_init__(self) -> None:
+        warn_unusual("Current.density", [self.density], FLUID)
+        warn_unusual("Current.velocity", [math.hypot(*self.velocity)], SPEED)

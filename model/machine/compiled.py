@@ -27,7 +27,7 @@ from weakref import WeakKeyDictionary
 import casadi as ca
 from platformdirs import user_cache_path
 
-from model.errors import CompilerError, InputError
+from model.errors import CompilerError, CompilerWarning, InputError
 from model.units import warn
 
 Compile = bool | Literal["auto"]
@@ -57,7 +57,7 @@ def checked_compile(compile: Any) -> bool:  # noqa: A002  (the name that scripts
     except CompilerError as reason:
         if compile is True:
             raise
-        warn(f"not compiled: {reason}", RuntimeWarning)
+        warn("not compiled: no C compiler works", CompilerWarning, f"not compiled: {reason}")
         return False
     return True
 
@@ -178,8 +178,8 @@ def _writable(folder: Path) -> Path:
         with tempfile.TemporaryFile(dir=folder):
             return folder
     except OSError as reason:
-        message = f"compiled code is not kept, and compiled again by each process: {reason}"
-        warn(message, RuntimeWarning)
+        text = "compiled code is not kept, and compiled again by each process"
+        warn(text, CompilerWarning, f"{text}: {reason}")
         return Path(_temporary_folder().name)
 
 

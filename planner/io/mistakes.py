@@ -266,7 +266,8 @@ def warn_of_slip(path: str, value: Any) -> None:
     if path in _FLUIDS and all(_WATER[0] <= item <= _WATER[1] for item in numbers):
         text = f"{path} is {_listed(numbers)} kg/m3, a thousandth of that of water"
         meant = f"if g/cm3 were meant, give {_listed([1e3 * item for item in numbers])} (kg/m3)"
-        warn(f"{text}; {meant}", UnitWarning)
+        constant = f"{path} is a thousandth of that of water; if g/cm3 were meant, give kg/m3"
+        warn(constant, UnitWarning, f"{text}; {meant}")
     key = next(item for item in reversed(steps(path)) if isinstance(item, str))
     small = all(abs(item) < 7 for item in numbers)
     # A plain half degree is meant as it is.
@@ -275,7 +276,9 @@ def warn_of_slip(path: str, value: Any) -> None:
         several = " of which some are fractions" if isinstance(value, list) else " a fraction"
         text = f"a key in degrees holds {_listed(numbers)},{several} of pi ({path})"
         degrees = [_fraction_of_pi(x) or math.degrees(x) for x in numbers]
-        warn(f"{text}; if radians were meant, give {_listed(degrees)} (degrees)", UnitWarning)
+        constant = f"{path} holds fractions of pi; if radians were meant, give degrees"
+        details = f"{text}; if radians were meant, give {_listed(degrees)} (degrees)"
+        warn(constant, UnitWarning, details)
 
 
 def _listed(numbers: Iterable[float]) -> str:

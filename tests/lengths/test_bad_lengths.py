@@ -18,6 +18,7 @@ from planner import plan
 from planner.targets import TipPosition
 from tests.lengths.cases import EXACT, cylinder
 from tests.refusals import Refused, check_refusal
+from tests.warned import detailed
 
 ARM, OTHER = Arm.from_paper("table-2"), Arm.from_paper("table-4")
 REST = rest_lengths(ARM)
@@ -127,7 +128,7 @@ def test_lengths_that_crush_the_arm_name_the_tendon_and_the_least(
 
 
 def test_lengths_in_millimetres_are_told() -> None:
-    with pytest.warns(UnitWarning, match="lengths are all .* 1000 times too long"):
+    with detailed(UnitWarning, "lengths are all .* 1000 times too long"):
         settle(ARM, scene=EXACT, lengths=1e3 * REST)
 
 

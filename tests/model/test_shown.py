@@ -19,6 +19,9 @@ from model.effects import (
     TipLoad,
     Weight,
 )
+from planner import plan
+from planner.targets import TipPosition
+from tests.warned import detailed
 
 ARM = Arm.from_paper("table-4")
 MANY = conical(1.0, (0.02, 0.01), [(1.0 - 0.03 * i, 0.005, 0.005) for i in range(30)])
@@ -126,6 +129,8 @@ def test_a_hundred_newtons_on_one_tendon_are_told_with_numbers() -> None:
         shape = settle(TABLE_2, pulled(100.0), Scene())
     assert seen[0].filename == __file__
     sharp, crosses = shape.remarks
+    assert isinstance(seen[0].message, ShapeWarning)
+    assert seen[0].message.details == sharp
     # k = T y / (E J + T y^2), where it is largest against the radius: at the tip.
     E, R, y = (
         TABLE_2.material.E,
@@ -154,7 +159,7 @@ def test_what_arms_do_is_told_without_a_remark(scene: Scene) -> None:
 def test_loads_that_bend_the_arm_too_sharply_are_told() -> None:
     thick = conical(0.1, (0.02, 0.02), [(0.1, 0.01, 0.01)], material=Material(1e5))
     moment = thick.material.E * np.pi * 0.02**4 / 4 * 60.0
-    with pytest.warns(ShapeWarning, match="radius of 16.7 mm"):
+    with detailed(ShapeWarning, "radius of 16.7 mm"):
         settle(thick, np.zeros(thick.n_tendons), Scene(TipLoad(moment=(0, 0, moment))))
 
 
@@ -165,3 +170,41 @@ def test_a_call_inside_of_another_does_not_warn() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         stiffness(TABLE_2, pulled(100.0), Scene(), accuracy=1e-3)
+
+
+@pytest.mark.filterwarnings("default::model.errors.ShapeWarning")
+def test_a_loop_over_sharp_shapes_warns_once() -> None:
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("default")
+        shapes = [settle(TABLE_2, pulled(T), Scene()) for T in (90.0, 95.0, 100.0)]
+    assert len({shape.remarks[0] for shape in shapes}) == 3
+    assert [own.category for own in told] == [ShapeWarning]
+
+
+@pytest.mark.filterwarnings("default::model.errors.ShapeWarning")
+def test_a_load_that_doubles_the_length_is_told() -> None:
+    bar = conical(0.1, (0.01, 0.01), [(0.1, 0.005, 0.005)], material=Material(1e5))
+    EA = 1e5 * np.pi * 0.01**2
+    rest = np.zeros(bar.n_tendons)
+    for share in (0.9, 1.1):
+        scene = Scene(Extension(), TipLoad(force=(share * EA, 0.0, 0.0)))
+        if share < 1:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                assert settle(bar, rest, scene).remarks == ()
+            continue
+        with detailed(ShapeWarning, "stretched to 2.1 times its length .* holds up to 2 times"):
+            shape = settle(bar, rest, scene)
+        assert shape.tip[0] == pytest.approx(0.1 * (1 + share), rel=1e-6)
+        assert "stretched to 2.1 times" in shape.remarks[0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        settle(bar, rest, Scene.silicone(TipLoad(force=(0.7 * EA, 0.0, 0.0))))
+
+
+def test_certificates_tell_of_arms_stretched_too_far() -> None:
+    bar = conical(0.1, (0.01, 0.01), [(0.1, 0.005, 0.005)], material=Material(1e5))
+    scene = Scene(Extension(), TipLoad(force=(1.2e5 * np.pi * 0.01**2, 0.0, 0.0)))
+    T = [0.3, 0.0, 0.0, 0.0]
+    found = plan(bar, TipPosition(tuple(settle(bar, T, scene).tip)), scene, 1.0)
+    assert any("times its length" in told for told in found.certificate.warnings)

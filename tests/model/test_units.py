@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +12,15 @@ import numpy as np
 import pytest
 
 from model import Anchorage, Arm, InputError, Linear, Material, Scene, UnitWarning, conical
-from model.effects import Buoyancy, Weight
+from model.effects import Buoyancy, Current, Weight
 from model.errors import FileError
 from planner.cli import main
 from planner.fit.unknowns import Parameters, Unknown
 from planner.io.scene_file import read
-from planner.question import check_targets
+from planner.question import Limits, check_targets
 from planner.sweeps.definition import sweep_of
 from planner.targets import Backbone, Bend, BendingPlane, Fetch, FetchReach, TipPosition
+from tests.warned import detailed
 
 ARM = Arm.from_paper("table-4")
 LIKELY: dict[str, tuple[Callable[[], Any], str]] = {
@@ -34,6 +36,42 @@ LIKELY: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "kilopascals": (lambda: Material(E=110.0), r"110 Pa, softer .* give 110000 \(Pa\)"),
     "pascals for kilopascals": (lambda: Material(E=2e12 * 1.1), "harder than diamond"),
+    "pascals in a key in kilopascals": (
+        lambda: replace(ARM, material=Material(E=150000e3)),
+        r"Material\.E is 1\.5e\+08 Pa, .* 3\.91e\+03 N .* \(150 in a key in kPa\)",
+    ),
+    "pascals for kilopascals of the thinnest arm": (
+        lambda: replace(Arm.from_paper("section-5.1"), material=Material(E=150000e3)),
+        r"34\.9 N to bend the arm by 1 rad",
+    ),
+    "grams per cubic centimetre": (lambda: Material(density=1.07), r"give 1070 \(kg/m3\)"),
+    "kilograms per litre times a million": (lambda: Material(density=1.07e6), "give 1070 "),
+    "a fluid lighter than any gas": (lambda: Buoyancy(0.0012), r"give 1\.2 \(kg/m3\)"),
+    "a stream heavier than any metal": (lambda: Current((0.1, 0, 0), 1e6), r"give 1000 \(kg/m3\)"),
+    "millimetres per second for a stream": (
+        lambda: Current((300.0, 0.0, 0.0)),
+        r"give 0\.3 \(m/s\)",
+    ),
+    "millimetres per second squared for gravity": (
+        lambda: Weight((0.0, 0.0, -9810.0)),
+        r"9810 m/s2, 1e\+03 times that of Earth; .* give 9\.81 ",
+    ),
+    "degrees for the turn of tendons": (
+        lambda: Anchorage(0.3, Linear(0.01, 0.01), turn=Linear(0.0, 540.0)),
+        r"turn is 540 rad, 85\.9 turns; .* give 9\.42478 ",
+    ),
+    "metres for the radius in a key in mm": (
+        lambda: replace(ARM, radius=Linear(15e-6, 2e-6), hull=ARM.radius),
+        r"Arm\.radius is 3\.3e-05 arm lengths or less; .* 1000 times too small",
+    ),
+    "millimetres for the radius": (
+        lambda: replace(ARM, radius=Linear(15.0, 2.0)),
+        r"Arm\.radius is 33\.3 arm lengths; .* 1000 times too large",
+    ),
+    "kilonewtons for a limit": (
+        lambda: Limits.of(ARM, 1e-4),
+        r"tension_max bends the arm by about 0\.002 rad",
+    ),
     "millimetres for an arm": (
         lambda: conical(450.0, (15.0, 2.0), [(450.0, 7.5, 1.0)]),
         r"Arm\.length is 450 m; if millimetres were meant, give 0\.45",
@@ -59,7 +97,7 @@ LIKELY: dict[str, tuple[Callable[[], Any], str]] = {
 
 @pytest.mark.parametrize(("make", "told"), LIKELY.values(), ids=LIKELY)
 def test_a_likely_unit_is_named(make: Callable[[], Any], told: str) -> None:
-    with pytest.warns(UnitWarning, match=told):
+    with detailed(UnitWarning, told):
         make()
 
 
@@ -70,6 +108,16 @@ def test_usual_numbers_are_no_reason() -> None:
         BendingPlane(2 * np.pi, 1.0)
         Material(E=5e3)
         Material(E=60e9)
+        hull, rod = Linear(0.01, 0.01), Linear(0.5e-3, 0.5e-3)
+        tendons = (Anchorage(0.3, Linear(8e-3, 8e-3)),)
+        for E, radius in ((60e9, rod), (200e9, rod), (2e9, Linear(1e-3, 1e-3))):
+            Arm(0.3, radius, tendons, Material(E=E, nu=0.3), hull=hull)
+        Anchorage(0.3, Linear(0.01, 0.01), turn=Linear(0.0, -9.425))
+        Weight((0.0, 0.0, 0.0))
+        Weight((0.0, 0.0, 9.81))
+        Buoyancy(1.2)
+        Limits.of(ARM, 0.0)
+        Limits.of(ARM, np.inf)
         conical(0.004, (2e-4, 1e-4), [(0.004, 1e-4, 5e-5)])
         conical(12.0, (0.2, 0.1), [(12.0, 0.1, 0.05)])
         check_targets(ARM, TipPosition((0.0, 0.0, 0.0)))
@@ -131,7 +179,7 @@ def warned(text: str) -> list[str]:
         warnings.simplefilter("always")
         read(text.encode())
     assert all(own.category is UnitWarning for own in told)
-    return [str(own.message) for own in told]
+    return [own.message.details for own in told if isinstance(own.message, UnitWarning)]
 
 
 def test_radians_among_angles_are_told_all_at_once() -> None:
@@ -169,7 +217,8 @@ def axis_warned(key: str, values: list[float]) -> list[str]:
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         sweep_of(arm, {key: values}, scene, tensions=[0.0] * 12)
-    return list(dict.fromkeys(str(own.message) for own in told))
+    details = [own.message.details for own in told if isinstance(own.message, UnitWarning)]
+    return list(dict.fromkeys(details))
 
 
 def test_slips_along_the_axes_of_sweeps_are_told() -> None:
@@ -198,3 +247,18 @@ def test_slips_in_the_bounds_of_unknowns_are_told(unknown: Unknown, told: str) -
     with pytest.raises(InputError) as caught:
         Parameters.of(Arm.from_paper("table-4"), Scene(), [unknown])
     assert told in str(caught.value)
+
+
+def test_a_file_with_pascals_in_kilopascals_is_told() -> None:
+    (told,) = warned(OWN % ("[0]", "E_kPa = 150000"))
+    assert "(150 in a key in kPa)" in told
+
+
+def test_a_loop_shows_one_warning_for_each_line() -> None:
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("default")
+        for i in range(5):
+            Material(E=100.0 + i)
+            Material(density=1.0 + 0.01 * i)
+    assert len(told) == 2
+    assert all(isinstance(own.message, UnitWarning) for own in told)

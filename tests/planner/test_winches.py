@@ -19,6 +19,7 @@ from planner.measure import length_error
 from planner.question import Limits
 from planner.targets import TipPosition
 from planner.trajectory.question import Rates
+from tests.warned import detailed
 
 ARM = Arm.from_paper("table-2")
 SCENE = Scene(Extension(), ExactTendons())
@@ -111,18 +112,18 @@ def test_what_is_wrong_in_a_scene_file_is_told(tmp_path: Path, text: str, told: 
 
 
 def test_units_of_strokes_and_lengths_that_are_likely_others_are_told(tmp_path: Path) -> None:
-    with pytest.warns(UnitWarning, match="strokes_mm .* if metres were meant"):
+    with detailed(UnitWarning, "strokes_mm .* if metres were meant"):
         load(scene_file(tmp_path, f"strokes_mm = {[0.005] * 12}"))
     with (
-        pytest.warns(UnitWarning, match="lengths are all .* if metres were meant"),
+        detailed(UnitWarning, "lengths are all .* if metres were meant"),
         pytest.raises(InputError, match="T_11"),
     ):
         settle(Arm.from_paper("section-5.2"), scene=Scene(), lengths=[2.7e-4] * 4)
-    with pytest.warns(UnitWarning, match="stroke_max .* if metres were meant"):
+    with detailed(UnitWarning, "stroke_max .* if metres were meant"):
         Limits.of(ARM, 20.0).with_strokes(ARM, 2e-5)
-    with pytest.warns(UnitWarning, match="stroke_min .* 1000 times too much"):
+    with detailed(UnitWarning, "stroke_min .* 1000 times too much"):
         Limits.of(ARM, 20.0).with_strokes(ARM, 0.1, -100.0)
-    with pytest.warns(UnitWarning, match="stroke_rate_max .* if metres were meant"):
+    with detailed(UnitWarning, "stroke_rate_max .* if metres were meant"):
         Rates.of(ARM, None, 2e-5)
 
 
