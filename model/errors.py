@@ -46,7 +46,8 @@ class OctoplanError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         args, more = self._made_of
-        return partial(type(self), **more), args, {"which": self.which}
+        state = {"which": self.which} if self.which else None
+        return partial(type(self), **more), args, state
 
     def __str__(self) -> str:
         message = super().__str__()
@@ -54,8 +55,8 @@ class OctoplanError(Exception):
 
     def of_set(self, which: str) -> Self:
         """Return this error as that of one set of many, which its message names first."""
-        make, args, _ = self.__reduce__()
-        error: Self = make(*args)
+        args, more = self._made_of
+        error = type(self)(*args, **more)
         error.which = which
         return error
 

@@ -13,6 +13,7 @@ from model.checks import kind
 from model.errors import InputError, OctoplanError
 from model.many import Errors
 from model.paths import Array
+from model.progress import OutOfTime
 from model.scene import Scene
 from model.shape import Shape
 from planner.certificate import Certificate
@@ -101,10 +102,10 @@ def plan_many(
         try:
             plans.append(plan(arm, target, scene, tension_max, near=near, **others))
             near = plans[-1] if path else None
-        except OctoplanError as error:
-            reason = error
-            if isinstance(reason, InputError):
-                reason = InputError(f"targets[{i}]: {reason.field}", reason.given, reason.allowed)
+        except OutOfTime:
+            raise  # the limit of an outer call
+        except Exception as error:
+            reason = _of_target(error, f"targets[{i}]")
             if errors == "raise":
                 raise reason from None
             request: Any = target if isinstance(target, tuple | list) else (target,)
@@ -112,5 +113,16 @@ def plan_many(
             task = Task(arm, tuple(request), scene, limits, Statement(), accuracy)
             T = np.nan * arm.by_section(np.zeros(arm.n_tendons))
             nothing = SearchResult(Statement(), T, (), (), ())
-            plans.append(FailedPlan.of(task, nothing, reason=str(reason)))
+            kind_of = "" if isinstance(reason, OctoplanError) else f"{type(reason).__name__}: "
+            plans.append(FailedPlan.of(task, nothing, reason=f"{kind_of}{reason}"))
     return plans
+
+
+def _of_target(reason: Exception, which: str) -> Exception:
+    """Return an error as that of one target, such as "targets[3]"."""
+    if isinstance(reason, InputError):
+        return InputError(f"{which}: {reason.field}", reason.given, reason.allowed)
+    if isinstance(reason, OctoplanError):
+        return reason.of_set(which)
+    reason.add_note(f"the failed target is {which}")
+    return reason

@@ -223,7 +223,8 @@ def _together(job: Job, points: Sequence[Point]) -> Rows:
     T = np.repeat(flat[None], len(points), axis=0)
     T[:, [int(np.argmax(read(each["tensions"]))) for each in marked]] = points
     arguments = (question.arm, T, question.scene, question.accuracy)
-    many = settle_many(*arguments, compile=question.options["compile"], errors="nan")
+    options = {"compile": question.options["compile"], "time_limit": question.time_limit}
+    many = settle_many(*arguments, errors="nan", **options)
     failed = {i: _row(job, points[i]) for i, text in enumerate(many.problems) if text}
     rows = blank(job.compute, len(job.tendons), len(points))
     shapes = {name: getattr(many, name) for name in ("tip", "tip_frame", "error")}

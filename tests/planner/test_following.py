@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -169,6 +170,23 @@ def test_a_bad_target_does_not_lose_the_others() -> None:
     assert lost.reason in repr(lost)
     with pytest.raises(OctoplanError, match="section: got 7"):
         _ = lost.shape
+
+
+def test_an_unforeseen_error_is_that_of_its_target(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(arm: Arm, target: BendingPlane, *more: Any, **others: Any) -> Plan:
+        if target.bend == 1.0:
+            raise ZeroDivisionError("division by zero")
+        return plan(arm, target, *more, **others)
+
+    monkeypatch.setattr("planner.many.plan", fails)
+    planes = [BendingPlane(2.0, bend) for bend in (0.9, 1.0)]
+    found = plan_many(ARM, planes, PAPER, 20.0, accuracy=1e-5, errors="nan")
+    assert [p.reached for p in found] == [True, False]
+    assert isinstance(found[1], FailedPlan)
+    assert found[1].reason == "ZeroDivisionError: division by zero"
+    with pytest.raises(ZeroDivisionError) as raised:
+        plan_many(ARM, planes, PAPER, 20.0, accuracy=1e-5)
+    assert raised.value.__notes__ == ["the failed target is targets[1]"]
 
 
 def test_a_plan_of_another_norm_is_not_followed() -> None:
