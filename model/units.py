@@ -233,8 +233,9 @@ PLASTICS = 1e7, 1e10
 _STIFF = "makes the arm stiff against its tendons; if it was in pascals already, divide by 1000", ""
 STIFF = Usual(0.0, 300.0, _NONE, _STIFF)
 STIFF_PLASTIC = Usual(0.0, 20.0, _NONE, _STIFF)
-# The largest limit of a tension over the tension that bends the arm by 1 rad.
-LIMIT = Usual(
+# A limit of tensions over the tension that bends the arm by 1 rad: of the tendon with the largest
+# such share, and of that with the smallest.
+LARGEST_LIMIT = Usual(
     1e-2,
     math.inf,
     (
@@ -243,6 +244,16 @@ LIMIT = Usual(
         "kPa)",
     ),
     _NONE,
+)
+SMALLEST_LIMIT = Usual(
+    0.0,
+    1e3,
+    _NONE,
+    (
+        "bends the arm by more than 1000 rad; it is in N, and may be left out for no limit",
+        "{field} is at least {x:.2g} times the tension that bends the arm by 1 rad; if "
+        "millinewtons were meant, divide by 1000 (N); leave it out for no limit",
+    ),
 )
 
 

@@ -20,7 +20,7 @@ from model.quantities import Count
 from model.scene import Scene
 from model.settle import checked_scene, settle
 from model.shape import Shape
-from model.units import LIMIT, STROKE, warn, warn_unusual
+from model.units import LARGEST_LIMIT, SMALLEST_LIMIT, STROKE, warn, warn_unusual
 from planner.program.terms import Targets
 from planner.targets.base import Target
 
@@ -109,7 +109,9 @@ class Limits:
         high, low = each_tendon(arm, "tension_max", upper), each_tendon(arm, "tension_min", lower)
         if np.isinf(low).any():
             raise InputError("tension_min", lower, "finite numbers")
-        warn_unusual("tension_max", [float((high / natural_tensions(arm)).max())], LIMIT)
+        shares = high / natural_tensions(arm)
+        warn_unusual("tension_max", [float(shares.max())], LARGEST_LIMIT)
+        warn_unusual("tension_max", [float(shares.min())], SMALLEST_LIMIT)
         # Minima above a million times what bends the arm crush any arm, and digits are lost.
         times = "up to {:g} N, 1e+06 times what bends the arm by 1 rad"
         bounds = (1e6 * natural_tensions(arm), times), (high, "up to its maximum, {:g} N")

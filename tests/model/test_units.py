@@ -72,6 +72,10 @@ LIKELY: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: Limits.of(ARM, 1e-4),
         r"tension_max bends the arm by about 0\.002 rad",
     ),
+    "millinewtons for a limit": (
+        lambda: Limits.of(ARM, 20e3),
+        r"at least 7e\+03 times the tension .* if millinewtons were meant, divide by 1000",
+    ),
     "millimetres for an arm": (
         lambda: conical(450.0, (15.0, 2.0), [(450.0, 7.5, 1.0)]),
         r"Arm\.length is 450 m; if millimetres were meant, give 0\.45",
@@ -117,6 +121,7 @@ def test_usual_numbers_are_no_reason() -> None:
         Weight((0.0, 0.0, 9.81))
         Buoyancy(1.2)
         Limits.of(ARM, 0.0)
+        Limits.of(ARM, 1e3)
         Limits.of(ARM, np.inf)
         conical(0.004, (2e-4, 1e-4), [(0.004, 1e-4, 5e-5)])
         conical(12.0, (0.2, 0.1), [(12.0, 0.1, 0.05)])
