@@ -7,7 +7,9 @@ check_own("model")  # before what would fail without naming the file
 import planner.report  # noqa: F401  (it tells how results are shown)
 from model.stiffness import stiffness
 from planner.bodies.files import export_shape, save_mesh
-from planner.bodies.links import mjcf, ros_messages, urdf
+from planner.bodies.forces import LeftOutWarning
+from planner.bodies.links import ros_messages, urdf
+from planner.bodies.mjcf import mjcf
 from planner.c_code.export import export, export_plan
 from planner.certificate import Certificate
 from planner.effect_ablation import Switch, switch_effects
@@ -35,6 +37,7 @@ __all__ = [
     "Design",
     "FailedPlan",
     "Limits",
+    "LeftOutWarning",
     "Making",
     "Measured",
     "Plan",

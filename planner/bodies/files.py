@@ -10,7 +10,8 @@ import numpy as np
 from model.checks import kind, within
 from model.errors import InputError, needed
 from model.shape import Shape
-from planner.bodies.links import mjcf, ros_messages, urdf
+from planner.bodies.links import ros_messages, urdf
+from planner.bodies.mjcf import mjcf
 from planner.bodies.surface import surface
 from planner.io.files import path_of, placed, to_json, write_together
 

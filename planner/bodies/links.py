@@ -1,4 +1,4 @@
-"""A settled arm as a chain of rigid links: for MuJoCo as MJCF, for ROS as URDF and messages."""
+"""A settled arm as a chain of rigid links, and that chain for ROS as URDF and messages."""
 
 from __future__ import annotations
 
@@ -7,29 +7,27 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from model.checks import kind, within
-from model.effects import Weight
+from model.effects import NeoHookean
+from model.loads import volume
 from model.paths import Array
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
-from planner.bodies.surface import offsets
+from planner.bodies.forces import Bodies, left_out_of_urdf, point_masses, warn_of
+from planner.bodies.xml import child_of, remark, to_text
 from planner.io.records import POINTS
 from planner.measure import strokes
 
 MOST_LINKS = 1000
 # Of the rest shape, over the arm's length.
 _ACCURACY = 1e-9
-# Damping over stiffness of joints [s]: what swings is still after some of that.
-_DAMPING = 0.05
-# Mass of the tip, which has no extent, over that of the last link.
-_TIP = 1e-3
 # Of URDF: the root, and no displacement or rotation.
 BASE = "base_link"
 _NOT = (0.0, 0.0, 0.0)
+_NO_PRODUCTS = {"ixy": 0, "ixz": 0, "iyz": 0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,11 +53,12 @@ class Chain:
     radii, masses : (N,)
         Of the links [m], [kg].
     hinge_stiffness : (N + 1, 3)
-        About x, y, z: G J_t / h, E J / h, E J / h [N m/rad].
+        About x, y, z: G J_t / h, E J / h, E J / h [N m/rad]; of a neo-Hookean body at the settled
+        stretch.
     slide_stiffness : (N,)
-        E A / h [N/m].
-    passed : (n_tendons,)
-        How many nodes each tendon passes.
+        E A / h [N/m], at the settled stretch too.
+    bodies : Bodies
+        Links and tip at the settled shape.
     """
 
     s: Array
@@ -71,15 +70,24 @@ class Chain:
     masses: Array
     hinge_stiffness: Array
     slide_stiffness: Array
-    passed: NDArray[np.int64]
+    bodies: Bodies
+
+    @property
+    def moved(self) -> Array:
+        """Positions (N + 1, 4) of slide [m] and hinges [rad] of each body in the settled arm."""
+        return np.column_stack([np.append(0.0, self.slides), self.angles])
+
+    @property
+    def stiffness(self) -> Array:
+        """Stiffness (N + 1, 4) of slide and hinges of each body; infinite of the base's slide."""
+        return np.column_stack([np.append(np.inf, self.slide_stiffness), self.hinge_stiffness])
 
     @property
     def joints(self) -> dict[str, float]:
         """Positions of all joints in the settled arm [m], [rad], by name, from the base on."""
-        moved = np.column_stack([np.append(0.0, self.slides), self.angles])
         names = [f"{kind}_{i}" for i in range(self.s.size) for kind in ("slide", "x", "y", "z")]
         # Link 0 hangs on the base by hinges alone.
-        return dict(zip(names[1:], moved.ravel().tolist()[1:], strict=True))
+        return dict(zip(names[1:], self.moved.ravel().tolist()[1:], strict=True))
 
 
 def chain_of(shape: Shape, links: int) -> Chain:
@@ -89,24 +97,42 @@ def chain_of(shape: Shape, links: int) -> Chain:
     arm = shape.arm
     s = np.linspace(0.0, arm.length, links + 1)
     at_rest = settle(arm, np.zeros(arm.n_tendons), Scene(), _ACCURACY)
-    rest, chords = _relative(at_rest, s)
-    now, lengths = _relative(shape, s)
+    rest, chords, _ = _relative(at_rest, s)
+    now, lengths, frames = _relative(shape, s)
     turned = Rotation.from_matrix(np.swapaxes(rest, 1, 2) @ now).as_euler("XYZ")
-    h, radius = np.diff(s), arm.radius.evaluate(s, arm.length)[0]
-    middle = arm.radius.evaluate((s[:-1] + s[1:]) / 2, arm.length)[0]
-    masses = arm.material.density * np.pi * middle**2 * h
+    h = np.diff(s)
+    middle = (s[:-1] + s[1:]) / 2
+    radius = arm.radius.evaluate(s, arm.length)[0]
+    middle_radius = arm.radius.evaluate(middle, arm.length)[0]
+    masses = -arm.material.density * np.diff(volume(arm, s))
     # A hinge stands for half a link on either side.
     spans = (np.append(0.0, h) + np.append(h, 0.0)) / 2
-    EJ, GJ = (k * np.pi * radius**4 / 4 for k in (arm.material.E, 2 * arm.material.G))
+    EJ = arm.material.E * np.pi * radius**4 / 4
+    GJ = arm.material.G * np.pi * radius**4 / 2
+    EA = arm.material.E * np.pi * middle_radius**2
+    if shape.scene.has(NeoHookean):
+        stretch = 1 + shape.strain(s)[:, 3]
+        middle_stretch = 1 + shape.strain(middle)[:, 3]
+        EJ = EJ * (1 + 2 / stretch**3) / (3 * stretch)
+        GJ = GJ / stretch
+        EA = EA * (1 + 2 / middle_stretch**3) / 3
     hinges = np.stack([GJ, EJ, EJ], axis=1) / spans[:, None]
-    slides = arm.material.E * np.pi * middle**2 / h
-    ends = np.array([arm.sections[i].at for i, _ in arm.tendons])
-    passed = np.searchsorted(s, ends * (1 + 1e-12), side="right")
-    return Chain(s, chords, rest, turned, lengths - chords, middle, masses, hinges, slides, passed)
+    return Chain(
+        s,
+        chords,
+        rest,
+        turned,
+        lengths - chords,
+        middle_radius,
+        masses,
+        hinges,
+        EA / h,
+        Bodies(s, shape.position(s), frames),
+    )
 
 
-def _relative(shape: Shape, s: Array) -> tuple[Array, Array]:
-    """Return the orientation of each link in the one before, and the distances of the nodes."""
+def _relative(shape: Shape, s: Array) -> tuple[Array, Array, Array]:
+    """Return the orientation of each link in the one before, the nodes' distances, the frames."""
     middle = (s[:-1] + s[1:]) / 2
     chords = np.diff(shape.position(s), axis=0)
     lengths = np.linalg.norm(chords, axis=1)
@@ -117,87 +143,7 @@ def _relative(shape: Shape, s: Array) -> tuple[Array, Array]:
     least = Rotation.from_quat(np.column_stack([np.cross(t, along), 1 + cosines]))
     frames = least.as_matrix() @ frames
     world = np.array([np.array(shape.arm.base_frame), *frames, shape.tip_frame])
-    return np.swapaxes(world[:-1], 1, 2) @ world[1:], lengths
-
-
-def mjcf(shape: Shape, links: int = 30, name: str = "arm") -> str:
-    """Return a chain of links that follows a settled arm as an MJCF model.
-
-    Its joints are springs with the arm's stiffness, at rest where the arm is; spatial tendons run
-    through sites at the nodes, pulled by actuators whose controls are tensions [N]. The keyframe
-    `settled` holds joints and controls of the shape. Gravity is the scene's; other loads, contact,
-    friction and how exact tendons and rubber differ from springs are left out.
-
-    Parameters
-    ----------
-    links : int
-        1 to 1000.
-
-    Raises
-    ------
-    InputError
-        For another number of links.
-    """
-    chain, arm = chain_of(shape, links), shape.arm
-    root = ET.Element("mujoco", model=name)
-    _inside(root, "compiler", angle="radian", autolimits="true")
-    weight = shape.scene.find(Weight)
-    gravity = weight.g if weight is not None else (0.0, 0.0, 0.0)
-    _inside(root, "option", gravity=gravity, integrator="implicitfast", timestep=1e-3)
-    world, frame = _inside(root, "worldbody"), np.array(arm.base_frame)
-    place = {"pos": arm.base_position, "quat": _quaternion(frame)}
-    _bodies(_inside(world, "body", name="base", **place), chain, shape)
-    _tendons(root, chain, shape)
-    settled = {"qpos": list(chain.joints.values()), "ctrl": shape.tensions[chain.passed > 1]}
-    _inside(_inside(root, "keyframe"), "key", name="settled", **settled)
-    return _written(root)
-
-
-def _bodies(base: ET.Element, chain: Chain, shape: Shape) -> None:
-    body, last, across = base, chain.s.size - 1, offsets(shape.arm, chain.s)
-    for i in range(chain.s.size):
-        place = (chain.chords[i - 1] if i else 0.0, 0.0, 0.0)
-        name = "tip" if i == last else f"link_{i}"
-        body = _inside(body, "body", name=name, pos=place, quat=_quaternion(chain.rest[i]))
-        if i:
-            axis = chain.rest[i].T[:, 0]
-            _joint(body, f"slide_{i}", "slide", axis, chain.slide_stiffness[i - 1])
-        for axis, letter, k in zip(np.eye(3), "xyz", chain.hinge_stiffness[i], strict=True):
-            _joint(body, f"{letter}_{i}", "hinge", axis, k)
-        if i == last:
-            inertia = chain.masses[-1] * chain.radii[-1] ** 2
-            mass = {"mass": _TIP * chain.masses[-1], "diaginertia": [_TIP * inertia] * 3}
-            _inside(body, "inertial", pos=(0, 0, 0), **mass)
-            _inside(body, "site", name="tip", size=1e-3)
-        else:
-            ends = (0, 0, 0, chain.chords[i], 0, 0)
-            look = {"rgba": "0.85 0.55 0.45 1", "contype": "0", "conaffinity": "0"}
-            solid = {"type": "cylinder", "fromto": ends, "size": chain.radii[i]}
-            _inside(body, "geom", mass=chain.masses[i], **solid, **look)
-        # Sites where tendons pass the node, across the midline at rest.
-        for j in np.flatnonzero(i < chain.passed).tolist():
-            site = f"{shape.arm.tendon_name(j)}_{i}"
-            _inside(body, "site", name=site, pos=(0.0, *across[j, i]), size=5e-4)
-
-
-def _joint(body: ET.Element, name: str, kind: str, axis: Array, stiffness: float) -> None:
-    spring = {"stiffness": stiffness, "damping": _DAMPING * stiffness}
-    _inside(body, "joint", name=name, type=kind, axis=axis, **spring)
-
-
-def _tendons(root: ET.Element, chain: Chain, shape: Shape) -> None:
-    tendons, motors = _inside(root, "tendon"), _inside(root, "actuator")
-    for j in range(shape.arm.n_tendons):
-        name, count = shape.arm.tendon_name(j), int(chain.passed[j])
-        if count > 1:
-            path = _inside(tendons, "spatial", name=name, width=5e-4, rgba="0.2 0.3 0.8 1")
-            for i in range(count):
-                _inside(path, "site", site=f"{name}_{i}")
-            _inside(motors, "motor", name=name, tendon=name, gear=-1)
-
-
-def _quaternion(frame: Array) -> Array:
-    return np.asarray(Rotation.from_matrix(frame).as_quat(scalar_first=True))
+    return np.swapaxes(world[:-1], 1, 2) @ world[1:], lengths, world[1:]
 
 
 def urdf(shape: Shape, links: int = 30, name: str = "arm") -> str:
@@ -206,13 +152,18 @@ def urdf(shape: Shape, links: int = 30, name: str = "arm") -> str:
     Its root is `base_link`, at the arm's base; joints are named slide_i, x_i, y_i, z_i, and their
     positions in the settled shape are in `ros_messages`, for robot_state_publisher. Links are named
     after the joints that they hang on; link_z_i has the body, the others between a slide and three
-    hinges have no extent. link_z_N, N the number of links, is the tip's frame.
+    hinges have no extent. link_z_N, N the number of links, is the tip's frame. A PointMass is a
+    link mass_i. URDF has no loads: a LeftOutWarning and a comment name those of the scene.
 
     Raises InputError for a number of links that is not 1 to 1000.
     """
     chain = chain_of(shape, links)
+    remarks = left_out_of_urdf(shape)
+    warn_of(remarks)
     root = ET.Element("robot", name=name)
-    parent = _inside(root, "link", name=BASE)
+    remark(root, *remarks)
+    bodies = list[ET.Element]()
+    parent = child_of(root, "link", name=BASE)
     for i in range(links + 1):
         if i:
             place, along = (chain.chords[i - 1], 0, 0), (1, 0, 0)
@@ -220,9 +171,15 @@ def urdf(shape: Shape, links: int = 30, name: str = "arm") -> str:
         turned = Rotation.from_matrix(chain.rest[i]).as_euler("xyz")
         for letter, axis, rpy in zip("xyz", np.eye(3), [turned, _NOT, _NOT], strict=True):
             parent = _jointed(root, parent, f"{letter}_{i}", "revolute", axis, rpy=rpy)
+        bodies.append(parent)
         if i < links:
             _solid(parent, chain, i)
-    return _written(root)
+    for each in point_masses(shape, chain.bodies):
+        child = _jointed(root, bodies[each.body], each.name, "fixed", (1, 0, 0), xyz=each.place)
+        inertial = child_of(child, "inertial")
+        child_of(inertial, "mass", value=each.mass)
+        child_of(inertial, "inertia", **dict.fromkeys(("ixx", "iyy", "izz"), 0), **_NO_PRODUCTS)
+    return to_text(root)
 
 
 def _jointed(
@@ -236,14 +193,15 @@ def _jointed(
 ) -> ET.Element:
     """Hang a link on another by a joint; return it."""
     child = f"link_{joint}"
-    values = _inside(root, "joint", name=joint, type=kind)
-    _inside(values, "parent", link=parent.get("name"))
-    _inside(values, "child", link=child)
-    _inside(values, "origin", xyz=xyz, rpy=rpy)
-    _inside(values, "axis", xyz=axis)
-    most = 1.0 if kind == "prismatic" else np.pi
-    _inside(values, "limit", lower=-most, upper=most, effort=1000, velocity=1000)
-    return _inside(root, "link", name=child)
+    values = child_of(root, "joint", name=joint, type=kind)
+    child_of(values, "parent", link=parent.get("name"))
+    child_of(values, "child", link=child)
+    child_of(values, "origin", xyz=xyz, rpy=rpy)
+    child_of(values, "axis", xyz=axis)
+    if kind != "fixed":
+        most = 1.0 if kind == "prismatic" else np.pi
+        child_of(values, "limit", lower=-most, upper=most, effort=1000, velocity=1000)
+    return child_of(root, "link", name=child)
 
 
 def _solid(link: ET.Element, chain: Chain, i: int) -> None:
@@ -252,15 +210,14 @@ def _solid(link: ET.Element, chain: Chain, i: int) -> None:
     # Cylinders stand along z; the link's own axis is x.
     place = {"xyz": (length / 2, 0, 0), "rpy": (0, np.pi / 2, 0)}
     for tag in ("visual", "collision"):
-        values = _inside(link, tag)
-        _inside(values, "origin", **place)
-        _inside(_inside(values, "geometry"), "cylinder", radius=radius, length=length)
-    values = _inside(link, "inertial")
-    _inside(values, "origin", **place)
-    _inside(values, "mass", value=mass)
+        values = child_of(link, tag)
+        child_of(values, "origin", **place)
+        child_of(child_of(values, "geometry"), "cylinder", radius=radius, length=length)
+    values = child_of(link, "inertial")
+    child_of(values, "origin", **place)
+    child_of(values, "mass", value=mass)
     across, along = mass * (3 * radius**2 + length**2) / 12, mass * radius**2 / 2
-    off = {"ixy": 0, "ixz": 0, "iyz": 0}
-    _inside(values, "inertia", ixx=across, iyy=across, izz=along, **off)
+    child_of(values, "inertia", ixx=across, iyy=across, izz=along, **_NO_PRODUCTS)
 
 
 def ros_messages(shape: Shape, links: int = 30) -> dict[str, Any]:
@@ -303,23 +260,3 @@ def ros_messages(shape: Shape, links: int = 30) -> dict[str, Any]:
             "poses": [{"header": header, "pose": pose} for pose in poses],
         },
     }
-
-
-# Elements of XML
-
-
-def _inside(parent: ET.Element, tag: str, **attributes: object) -> ET.Element:
-    """Return a new element inside another; numbers are written in full, lists with blanks."""
-    return ET.SubElement(parent, tag, {key: _text(value) for key, value in attributes.items()})
-
-
-def _text(value: object) -> str:
-    if isinstance(value, str):
-        return value
-    return " ".join(f"{float(x):.15g}" for x in np.ravel(np.asarray(value, dtype=float)))
-
-
-def _written(root: ET.Element) -> str:
-    """Return a document as text, indented."""
-    ET.indent(root)
-    return ET.tostring(root, encoding="unicode") + "\n"
