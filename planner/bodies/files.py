@@ -8,6 +8,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from model.checks import kind, within
+from model.effects import NeoHookean
 from model.errors import InputError, needed
 from model.shape import Shape
 from planner.bodies.links import ros_messages, urdf
@@ -66,9 +67,15 @@ def export_shape(
     Raises
     ------
     InputError
-        For what is not allowed, and where the files cannot be written.
+        For what is not allowed, and where the files cannot be written; for MJCF of a scene whose
+        loads it cannot have, see mjcf.
     MissingExtraError
         For a mesh where trimesh is not installed.
+
+    Warns
+    -----
+    LeftOutWarning
+        For loads that a file lacks, see mjcf and urdf. A mesh is the shape alone.
     """
     if what == "mesh":
         kinds = ".stl", ".glb"
@@ -89,7 +96,11 @@ def _mesh(shape: Shape, suffix: str, along: int, around: int) -> bytes:
     kind("shape", shape, Shape, "a Shape, as settle returns it")
     trimesh = needed("trimesh", "mesh")
     s = np.linspace(0.0, shape.arm.length, along)
-    vertices, faces = surface(shape.arm, s, shape.poses(s), around)
+    radius = shape.arm.radius.evaluate(s, shape.arm.length)[0]
+    if shape.scene.has(NeoHookean):
+        # A cross-section of constant volume swells where it is shortened.
+        radius = radius / np.sqrt(1 + shape.strain(s)[:, 3])
+    vertices, faces = surface(shape.arm, s, shape.poses(s), around, radius)
     mesh: Any = trimesh.Trimesh(vertices, faces, process=False)
     content = mesh.export(file_type=suffix[1:])
     return content.encode() if isinstance(content, str) else bytes(content)

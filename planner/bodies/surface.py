@@ -25,11 +25,12 @@ from model.stations import stations, tendon_offsets
 _STEPS, _SHOWN = 12, 0.15
 
 
-def surface(arm: Arm, s: Array, poses: Array, around: int) -> tuple[Array, NDArray[np.int64]]:
+def surface(
+    arm: Arm, s: Array, poses: Array, around: int, radius: Array | None = None
+) -> tuple[Array, NDArray[np.int64]]:
     """Return the surface of the body: closed, its triangles turned outwards.
 
-    Rings of points about the midline, across its frames, with a flat end at base and tip. Cross-
-    sections keep their radius: how they swell where the arm is shortened is left out.
+    Rings of points about the midline, across its frames, with a flat end at base and tip.
 
     Parameters
     ----------
@@ -37,6 +38,8 @@ def surface(arm: Arm, s: Array, poses: Array, around: int) -> tuple[Array, NDArr
         Arc lengths of the rings from base to tip [m], and the midline's poses there.
     around : int
         Points in each ring.
+    radius : (along,)
+        Of the rings [m]; that of the arm at rest unless given.
 
     Returns
     -------
@@ -45,7 +48,8 @@ def surface(arm: Arm, s: Array, poses: Array, around: int) -> tuple[Array, NDArr
     faces : (2 * along * around, 3)
         Which three vertices make each triangle.
     """
-    radius = arm.radius.evaluate(s, arm.length)[0]
+    if radius is None:
+        radius = arm.radius.evaluate(s, arm.length)[0]
     skin = rings(poses, radius, around).reshape(-1, 3)
     return np.vstack([skin, poses[[0, -1], 4:]]), _faces(s.size, around)
 
