@@ -259,6 +259,10 @@ def certify(
         return Certificate(bounds=excess, scheme=SCHEME.name, tolerance=tolerance, problem=why)
     values = targets.values(poses, targets.compliances(shape))
     equality, soft_residual, inequality, _ = values
+    # Inequalities that hold between stations too.
+    for target in task.targets:
+        for name, least_value in target.least_along(line, tolerance).items():
+            inequality[name] = np.append(inequality[name], least_value)
     # What is left of the wrenches that are held, over their sizes.
     holds = (target for target in task.targets if isinstance(target, Hold))
     if grasps := [Grasp.of(arm, shape.contacts, hold).least for hold in holds]:

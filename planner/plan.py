@@ -43,6 +43,7 @@ from planner.question import (
     planned_scene,
     stated,
 )
+from planner.solve.refine import CORRECTIONS
 from planner.solve.search import Search
 from planner.solve.warm_start import jump, warm_start
 from planner.targets.base import Target
@@ -282,13 +283,43 @@ def plan(
 
     with limited_to(seconds):
         if wrap is None:
-            return _planned(task, around, near)
+            return _held_along(task, around, _planned(task, around, near))
 
         def planned(targets: tuple[Target, ...], previous: Plan | None) -> Plan:
             leads = previous is not None and previous.mode == "exact"
             return _planned(replace(task, targets=targets), around, previous if leads else near)
 
-        return with_turns(arm, targets, wrap, planned)
+        return _held_along(task, around, with_turns(arm, targets, wrap, planned))
+
+
+def _held_along(task: Task, around: Surroundings, plan: Plan) -> Plan:
+    """Return the plan whose targets hold between their stations, too.
+
+    Stations are added where the settled arm violates a target, and the plan is solved again from
+    where it is, until there are none.
+    """
+    for _ in range(CORRECTIONS):
+        if plan.stopped or plan.mode != "exact":
+            return plan
+        refined = plan.targets
+        with suppress(OctoplanError, OutOfTime):
+            line = plan.shape.centreline
+            refined = tuple(each.refined_along(line, task.accuracy) for each in plan.targets)
+        if refined == plan.targets:
+            return plan
+        again = replace(task, targets=refined)
+        # Without contacts, or beside them: from the plan's tensions, among the same obstacles.
+        beside = plan.beside if isinstance(plan, HeldPlan) else plan
+        led = None
+        if beside is not None:
+            free = replace(again, scene=beside.scene)
+            led = Around(free, beside.surroundings).led_from(np.ravel(plan.tensions))
+        if led is None:
+            plan = _planned(again, around, plan)
+        else:
+            kept = {name: getattr(plan, name) for name in ("starts", "jump", "lost")}
+            plan = type(plan).of(again, replace(led, **kept), surroundings=plan.surroundings)
+    return plan
 
 
 def _planned(task: Task, around: Surroundings, near: Plan | None) -> Plan:

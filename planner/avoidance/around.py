@@ -82,6 +82,16 @@ class Around:
             raise OutOfTime
         return replace(result, stopped=True)
 
+    def led_from(self, tensions: Array) -> SearchResult | None:
+        """Return the plan that meets the targets and keeps clear, from tensions near it.
+
+        None if there is none, or out of time.
+        """
+        with suppress(OutOfTime):
+            led = self._exchange(tensions, "exact")
+            return None if led is None else led[1]
+        return None
+
     def _in_the_way(self, result: SearchResult) -> str | None:
         """Return what a plan comes nearest to in words, None where it keeps clear."""
         line = line_of(self.task, np.ravel(result.tensions))

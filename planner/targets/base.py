@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
 
 from model.arm import Arm
+from model.centreline import Centreline
 from model.errors import InputError
 from model.machine.functions import built
 from model.paths import Array
@@ -157,6 +158,20 @@ class Target:
     def terms(self, view: View, p: ca.MX) -> Terms:
         """Return the residuals of the shape in view, with the numbers p (n,)."""
         return Terms()
+
+    def least_along(self, line: Callable[[], Centreline], accuracy: float) -> Mapping[str, float]:
+        """Return lower bounds of inequalities that hold all along a part of the arm, by name.
+
+        Of a settled midline, to a fraction of the accuracy. Stations only sample them.
+        """
+        return {}
+
+    def refined_along(self, line: Callable[[], Centreline], accuracy: float) -> Self:
+        """Return the target with stations where a settled midline violates it between stations.
+
+        By more than a part of the accuracy; itself if there are none.
+        """
+        return self
 
     def tendons(self, arm: Arm) -> frozenset[int]:
         """Return the tendons that may pull."""

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import replace
 from itertools import pairwise
 
 import casadi as ca
 import numpy as np
 
 from model.arm import Arm
+from model.centreline import Centreline
+from model.clearance.farthest import largest_excess, maxima
 from model.errors import InputError
 from model.obstacles import HalfSpace
 from model.obstacles.base import SIZE, Convex, signed_distance
@@ -19,8 +22,11 @@ from model.value import value
 from planner.targets.base import OVER_WANTED, Target, Terms, View
 
 NEAR, CLEAR, TURNS = "nearness along the obstacle", "gap to the obstacle", f"turns{OVER_WANTED}"
-# Places at which the part is looked at, its ends among them.
+# Even places at which programs constrain the part, its ends among them.
 PLACES = 17
+# Parts of the accuracy: of the bound that verifies the nearness all along, and what the nearness
+# may be exceeded by between places.
+_CLOSE, _ALLOWED = 0.1, 0.5
 # Keeps the angle between two normals that are the same differentiable.
 _TINY = 1e-24
 
@@ -30,11 +36,12 @@ class Wrap(Target):
     """A part of the arm along an obstacle, for a contact length or so many turns round it.
 
     A part lies along an obstacle where the gap between surfaces is from 0 to `tolerance` times the
-    arm's radius there; the gap at s is the distance of the midline less the radius at rest. It is
-    looked at in 17 places from end to end. Pressed contact all along is not asked for: a tapered
-    arm on a cylinder touches at points with low arches in between, as its even curvature would take
-    pressure that pulls. A length may lie along the axis of a rod as well as across it, turns go
-    round.
+    arm's radius there; the gap at s is the distance of the midline minus the radius at rest. A
+    plan constrains 17 even places, and adds places where the gap is too large in between, until
+    the largest gap all along is within the tolerance; the certificate has a bound of that gap.
+    Pressed contact all along is not asked for: a tapered arm on a cylinder touches at points with
+    low arches in between, as its even curvature would take pressure that pulls. A length may lie
+    along the axis of a rod as well as across it, turns go round.
 
     The part ends at the tip, unless `start` says where it begins. Turns are by how much the
     obstacle's outward normal rotates along the part, over 2 pi: of a cylinder the angle round its
@@ -58,6 +65,8 @@ class Wrap(Target):
         Arc length at which the part begins [m]. With turns it ends at the tip all the same.
     tolerance : float
         Gap over the arm's radius.
+    places : tuple of float
+        Further arc lengths at which a plan constrains the part [m]; a plan finds them.
     """
 
     obstacle: Convex
@@ -65,6 +74,7 @@ class Wrap(Target):
     length: Length | None = None
     start: ArcLength | None = None
     tolerance: Positive = 0.25
+    places: tuple[ArcLength, ...] = ()
 
     def __post_init__(self) -> None:
         if (self.turns is None) == (self.length is None):
@@ -135,11 +145,37 @@ class Wrap(Target):
     def stations(self, arm: Arm) -> tuple[float, ...]:
         """See Target.stations."""
         start, end = self.part(arm)
-        places = np.linspace(start, min(end, arm.length), PLACES)
+        end = min(end, arm.length)
+        inside = [s for s in self.places if start < s < end]
+        places = np.union1d(np.linspace(start, end, PLACES), inside)
         return tuple(places[places > 0].tolist())
 
+    def least_along(self, line: Callable[[], Centreline], accuracy: float) -> Mapping[str, float]:
+        """See Target.least_along: of the nearness."""
+        midline = line()
+        length = midline.arm.length
+        part, factor = self.part(midline.arm), 1 + self.tolerance
+        close = _CLOSE * accuracy * length
+        return {NEAR: -largest_excess(midline, self.obstacle, factor, part, close) / length}
+
+    def refined_along(self, line: Callable[[], Centreline], accuracy: float) -> Wrap:
+        """See Target.refined_along: places of local maxima take the place of places nearby."""
+        midline = line()
+        arm = midline.arm
+        start, end = self.part(arm)
+        found, excess = maxima(midline, self.obstacle, 1 + self.tolerance, (start, end))
+        found = found[excess > _ALLOWED * accuracy * arm.length]
+        even = np.linspace(start, end, PLACES)
+        apart = (end - start) / (PLACES - 1) / 4
+        known = np.array(self.places)
+        far = np.abs(known[:, None] - found).min(axis=1, initial=np.inf) > apart
+        news = found[np.abs(found[:, None] - even).min(axis=1) > _ALLOWED * accuracy * arm.length]
+        if not news.size:
+            return self
+        return replace(self, places=tuple(np.sort(np.append(known[far], news)).tolist()))
+
     def parameters(self, arm: Arm) -> Array:
-        """See Target.parameters: the obstacle's numbers, tolerance, turns, radii at the places."""
+        """See Target.parameters: the obstacle's numbers, tolerance, turns, radii at stations."""
         radii = arm.outer_radius(np.array(self.stations(arm)))[0]
         return np.concatenate([self.obstacle.numbers, [self.tolerance, self.turns or 1.0], radii])
 
