@@ -31,7 +31,7 @@ from planner.certificate import BRINK
 from planner.contact.grasp import Grip, grips_of
 from planner.contact.load_path import is_same, rubs, settled_along
 from planner.contact.search import ContactSearch, check_contact, optimality_of
-from planner.contact.wrapping import beside, beside_contacts, open_wrap, with_turns
+from planner.contact.wrapping import beside, beside_contacts, open_wrap, with_places_of, with_turns
 from planner.io.files import to_json, write_named
 from planner.io.saved_records import plan_record
 from planner.program.problem import Problem
@@ -280,6 +280,7 @@ def plan(
         kind("near", near, Plan, "a Plan for the same arm and scene, or None")
         if near.arm != arm or not is_same(near.scene, scene):
             raise InputError("near", "a plan for another arm or scene", "one for the same")
+        task = replace(task, targets=with_places_of(targets, near.targets))
 
     with limited_to(seconds):
         if wrap is None:

@@ -62,6 +62,26 @@ def open_wrap(targets: Iterable[Target]) -> Wrap | None:
     return wraps[0] if wraps else None
 
 
+def with_places_of(targets: tuple[Target, ...], before: tuple[Target, ...]) -> tuple[Target, ...]:
+    """Return targets whose wraps have the places that a plan for the same parts has found.
+
+    So their programs have the same structure, and one is a warm start for the other.
+    """
+    if len(targets) != len(before):
+        return targets
+    pairs = zip(targets, before, strict=True)
+    return tuple(_with_places_of(target, each) for target, each in pairs)
+
+
+def _with_places_of(target: Target, before: Target) -> Target:
+    if not (isinstance(target, Wrap) and isinstance(before, Wrap)) or target.places:
+        return target
+    same = (target.start, target.length, target.turns is None)
+    if same != (before.start, before.length, before.turns is None):
+        return target
+    return replace(target, places=before.places)
+
+
 def with_turns(
     arm: Arm,
     targets: tuple[Target, ...],
