@@ -7,7 +7,7 @@ check_own("model")  # before what would fail without naming the file
 import planner.report  # noqa: F401  (it tells how results are shown)
 from model.stiffness import stiffness
 from planner.bodies.files import export_shape, save_mesh
-from planner.bodies.forces import LeftOutWarning
+from planner.bodies.forces import ExportWarning
 from planner.bodies.links import ros_messages, urdf
 from planner.bodies.mjcf import mjcf
 from planner.c_code.export import export, export_plan
@@ -35,8 +35,8 @@ __all__ = [
     "Calibration",
     "Certificate",
     "Design",
+    "ExportWarning",
     "FailedPlan",
-    "LeftOutWarning",
     "Limits",
     "Making",
     "Measured",

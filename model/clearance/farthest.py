@@ -38,7 +38,7 @@ def largest_excess(
             bound = max(bound, float(above.max(initial=-np.inf)))
             break
         bound = max(bound, float(above[~is_open].max(initial=-np.inf)))
-        element, low, high = (each[is_open] for each in (element, low, high))
+        element, low, high = element[is_open], low[is_open], high[is_open]
         if not element.size:
             break
         middle = (low + high) / 2
@@ -79,7 +79,7 @@ def maxima(
     line: Centreline, body: Convex, factor: float, part: tuple[float, float]
 ) -> tuple[Array, Array]:
     """Return the arc lengths [m] of local maxima of the excess along a part, and their values."""
-    s = np.linspace(*np.clip(part, line.s[0], line.s[-1]), _POINTS)
+    s = np.linspace(max(part[0], line.s[0]), min(part[1], line.s[-1]), _POINTS)
     excess = body.at(line.at(s)[0])[0] - factor * line.arm.outer_radius(s)[0]
     before, at, after = excess[:-2], excess[1:-1], excess[2:]
     top = np.flatnonzero((at >= before) & (at > after))

@@ -74,7 +74,7 @@ def export_shape(
 
     Warns
     -----
-    LeftOutWarning
+    ExportWarning
         For loads that a file lacks, see mjcf and urdf. A mesh is the shape alone.
     """
     if what == "mesh":

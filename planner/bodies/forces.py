@@ -2,12 +2,12 @@
 
 MuJoCo has gravity, buoyancy (`gravcomp`), masses, and wrenches on sites: motors whose `refsite` is
 in the world are dead forces, motors without one turn with their site. Effects that have none of
-these are refused, or named by a LeftOutWarning and in the file.
+these are refused, or named by an ExportWarning and in the file.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,14 +42,14 @@ _TOUCHING = (Contact, SelfContact)
 _DRAG_POINTS = 4
 
 
-class LeftOutWarning(UserWarning):
-    """An exported file lacks a load of the scene, or has it for the settled shape alone."""
+class ExportWarning(UserWarning):
+    """An exported file lacks a load of the scene, or differs from the settled arm otherwise."""
 
 
 def warn_of(sentences: Sequence[str]) -> None:
-    """Issue a LeftOutWarning for each sentence."""
+    """Issue an ExportWarning for each sentence."""
     for sentence in sentences:
-        warn(sentence, LeftOutWarning)
+        warn(sentence, ExportWarning)
 
 
 def left_out_of_urdf(shape: Shape) -> tuple[str, ...]:
@@ -84,7 +84,7 @@ def left_out_of_mjcf(shape: Shape) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def _names(effects: Iterator[Effect] | Sequence[Effect]) -> str:
+def _names(effects: Iterable[Effect]) -> str:
     """Return the kinds of effects, once each, separated by commas."""
     return ", ".join(dict.fromkeys(type(effect).__name__ for effect in effects))
 

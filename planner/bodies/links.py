@@ -153,7 +153,7 @@ def urdf(shape: Shape, links: int = 30, name: str = "arm") -> str:
     positions in the settled shape are in `ros_messages`, for robot_state_publisher. Links are named
     after the joints that they hang on; link_z_i has the body, the others between a slide and three
     hinges have no extent. link_z_N, N the number of links, is the tip's frame. A PointMass is a
-    link mass_i. URDF has no loads: a LeftOutWarning and a comment name those of the scene.
+    link mass_i. URDF has no loads: an ExportWarning and a comment name those of the scene.
 
     Raises InputError for a number of links that is not 1 to 1000.
     """

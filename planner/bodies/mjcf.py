@@ -32,6 +32,8 @@ from planner.bodies.xml import child_of, remark, to_text
 _DAMPING = 0.05
 # Mass of the tip, which has no extent, over that of the last link.
 _TIP = 1e-3
+# Rotation [rad] of a link against the last one up to which no simulated keyframe was unstable.
+_MAX_TURN = np.pi / 2
 # The site whose axes dead loads have.
 WORLD = "world"
 # Attributes of geoms that collide with nothing.
@@ -79,15 +81,17 @@ def _settled_offsets(shape: Shape, s: Array) -> Array:
 def mjcf(shape: Shape, links: int = 30, name: str = "arm") -> str:
     """Return a chain of links that follows a settled arm as an MJCF model.
 
-    Its joints are springs with the arm's stiffness. Spatial tendons run through sites at the nodes;
-    their actuators have tensions [N] as controls. Weight is MuJoCo's gravity, Buoyancy its
-    `gravcomp`, a PointMass a sphere, and each other load a motor on a site: control 1 is the full
-    load, 0 none. A follower turns with its site. A Current has its forces on the settled shape.
+    Joints are springs with the arm's stiffness. Spatial tendons run through sites at the nodes, and
+    the controls of their actuators are tensions [N]. Weight becomes MuJoCo's gravity, Buoyancy its
+    `gravcomp`, a PointMass a sphere. Each other load becomes a motor on a site: control 1 is the
+    full load, 0 none. A follower turns with its site. A Current has the forces that act on the
+    settled shape.
 
-    The keyframe `settled` has joints and controls of the shape. It is in balance: springs are at
-    rest where they exert what tendons and loads take there, so that they also make up for the
-    coarseness of links and for what rubber and the paper's tendons differ from linear springs and
-    exact tendons. Rods without Extension shorten by E A all the same, and Shear has no joint.
+    The keyframe `settled` has joints and controls of the shape, and is in balance: the rest
+    position of each spring is chosen such that the spring balances tendons and loads there. So the
+    springs also compensate for the length of links, for the nonlinearity of rubber, and for the
+    tendon tangent of the paper. An arm without Extension is shortened by tensions all the same;
+    sections do not slide under Shear.
 
     Parameters
     ----------
@@ -102,11 +106,14 @@ def mjcf(shape: Shape, links: int = 30, name: str = "arm") -> str:
 
     Warns
     -----
-    LeftOutWarning
-        For a current, and for obstacles that the arm does not touch, which are left out.
+    ExportWarning
+        For a current; for obstacles that the arm does not touch, which are left out; for links that
+        turn by more than 90 deg, which may be unstable.
     """
     chain, arm = chain_of(shape, links), shape.arm
     remarks = left_out_of_mjcf(shape)
+    if Rotation.from_euler("XYZ", chain.angles).magnitude().max() > _MAX_TURN:
+        remarks += ("links turn by more than 90 deg and may be unstable; raise `links`",)
     warn_of(remarks)
     wrenches, masses = site_forces(shape, chain.bodies), point_masses(shape, chain.bodies)
     paths = tendon_sites(shape, chain)

@@ -17,7 +17,7 @@ from model.effects import Buoyancy, Extension, NeoHookean, Weight
 from planner import export_plan, export_shape, mjcf, ros_messages, save_mesh, save_shape, urdf
 from planner.cli import main
 
-pytestmark = pytest.mark.filterwarnings("ignore::planner.bodies.forces.LeftOutWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::planner.bodies.forces.ExportWarning")
 
 PAPER = Scene(Extension())
 TURNED = Rotation.from_rotvec([0.3, -1.2, 0.5]).as_matrix()

@@ -30,13 +30,13 @@ from model.effects import (
     Weight,
 )
 from model.obstacles import HalfSpace
-from planner import LeftOutWarning, export, mjcf, urdf
+from planner import ExportWarning, export, mjcf, urdf
 from planner.cli import main
 from planner.question import natural_tensions
 from tests.contact.cases import bar
 
 mujoco = pytest.importorskip("mujoco")
-quiet = pytest.mark.filterwarnings("ignore::planner.bodies.forces.LeftOutWarning")
+quiet = pytest.mark.filterwarnings("ignore::planner.bodies.forces.ExportWarning")
 
 EXACT = (Extension(), ExactTendons())
 STATICS = (EXACT, (*EXACT, NeoHookean()), (Extension(),), (*EXACT, Shear()))
@@ -187,7 +187,7 @@ def test_command_writes_a_keyframe_that_stays(tmp_path: Path) -> None:
     assert simulated(model, 6.0)[1] < 1e-6 * 0.31
 
 
-@pytest.mark.filterwarnings("always::planner.bodies.forces.LeftOutWarning")
+@pytest.mark.filterwarnings("always::planner.bodies.forces.ExportWarning")
 def test_command_names_loads_that_urdf_lacks(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -205,15 +205,25 @@ def test_command_names_loads_that_urdf_lacks(
 def test_current_and_obstacles_are_named_in_mjcf() -> None:
     floor = Contact(HalfSpace((0.0, 0.0, -0.5), (0.0, 0.0, 1.0)))
     shape = settle(Arm.from_paper("table-2"), PULLED, Scene(*EXACT, floor))
-    with pytest.warns(LeftOutWarning, match="Contact left out of MJCF"):
+    with pytest.warns(ExportWarning, match="Contact left out of MJCF"):
         text = mjcf(shape, 3)
     assert "<!-- Contact left out of MJCF" in text
     stream = Scene(*EXACT, Current((0.0, 0.05, 0.0)))
-    with pytest.warns(LeftOutWarning, match="Current is constant in MJCF"):
+    with pytest.warns(ExportWarning, match="Current is constant in MJCF"):
         mjcf(settle(Arm.from_paper("table-2"), PULLED, stream), 3)
 
 
 FLOOR = Contact(HalfSpace((0.0, 0.0, -0.008), (0.0, 0.0, 1.0)))
+
+
+def test_links_that_turn_too_far_are_named() -> None:
+    arm, tensions = Arm.from_paper("table-2"), np.zeros(12)
+    tensions[2] = 4 * natural_tensions(arm)[2]
+    shape = settle(arm, tensions, Scene(*EXACT))
+    with pytest.warns(ExportWarning, match="links turn by more than 90 deg"):
+        mjcf(shape, 1)
+
+
 REFUSED = {"friction": Friction(0.2), "contact": FLOOR}
 
 
