@@ -33,7 +33,7 @@ _DAMPING = 0.05
 # Mass of the tip, which has no extent, over that of the last link.
 _TIP = 1e-3
 # Rotation [rad] of a link against the last one up to which no simulated keyframe was unstable.
-_MAX_TURN = np.pi / 2
+_MAX_TURN = 2 * np.pi / 3
 # The site whose axes dead loads have.
 WORLD = "world"
 # Attributes of geoms that collide with nothing.
@@ -108,12 +108,12 @@ def mjcf(shape: Shape, links: int = 30, name: str = "arm") -> str:
     -----
     ExportWarning
         For a current; for obstacles that the arm does not touch, which are left out; for links that
-        turn by more than 90 deg, which may be unstable.
+        turn by more than 120 deg, which may be unstable.
     """
     chain, arm = chain_of(shape, links), shape.arm
     remarks = left_out_of_mjcf(shape)
     if Rotation.from_euler("XYZ", chain.angles).magnitude().max() > _MAX_TURN:
-        remarks += ("links turn by more than 90 deg and may be unstable; raise `links`",)
+        remarks += ("links turn by more than 120 deg and may be unstable; raise `links`",)
     warn_of(remarks)
     wrenches, masses = site_forces(shape, chain.bodies), point_masses(shape, chain.bodies)
     paths = tendon_sites(shape, chain)

@@ -220,7 +220,7 @@ def test_links_that_turn_too_far_are_named() -> None:
     arm, tensions = Arm.from_paper("table-2"), np.zeros(12)
     tensions[2] = 4 * natural_tensions(arm)[2]
     shape = settle(arm, tensions, Scene(*EXACT))
-    with pytest.warns(ExportWarning, match="links turn by more than 90 deg"):
+    with pytest.warns(ExportWarning, match="links turn by more than 120 deg"):
         mjcf(shape, 1)
 
 
