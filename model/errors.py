@@ -93,6 +93,10 @@ class TimeLimitError(OctoplanError):
         super().__init__(f"nothing was found within the time limit of {seconds:g} s")
 
 
+class UncertifiedError(OctoplanError):
+    """The shape of a plan is not settled: the time limit was reached first."""
+
+
 class FileError(InputError):
     """A file that was given does not say what it should.
 

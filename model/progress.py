@@ -33,7 +33,13 @@ _line: ContextVar[ProgressLine | None] = ContextVar("line", default=None)
 DELAY, _EVERY = 2.0, 0.5
 # How long what leads to no progress may take, in processor time [s].
 PATIENCE = 20.0
+# How long after a time limit what was found by then may be verified [s].
+GRACE = 1.0
+# What reaching the time limit leaves undone, in the words of certificates.
+OUT_OF_TIME = "the time limit was reached before it was verified"
 _end: ContextVar[float] = ContextVar("end", default=math.inf)
+# The end of the innermost time limit without what `reserve` keeps; None if nothing may be kept.
+_full_end: ContextVar[float | None] = ContextVar("full_end", default=None)
 _ended: ContextVar[Callable[[], bool] | None] = ContextVar("ended", default=None)
 
 
@@ -142,24 +148,29 @@ class OutOfTime(Exception):  # noqa: N818  (a signal between loops, not an error
 
 
 @contextmanager
-def time_limit(seconds: float | None) -> Iterator[None]:
-    """Let what is inside go on for so long, no longer than limits further out; None is no limit."""
+def time_limit(seconds: float | None, reserves: bool = False) -> Iterator[None]:
+    """Let what is inside go on for so long, no longer than limits further out; None is no limit.
+
+    If it `reserves`, calls of `reserve` inside end it early.
+    """
     limit = math.inf if seconds is None else time.monotonic() + seconds
-    token = _end.set(min(limit, _end.get()))
+    limit = min(limit, _end.get())
+    token, full_token = _end.set(limit), _full_end.set(limit if reserves else None)
     try:
         yield
     finally:
+        _full_end.reset(full_token)
         _end.reset(token)
 
 
 @contextmanager
-def limited(seconds: Any) -> Iterator[None]:
+def limited(seconds: Any, reserves: bool = False) -> Iterator[None]:
     """As time_limit, for what has nothing to show before its end: raises TimeLimitError.
 
     And InputError for what is no time.
     """
     limit = None if seconds is None else positive("time_limit", seconds)
-    with time_limit(limit):
+    with time_limit(limit, reserves):
         try:
             yield
         except OutOfTime:
@@ -171,6 +182,20 @@ def limited(seconds: Any) -> Iterator[None]:
 def shorten(seconds: float) -> None:
     """Let what goes on inside of the innermost time_limit go on for no longer than that."""
     _end.set(min(_end.get(), time.monotonic() + seconds))
+
+
+def reserve(seconds: float) -> None:
+    """End the innermost time_limit so many seconds early, if it reserves time.
+
+    For what follows it under the same limit. Replaces the reserve before.
+    """
+    if (full := _full_end.get()) is not None:
+        _end.set(full - seconds)
+
+
+def seconds_left() -> float:
+    """Return the time until the innermost time_limit ends [s]; infinite without one."""
+    return _end.get() - time.monotonic()
 
 
 def end() -> float:

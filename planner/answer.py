@@ -1,4 +1,4 @@
-"""An answer: tensions for a target, with shape, certificate and outcome derived from them.
+"""An answer: tensions for a target, with the shape, certificate and outcome that follow from them.
 
 The outcome is a sentence: what happened, what holds it, and what to try.
 """
@@ -10,13 +10,14 @@ from contextlib import suppress
 from dataclasses import dataclass, fields
 from functools import cached_property
 from operator import attrgetter
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from model.errors import OctoplanError
+from model.errors import OctoplanError, UncertifiedError
 from model.loads import contacts
 from model.paths import Array
+from model.progress import OUT_OF_TIME, OutOfTime, tell
 from model.shape import Shape
 from planner.avoidance.surroundings import NOTHING, Surroundings
 from planner.certificate import Certificate, certify
@@ -30,13 +31,17 @@ from planner.solve.refine import on_mesh
 from planner.targets.base import OVER_WANTED
 from planner.task import SearchResult, Task, agreed
 
+A = TypeVar("A", bound="Answer")
+
 
 @dataclass(frozen=True, eq=False)
 class Answer(SearchResult, Task):
     """Tensions for a target. Numbers only; shape, certificate and outcome are derived from them.
 
     Task has the question, SearchResult the solution, and `surroundings` is what the arm was to keep
-    clear of. An answer whose tensions are changed (dataclasses.replace) is checked afresh.
+    clear of. `complete` computes shape, certificate and outcome; properties return them. An answer
+    that is not complete, such as one whose tensions are changed (dataclasses.replace), computes
+    each of them when it is first read.
     """
 
     surroundings: Surroundings = NOTHING
@@ -47,9 +52,42 @@ class Answer(SearchResult, Task):
         parts = {f.name: getattr(of, f.name) for of in (task, result) for f in fields(of)}
         return cls(**parts | more)
 
-    @cached_property
+    def complete(self) -> None:
+        """Compute shape, certificate and outcome, as far as the time limit allows.
+
+        If the time limit is reached before the arm is settled, `shape` raises UncertifiedError.
+        """
+        tell("settling the shape")
+        try:
+            self._settled_or_reason  # noqa: B018  (cached)
+        except OutOfTime:
+            vars(self)["_settled_or_reason"] = UncertifiedError(OUT_OF_TIME)
+        self.certificate  # noqa: B018  (cached)
+        try:
+            self._remarks  # noqa: B018  (cached)
+        except OutOfTime:
+            vars(self)["_remarks"] = ""
+
+    @property
     def shape(self) -> Shape:
-        """The shape under the tensions, to a hundredth of the accuracy."""
+        """The shape under the tensions, to a hundredth of the accuracy.
+
+        Raises what settle does; UncertifiedError if the time limit was reached first.
+        """
+        found = self._settled_or_reason
+        if isinstance(found, OctoplanError):
+            raise found.with_traceback(None)
+        return found
+
+    @cached_property
+    def _settled_or_reason(self) -> Shape | OctoplanError:
+        """The shape, or the error of settle: an arm that yields under its loads takes long."""
+        try:
+            return self._settle()
+        except OctoplanError as reason:
+            return reason
+
+    def _settle(self) -> Shape:
         return self.settled(self.tensions)
 
     @property
@@ -101,23 +139,29 @@ class Answer(SearchResult, Task):
         if self.lost:
             said += f" An optimum {100 * self.lost:.0f} % cheaper on the coarse mesh was lost on "
             said += "finer ones: ask for more starts."
-        if self.mirror_images:
-            planes = ", ".join(f"{math.degrees(angle):.3g} deg" for angle, _ in self.mirror_images)
-            said = f"{said} Its mirror image across the plane at {planes} from n costs the same."
-        if not self.certificate.problem:
-            missed = not self.certificate.attained and not self.stopped
-            said += remarks(self.targets, self.shape, self.limits, missed, self.accuracy)
-            said += remark_on_slack(self.together, self.shape)
+        said += self._remarks
         if not self.scene.effects:
             said += " Statics: bending alone, as in Scene()."
         return f"Stopped at the time limit, the best so far. {said}" if self.stopped else said
 
     @cached_property
-    def mirror_images(self) -> tuple[tuple[float, Array], ...]:
-        """Other tensions that reach the targets at the same effort; none where it was not reached.
+    def _remarks(self) -> str:
+        """Sentences about mirror images, wraps, holds and slack tendons, each after a space."""
+        if self.certificate.problem:
+            return ""
+        said = ""
+        if images := self.mirror_images():
+            planes = ", ".join(f"{math.degrees(angle):.3g} deg" for angle, _ in images)
+            said = f" Its mirror image across the plane at {planes} from n costs the same."
+        missed = not self.certificate.attained and not self.stopped
+        said += remarks(self.targets, self.shape, self.limits, missed, self.accuracy)
+        return said + remark_on_slack(self.together, self.shape)
 
-        Nor among obstacles or in contact. Angles of planes through the base's axis, from n towards
-        b [rad], and mirrored tensions [N].
+    def mirror_images(self) -> tuple[tuple[float, Array], ...]:
+        """Return other tensions that meet the targets at the same effort.
+
+        Angles of planes through the base's axis, from n towards b [rad], and mirrored tensions [N].
+        Empty if the target is not reached, among obstacles, and in contact.
         """
         touches = self.surroundings or contacts(self.scene)
         if touches or self.mode != "exact" or not self.reached:
@@ -188,6 +232,14 @@ class Answer(SearchResult, Task):
             return on_mesh(known, problem, self.shape)
         return None
 
+    def converted(self, kind: type[A], **more: Any) -> A:
+        """Return the answer as one of another class, with what is computed of it already."""
+        parts = {f.name: getattr(self, f.name) for f in fields(self)}
+        result = kind(**parts | more)
+        computed = ("_settled_or_reason", "certificate", "_remarks", "optimum")
+        vars(result).update({name: vars(self)[name] for name in computed if name in vars(self)})
+        return result
+
     def __getstate__(self) -> dict[str, Any]:
         """Return what travels by pickle: the numbers, without the program."""
         return {name: item for name, item in vars(self).items() if name != "optimum"}
@@ -218,7 +270,8 @@ def sentence(plan: Any) -> str:
 def _verdict(plan: Any) -> str:
     certificate, count = plan.certificate, len(plan.starts)
     if certificate.problem:
-        return f"Not certified: {certificate.problem}"
+        more = "; raise time_limit, or certify the plan" * (certificate.problem == OUT_OF_TIME)
+        return f"Not certified: {certificate.problem}{more}"
     guesses = "initial guess" if count == 1 else "initial guesses"
     tried = f"{count} {guesses} tried, {plan.agreed} led to the best optimum"
     if certificate.passed:

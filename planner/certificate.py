@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from functools import cached_property, partial
-from typing import Any
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from model.forward import by_collocation
 from model.loads import bodies_of, contacts, is_loaded
 from model.obstacles import distances
 from model.paths import Array
-from model.progress import OutOfTime, tell
+from model.progress import OUT_OF_TIME, OutOfTime, tell
 from model.shape import Shape, sharp, stretched
 from model.text import Shown, told
 from model.transcription.system import system
@@ -65,8 +65,9 @@ class Certificate(Shown):
     problem : why the check could not be made, if so
     gaps_asked : least distance of the arm's surface from each body with a required clearance [m]
     least_gaps : the required clearances [m]
-    clearances_of, load_factor_of : return clearances and load_factor, which are no part of the
-        verdict, and are not compared
+    clearances : how clear the arm is of each thing it can meet, by name; see model.clearance
+    load_factor : times its loads at which the arm yields, tensions held; infinite if that is more
+        than MOST_LOADS, None without loads, in contact, and if the time limit was reached
     units : of these by name: "L" of lengths over the arm's, "rad"
     bends : where the arm bends sharper than its own radius, in words
     stretches : where the arm is stretched beyond the law of its body, in words
@@ -86,33 +87,13 @@ class Certificate(Shown):
     problem: str = ""
     gaps_asked: Mapping[str, float] = field(default_factory=dict)
     least_gaps: Mapping[str, float] = field(default_factory=dict)
-    clearances_of: Callable[[], Mapping[str, Clearance]] = field(default=dict, compare=False)
-    load_factor_of: Callable[[], float | None] = field(default=lambda: None, compare=False)
+    clearances: Mapping[str, Clearance] = field(default_factory=dict, compare=False)
+    load_factor: float | None = field(default=None, compare=False)
     units: Mapping[str, str] = field(default_factory=dict)
     strokes: float = 0.0
     complementarity: float | None = None
     bends: str = ""
     stretches: str = ""
-
-    @cached_property
-    def clearances(self) -> Mapping[str, Clearance]:
-        """How clear the arm is of each thing it can meet, by name; see model.clearance."""
-        return self.clearances_of()
-
-    @cached_property
-    def load_factor(self) -> float | None:
-        """Times its loads at which the arm yields, tensions held.
-
-        Infinite if that is more than MOST_LOADS, None without loads.
-        """
-        return self.load_factor_of()
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return what travels by pickle: the numbers, in place of what computes them."""
-        numbers = vars(self) | {"clearances": self.clearances, "load_factor": self.load_factor}
-        return {
-            name: numbers[name] for name in numbers.keys() - {"clearances_of", "load_factor_of"}
-        }
 
     @property
     def gaps(self) -> Mapping[str, float]:
@@ -244,25 +225,37 @@ def certify(
     """Verify the settled tensions by initial value integration, and evaluate targets and limits.
 
     `settled` returns the shape, ten times as accurate as the task; `kkt` the residual of the
-    first-order conditions of that shape.
+    first-order conditions of that shape. If the time limit is reached first, `problem` says so.
     """
-    arm, targets, tolerance, limits = task.arm, task.together, task.accuracy, task.limits
-    excess, least_gaps = tension_excess(tensions, limits), surroundings.least
-    tell("verifying by initial value integration")
+    begun = Certificate(
+        bounds=tension_excess(tensions, task.limits), scheme=SCHEME.name, tolerance=task.accuracy
+    )
     try:
-        shape = settled()
-        checked = _integrated(shape, targets.stations, task.sharper)
-        poses, tip, error, least, line = checked
-        gaps = clearances(line(), surroundings.obstacles, least_gaps) if least_gaps else {}
-    except (OctoplanError, OutOfTime) as reason:
-        why = str(reason) or "the time limit was reached before it was verified"
-        return Certificate(bounds=excess, scheme=SCHEME.name, tolerance=tolerance, problem=why)
-    values = targets.values(poses, targets.compliances(shape))
-    equality, soft_residual, inequality, _ = values
+        return _checked(begun, task, settled(), kkt, surroundings)
+    except OutOfTime:
+        return replace(begun, problem=OUT_OF_TIME)
+    except OctoplanError as reason:
+        return replace(begun, problem=str(reason))
+
+
+def _checked(
+    begun: Certificate,
+    task: Task,
+    shape: Shape,
+    kkt: Callable[[], float],
+    surroundings: Surroundings,
+) -> Certificate:
+    """Return a certificate with the checks of a shape; raise what integration does."""
+    arm, targets, limits = task.arm, task.together, task.limits
+    tell("verifying by initial value integration")
+    poses, tip, error, least, line = _integrated(shape, targets.stations, task.sharper)
+    least_gaps, obstacles = surroundings.least, surroundings.obstacles
+    gaps = clearances(line(), obstacles, least_gaps) if least_gaps else {}
+    equality, soft_residual, inequality, _ = targets.values(poses, targets.compliances(shape))
     # Inequalities that hold between stations too.
     for target in task.targets:
-        for name, least_value in target.least_along(line, tolerance).items():
-            inequality[name] = np.append(inequality[name], least_value)
+        for name, bound in target.least_along(line, task.accuracy).items():
+            inequality[name] = np.append(inequality[name], bound)
     # What is left of the wrenches that are held, over their sizes.
     holds = (target for target in task.targets if isinstance(target, Hold))
     if grasps := [Grasp.of(arm, shape.contacts, hold).least for hold in holds]:
@@ -271,33 +264,35 @@ def certify(
     if limits.strokes is not None:
         (low, high), taken = limits.strokes, strokes(shape, limits.stroke_zero)
         over = float(np.max([low - taken, taken - high], initial=0.0)) / arm.length
-    return Certificate(
-        {name: float(np.linalg.norm(values)) for name, values in equality.items()},
-        {name: float(np.linalg.norm(values)) for name, values in soft_residual.items()},
-        {name: float(np.min(values)) for name, values in inequality.items()},
-        excess,
-        kkt(),
-        math.dist(tip, shape.tip) / arm.length,
-        error,
-        least,
-        task.statement.margin,
-        SCHEME.name,
-        tolerance,
+    tell("verifying optimality")
+    optimality = kkt()
+    tell("verifying clearance")
+    others = [kind for kind in KINDS if kind not in gaps]
+    checked = replace(
+        begun,
+        equality={name: float(np.linalg.norm(values)) for name, values in equality.items()},
+        soft_residual={
+            name: float(np.linalg.norm(values)) for name, values in soft_residual.items()
+        },
+        inequality={name: float(np.min(values)) for name, values in inequality.items()},
+        kkt=optimality,
+        agreement=math.dist(tip, shape.tip) / arm.length,
+        error=error,
+        stability=least,
+        stability_margin=task.statement.margin,
         gaps_asked={name: clear.gap for name, clear in gaps.items()},
         least_gaps=least_gaps,
-        clearances_of=lambda: {
-            **gaps,
-            **clearances(
-                line(), surroundings.obstacles, [kind for kind in KINDS if kind not in gaps]
-            ),
-        },
-        load_factor_of=lambda: _load_factor(shape),
+        clearances={**gaps, **clearances(line(), obstacles, others)},
         units=targets.terms.units,
         strokes=over,
         complementarity=_violation(shape, line()) if contacts(task.scene) else None,
         bends=sharp(shape),
         stretches=stretched(shape),
     )
+    # How much more the arm bears is no part of the verdict.
+    with suppress(OutOfTime):
+        return replace(checked, load_factor=_load_factor(shape))
+    return checked
 
 
 def tension_excess(tensions: Array, limits: Limits) -> float:

@@ -21,7 +21,7 @@ from cyclopts.validators import Number
 from model import InputError, OctoplanError, UnitWarning
 from model.errors import CompilerError, MissingExtraError, TimeLimitError, shortened
 from model.machine.compiled import Compile
-from model.progress import OutOfTime, ProgressLine, shorten, tell, time_limit
+from model.progress import GRACE, OutOfTime, ProgressLine, shorten, tell, time_limit
 from octoplan.command_line import COMMANDS, app, printed
 from planner.io.files import to_json, why, write_together
 from planner.io.scene_file import Question, load
@@ -55,8 +55,6 @@ class Output:
     reached: bool = True
 
 
-# What a search that was stopped at the time limit has left to verify what it found [s].
-GRACE = 0.7
 # Of messages, in characters.
 _LONG = 2000
 

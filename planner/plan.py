@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from model.arm import Arm
+from model.centreline import Centreline
 from model.checks import kind, not_negative, positive, within
 from model.errors import InputError, OctoplanError
 from model.forward import checked_accuracy
@@ -19,7 +20,7 @@ from model.loads import contacts, is_loaded, without_contacts
 from model.machine.compiled import Compile, checked_compile
 from model.obstacles import check_obstacles
 from model.paths import Array
-from model.progress import OutOfTime, with_progress
+from model.progress import GRACE, OutOfTime, reserve, seconds_left, with_progress
 from model.progress import time_limit as limited_to
 from model.scene import Scene
 from model.shape import Shape
@@ -51,10 +52,27 @@ from planner.targets.hold import Hold
 from planner.targets.wrap import Wrap
 from planner.task import SearchResult, Task
 
+# In contact the fraction of the time limit that is kept for shape and certificate until the search
+# has measured how long the arm takes to settle.
+CONTACT_SHARE = 0.25
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan(Told, Answer):
     """Tensions for a target; shape, certificate and outcome are derived from them."""
+
+    @with_progress
+    def certify(self, time_limit: float | None = None, progress: bool | None = None) -> Self:
+        """Return the plan with shape and certificate computed anew, as `plan` does.
+
+        Pass a longer `time_limit` [s], or none, if that of `plan` was reached before the certificate
+        was complete. If the limit is reached, the outcome says so.
+        """
+        seconds = None if time_limit is None else positive("time_limit", time_limit)
+        result = replace(self)
+        with limited_to(seconds):
+            result.complete()
+        return result
 
     def co_contract(self, level: float) -> Plan:
         """Return the plan for the same targets with every tendon pulling at least so hard [N].
@@ -100,9 +118,8 @@ class HeldPlan(Plan):
     these.
     """
 
-    @cached_property
-    def shape(self) -> Shape:
-        """See Answer.shape: the one to which its load path leads."""
+    def _settle(self) -> Shape:
+        """Return the shape to which the load path leads."""
         arguments = (self.arm, self.load_path, np.ravel(self.tensions), self.scene)
         return settled_along(*arguments, max(self.accuracy / 10, 1e-12), self.machine_code)
 
@@ -168,6 +185,7 @@ def plan(
     stroke_min: Any = None,
     progress: bool | None = None,
     stroke_zero: Any = "straight",
+    certify: bool = True,
 ) -> Plan:
     """Return the tensions of least effort that give an arm the shape that a target wants.
 
@@ -207,10 +225,11 @@ def plan(
         been 0 there; unless given, from the least tensions, where the arm has to touch nothing.
         Such plans are for places and poses.
     time_limit : float
-        [s]. What is best then is returned, and `outcome` says so; what the first plan for an arm
-        and a scene needs to be set up is not cut short. Nor are shape and certificate, which are
-        found when they are first asked for: in a second or less, in contact in seconds, and where
-        it hardly settles within 20 s a mesh.
+        How long the call may take [s], with shape, certificate and outcome. The search then returns
+        the best plan so far. The certificate has what is left of the limit, and at least GRACE, 1
+        s. In contact the search ends early by about the time that the arm takes to settle.
+        `outcome` says if the limit ended the search, or came before the certificate was complete.
+        Setting up the first plan for an arm and a scene is not cut short.
     stability_margin : float
         The least stability of the shape under its loads that is accepted, 0 to 1: the least
         eigenvalue of the scaled Hessian of the energy, which is 1 for an arm at rest and 0 where it
@@ -237,6 +256,9 @@ def plan(
     stroke_zero : "straight", "at rest", Shape, or lengths (n_tendons,)
         Where winches are zeroed, and strokes count from: at the straight arm without loads, at the
         arm as it stands in the scene without tensions, at a shape, at lengths of tendons [m].
+    certify : bool
+        Whether to compute shape, certificate and outcome before returning. Pass False in loops that
+        need tensions alone; shape and certificate are then computed when they are first read.
 
     Returns
     -------
@@ -282,15 +304,25 @@ def plan(
             raise InputError("near", "a plan for another arm or scene", "one for the same")
         task = replace(task, targets=with_places_of(targets, near.targets))
 
-    with limited_to(seconds):
+    kind("certify", certify, bool, "True or False")
+
+    def planned(targets: tuple[Target, ...], previous: Plan | None) -> Plan:
+        leads = previous is not None and previous.mode == "exact"
+        return _planned(replace(task, targets=targets), around, previous if leads else near)
+
+    with limited_to(seconds, reserves=certify):
+        if contacts(scene) and seconds_left() < np.inf:
+            reserve(CONTACT_SHARE * seconds_left())
         if wrap is None:
-            return _held_along(task, around, _planned(task, around, near))
-
-        def planned(targets: tuple[Target, ...], previous: Plan | None) -> Plan:
-            leads = previous is not None and previous.mode == "exact"
-            return _planned(replace(task, targets=targets), around, previous if leads else near)
-
-        return _held_along(task, around, with_turns(arm, targets, wrap, planned))
+            result = _held_along(task, around, _planned(task, around, near))
+        else:
+            result = _held_along(task, around, with_turns(arm, targets, wrap, planned))
+        reserve(0.0)
+        left = None if seconds is None else max(seconds_left(), GRACE)
+    if certify:
+        with limited_to(left):
+            result.complete()
+    return result
 
 
 def _held_along(task: Task, around: Surroundings, plan: Plan) -> Plan:
@@ -304,7 +336,7 @@ def _held_along(task: Task, around: Surroundings, plan: Plan) -> Plan:
             return plan
         refined = plan.targets
         with suppress(OctoplanError, OutOfTime):
-            line = plan.shape.centreline
+            line = partial(_centreline, plan)
             refined = tuple(each.refined_along(line, task.accuracy) for each in plan.targets)
         if refined == plan.targets:
             return plan
@@ -321,6 +353,11 @@ def _held_along(task: Task, around: Surroundings, plan: Plan) -> Plan:
             kept = {name: getattr(plan, name) for name in ("starts", "jump", "lost")}
             plan = type(plan).of(again, replace(led, **kept), surroundings=plan.surroundings)
     return plan
+
+
+def _centreline(plan: Plan) -> Centreline:
+    """Return the midline of the shape of a plan."""
+    return plan.shape.centreline()
 
 
 def _planned(task: Task, around: Surroundings, near: Plan | None) -> Plan:

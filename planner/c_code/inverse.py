@@ -87,6 +87,7 @@ def _followed(p: Plan) -> tuple[Array, Array]:
     """
     start, results, targets = p.targets[0].parameters(p.arm), list[Array](), list[Array]()
     options: dict[str, Any] = {"tension_min": p.limits.lower, "accuracy": p.accuracy}
+    options["certify"] = False
     upper, near = p.limits.upper, p
     for move in _MOVES:
         place = start + _MOVED * p.arm.length * np.array(move)

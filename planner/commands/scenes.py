@@ -54,10 +54,9 @@ def plan(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Output:
     """Find the tensions of least effort for the scene's target."""
     result = planned(options.question(scene))
     tables = {"plan.csv": lambda: plan_csv(result), "shape.csv": lambda: _shape_csv(result)}
-    record = plan_record(result)
-    return Output(
-        lambda: str(result), record, "plan", result.plot, tables, result.certificate.passed
-    )
+    record, certificate = plan_record(result), result.certificate
+    draw = None if certificate.problem else result.plot
+    return Output(lambda: str(result), record, "plan", draw, tables, certificate.passed)
 
 
 def _shape_csv(result: Plan) -> bytes:

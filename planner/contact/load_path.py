@@ -11,6 +11,8 @@ from D_0 = 0 on.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import scipy
 
@@ -22,6 +24,7 @@ from model.equilibrium.linearised import Linearised
 from model.errors import InputError
 from model.loads import contacts, without_friction
 from model.paths import Array
+from model.progress import ProgressLine, tell
 from model.scene import Scene
 from model.settle import settle
 from model.shape import Shape
@@ -75,11 +78,27 @@ def settled_along(
     if not load_path and not rubs(scene):
         return settle(arm, tensions, scene, accuracy, compile=machine_code)
     rough = min(ON_THE_PATH, accuracy) if rubs(scene) else ON_THE_PATH
-    first, *others = load_path or (tensions,)
-    near = settle(arm, first, without_friction(scene), rough, compile=machine_code)
-    for T in others:
-        near = settle(arm, T, scene, rough, compile=machine_code, near=near)
+    path = load_path or (tuple(np.ravel(tensions).tolist()),)
+    near = _at_the_end(arm, path, scene, rough, machine_code)
     return settle(arm, tensions, scene, accuracy, compile=machine_code, near=near)
+
+
+@lru_cache(maxsize=8)
+def _at_the_end(
+    arm: Arm, load_path: LoadPath, scene: Scene, accuracy: float, machine_code: bool
+) -> Shape:
+    """Return the shape at the last tensions of a load path.
+
+    Cached: the path of a plan is settled in its search and again for its certificate, and has up to
+    a hundred steps.
+    """
+    first, *others = load_path
+    near = settle(arm, first, without_friction(scene), accuracy, compile=machine_code)
+    for i, T in enumerate(others):
+        tell("load path", i, len(others))
+        with ProgressLine(False):
+            near = settle(arm, T, scene, accuracy, compile=machine_code, near=near)
+    return near
 
 
 def path_sensitivities(path: Path) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -16,7 +17,7 @@ from model.equilibrium.newton import STAGES
 from model.errors import InputError, OctoplanError, UnsettledContactError
 from model.loads import contacts, without_contacts, without_friction
 from model.paths import Array
-from model.progress import OutOfTime, check_time, tell
+from model.progress import OutOfTime, check_time, reserve, tell
 from model.shape import Shape
 from planner.contact.load_path import ON_THE_PATH, LoadPath, from_rest, rubs, settled_along
 from planner.contact.optimum import ContactOptimum, conditions, optimum
@@ -31,6 +32,9 @@ from planner.task import SearchResult, Task, Trial, agreed
 # The meshes of searches and of plans.
 COARSE = 1
 FINE = 2 * COARSE
+# Time of a plan's shape and certificate, which are more accurate, over that of one step of the load
+# path in the search. The path itself is not settled again.
+CERTIFICATE_TIME = 4.0
 # How far frames may turn between meshes in what is one equilibrium [rad].
 _SAME = 0.1
 # What is taken of the way to tensions without friction, and beyond.
@@ -176,11 +180,14 @@ class ContactSearch:
         arm, scene, T = self.task.arm, self.task.scene, end.point.tensions
         for way in ((), end.load_path):
             with suppress(OctoplanError):
+                begun = time.monotonic()
                 shape = settled_along(arm, way, T, scene, ON_THE_PATH, self.task.machine_code)
+                per_step = (time.monotonic() - begun) / (len(way) + 1)
                 there = fine.settled(T, shape.known)
                 if close(there, end.point, _SAME):
                     refined = optimum(fine, there)
                     if bool(refined.violation) == bool(end.violation):
+                        reserve(CERTIFICATE_TIME * per_step)
                         return replace(refined, load_path=way)
         raise UnsettledContactError(1.0, "the arm does not come to the optimum")
 

@@ -12,7 +12,7 @@ The bounds count as a uniform distribution, so that M is regular.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -193,8 +193,7 @@ class Calibration(Told, Fitted):
         planned = plan(self.arm, targets, self.scene, **options)
         predicted = self.predict(planned.tensions)
         measured = float(np.sqrt(np.trace(predicted.covariance[0])))
-        parts = {field.name: getattr(planned, field.name) for field in fields(planned)}
-        return CalibratedPlan(**parts, tip_std=predicted.tip_std, measured_std=measured)
+        return planned.converted(CalibratedPlan, tip_std=predicted.tip_std, measured_std=measured)
 
     def next(self, candidates: Sequence[Any], session: str = "") -> tuple[Candidate, ...]:
         """Return sets of tensions, best first, by what measuring them tells of the unknowns.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import Any
@@ -12,7 +13,16 @@ from model import Arm, InputError, Scene
 from model.checks import kind
 from model.errors import OctoplanError
 from model.paths import Array
-from model.progress import OutOfTime, limited, reported, tell, with_progress
+from model.progress import (
+    GRACE,
+    OutOfTime,
+    limited,
+    reported,
+    reserve,
+    seconds_left,
+    tell,
+    with_progress,
+)
 from planner.fit.calibrate import supported_scene
 from planner.fit.design_program import DesignOptimum, DesignProgram, Targets
 from planner.fit.designed import Design, worth
@@ -68,8 +78,9 @@ def design(
     seed : int
         Of the other arms.
     time_limit : float
-        After how long no further arm is begun with [s]; the outcome says so. The plans of the best
-        arm found are still made.
+        How long the call may take [s]. The search for the best arm ends early by the time that the
+        plans of the given arm took, so that those of the best arm are made and certified within the
+        limit; they have at least GRACE, 1 s each. The outcome says if the limit ended the search.
     progress : bool
         Whether a line tells how far it is: unless given, after two seconds, on terminals and in
         notebooks.
@@ -91,20 +102,24 @@ def design(
     objective = checked_objective(objective, limits)
     program = DesignProgram(parameters, _tasks(arm, targets), limits, making, objective)
     search, stopped = _Search(program, starts), False
-    with limited(time_limit):
+    with limited(time_limit, reserves=True):
         try:
-            before = search.plans(arm, parameters.given.scene)
+            begun = time.monotonic()
+            before = search.plans(arm, parameters.given.scene, certify=True)
+            reserve(time.monotonic() - begun)
             search.run(before, begins, seed)
         except OutOfTime:
             if not search.optima:
                 raise
             stopped = True
+        reserve(0.0)
+        end = None if time_limit is None else time.monotonic() + seconds_left()
     best, reaches = search.best, None
     if isinstance(objective, Reach):
         at_first = program.solve(parameters.start, _tensions(before), fixed=True)
         reaches = tuple(at_first.tensions[-1].tolist()), tuple(best.tensions[-1].tolist())
     _, designed, scene = parameters.setting(best.values)
-    plans = search.plans(designed, scene)
+    plans = search.plans(designed, scene, certify=True, end=end)
     ends = zip((arm, designed), (before, plans), reaches or (None, None), strict=True)
     value_before, value = (worth(objective, scene, *each) for each in ends)
     return Design(
@@ -165,13 +180,22 @@ class _Search:
         """The best of them."""
         return min(self.optima, key=lambda optimum: optimum.cost)
 
-    def plans(self, arm: Arm, scene: Scene) -> tuple[Plan, ...]:
-        """Return the plans of all tasks, each by itself the best for the objective."""
-        most = self.program.limits.upper
-        return tuple(
-            plan(arm, task, scene, most, starts=self.starts)
-            for task in reported("tasks planned", self.program.planned)
-        )
+    def plans(
+        self, arm: Arm, scene: Scene, certify: bool = False, end: float | None = None
+    ) -> tuple[Plan, ...]:
+        """Return the plans of all tasks, each by itself the best for the objective.
+
+        `end` is the time of `time.monotonic` until which they share the time that is left.
+        """
+        most, plans = self.program.limits.upper, list[Plan]()
+        for task in reported("tasks planned", self.program.planned):
+            limit = None
+            if end is not None:
+                share = (end - time.monotonic()) / (len(self.program.planned) - len(plans))
+                limit = max(share, GRACE)
+            more: dict[str, Any] = {"certify": certify, "time_limit": limit}
+            plans.append(plan(arm, task, scene, most, starts=self.starts, **more))
+        return tuple(plans)
 
     def run(self, before: Sequence[Plan], begins: int, seed: int) -> None:
         """Begin with the given arm and its plans, others, and the best ones at their other ends."""

@@ -10,10 +10,12 @@ import msgspec
 import numpy as np
 
 from model.arm import Arm
-from model.checks import not_negative, within
+from model.checks import not_negative, positive, within
 from model.errors import FileError
 from model.forward import checked_accuracy
 from model.loads import contacts
+from model.progress import time_limit as limited_to
+from model.progress import with_progress
 from planner.avoidance.surroundings import surroundings
 from planner.fit.calibration import Calibration
 from planner.io.codec import read, value_of
@@ -47,11 +49,15 @@ class SavedCalibration(msgspec.Struct):
     fit: FitRecord
 
 
-def load_plan(path: str | Path) -> Plan:
+@with_progress
+def load_plan(
+    path: str | Path, *, time_limit: float | None = None, progress: bool | None = None
+) -> Plan:
     """Return the plan that `Plan.save` or `octoplan plan --json` wrote.
 
-    It is equal to the one that was saved. Only question, tensions and multipliers are read:
-    shape, certificate and outcome are worked out anew.
+    It is equal to the one that was saved. Only question, tensions and multipliers are read. Shape,
+    certificate and outcome are computed anew, for at most `time_limit` [s]; the outcome says if the
+    limit was reached. `progress` is as in `plan`.
 
     Raises
     ------
@@ -75,6 +81,8 @@ def load_plan(path: str | Path) -> Plan:
     kind = HeldPlan if contacts(task.scene) else Plan
     plan: Plan = kind.of(task, result, surroundings=around)
     _check_multipliers(plan, name)
+    with limited_to(None if time_limit is None else positive("time_limit", time_limit)):
+        plan.complete()
     return plan
 
 

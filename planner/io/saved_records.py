@@ -68,8 +68,8 @@ AnswerRecord: Any = exact(SearchResult, placed=True)
 _RENAMED = {"match": "equality", "approach": "soft_residual", "margin": "inequality"}
 CertificateRecord: Any = derived(
     Certificate,
-    "clearances_of",
-    "load_factor_of",
+    "clearances",
+    "load_factor",
     "gaps_asked",
     *_RENAMED.values(),
     **{

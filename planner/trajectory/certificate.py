@@ -11,6 +11,7 @@ import numpy as np
 from model.errors import OctoplanError
 from model.forward import FINEST_ACCURACY
 from model.loads import contacts, is_loaded
+from model.progress import OUT_OF_TIME, OutOfTime, check_time, tell
 from model.shape import Shape
 from model.text import Shown, told
 from planner.certificate import Certificate, certify, tension_excess
@@ -168,7 +169,10 @@ class MotionCertificate(Shown):
 def certify_motion(
     question: Question, way: Timed, settled: Callable[[], tuple[Shape, ...]]
 ) -> MotionCertificate:
-    """Check a motion; `settled` returns the shapes at the waypoints, each near the one before."""
+    """Check a motion; `settled` returns the shapes at the waypoints, each near the one before.
+
+    If the time limit is reached first, `problem` says so.
+    """
     rates, parts = question.rates, way.progress.c[2].astype(int)
     changes = (np.abs(np.diff(way.tensions, axis=0)) / rates.tension).max(axis=1)
     stroke_rate, stroke, tip = map(float, way.largest / rates.of_places)
@@ -180,17 +184,27 @@ def certify_motion(
         tip_acceleration=tip,
     )
     try:
-        shapes = settled()
+        return _checked(result, question, way, settled())
+    except OutOfTime:
+        return replace(result, problem=OUT_OF_TIME)
     except OctoplanError as reason:
         return replace(result, problem=str(reason))
+
+
+def _checked(
+    result: MotionCertificate, question: Question, way: Timed, shapes: tuple[Shape, ...]
+) -> MotionCertificate:
+    """Return a certificate with the checks at targets and of what lies between them."""
     pairs = zip(question.targets, (shapes[k] for k in way.met), strict=True)
     result = replace(
         result,
         at_targets=tuple(_at_target(question, targets, shape) for targets, shape in pairs),
         jumps=tuple(k for k, shape in enumerate(shapes) if k and shape.snaps),
     )
+    check_time()  # a certificate at a target catches OutOfTime
     if contacts(question.scene):
         return result
+    tell("verifying between waypoints")
     lines, loaded = question.lines(), is_loaded(question.scene)
     if loaded or question.limits.strokes is not None:
         left, _, jumps = strokes_between(question, lines, way)

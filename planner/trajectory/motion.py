@@ -10,7 +10,8 @@ from model.arm import Arm
 from model.forward import checked_accuracy
 from model.loads import contacts
 from model.machine.compiled import Compile, checked_compile
-from model.progress import limited, with_progress
+from model.progress import GRACE, limited, seconds_left, with_progress
+from model.progress import time_limit as limited_to
 from model.scene import Scene
 from planner.avoidance.surroundings import surroundings
 from planner.contact.load_path import is_same
@@ -72,8 +73,11 @@ def trajectory(
         (3,) [m]; or the name of a .csv file with columns x_m, y_m, z_m, and t_s if times are given.
     waypoints : int
         At how many fractions a function is evaluated.
-    scene, accuracy, compile, progress, time_limit
+    scene, accuracy, compile, progress
         As plan takes them.
+    time_limit : float
+        How long the call may take [s]. The certificate has what the search leaves of the limit, and
+        at least GRACE, 1 s; `outcome` says if the limit came before it was complete.
     tension_max, tension_min, total_pull, stroke_max, stroke_min, stroke_zero
         As plan takes them.
     rate_max : float, or one for each tendon
@@ -123,5 +127,9 @@ def trajectory(
     question = Question(arm, scene, sequence, limits, rates, around, *how)
     with limited(time_limit):
         way = Timed.of(question, (planned_touching if contacts(scene) else cleared)(question))
+        left = None if time_limit is None else max(seconds_left(), GRACE)
     question.check_durations(np.diff(way.starts[[0, *way.met]]))
-    return Trajectory(question, way)
+    result = Trajectory(question, way)
+    with limited_to(left):
+        result.complete()
+    return result

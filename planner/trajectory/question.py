@@ -178,7 +178,7 @@ class Question:
         """
         missed = list[Plan]()
         more = self.limits.keywords | self.wider.keywords
-        more |= {"accuracy": self.accuracy, "compile": self.machine_code}
+        more |= {"accuracy": self.accuracy, "compile": self.machine_code, "certify": False}
         for k in range(i, len(self.targets) if near is None else i + 1):
             with of_target(k):
                 result = plan(self.arm, self.targets[k], self.scene, near=near, **more)

@@ -16,7 +16,7 @@ from model.effects import Buoyancy
 from model.errors import InputError
 from model.loads import contacts
 from model.paths import Array
-from model.progress import reported
+from model.progress import OUT_OF_TIME, OutOfTime, reported
 from model.shape import Shape
 from model.stiffness import stiffness
 from model.text import Told, plotted
@@ -30,6 +30,8 @@ from planner.trajectory.time_law import Timed
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory(Told):
     """Tensions over time. Numbers only.
+
+    `complete` computes certificate and outcome; `trajectory` has done so.
 
     Attributes
     ----------
@@ -104,17 +106,25 @@ class Trajectory(Told):
         """The check of targets, limits, rates, and of clearance between the times, too."""
         return certify_motion(self.question, self.way, lambda: self._at_waypoints)
 
+    def complete(self) -> None:
+        """Compute certificate and outcome, as far as the time limit allows."""
+        self.certificate  # noqa: B018  (cached)
+        try:
+            self._pace  # noqa: B018  (cached)
+        except OutOfTime:
+            vars(self)["_pace"] = ""
+
     @property
     def reached(self) -> tuple[bool, ...]:
         """Whether each target is met, by the certificate."""
-        return self.certificate.reached
+        return self.certificate.reached or (False,) * len(self.question.targets)
 
-    @property
+    @cached_property
     def period(self) -> float:
         """The slowest period of the arm on its way [s]; quasi-static ways take much longer."""
         return max(slowest_period(self.shapes[stop]) for stop in (0, *self.stops))
 
-    @property
+    @cached_property
     def inertia(self) -> float:
         """The tip's largest acceleration over gravity; an estimate where it has no limit.
 
@@ -138,22 +148,31 @@ class Trajectory(Told):
         said = f"Reached: {result}, every target met, limits, rates and clearance kept."
         if not certificate.passed:
             advice = "give it more time, room or tension, or move what is missed"
+            if certificate.problem == OUT_OF_TIME:
+                advice = "raise time_limit"
             said = f"Not certified ({result}): {'; '.join(certificate.failures)}; {advice}."
         if certificate.problem:
             return said
-        said += "".join(f" Beware: {warning}." for warning in certificate.warnings[:3])
+        warnings = "".join(f" Beware: {warning}." for warning in certificate.warnings[:3])
+        return f"{said}{warnings}{self._pace}"
+
+    @cached_property
+    def _pace(self) -> str:
+        """Whether the motion is slow enough to be quasi-static: a sentence after a space."""
+        if self.certificate.problem:
+            return ""
         factor, period = f"{self.inertia:.2g} times gravity", f"{self.period:.2g} s"
         is_slow = self.inertia <= QUASI_STATIC * (1 + SAMPLED)
         between = np.diff(self.times[[0, *self.stops]])
         shortest = float(between[between > 0].min(initial=np.inf))
         if is_slow and shortest < self.period:
             return (
-                f"{said} Slow enough to be quasi-static by the tip's acceleration, some {factor}, "
+                f" Slow enough to be quasi-static by the tip's acceleration, some {factor}, "
                 f"but not by the arm's slowest period of {period}: the shortest way takes "
                 f"{shortest:.2g} s, give it more time."
             )
         return (
-            f"{said} {'Slow' if is_slow else 'Not slow'} enough to be quasi-static: the tip "
+            f" {'Slow' if is_slow else 'Not slow'} enough to be quasi-static: the tip "
             f"accelerates by some {factor}, the arm's slowest period {period}."
         )
 

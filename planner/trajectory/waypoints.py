@@ -150,7 +150,7 @@ class Waypoints:
         plans = [first, *map(question.planned, reported("plans of waypoints", later))]
         alone, before = list[Waypoint](), np.ravel(first.tensions)
         for targets, each in zip(question.targets, plans, strict=True):
-            images = [each.tensions, *(T for _, T in each.mirror_images)]
+            images = [each.tensions, *(T for _, T in each.mirror_images())]
             before = min(map(np.ravel, images), key=partial(_largest_change, before))
             alone.append(Waypoint(targets, before, each.avoidance))
         return alone

@@ -138,7 +138,7 @@ def test_the_outcome_tells_what_was_to_be_kept_clear_of() -> None:
         p.certificate,
         gaps_asked={"obstacles": ball.gap},
         least_gaps={"obstacles": 0.0},
-        clearances_of=lambda: nearer,
+        clearances=nearer,
     )
     assert p.outcome.startswith(f"Not clear: {ball};")
 

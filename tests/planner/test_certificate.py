@@ -79,7 +79,7 @@ def test_a_plan_travels_by_pickle_and_stays_equal() -> None:
     assert copy != replace(PLAN, tensions=PLAN.tensions * 1.1)
 
 
-SOUND = replace(PLAN.certificate, clearances_of=dict, load_factor_of=lambda: None)
+SOUND = replace(PLAN.certificate, clearances={}, load_factor=None)
 EACH_CHECK = {
     "target residual": lambda v: {"equality": {"tip position": v * 1e-6}},
     "inequality": lambda v: {"inequality": {"least stiffness": -v * 1e-6}},
@@ -123,7 +123,7 @@ def test_a_limit_may_not_be_passed_by_any_amount() -> None:
 )
 def test_a_shape_on_the_brink_is_warned_of(load_factor: float | None, why: str) -> None:
     """In contact, where no load factor is told, the sentence broke off."""
-    brink = replace(SOUND, stability=0.05, load_factor_of=lambda: load_factor)
+    brink = replace(SOUND, stability=0.05, load_factor=load_factor)
     assert f"it stands on the brink: {why}" in brink.warnings
 
 

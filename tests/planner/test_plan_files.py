@@ -60,7 +60,7 @@ def unlimited() -> Plan:
 
 def stopped(after: float) -> Plan:
     scene, target = Scene.silicone(), TipPosition((0.2, 0.1, 0.1))
-    return plan(Arm.from_paper("table-4"), target, scene, 20.0, time_limit=after)
+    return plan(Arm.from_paper("table-4"), target, scene, 20.0, time_limit=after).certify()
 
 
 @pytest.fixture(scope="module")
