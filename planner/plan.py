@@ -65,8 +65,8 @@ class Plan(Told, Answer):
     def certify(self, time_limit: float | None = None, progress: bool | None = None) -> Self:
         """Return the plan with shape and certificate computed anew, as `plan` does.
 
-        Pass a longer `time_limit` [s], or none, if that of `plan` was reached before the certificate
-        was complete. If the limit is reached, the outcome says so.
+        Pass a longer `time_limit` [s], or none, if the limit of `plan` was reached before the
+        certificate was complete. If the limit is reached, the outcome says so.
         """
         seconds = None if time_limit is None else positive("time_limit", time_limit)
         result = replace(self)

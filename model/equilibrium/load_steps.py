@@ -365,7 +365,7 @@ class Collocation:
         result = np.empty((len(near), self.system.of.n_states))
         systems = np.array([id(each.system) for each in near])
         for one in np.unique(systems):
-            alike = np.flatnonzero(systems == one)
+            alike = np.flatnonzero(systems == one).tolist()
             before = near[alike[0]].system
             states = np.array([predicted(near[i], tensions[i]) for i in alike])
             if before.of is not self.system.of or not np.array_equal(before.mesh.s, self.mesh.s):
