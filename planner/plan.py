@@ -38,7 +38,6 @@ from planner.io.saved_records import plan_record
 from planner.program.problem import Problem
 from planner.program.program import STABILITY
 from planner.question import (
-    Solver,
     check_targets,
     checked_limits,
     planned_scene,
@@ -170,7 +169,6 @@ def plan(
     tension_min: Any = 0.0,
     total_pull: float | None = None,
     norm: Any = "2",
-    solver: Solver = "auto",
     form: Any = None,
     accuracy: float = 1e-6,
     starts: int | None = None,
@@ -205,10 +203,6 @@ def plan(
         The most that all tendons together may pull [N]; no limit unless given.
     norm : "2", "1" or "inf"
         What effort is: root of the sum of squares, sum, or largest tension.
-    solver : "auto", "ipopt" or "fatrop"
-        What is to solve the program; "auto" takes ipopt. Where it can be stated in stages from base
-        to tip, and tendons are not exact, fatrop may solve it from initial guesses, and ipopt where
-        that fails. `Plan.statement` tells what did, and in how many iterations.
     form
         Deprecated: there is one program.
     accuracy : float
@@ -280,7 +274,7 @@ def plan(
     margin = BRINK if is_loaded(scene) and not rubs(scene) else 0.0
     if stability_margin is not None:
         margin = within("stability_margin", stability_margin, 0.0, 1.0)
-    statement = stated(targets, limits, solver, norm, form, starts).but(margin=margin)
+    statement = stated(targets, limits, norm, form, starts).but(margin=margin)
     task = Task(
         arm,
         targets,

@@ -25,7 +25,6 @@ from planner.program.terms import Targets
 from planner.targets.base import Target
 
 Norm = Literal["2", "1", "inf"]
-Solver = Literal["auto", "ipopt", "fatrop"]
 Mode = Literal["exact", "closest", "nearest"]
 
 
@@ -40,8 +39,6 @@ class Statement:
 
     Attributes
     ----------
-    solver : "auto", "ipopt" or "fatrop"
-        What is to solve it; of a plan, what did.
     norm : "2", "1" or "inf"
         What effort is.
     mode : "exact", "closest" or "nearest"
@@ -58,7 +55,6 @@ class Statement:
         Of a plan, how many its solution took on the last mesh.
     """
 
-    solver: Solver = "ipopt"
     norm: Norm = "2"
     mode: Mode = "exact"
     refinement: Annotated[int, Meta(ge=1, le=FINEST)] = 4
@@ -252,18 +248,17 @@ def _zeroed_at(arm: Arm, scene: Scene, zero: Any) -> tuple[float, ...] | None:
 
 
 def stated(
-    targets: tuple[Target, ...], limits: Limits, solver: Any, norm: Any, form: Any, starts: Any
+    targets: tuple[Target, ...], limits: Limits, norm: Any, form: Any, starts: Any
 ) -> Statement:
     """Return the statement that arguments of plan ask for; InputError for what is not allowed."""
     endless = limits.total is None and bool(np.isinf(limits.upper).any())
     forms, whole = (None, "condensed", "multiple-shooting"), type(starts) is int and starts >= 1
-    solvers, norms = get_args(Solver), "2 (least squares), 1 (least total pull) or inf"
+    norms = "2 (least squares), 1 (least total pull) or inf"
     checks = (
         (
             not (endless and any(target.compliance_request() for target in targets)),
             ("tension_max", np.inf, "finite limits where a stiffness is wanted"),
         ),
-        (isinstance(solver, str) and solver in solvers, ("solver", solver, ", ".join(solvers))),
         (str(norm) in get_args(Norm), ("norm", norm, f"{norms} (least maximum)")),
         (
             isinstance(form, str | None) and form in forms,
@@ -275,9 +270,8 @@ def stated(
         if not is_allowed:
             raise InputError(*what)
     if form is not None:
-        advice = "solver= tells what solves it"
-        warn(f"form has no effect: there is one program; {advice}", DeprecationWarning)
-    return Statement(solver, str(norm))  # type: ignore[arg-type]
+        warn("form has no effect: there is one program", DeprecationWarning)
+    return Statement(str(norm))  # type: ignore[arg-type]
 
 
 def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, ...]:

@@ -209,9 +209,6 @@ class OptionsTable(Table, frozen=True, kw_only=True):
             "0.1 where that can be had unless given"
         ),
     ] = None
-    solver: Annotated[
-        Literal["auto", "ipopt", "fatrop"], Meta(description="what solves the program")
-    ] = "auto"
     clearance_mm: Annotated[
         NotNegative, quantity("least distance of the arm's surface from obstacles", "mm")
     ] = 0.0

@@ -38,7 +38,7 @@ from model.winches import rest_lengths
 from planner.program.blocks import States
 from planner.program.program import STABILITY, STROKES, Program, factorised
 from planner.program.terms import Same
-from planner.question import Limits, Solver, Statement, natural_tensions
+from planner.question import Limits, Statement, natural_tensions
 from planner.task import SearchResult, Task, Trial
 
 Bounds = tuple[Array, Array, Array, Array]
@@ -86,7 +86,7 @@ class Problem:
     def __init__(self, task: Task, statement: Statement | None = None) -> None:
         self.task, self.arm, self.scene = task, task.arm, task.scene
         self.together, self.limits = task.together, task.allowed
-        self.statement = (statement or task.statement).but(iterations=0, solver="ipopt")
+        self.statement = (statement or task.statement).but(iterations=0)
         self.unit = units(task.arm, task.limits)
         stated = self.statement.but(margin=0.0, floor=0.0)
         total, strokes = self.limits.total is not None, self.limits.strokes is not None
@@ -270,7 +270,6 @@ class Solution:
     f: float
     met: bool
     iterations: int
-    solver: Solver = "ipopt"
 
     @property
     def is_finite(self) -> bool:
@@ -339,7 +338,7 @@ class Candidate(Solution):
         """Return the result of a search that ends here, after trials."""
         of = self.problem
         return SearchResult(
-            of.statement.but(solver=self.solver, iterations=self.iterations),
+            of.statement.but(iterations=self.iterations),
             of.arm.by_section(self.tensions),
             tuple(self.lam_x[: of.n_free].tolist()),
             tuple(self.lam_g[: of.n_outer].tolist()),

@@ -140,7 +140,6 @@ def polish(
             trial,
             lam_x=lam_x,
             iterations=candidate.iterations + trial.iterations,
-            solver=candidate.solver,
             defect=candidate.defect,
         )
         wrong = ~even & ((at_low & (lam_x[:n] > 0)) | (at_high & (lam_x[:n] < 0)))

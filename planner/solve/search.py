@@ -27,7 +27,6 @@ from model.progress import OutOfTime, check_time, tell
 from planner.program.problem import KKT_TOLERANCE, SEARCHED, Candidate, Problem
 from planner.program.terms import LOW_PRIORITY
 from planner.question import Mode
-from planner.solve.fatrop import solve as by_stages
 from planner.solve.guesses import POINT, drawn_arms, initial_guesses
 from planner.solve.ipopt import solve
 from planner.solve.refine import COARSE, CORRECTIONS, refine
@@ -51,11 +50,7 @@ def attempt(problem: Problem, T: Array) -> Candidate:
     """Return what tensions (n_tendons,) [N] lead to in a program."""
     # Least squares come to no end from an arm whose weight is far from being balanced.
     least_squares = problem.statement.mode != "exact"
-    x, p = problem.guess(T, least_squares), problem.parameters(SEARCHED)
-    staged = problem.task.statement.solver == "fatrop"
-    candidate = by_stages(problem, x, p) if staged else None
-    if candidate is None or not candidate.met:
-        candidate = solve(problem, x, p)
+    candidate = solve(problem, problem.guess(T, least_squares), problem.parameters(SEARCHED))
     check_time()
     return candidate
 

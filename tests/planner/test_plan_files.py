@@ -138,10 +138,10 @@ BROKEN: dict[str, tuple[tuple[Any, ...], Any, str]] = {
     "a tension below 0": (("answer", "tensions", 3), -1.0, "answer.tensions"),
     "a tension in words": (("answer", "tensions", 3), "much", "answer.tensions[3]: got 'much'"),
     "limits crossed": (("question", "limits", "lower", 1), 30.0, "T_12"),
-    "no such solver": (
-        ("answer", "statement", "solver"),
-        "snopt",
-        "answer.statement.solver: got 'snopt'",
+    "no such norm": (
+        ("answer", "statement", "norm"),
+        "3",
+        "answer.statement.norm: got '3'",
     ),
     "no mesh": (("answer", "statement", "refinement"), 0, "refinement: got 0"),
     "no accuracy": (("question", "accuracy"), 0.0, "question.accuracy"),

@@ -198,8 +198,6 @@ PLANS: Refused = {
     },
     "near one of another arm": (lambda: plan(ARM, TIP, PAPER, near=PLAN), "near", ""),
     "near one of another scene": (lambda: plan(LONG, TIP, Scene(), near=PLAN), "near", ""),
-    "solver snopt": (lambda: plan(LONG, TIP, PAPER, solver="snopt"), "solver", "auto, ipopt"),
-    "solvers": (lambda: plan(LONG, TIP, PAPER, solver=np.zeros(2)), "solver", "auto, ipopt"),
     "forms": (lambda: plan(LONG, TIP, PAPER, form=np.zeros(2)), "form", "condensed"),
     "a range of maxima": (lambda: plan(LONG, TIP, PAPER, range(3)), "tension_max", "12 numbers"),
     "stiffest and softest": (

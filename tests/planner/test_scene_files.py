@@ -246,7 +246,7 @@ def test_a_preset_is_an_arm_of_the_paper_of_another_material_if_wanted(name: str
 
 def test_limits_and_what_is_asked_of_stiffness_are_read() -> None:
     text = (
-        "norm = 1\nsolver = 'ipopt'\naccuracy = 1e-4\ncompile = 'auto'\n"
+        "norm = 1\naccuracy = 1e-4\ncompile = 'auto'\n"
         "tensions = [1,2,3,4,5,6,7,8,9,1,2,3]\n"
         + TABLE_2
         + "[limits]\ntension_max = [[1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12]]\n"
@@ -259,7 +259,6 @@ def test_limits_and_what_is_asked_of_stiffness_are_read() -> None:
         "accuracy": 1e-4,
         "compile": "auto",
         "norm": 1,
-        "solver": "ipopt",
         "clearance": 0.0,
         "self_clearance": False,
         "obstacles": [],

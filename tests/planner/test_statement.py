@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Material, Scene, conical, settle
-from model.effects import Buoyancy, ExactTendons, Extension, Weight
+from model import Arm, InputError, Material, Scene, conical
+from model.effects import Extension, Weight
 from model.machine.functions import Buffered
 from model.obstacles import Box
 from planner import plan, trajectory
@@ -19,37 +19,10 @@ from planner.avoidance.rows import Avoidance
 from planner.certificate import Certificate
 from planner.program.program import Program
 from planner.solve import ipopt
-from planner.targets import Backbone, BendingPlane, TipPosition
+from planner.targets import BendingPlane, TipPosition
 
 ARM, PAPER = Arm.from_paper("table-4"), Scene(Extension())
-EXACT = Scene(Extension(), ExactTendons())
 TARGET = TipPosition((0.28, 0.12, -0.12))
-
-
-@pytest.mark.quick("scene0")
-@pytest.mark.parametrize("scene", [PAPER, Scene(Extension(), Weight(), Buoyancy())])
-def test_fatrop_comes_to_the_optimum_of_ipopt(scene: Scene) -> None:
-    first, second = (plan(ARM, TARGET, scene, 20.0, solver=own) for own in ("ipopt", "fatrop"))
-    assert second.reached
-    assert (first.statement.solver, second.statement.solver) == ("ipopt", "fatrop")
-    assert second.effort == pytest.approx(first.effort, rel=1e-6)
-    assert np.allclose(second.tensions, first.tensions, atol=1e-4)
-
-
-def test_what_reaches_over_stages_is_left_to_ipopt() -> None:
-    turned = BendingPlane(angle=np.radians(135), bend=np.radians(60), section=1)
-    found = plan(ARM, turned, PAPER, 20.0, solver="fatrop")
-    assert found.reached
-    assert found.statement.solver == "ipopt"
-
-
-# Fatrop 1.1 came to no end in one of six such backbones, where a tendon was left no length.
-def test_exact_tendons_are_left_to_ipopt() -> None:
-    drawn = settle(ARM, [[0, 0.12, 0, 0], [0, 0, 0, 1.2], [0, 4.6, 0, 0]], EXACT)
-    s = np.linspace(0, ARM.length, 9)[1:]
-    found = plan(ARM, Backbone(drawn.position(s), s), EXACT, 20.0, solver="fatrop")
-    assert found.reached
-    assert found.statement.solver == "ipopt"
 
 
 # Only `shape.remarks` told it: the equations know no body.
