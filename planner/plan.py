@@ -169,7 +169,6 @@ def plan(
     tension_min: Any = 0.0,
     total_pull: float | None = None,
     norm: Any = "2",
-    form: Any = None,
     accuracy: float = 1e-6,
     starts: int | None = None,
     near: Plan | None = None,
@@ -203,8 +202,6 @@ def plan(
         The most that all tendons together may pull [N]; no limit unless given.
     norm : "2", "1" or "inf"
         What effort is: root of the sum of squares, sum, or largest tension.
-    form
-        Deprecated: there is one program.
     accuracy : float
         What residuals and tip errors are held to, over the arm's length (angles: rad).
     starts : int
@@ -274,7 +271,7 @@ def plan(
     margin = BRINK if is_loaded(scene) and not rubs(scene) else 0.0
     if stability_margin is not None:
         margin = within("stability_margin", stability_margin, 0.0, 1.0)
-    statement = stated(targets, limits, norm, form, starts).but(margin=margin)
+    statement = stated(targets, limits, norm, starts).but(margin=margin)
     task = Task(
         arm,
         targets,

@@ -20,7 +20,7 @@ from model.quantities import Count
 from model.scene import Scene
 from model.settle import checked_scene, settle
 from model.shape import Shape
-from model.units import LARGEST_LIMIT, SMALLEST_LIMIT, STROKE, warn, warn_unusual
+from model.units import LARGEST_LIMIT, SMALLEST_LIMIT, STROKE, warn_unusual
 from planner.program.terms import Targets
 from planner.targets.base import Target
 
@@ -247,12 +247,10 @@ def _zeroed_at(arm: Arm, scene: Scene, zero: Any) -> tuple[float, ...] | None:
     return tuple(flat.tolist())
 
 
-def stated(
-    targets: tuple[Target, ...], limits: Limits, norm: Any, form: Any, starts: Any
-) -> Statement:
+def stated(targets: tuple[Target, ...], limits: Limits, norm: Any, starts: Any) -> Statement:
     """Return the statement that arguments of plan ask for; InputError for what is not allowed."""
     endless = limits.total is None and bool(np.isinf(limits.upper).any())
-    forms, whole = (None, "condensed", "multiple-shooting"), type(starts) is int and starts >= 1
+    whole = type(starts) is int and starts >= 1
     norms = "2 (least squares), 1 (least total pull) or inf"
     checks = (
         (
@@ -260,17 +258,11 @@ def stated(
             ("tension_max", np.inf, "finite limits where a stiffness is wanted"),
         ),
         (str(norm) in get_args(Norm), ("norm", norm, f"{norms} (least maximum)")),
-        (
-            isinstance(form, str | None) and form in forms,
-            ("form", form, f"{', '.join(forms[1:])}; it is deprecated and has no effect"),
-        ),
         (starts is None or whole, ("starts", starts, "a whole number from 1")),
     )
     for is_allowed, what in checks:
         if not is_allowed:
             raise InputError(*what)
-    if form is not None:
-        warn("form has no effect: there is one program", DeprecationWarning)
     return Statement(str(norm))  # type: ignore[arg-type]
 
 

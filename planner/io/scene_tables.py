@@ -255,10 +255,6 @@ class SceneTable(OptionsTable, frozen=True, kw_only=True):
         quantity("in place of lengths_mm: what is taken in from the straight arm", "mm"),
     ] = None
     stiffness: StiffnessTable = StiffnessTable()
-    form: Annotated[
-        Literal["condensed", "multiple-shooting"] | None,
-        Meta(description="deprecated, has no effect: there is one program"),
-    ] = None
 
 
 def whole(table: SceneTable, folder: Path) -> dict[str, Any]:

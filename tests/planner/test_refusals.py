@@ -138,7 +138,6 @@ PLANS: Refused = {
     "no target": (lambda: plan(LONG, [], PAPER, 1.0), "target", ""),
     "something else as a target": (lambda: plan(LONG, "up", PAPER, 1.0), "target", ""),
     "a kind of target": (lambda: plan(LONG, TipPosition, PAPER, 1.0), "target", ""),
-    "an unknown form": (lambda: plan(LONG, TIP, PAPER, 1.0, form="single"), "form", ""),
     "an unknown norm": (lambda: plan(LONG, TIP, PAPER, 1.0, norm="3"), "norm", ""),
     "no starts": (lambda: plan(LONG, TIP, PAPER, 1.0, starts=0), "starts", ""),
     "an accuracy of 1": (lambda: plan(LONG, TIP, PAPER, 1.0, accuracy=1.0), "accuracy", ""),
@@ -198,7 +197,6 @@ PLANS: Refused = {
     },
     "near one of another arm": (lambda: plan(ARM, TIP, PAPER, near=PLAN), "near", ""),
     "near one of another scene": (lambda: plan(LONG, TIP, Scene(), near=PLAN), "near", ""),
-    "forms": (lambda: plan(LONG, TIP, PAPER, form=np.zeros(2)), "form", "condensed"),
     "a range of maxima": (lambda: plan(LONG, TIP, PAPER, range(3)), "tension_max", "12 numbers"),
     "stiffest and softest": (
         lambda: plan(LONG, [TIP, Stiffest((0, 0, 1)), Softest((0, 0, -1))], PAPER, 20.0),

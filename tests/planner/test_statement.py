@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Material, Scene, conical
+from model import Arm, Material, Scene, conical
 from model.effects import Extension, Weight
 from model.machine.functions import Buffered
 from model.obstacles import Box
@@ -37,15 +37,6 @@ def test_an_arm_that_bends_sharper_than_its_own_radius_is_told() -> None:
     assert all(motion.reached)
     assert "Beware: at target 1 the arm bends sharper than its own radius" in motion.outcome
     assert "at target 0" not in motion.outcome
-
-
-def test_the_form_is_deprecated_and_changes_nothing() -> None:
-    with pytest.warns(DeprecationWarning, match="form has no effect") as told:
-        found = plan(ARM, TARGET, PAPER, 20.0, form="condensed")
-    assert told[0].filename == __file__, "at the caller's line"
-    assert np.array_equal(found.tensions, plan(ARM, TARGET, PAPER, 20.0).tensions)
-    with pytest.raises(InputError, match="form"):
-        plan(ARM, TARGET, PAPER, 20.0, form="direct")
 
 
 @pytest.mark.slow
