@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import field
-
 from model.effects.base import Effect
 from model.quantities import Positive
-from model.units import warn
 from model.value import value
 
 
@@ -31,19 +28,7 @@ class ExactTendons(Effect):
     cross-section, solved by Newton's method. Without it the moment of a tendon grows less than in
     proportion as the arm curls up, by the term y^2 T: on the paper's fetches the tip moves by 106
     and 182 mm out of 450. What it costs: `python -m studies.speed effects`.
-
-    Attributes
-    ----------
-    robust : bool
-        Deprecated, and without effect: cross-sections take as many Newton steps as they need.
     """
-
-    robust: bool = field(default=False, compare=False, repr=False)
-
-    def __post_init__(self) -> None:
-        if self.robust:
-            message = "ExactTendons(robust=) has no effect: sections take the steps that they need"
-            warn(message, DeprecationWarning)
 
 
 @value

@@ -19,7 +19,6 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
-from model.effects import ExactTendons
 from model.paths import Array, Linear, Path, Sampled
 from planner.io.codec import (
     KEYS,
@@ -206,9 +205,6 @@ def type_in_file(hint: Any, unit: str | None = "") -> Any:
 
 # The exact form
 
-# Keys of earlier versions whose values have no effect.
-_EARLIER: dict[Any, list[Any]] = {ExactTendons: [("careful", bool, False)]}
-
 
 @cache
 def exact(kind: Any, *, placed: bool = False, names: tuple[str, ...] = ()) -> Any:
@@ -219,7 +215,7 @@ def exact(kind: Any, *, placed: bool = False, names: tuple[str, ...] = ()) -> An
     """
     if placed:
         PLACED.add(kind)
-    fields: list[Any] = list(_EARLIER.get(kind, ()))
+    fields: list[Any] = []
     for name, argument in inspect.signature(kind).parameters.items():
         if names and name not in names:
             continue

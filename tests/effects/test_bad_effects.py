@@ -105,7 +105,6 @@ VALUES: Refused = {
     },
     **{f"way {x}": (partial(Friction, 0.1, x), "Friction.direction", t) for x, t in DIRECTIONS},
     "no shear stiffness": (lambda: Shear(0.0), "Shear.k_s", "above 0"),
-    "robust by a number": (lambda: ExactTendons(robust=2), "ExactTendons.robust", ""),  # type: ignore[arg-type]
 }
 AN_EFFECT, ONCE = "an effect such as Extension()", "each effect once"
 SCENES: Refused = {

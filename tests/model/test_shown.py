@@ -59,7 +59,6 @@ def test_a_scene_shows_what_makes_it(scene: Scene) -> None:
 def test_a_scene_is_shown_in_notebooks() -> None:
     # Tables are the planner's: they are there once octoplan is loaded.
     shown = octoplan.Scene.silicone(Weight())._repr_html_()
-    assert "robust" not in shown  # deprecated
     assert ">Weight</td>" in shown and ">g = (0.0, 0.0, -9.81)</td>" in shown
 
 

@@ -27,7 +27,6 @@ from model import (
     settle,
 )
 from model.effects import (
-    ExactTendons,
     Extension,
 )
 from model.errors import FileError
@@ -236,16 +235,6 @@ def test_a_shape_as_csv_holds_the_shape_in_full(tmp_path: Path) -> None:
         shape_csv(shape, 1)
     with pytest.raises(InputError, match=r"ends in \.csv"):
         save_shape(shape, tmp_path / "shape.xls")
-
-
-def test_plans_of_earlier_versions_load_by_the_names_they_have(tmp_path: Path) -> None:
-    scene = Scene(Extension(), ExactTendons())
-    arm = Arm.from_paper("table-4")
-    found = plan(arm, TipPosition((0.35, 0.1, 0.05)), scene, 20.0, starts=1)
-    found.save(tmp_path / "plan.json")
-    text = (tmp_path / "plan.json").read_text()
-    (tmp_path / "plan.json").write_text(text.replace('"robust"', '"careful"'))
-    assert load_plan(tmp_path / "plan.json") == found
 
 
 def test_a_plan_of_an_earlier_version_is_loaded() -> None:
