@@ -64,18 +64,11 @@ class QuestionRecord(msgspec.Struct, kw_only=True):
 
 AnswerRecord: Any = exact(SearchResult, placed=True)
 
-# Keys of certificates that are named otherwise than what they hold, as files had them before.
-_RENAMED = {"match": "equality", "approach": "soft_residual", "margin": "inequality"}
 CertificateRecord: Any = derived(
     Certificate,
     "clearances",
     "load_factor",
     "gaps_asked",
-    *_RENAMED.values(),
-    **{
-        key: Annotated[dict[str, float | None], about(of=attrgetter(name))]
-        for key, name in _RENAMED.items()
-    },
     passed=bool,
     clearance=float | None,
     gaps=dict[str, float | None],
