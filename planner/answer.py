@@ -213,7 +213,6 @@ class Answer(SearchResult, Task):
 
     def _rows(self, name: str) -> Array:
         """Return the multipliers of the constraints of a name, as far as there are any."""
-        # Files of earlier versions have the multipliers of equilibrium last.
         lam, rows = np.array(self.lam_g), self.problem.program.rows
         return np.asarray(lam[rows[: lam.size] == name])
 

@@ -47,7 +47,7 @@ ShapeKind: Any = exact(Measured, placed=True)
 UnknownKind: Any = exact(Unknown, placed=True)
 
 
-class QuestionRecord(msgspec.Struct, kw_only=True):
+class QuestionRecord(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """What was asked; arm, scene and targets are tables with a kind and its fields."""
 
     arm: Annotated[ArmKind, about(of=lambda plan: plain(plan.arm))]
@@ -140,7 +140,7 @@ def _values(fit: Any) -> list[ValueRecord]:
 ResidualRecord: Any = derived(Residual)
 
 
-class CalibrationQuestion(msgspec.Struct, kw_only=True):
+class CalibrationQuestion(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """What was asked: arm and scene as they were given, what was measured, and what is unknown."""
 
     arm: Annotated[ArmKind, about(of=lambda fit: plain(fit.given_arm))]

@@ -210,8 +210,8 @@ def type_in_file(hint: Any, unit: str | None = "") -> Any:
 def exact(kind: Any, *, placed: bool = False, names: tuple[str, ...] = ()) -> Any:
     """Return the table of a class in the exact form, or of arguments of these names alone.
 
-    What has a default may be left out. It tells the class as `kind`, unless the place where it
-    stands tells that; then keys that are not known are those of other versions.
+    Arguments with a default may be left out. The table names the class by its key `kind`, unless
+    the place of the table implies the class. Unknown keys are refused.
     """
     if placed:
         PLACED.add(kind)
@@ -224,7 +224,7 @@ def exact(kind: Any, *, placed: bool = False, names: tuple[str, ...] = ()) -> An
         fields.append((name, held) if is_needed else (name, held | UnsetType, UNSET))
     tag = None if placed else kind.__name__
     about = (kind.__doc__ or "").partition("\n")[0]
-    strict = {"tag_field": None if placed else "kind", "forbid_unknown_fields": not placed}
+    strict = {"tag_field": None if placed else "kind", "forbid_unknown_fields": True}
     made = struct(f"Exact{kind.__name__}", fields, about, tag, msgspec.Struct, **strict)
     READ[made] = lambda table: read_exact(kind, table)
     return made

@@ -213,10 +213,6 @@ def check_store(path: Path) -> None:
     if path.exists() and path.is_dir() != (suffix == ".zarr"):
         what = "a folder of Zarr, not a file" if suffix == ".zarr" else "a file, not a folder"
         raise InputError("out", str(path), what)
-    journal = path.with_name(f"{path.name}.journal")
-    if journal.exists():
-        allowed = "none: an earlier version began the sweep; finish it there, or remove this file"
-        raise InputError("out", str(journal), allowed)
     packages = {"h5netcdf": "sweep", "h5py": "sweep"} if suffix == ".nc" else {"zarr": "zarr"}
     for package, extra in packages.items():
         needed(package, extra)

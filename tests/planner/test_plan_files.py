@@ -142,6 +142,9 @@ BROKEN: dict[str, tuple[tuple[Any, ...], Any, str]] = {
         "3",
         "answer.statement.norm: got '3'",
     ),
+    "a key more in an answer": (("answer", "statement", "solver"), "", "statement.solver: no such"),
+    "a key more in limits": (("question", "limits", "middle"), [], "limits.middle: no such"),
+    "a key more in a question": (("question", "clearence"), 0.0, "question.clearence: no such"),
     "no mesh": (("answer", "statement", "refinement"), 0, "refinement: got 0"),
     "no accuracy": (("question", "accuracy"), 0.0, "question.accuracy"),
     "a list for a kind": (
@@ -235,9 +238,3 @@ def test_a_shape_as_csv_holds_the_shape_in_full(tmp_path: Path) -> None:
         shape_csv(shape, 1)
     with pytest.raises(InputError, match=r"ends in \.csv"):
         save_shape(shape, tmp_path / "shape.xls")
-
-
-def test_a_plan_of_an_earlier_version_is_loaded() -> None:
-    found = load_plan(Path(__file__).parents[1] / "data" / "plan_of_an_earlier_version.json")
-    assert found.certificate.passed
-    assert found.effort == pytest.approx(0.55, abs=5e-3)

@@ -44,16 +44,6 @@ def test_a_spoilt_chunk_is_told_and_computed_anew_once_it_is_removed(tmp_path: P
     assert sweep(path, out).identical(sweep(path))
 
 
-def test_what_an_earlier_version_left_of_a_sweep_is_told_and_kept(tmp_path: Path) -> None:
-    """Used to be left beside a sweep that began anew."""
-    journal = tmp_path / "out.nc.journal"
-    journal.write_text("chunks")
-    with pytest.raises(InputError, match="finish it there, or remove this file"):
-        sweep(written(tmp_path, GRID), tmp_path / "out.nc")
-    assert journal.read_text() == "chunks"
-    assert not (tmp_path / "out.nc").exists()
-
-
 @pytest.mark.quick("later")
 @pytest.mark.parametrize("when", ["first", "later", "gathered"])
 def test_a_full_disk_is_told_and_nothing_computed_is_lost(
