@@ -24,7 +24,7 @@ from planner.answer import Answer
 from planner.fit.calibrate import calibrate
 from planner.fit.measured import Measured
 from planner.fit.unknowns import Unknown
-from planner.targets import BendingPlane, Hold, TipPosition, Wrap
+from planner.targets import BendingPlane, TipPosition, Wrap
 from planner.trajectory.motion import trajectory
 from tests.contact.cases import bar
 
