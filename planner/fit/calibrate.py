@@ -20,7 +20,7 @@ from model.paths import Array
 from model.progress import OutOfTime, limited, tell, with_progress
 from model.settle import checked_scene
 from planner.fit.calibration import Calibration
-from planner.fit.experiment import Experiment
+from planner.fit.experiment import CoarseMeshError, Experiment
 from planner.fit.fitted import Start, parameters_of
 from planner.fit.least_squares import Fit, Loss, fit
 from planner.fit.measured import Measured, checked_shapes
@@ -33,8 +33,8 @@ _ASTRAY = 1e-3
 # How often a fit begins again from shapes as they are reached from rest.
 _ROUNDS = 3
 _JUMPS = "it jumps to another shape near the values of the optimum"
-# Refinements and stages of the meshes: of the first fits, then until one is as accurate as asked.
-_COARSE, *_FINER = ((1, 2), (2, 2), (2, STAGES), (4, STAGES), (8, STAGES))
+# Refinements and stages of the meshes, from that of the first fits to the finest.
+_MESHES = ((1, 2), (2, 2), (2, STAGES), (4, STAGES), (8, STAGES))
 
 
 @with_progress
@@ -190,7 +190,7 @@ class _Search:
             tell("fits", i, len(spread))
             start = Start(tuple(values.tolist()), None, float("inf"))
             try:
-                optimum = self._fit(from_rest(self._experiment(*_COARSE), values), first=True)
+                optimum = self._fit(self._begin(values), first=True)
             except (UnsettledShapeError, InputError) as reason:
                 problems.append(reason)
                 self.starts.append(start._replace(why=str(reason)))
@@ -213,10 +213,22 @@ class _Search:
                 raise UnsettledShapeError(self.shapes[i].name, self.why[i])
         return tuple((self.shapes[i].name, str(self.why[i])) for i in out)
 
+    def _begin(self, values: Array) -> Evaluation:
+        """Return all shapes from rest, on the first mesh that is fine enough for those that settle.
+
+        A fit needs one finer mesh at least, which its error is estimated by.
+        """
+        for mesh in _MESHES[:-1]:
+            start = from_rest(self._experiment(*mesh), values)
+            if not any(isinstance(why, CoarseMeshError) for why in start.lost.values()):
+                break
+        return start
+
     def _refined(self, coarse: Evaluation) -> Evaluation:
         """Return an evaluation on the first mesh that is as accurate as asked, or the finest."""
-        for i, mesh in enumerate(_FINER):
-            tell("meshes", i, len(_FINER))
+        first = _MESHES.index(coarse.experiment.mesh[:2]) + 1
+        for number, mesh in enumerate(_MESHES[first:], first):
+            tell("meshes", number, len(_MESHES))
             fine = coarse.near(coarse.values, self._experiment(*mesh))
             gap = max((_tip_distance(coarse, fine, i) for i in fine.equilibria), default=0.0)
             (before, m, _), (after, stages, _) = coarse.experiment.mesh, fine.experiment.mesh
@@ -238,7 +250,7 @@ class _Search:
         for _ in range(_ROUNDS):
             self.best = best = self._fit(start)
             followed = best.evaluation
-            start = from_rest(self._experiment(*_COARSE), followed.values)
+            start = from_rest(self._experiment(*_MESHES[0]), followed.values)
             if apart := _on_other_branch(followed, start):
                 # It may be the coarse mesh that has them elsewhere.
                 start = from_rest(followed.experiment, followed.values)

@@ -246,8 +246,6 @@ class Calibration(Told, Fitted):
             without = replace(self, values=values[-1], noise=refit.noise, known=refit.evaluation)
             for i in (i for i in whole.equilibria if labels[i] == label):
                 there = whole.only([i]).near(at)
-                if there.lost:
-                    there = from_rest(there.experiment, at).only([i])
                 if there.equilibria:
                     rows[i] = tuple(there.named())
                     places = self.measured[i].places

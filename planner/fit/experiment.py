@@ -10,6 +10,7 @@ lengths of encoders. Shapes of a session that has unknowns of its own have an ar
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -21,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from model import InputError, OctoplanError, settle
 from model.by_lengths import tightened
-from model.equilibrium.linearised import Linearised, check_stretch
+from model.equilibrium.linearised import Equilibrium, Linearised, check_stretch
 from model.equilibrium.load_steps import Collocation
 from model.equilibrium.sensitivities import ByNumbers
 from model.paths import Array
@@ -34,10 +35,14 @@ from planner.io.varied import Setting
 
 Index = NDArray[np.int64]
 Reached = Linearised | OctoplanError
-# Tip error over arm length of the shapes by lengths whose tensions are then corrected.
+# Tip error over arm length of shapes by `settle` that a mesh begins with.
 _ROUGHLY = 1e-4
 # How many times larger than elsewhere the last steps of Newton's method are.
 LOOSER = 1e3
+
+
+class CoarseMeshError(OctoplanError):
+    """the mesh of the fit is too coarse for a shape that settles on a finer one"""
 
 
 class SessionNumbers(NamedTuple):
@@ -191,14 +196,33 @@ class SessionEquations:
         return np.asarray(self.system.of.nodes[self.nodes, :POSE])
 
     def from_rest(self, i: int) -> Reached:
-        """Return a shape as it is reached from rest, or why there is none."""
-        shape = self.experiment.shapes[i]
+        """Return a shape as the arm reaches it from rest, or the reason why there is none.
+
+        If this mesh has no equilibrium, `settle` decides on meshes of its own: a coarse mesh is
+        crushed, or jumps, under tensions that the arm bears.
+        """
+        shape, mesh = self.experiment.shapes[i], Collocation(self.system)
+        if not shape.by_length:
+            with suppress(OctoplanError):
+                result = mesh.solve(self.tensions(shape), looser=LOOSER)
+                check_stretch(result)
+                return result
         try:
-            result = Collocation(self.system).solve(self.tensions(shape), looser=LOOSER)
-            check_stretch(result)
+            settled = self._settled(shape)
         except OctoplanError as reason:
             return reason
+        try:
+            result = mesh.solve(self.system.arm.flat(settled.tensions), settled)
+        except OctoplanError:
+            return CoarseMeshError(CoarseMeshError.__doc__)
         return self.held(shape, result)
+
+    def _settled(self, shape: Measured) -> Equilibrium:
+        """Return the equilibrium of a shape by `settle`, on a mesh that is fine enough."""
+        arm, scene, code = self.system.arm, self.system.scene, self.experiment.mesh[2]
+        given = {"lengths": self._lengths(shape)} if shape.by_length else {}
+        T = None if shape.by_length else self.tensions(shape)
+        return settle(arm, T, scene, _ROUGHLY, compile=code, **given).equilibrium
 
     def held(self, shape: Measured, reached: Reached) -> Reached:
         """Return the equilibrium of a shape, of one by lengths with tensions that hold these."""
@@ -210,11 +234,8 @@ class SessionEquations:
         return result or OctoplanError("no shape near its lengths is found")
 
     def tensions(self, shape: Measured) -> Array:
-        """Return the tensions of a shape (n_tendons,), of one by lengths roughly."""
-        if not shape.by_length:
-            return np.asarray(self.numbers.scale * np.array(shape.tensions))
-        arm, scene, lengths = self.system.arm, self.system.scene, self._lengths(shape)
-        return arm.flat(settle(arm, None, scene, _ROUGHLY, lengths=lengths).tensions)
+        """Return the tensions of a shape whose tensions were measured (n_tendons,)."""
+        return np.asarray(self.numbers.scale * np.array(shape.tensions))
 
     def _lengths(self, shape: Measured) -> Array:
         """Return what winches leave of the tendons of a shape by lengths [m]."""

@@ -1,14 +1,15 @@
 """Least squares over all measured shapes, by SciPy's trust region method with bounds.
 
 Unknowns are counted from lower to upper bound, 0 to 1. Priors are further residuals, which no
-robust loss touches. A step that leads to an arm that cannot be, or on which a shape cannot be
-followed, is refused, so that the trust region shrinks: it is the continuation's step as well.
+robust loss touches. A step to values at which no arm can be, or a shape does not settle, is
+shortened: its residuals are infinite, and the trust region shrinks.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
@@ -108,7 +109,7 @@ class Fit:
     cost : float
         The negative logarithm of the likelihood, but for a constant.
     refused : tuple of int
-        Shapes that could not be followed on the last steps, which end the fit.
+        Shapes that did not settle on the last steps, which end the fit.
     """
 
     evaluation: Evaluation
@@ -158,22 +159,28 @@ def _descent(start: Evaluation, loss: Loss, noise: float | None, tolerance: floa
         if steps.gain(z, likelihood) <= tolerance:
             raise StopIteration
 
-    result = scipy.optimize.least_squares(
-        steps.residuals,
-        np.clip(parameters.fractions(start.values), 0.0, 1.0),
-        steps.jacobian,
-        bounds=(0.0, 1.0),
-        loss=likelihood.rho,
-        x_scale="jac",
-        xtol=_STEP,
-        ftol=None,
-        gtol=None,
-        callback=stop_at_the_optimum,
-    )
-    LOG.debug("%s: %s after %d evaluations", loss, result.message, result.nfev)
-    noise = likelihood.noise_of(np.square(steps.residuals(result.x)[: steps.size]))
+    with suppress(_BlockedError):
+        result = scipy.optimize.least_squares(
+            steps.residuals,
+            np.clip(parameters.fractions(start.values), 0.0, 1.0),
+            steps.jacobian,
+            bounds=(0.0, 1.0),
+            loss=likelihood.rho,
+            x_scale="jac",
+            xtol=_STEP,
+            ftol=None,
+            gtol=None,
+            callback=stop_at_the_optimum,
+        )
+        LOG.debug("%s: %s after %d evaluations", loss, result.message, result.nfev)
+    z = np.square(steps.taken)
+    noise = likelihood.noise_of(z[: steps.size])
     known = 0.0 if likelihood.noise is None else likelihood.free * float(np.log(noise))
-    return Fit(steps.best, noise, known + float(result.cost), steps.refused)
+    return Fit(steps.best, noise, known + float(likelihood.rho(z)[0].sum()) / 2, steps.refused)
+
+
+class _BlockedError(Exception):
+    """No step is short enough for all shapes to settle."""
 
 
 class _Steps:
@@ -186,7 +193,7 @@ class _Steps:
     size, priors : int
         Number of residuals of data, and of priors, which come last.
     refused : tuple of int
-        Shapes that could not be followed since then.
+        Shapes that did not settle on the steps since then.
     """
 
     def __init__(self, start: Evaluation, tolerance: float) -> None:
@@ -200,7 +207,7 @@ class _Steps:
         self._linear: tuple[Array, Array, Array] | None = None
 
     def residuals(self, z: Array) -> Array:
-        """Return the residuals of data and priors; infinite where a shape cannot be followed."""
+        """Return the residuals of data and priors; infinite if a shape does not settle."""
         if not np.array_equal(z, self._at):
             check_time()
             try:
@@ -209,10 +216,21 @@ class _Steps:
             except InputError:
                 evaluation = None
             if evaluation is None or evaluation.lost:
+                step = z - self._parameters.fractions(self.best.values)
+                if np.linalg.norm(step) <= _STEP:
+                    raise _BlockedError
                 return np.full(self.size + self.priors, np.inf)
             self._last, self._at = evaluation, z.copy()
-        rows = [self._whitening[i] @ r for i, r in self._last.residuals.items()]
-        return np.concatenate([*rows, self._parameters.priors(self._last.values)[0]])
+        return self._residuals(self._last)
+
+    @property
+    def taken(self) -> Array:
+        """The residuals of data and priors at the last step that was taken."""
+        return self._residuals(self.best)
+
+    def _residuals(self, at: Evaluation) -> Array:
+        rows = [self._whitening[i] @ r for i, r in at.residuals.items()]
+        return np.concatenate([*rows, self._parameters.priors(at.values)[0]])
 
     def jacobian(self, z: Array) -> Array:
         """Return their derivatives (n, K); the step that led here is taken.

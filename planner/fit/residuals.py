@@ -139,20 +139,26 @@ class Evaluation:
         left = {i: self.equilibria[i] for i in sorted(kept) if i in self.equilibria}
         return Evaluation(self.experiment, self.values, self.at, left, {})
 
-    def near(
-        self, values: Array, experiment: Experiment | None = None, halvings: int = _HALVINGS
-    ) -> Evaluation:
-        """Return the shapes that this has at other values, on the same branches.
+    def near(self, values: Array, experiment: Experiment | None = None) -> Evaluation:
+        """Return the shapes at other values, on the same branches if these can be followed.
 
-        On the meshes of this experiment or of another one of the same shapes. The way to other
-        values is halved, so often at most, for those that no step leads to; those that do not lead
-        to an equilibrium nearby are `lost`.
+        On the meshes of this experiment or of another one of the same shapes. A shape that cannot
+        be followed is taken as the arm reaches it from rest; one that does not settle is `lost`.
         """
-        experiment = experiment or self.experiment
+        there = self._followed(values, experiment or self.experiment, _HALVINGS)
+        rest = {i: there.equations(i).from_rest(i) for i in there.lost}
+        return Evaluation.of(there.experiment, values, there.at, there.equilibria | rest)
+
+    def _followed(self, values: Array, experiment: Experiment, halvings: int) -> Evaluation:
+        """Return the shapes on the same branches; the others are `lost`.
+
+        The way to other values is halved, at most so often, for shapes that one step loses.
+        """
         there = self._predicted_shapes(values, experiment)
         if there.lost and halvings and experiment is self.experiment:
-            half = self.only(there.lost).near((self.values + values) / 2, None, halvings - 1)
-            rest = half.near(values, None, halvings - 1)
+            middle = (self.values + values) / 2
+            half = self.only(there.lost)._followed(middle, experiment, halvings - 1)
+            rest = half._followed(values, experiment, halvings - 1)
             reached = dict[int, Reached](there.lost)
             for part in (half.lost, rest.lost, there.equilibria, rest.equilibria):
                 reached |= part
