@@ -67,8 +67,10 @@ def calibrate(
         "linear", or "huber", "soft_l1", "cauchy": robust against outliers; residuals count in full
         up to the noise that most of them have.
     absolute_std : bool
-        Whether the standard deviations of the measurements hold as they are; else the residuals
-        say what they are multiplied by.
+        Whether the standard deviations of the measurements hold as given. Otherwise the residuals
+        scale them, if there are surplus data: more numbers than the unknowns can fit. Intervals are
+        by Student's t then. Without surplus data the standard deviations hold as given, and
+        standard errors are inf if none are given; the outcome says so.
     starts : int
         How many fits begin, the first with what arm and scene have, the others spread evenly over
         the bounds; the best is returned.
@@ -110,6 +112,10 @@ def calibrate(
         allowed = f"at most as many unknowns without priors as numbers measured, {data}"
         raise InputError("unknowns", free, allowed)
     kind("absolute_std", absolute_std, bool | np.bool_, "True or False")
+    lacking = [shape.name for shape in shapes if not shape.has_stds]
+    if absolute_std and lacking:
+        allowed = f"False, or give the standard deviations of {lacking[0]}"
+        raise InputError("absolute_std", True, allowed)
     counted, machine_code = (loss, bool(absolute_std)), checked_compile(compile)
     search = _Search(parameters, shapes, *counted, checked_accuracy(accuracy), machine_code)
     stopped = False
@@ -138,6 +144,7 @@ def calibrate(
         stopped,
         machine_code,
         stages,
+        tuple((shapes[i].name, str(why)) for i, why in best.refused.items()),
         best.evaluation,
     )
 
@@ -197,10 +204,11 @@ class _Search:
                 continue
             end = tuple(optimum.evaluation.values.tolist())
             self.starts.append(start._replace(found=end, misfit=optimum.cost))
-            self.best = min(self.best or optimum, optimum, key=lambda each: each.cost)
+            if self.best is None or optimum.cost < self.best.cost:
+                self.best, origin = optimum, values
         if self.best is None:
             raise problems[-1]
-        self.best = self._from_rest(self._refined(self.best.evaluation))
+        self.best = self._from_rest(self._refined(self.best.evaluation, origin))
 
     def left_out(self, best: Fit) -> tuple[tuple[str, str], ...]:
         """Return names of shapes that a fit does without, and why.
@@ -224,12 +232,19 @@ class _Search:
                 break
         return start
 
-    def _refined(self, coarse: Evaluation) -> Evaluation:
-        """Return an evaluation on the first mesh that is as accurate as asked, or the finest."""
+    def _refined(self, coarse: Evaluation, origin: Array) -> Evaluation:
+        """Return an evaluation on the first mesh that is as accurate as asked, or the finest.
+
+        If no shape settles on a finer mesh, the fit begins there again from its origin: the limit
+        of the shapes, at which it ended, is another one.
+        """
         first = _MESHES.index(coarse.experiment.mesh[:2]) + 1
         for number, mesh in enumerate(_MESHES[first:], first):
             tell("meshes", number, len(_MESHES))
             fine = coarse.near(coarse.values, self._experiment(*mesh))
+            if not fine.equilibria:
+                coarse = self._fit(from_rest(fine.experiment, origin), first=True).evaluation
+                continue
             gap = max((_tip_distance(coarse, fine, i) for i in fine.equilibria), default=0.0)
             (before, m, _), (after, stages, _) = coarse.experiment.mesh, fine.experiment.mesh
             # With more stages it is the error of the coarser one: its own is less.
@@ -276,7 +291,7 @@ class _Search:
                 i, why = next(iter(start.lost.items()))
                 raise UnsettledShapeError(self.shapes[i].name, why)
             best = fit(start, self.loss, self.absolute_std, first)
-            start, jumping = best.evaluation, best.refused
+            start, jumping = best.evaluation, tuple(best.refused)
             if len(jumping) in (0, len(start.equilibria)):
                 return best
 

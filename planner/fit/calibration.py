@@ -40,7 +40,7 @@ from planner.io.records import record
 from planner.io.saved_records import CalibrationRecord
 from planner.plan import Plan, plan
 
-# Singular values of what a shape leaves to others, below which it alone tells an unknown.
+# Eigenvalues of I - H_ii below which a shape alone determines a combination of its numbers.
 _ALONE = 1e-3
 _POINTS = "(s, (o_t, o_n, o_b)) for each, in m"
 
@@ -56,17 +56,23 @@ class CalibratedPlan(Plan):
         errors of the arm's numbers.
     measured_std : float
         The same of where it would be measured, with what the model misses of shapes left out [m].
+    evidence : str
+        What these follow from, if there are few surplus data; see Fitted.
     """
 
     tip_std: float
     measured_std: float
+    evidence: str
 
     @property
     def outcome(self) -> str:
         """What was found, and how sure the tip is."""
+        if not np.isfinite(self.tip_std):
+            return f"{super().outcome} By the calibration: {self.evidence}"
         sure = f"tip sure to {1e3 * self.tip_std:.2g} mm (one standard deviation)"
         missed = f"{1e3 * self.measured_std:.2g} mm with what the model misses of measured shapes"
-        return f"{super().outcome} By the calibration, {sure}, {missed}."
+        said = f"{super().outcome} By the calibration, {sure}, {missed}."
+        return f"{said} {self.evidence}".rstrip()
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +86,7 @@ class Prediction:
     std : (3, 3)
         Covariance matrix of the tip by the standard errors of the unknowns [m2]: how sure the
         calibrated arm's tip is, if the model is right. Where data tell nothing of the unknowns,
-        their bounds do.
+        their bounds do. It is inf on its diagonal if standard errors are unknown.
     places : (P, 3)
         Of the points [m]; the tip unless points were given.
     covariance : (P, 3, 3)
@@ -90,8 +96,8 @@ class Prediction:
         length [m].
     freedom : float
         Degrees of freedom of the model error: as many as shapes, less what the unknowns take of
-        them, as what a shape's markers are missed by has one cause; inf where standard deviations
-        hold as given.
+        them, as what a shape's markers are missed by has one cause; inf if standard deviations hold
+        as given.
     """
 
     tip: Array
@@ -116,6 +122,8 @@ class Prediction:
         """Return whether measured places (P, 3) [m] lie in the points' ellipsoids (P,)."""
         level = checked_level(level)
         off = (finite_array("places", places, self.places.shape) - self.places)[:, :, None]
+        if not np.isfinite(self.covariance).all():
+            return np.ones(len(off), dtype=bool)
         size = (off * np.linalg.solve(self.covariance, off)).sum(axis=(1, 2))
         most = scipy.special.chdtri(3, 1 - level)
         if np.isfinite(self.freedom):
@@ -193,7 +201,8 @@ class Calibration(Told, Fitted):
         planned = plan(self.arm, targets, self.scene, **options)
         predicted = self.predict(planned.tensions)
         measured = float(np.sqrt(np.trace(predicted.covariance[0])))
-        return planned.converted(CalibratedPlan, tip_std=predicted.tip_std, measured_std=measured)
+        sure = {"tip_std": predicted.tip_std, "evidence": self.evidence}
+        return planned.converted(CalibratedPlan, **sure, measured_std=measured)
 
     def next(self, candidates: Sequence[Any], session: str = "") -> tuple[Candidate, ...]:
         """Return sets of tensions, best first, by what measuring them tells of the unknowns.
@@ -272,10 +281,13 @@ class Calibration(Told, Fitted):
         places = miss[: 3 * n].reshape(n, 3) + shape.places
         sure = J @ self.information[1] @ J.transpose(0, 2, 1)
         error = self._model_error(shape.arc_lengths(self.arm))[:count]
+        if self.is_uncertain:
+            sure = np.broadcast_to(np.diag([np.inf] * 3), sure.shape)
+            error = np.full(count, np.inf)
         band = sure[:count] + error[:, None, None] ** 2 * np.eye(3)
         # What a shape's markers are missed by has one cause.
         left = self.degrees_of_freedom / sum(shape.size for shape in self.explained)
-        freedom = np.inf if self.absolute_std else max(min(left, 1.0) * len(self.explained), 1.0)
+        freedom = np.inf if self.uses_given_std else max(left * len(self.explained), 1.0)
         return Prediction(places[-1], sure[-1], places[:count], band, error, freedom)
 
     def _model_error(self, s: Array) -> Array:
@@ -287,29 +299,35 @@ class Calibration(Told, Fitted):
         shapes = {i: self.measured[i] for i in self.jacobians}
         at = np.concatenate([shape.arc_lengths(self.arm) for shape in shapes.values()])
         if not at.size:
-            return np.full(s.size, self.noise * np.mean([shape.std for shape in self.measured]))
-        missed = self._deleted_residuals()
+            stds = [shape.place_std for shape in self.measured]
+            return np.full(s.size, self.noise * np.mean(stds))
+        missed = self._deleted_squares()
         rows = [missed[i][: shape.places.size].reshape(-1, 3) for i, shape in shapes.items()]
-        squares = np.square(np.vstack(rows)).mean(axis=1)
+        squares = np.vstack(rows).mean(axis=1)
         nodes = np.unique(np.round(at, 9))
         by_node = [np.sqrt(np.mean(squares[np.isclose(at, node)])) for node in nodes]
         return np.asarray(np.interp(s, nodes, by_node))
 
-    def _deleted_residuals(self) -> dict[int, Array]:
-        """Return the residuals (size,) of each shape by a fit without it, to first order.
+    def _deleted_squares(self) -> dict[int, Array]:
+        """Return the squares (size,) of residuals of each shape by a fit without it, to first order.
 
         (I - H_ii)^-1 r_i with H = J (J^T J)^-1 J^T by blocks of shapes: residuals of one shape have
         the same causes, which no single number's leverage tells. Priors are further rows of J.
         Source: Cook and Weisberg, "Residuals and Influence in Regression" (1982), 4.2.
+
+        Combinations of the numbers of a shape that no other shape determines have no such residual.
+        Their square is that of the noise.
         """
         J = self.all_jacobians
         inverse, missed = np.linalg.pinv(J.T @ J, hermitian=True), dict[int, Array]()
         scaled = self.evaluation.scaled()
         for i, J_i in self.jacobians.items():
-            kept = np.linalg.pinv(np.eye(len(J_i)) - J_i @ inverse @ J_i.T, _ALONE)
-            missed[i] = np.asarray(
-                np.linalg.solve(self.evaluation.whitening[i], kept @ scaled[i][0])
-            )
+            left, basis = np.linalg.eigh(np.eye(len(J_i)) - J_i @ inverse @ J_i.T)
+            kept = left > _ALONE
+            back = np.linalg.solve(self.evaluation.whitening[i], basis)
+            deleted = back[:, kept] @ (basis[:, kept].T @ scaled[i][0] / left[kept])
+            alone = np.square(self.noise * back[:, ~kept]).sum(axis=1)
+            missed[i] = np.square(deleted) + alone
         return missed
 
     def save(self, path: str | Path) -> Path:

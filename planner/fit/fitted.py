@@ -17,7 +17,7 @@ from model.paths import Array
 from model.text import counted
 from planner.fit.experiment import Experiment
 from planner.fit.identifiability import Direction, direction, information
-from planner.fit.least_squares import Loss, counted_by
+from planner.fit.least_squares import Loss, counted_by, degrees_of_freedom
 from planner.fit.measured import Measured
 from planner.fit.residuals import Evaluation, Residual, from_rest, mean_distance
 from planner.fit.unknowns import WORSE, Parameters, Unknown
@@ -25,6 +25,8 @@ from planner.fit.unknowns import WORSE, Parameters, Unknown
 # Standard error over that of the prior above which the data say nothing; residuals of a shape over
 # those of the median shape above which it is unlike the others.
 _UNMOVED, _UNLIKE = 0.9, 3.0
+# Degrees of freedom from which on Student's t is as good as normal: 12 % wider intervals of 95 %.
+_MANY = 10
 # Markers that are off by such a share of the arm's length in the mean are not explained at all.
 _UNREACHED = 0.1
 
@@ -54,7 +56,7 @@ class Fitted:
     values : tuple of float
         Of the unknowns, in the units of their keys.
     noise : float
-        What the standard deviations of the measurements are multiplied by.
+        What the standard deviations of the measurements are multiplied by; 1 without surplus data.
     loss : str
         Of residuals over the noise; see calibrate.
     absolute_std : bool
@@ -73,6 +75,9 @@ class Fitted:
         Whether the time limit came before the optimum.
     machine_code : bool
         Whether shapes are settled by compiled kernels.
+    blocked : tuple of (str, str)
+        Shapes beyond whose limit the optimum is, and why they do not settle there: the fit ended at
+        the limit.
     known : Evaluation or None
         The shapes at the values, where they are at hand; they do not travel.
     """
@@ -93,6 +98,7 @@ class Fitted:
     stopped: bool = False
     machine_code: bool = field(default=False, compare=False)
     stages: int = STAGES
+    blocked: tuple[tuple[str, str], ...] = ()
     known: Evaluation | None = field(default=None, compare=False, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -121,7 +127,11 @@ class Fitted:
 
     @property
     def std(self) -> Array:
-        """Standard errors of the values (K,), in their units; inf where nothing tells."""
+        """Standard errors of the values (K,), in their units; inf if nothing determines them.
+
+        Without surplus data they follow from the standard deviations of the measurements, and are
+        inf unless these are given.
+        """
         return np.sqrt(np.diag(self.information[0])) * self.parameters.range
 
     @property
@@ -137,15 +147,48 @@ class Fitted:
     def quantile(self, level: float) -> float:
         """Return how many standard errors an interval reaches to either side."""
         half = (1 + checked_level(level)) / 2
-        if self.absolute_std:
+        if self.uses_given_std:
             return float(scipy.special.ndtri(half))
         return float(scipy.special.stdtrit(self.degrees_of_freedom, half))
 
+    @cached_property
+    def degrees_of_freedom(self) -> float:
+        """Number of data minus the number of combinations of unknowns that they determine.
+
+        0 without surplus data: if values of the unknowns exist for any data.
+        """
+        return degrees_of_freedom(self.evaluation, self.noise)
+
     @property
-    def degrees_of_freedom(self) -> int:
-        """Numbers measured, and priors, less unknowns; at least 1."""
-        priors = sum(unknown.prior is not None for unknown in self.unknowns)
-        return max(sum(shape.size for shape in self.explained) + priors - len(self.unknowns), 1)
+    def uses_given_std(self) -> bool:
+        """Whether standard errors follow from the standard deviations of the measurements."""
+        return self.absolute_std or not self.degrees_of_freedom
+
+    @property
+    def is_uncertain(self) -> bool:
+        """Whether standard errors are unknown: without surplus data or standard deviations."""
+        return self.uses_given_std and not all(shape.has_stds for shape in self.explained)
+
+    @property
+    def evidence(self) -> str:
+        """What standard errors follow from, in one sentence; "" with many surplus data."""
+        freedom = self.degrees_of_freedom
+        if self.absolute_std or freedom >= _MANY:
+            return ""
+        if self.is_uncertain:
+            return (
+                "Standard errors are unknown: there are no surplus data, and no standard deviations"
+                " of the measurements; give `std`, or measure more."
+            )
+        if not freedom:
+            return (
+                "There are no surplus data to test the standard deviations of the measurements: "
+                "standard errors follow from these as given."
+            )
+        return (
+            f"Only {freedom:.3g} surplus number{'s' * (freedom != 1)}: an interval of 95 % reaches "
+            f"{self.quantile(0.95):.3g} standard errors to either side, by Student's t."
+        )
 
     @property
     def explained(self) -> list[Measured]:
@@ -158,7 +201,9 @@ class Fitted:
         names = [unknown.name for unknown in self.unknowns]
         units = [self.parameters.unit(unknown) for unknown in self.unknowns]
         return tuple(
-            direction(v, std, names, self.parameters.range, units) for v, std in self.information[2]
+            direction(v, std, names, self.parameters.range, units)
+            for v, std in self.information[2]
+            if np.isinf(std) or not self.is_uncertain
         )
 
     @property
@@ -169,6 +214,8 @@ class Fitted:
     @property
     def at_priors(self) -> tuple[str, ...]:
         """Names of the unknowns of which the data say no more than their priors."""
+        if self.is_uncertain:
+            return ()
         rows = zip(self.unknowns, self.std, strict=True)
         return tuple(
             unknown.name
@@ -224,6 +271,8 @@ class Fitted:
         lines = [f"{', '.join(counted(n, what) for n, what in counts)}: {error}."]
         if self.stopped:
             lines.append("Stopped at the time limit: the values are the best so far.")
+        lines += [f"The fit ended where {name} ceases to settle: {why}." for name, why in self.blocked]
+        lines += [self.evidence] if self.evidence else []
         lines += [f"{line[0].upper()}{line[1:]}." for line in map(str, self.unidentified)]
         if self.at_bounds:
             lines.append(f"At a bound: {', '.join(self.at_bounds)}; widen it, or doubt the model.")
@@ -314,7 +363,10 @@ class Fitted:
     @cached_property
     def information(self) -> tuple[Array, Array, list[tuple[Array, float]]]:
         """What data and priors say of the unknowns, from bound to bound; see identifiability."""
-        return information(self.all_jacobians)
+        covariance, bounded, directions = information(self.all_jacobians)
+        if self.is_uncertain:
+            covariance[np.diag_indices(len(covariance))] = np.inf
+        return covariance, bounded, directions
 
     @property
     def all_jacobians(self) -> Array:

@@ -89,6 +89,30 @@ def information(J: Array) -> tuple[Array, Array, list[tuple[Array, float]]]:
     return covariance, bounded, directions
 
 
+def n_determined(J: Array, size: int) -> tuple[int, float]:
+    """Return how many combinations of unknowns the data determine, and how many without the priors.
+
+    The first is the rank of the derivatives of the data, the first `size` rows of J (n, K); the
+    second leaves out what priors, the other rows, hold: the trace of the data's part of the hat
+    matrix, of which each prior takes up to 1. Source: MacKay, "Bayesian Interpolation", Neural
+    Computation 4 (1992), 4.4.
+    """
+    if len(J) == size:
+        rank = _column_space(J).shape[1]
+        return rank, float(rank)
+    whole = _column_space(J)
+    held = float(np.square(whole[size:]).sum())
+    return _column_space(J[:size]).shape[1], whole.shape[1] - held
+
+
+def _column_space(J: Array) -> Array:
+    """Return an orthonormal basis of the columns of J (n, K), (n, rank)."""
+    lengths = np.linalg.norm(J, axis=0)
+    seen = lengths > _ZERO * max(float(lengths.max()), 1e-300)
+    U, s, _ = np.linalg.svd(J[:, seen] / lengths[seen], full_matrices=False)
+    return np.asarray(U[:, s > _ZERO * max(float(s.max(initial=0.0)), 1e-300)])
+
+
 def _sparse(vectors: Array) -> Array:
     """Return a basis of the space of vectors (r, K), each without what leads the others."""
     if len(vectors) < 2:

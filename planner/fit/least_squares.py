@@ -8,17 +8,18 @@ shortened: its residuals are infinite, and the trust region shrinks.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 import scipy
 
-from model import InputError
+from model import InputError, OctoplanError
 from model.paths import Array
 from model.progress import check_time
+from planner.fit.identifiability import n_determined
 from planner.fit.residuals import Evaluation
 from planner.fit.unknowns import AT_BOUND
 
@@ -40,6 +41,9 @@ _RHO: dict[str, Callable[[Array], Rho]] = {
 _MEDIAN = 1 / float(scipy.special.ndtri(0.75))
 # The least noise, over the standard deviations given; the last step, over the unknowns from 0 to 1.
 _LEAST_NOISE, _STEP = 1e-9, 1e-7
+# How often degrees of freedom, which depend on the noise if there are priors, are found again, and
+# the relative change that is small enough.
+_NOISE_ROUNDS, _NOISE_STEP = 5, 0.01
 # How near to optima fits come, by the logarithm of the likelihood: where only the best is gone on
 # with, and last.
 _ROUGHLY, _LAST = 1e-1, 1e-6
@@ -105,17 +109,18 @@ class Fit:
     evaluation : Evaluation
         The shapes at the values there.
     noise : float
-        What standard deviations are multiplied by, as the residuals say; 1 if they hold as given.
+        What standard deviations are multiplied by, as the residuals say; 1 if they hold as given,
+        and without surplus data.
     cost : float
         The negative logarithm of the likelihood, but for a constant.
-    refused : tuple of int
-        Shapes that did not settle on the last steps, which end the fit.
+    refused : dict of OctoplanError
+        Why shapes did not settle on the last steps, which end the fit; by number.
     """
 
     evaluation: Evaluation
     noise: float
     cost: float
-    refused: tuple[int, ...]
+    refused: Mapping[int, OctoplanError]
 
 
 def fit(start: Evaluation, loss: Loss, absolute: bool, first: bool = False) -> Fit:
@@ -125,35 +130,72 @@ def fit(start: Evaluation, loss: Loss, absolute: bool, first: bool = False) -> F
     (`absolute`), the noise of a robust loss is by the median of the residuals where the fit begins:
     near an optimum, or of a first fit at that of Cauchy's loss with the noise by the median before,
     which bounds what outliers add. Source: Huber, "Robust Statistics" (1981), 7.7.
+
+    Without surplus data the residuals are zero whatever the noise is, so that it is 1.
     """
-    tolerance = _ROUGHLY if first else _LAST
-    noise = 1.0 if absolute else None
-    if loss != "linear" and not absolute:
+    tolerance, freedom = _ROUGHLY if first else _LAST, _most_freedom(start)
+    unknowns = start.experiment.parameters.unknowns
+    has_priors = any(unknown.prior is not None for unknown in unknowns)
+    noise = 1.0 if absolute or (has_priors and _size(start) <= len(unknowns)) else None
+    if loss != "linear" and noise is None:
         if first:
-            bounded = _descent(start, "cauchy", _median_noise(start), tolerance)
+            bounded = _descent(start, "cauchy", _median_noise(start), tolerance, freedom)
             if bounded.refused:
                 return bounded
             start = bounded.evaluation
         noise = _median_noise(start)
-    return _descent(start, loss, noise, tolerance)
+    result = _descent(start, loss, noise, tolerance, freedom)
+    if absolute or first:
+        return result
+    for _ in range(_NOISE_ROUNDS):
+        before, freedom = freedom, degrees_of_freedom(result.evaluation, result.noise)
+        if not freedom:
+            if has_priors and noise != 1.0:
+                result = _descent(result.evaluation, loss, 1.0, tolerance, 1.0)
+            return replace(result, noise=1.0)
+        if loss != "linear" or abs(freedom - before) <= _NOISE_STEP * before:
+            break
+        if not has_priors:
+            scaled = result.noise * np.sqrt(before / freedom)
+            return replace(result, noise=max(float(scaled), _LEAST_NOISE))
+        result = _descent(result.evaluation, loss, None, tolerance, freedom)
+    return result
+
+
+def degrees_of_freedom(at: Evaluation, noise: float) -> float:
+    """Return the number of data minus the number of combinations of unknowns that they determine.
+
+    0 without surplus data: if values of the unknowns exist for any data.
+    """
+    priors = at.experiment.parameters.priors(at.values)[1]
+    J = np.vstack([*(J for _, J in at.scaled(noise).values()), priors])
+    rank, determined = n_determined(J, _size(at))
+    return _size(at) - determined if _size(at) > rank else 0.0
 
 
 def _median_noise(start: Evaluation) -> float:
     """Return the noise of a normal distribution with the median of the residuals' sizes."""
     sizes = np.abs(np.concatenate([r for r, _ in start.scaled().values()]))
-    used = sizes.size / _degrees_of_freedom(start)
+    used = sizes.size / _most_freedom(start)
     return max(float(_MEDIAN * np.median(sizes) * np.sqrt(used)), _LEAST_NOISE)
 
 
-def _degrees_of_freedom(start: Evaluation) -> int:
-    parameters, size = start.experiment.parameters, sum(map(len, start.residuals.values()))
-    free = sum(unknown.prior is None for unknown in parameters.unknowns)
-    return max(size - free, 1)
+def _size(at: Evaluation) -> int:
+    return sum(map(len, at.residuals.values()))
 
 
-def _descent(start: Evaluation, loss: Loss, noise: float | None, tolerance: float) -> Fit:
+def _most_freedom(start: Evaluation) -> float:
+    """Return the degrees of freedom if priors hold their unknowns; at least 1."""
+    free = sum(unknown.prior is None for unknown in start.experiment.parameters.unknowns)
+    return max(_size(start) - free, 1)
+
+
+def _descent(
+    start: Evaluation, loss: Loss, noise: float | None, tolerance: float, freedom: float
+) -> Fit:
+    """Return the optimum of a likelihood with degrees of freedom for its noise, if that is None."""
     steps, parameters = _Steps(start, tolerance), start.experiment.parameters
-    likelihood = Likelihood(loss, _degrees_of_freedom(start), steps.size, noise)
+    likelihood = Likelihood(loss, freedom, steps.size, noise)
 
     def stop_at_the_optimum(z: Array) -> None:
         if steps.gain(z, likelihood) <= tolerance:
@@ -192,17 +234,17 @@ class _Steps:
         The shapes at the last step that was taken.
     size, priors : int
         Number of residuals of data, and of priors, which come last.
-    refused : tuple of int
-        Shapes that did not settle on the steps since then.
+    refused : dict of OctoplanError
+        Why shapes did not settle on the steps since then, by number.
     """
 
     def __init__(self, start: Evaluation, tolerance: float) -> None:
         self.best = self._last = self._differentiated = start
         self._parameters, self._whitening = start.experiment.parameters, start.whitening
         self._at = np.clip(self._parameters.fractions(start.values), 0.0, 1.0)
-        self.size = sum(map(len, start.residuals.values()))
+        self.size = _size(start)
         self.priors = self._parameters.priors(start.values)[0].size
-        self.refused: tuple[int, ...] = ()
+        self.refused: Mapping[int, OctoplanError] = {}
         self._trusted = _TRUSTED * np.sqrt(tolerance)
         self._linear: tuple[Array, Array, Array] | None = None
 
@@ -212,7 +254,7 @@ class _Steps:
             check_time()
             try:
                 evaluation = self._differentiated.near(self._parameters.from_fractions(z))
-                self.refused = tuple(evaluation.lost) or self.refused
+                self.refused = evaluation.lost or self.refused
             except InputError:
                 evaluation = None
             if evaluation is None or evaluation.lost:
@@ -238,7 +280,7 @@ class _Steps:
         Those where shapes were differentiated last do where residuals have changed as these said.
         """
         r = self.residuals(z)
-        self.best, self.refused = self._last, ()
+        self.best, self.refused = self._last, {}
         if self._linear is not None:
             at, before, J = self._linear
             predicted = J @ (z - at)

@@ -17,6 +17,9 @@ from model.units import DISTANCE
 from model.value import Rule, value
 from model.winches import rest_lengths
 
+# Standard deviations [m], [rad] that weigh places and lengths against frames if none is given: only
+# their ratio counts then.
+_ASSUMED_STD, _ASSUMED_ANGLE_STD = 1e-3, 1e-2
 # Markers farther from the base than this, in arm lengths and offsets, cannot be on the arm.
 _FAR = 1.5
 MIDLINE = (0.0, 0.0, 0.0)
@@ -83,10 +86,11 @@ class Measured:
     name : str
         Of the shape, in reports.
     std : float
-        Standard deviation of places, lengths and strokes [m]; of shapes against each other, unless
-        `calibrate` is told that it holds as it is.
+        Standard deviation of places, lengths and strokes [m]. Surplus data scale it, unless
+        `absolute_std` of `calibrate` is True; without surplus data it holds as given. If it is not
+        given, 1 mm weighs places against the rest, and only surplus data give standard errors.
     angle_std : float
-        Standard deviation of frames [rad].
+        Standard deviation of frames [rad]; 0.01 in the same way.
     tension_std : float
         Standard deviation of the tensions [N]; 0: they are exact.
     length_std : float
@@ -101,8 +105,8 @@ class Measured:
     strokes: tuple[float, ...] | None = None
     session: str = ""
     name: str = ""
-    std: Positive = 1e-3
-    angle_std: Positive = 1e-2
+    std: Positive | None = None
+    angle_std: Positive | None = None
     tension_std: NotNegative = 0.0
     length_std: Positive | None = None
 
@@ -155,7 +159,28 @@ class Measured:
         """Standard deviation of each number that is measured (size,)."""
         counts = [3 * len(self.places), 3 * len(self.frames)]
         counts.append(self.numbers.size - sum(counts))
-        return np.repeat([self.std, self.angle_std, self.length_std or self.std], counts)
+        of_frames = self.angle_std or _ASSUMED_ANGLE_STD
+        return np.repeat([self.place_std, of_frames, self.tendon_std], counts)
+
+    @property
+    def place_std(self) -> float:
+        """Standard deviation of places [m], given or assumed."""
+        return self.std or _ASSUMED_STD
+
+    @property
+    def tendon_std(self) -> float:
+        """Standard deviation of lengths and strokes [m], given or assumed."""
+        return self.length_std or self.place_std
+
+    @property
+    def has_stds(self) -> bool:
+        """Whether the standard deviations of all numbers are given."""
+        uses_tendons = self.by_length or bool(self.runs)
+        return (
+            (self.std is not None or not self.markers)
+            and (self.angle_std is not None or not self.frames)
+            and (self.length_std is not None or self.std is not None or not uses_tendons)
+        )
 
     @property
     def size(self) -> int:

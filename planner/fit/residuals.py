@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from model import OctoplanError
-from model.equilibrium.linearised import Linearised
+from model.equilibrium.linearised import Linearised, check_stretch
 from model.equilibrium.load_steps import Collocation
 from model.equilibrium.newton import CLOSE, Start, newton
 from model.equilibrium.sensitivities import ByNumbers, along
@@ -186,6 +186,11 @@ class Evaluation:
                 near = before
             (end,) = newton(to.system, [Start(T, 1.0, states, near, LOOSER)])
             reached[i] = to.held(shape, end or OctoplanError("it jumps"))
+            if isinstance(end, Linearised):
+                try:
+                    check_stretch(end)
+                except OctoplanError as reason:
+                    reached[i] = reason
         return Evaluation.of(experiment, values, at, reached)
 
     def equations(self, i: int) -> SessionEquations:
@@ -244,7 +249,7 @@ class Evaluation:
                 continue
             inputs = shape.tension_std * np.diag(at.numbers.scale)
             if shape.by_length:
-                inputs = (shape.length_std or shape.std) * tensions_by_lengths(here)
+                inputs = shape.tendon_std * tensions_by_lengths(here)
             poses = here.by_tensions[at.places[self.experiment.rows[i]]]
             moved = np.concatenate([poses, np.zeros((len(poses), 3, len(inputs)))], axis=1)
             J = (

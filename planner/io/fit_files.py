@@ -35,7 +35,7 @@ class CalibrationFile(Table, frozen=True):
     measured: Annotated[str, Meta(description="a CSV file of shapes, from this file's folder")]
     unknowns: Annotated[tuple[UnknownTable, ...], Meta(min_length=1)]
     points: Annotated[tuple[MarkerColumns, ...], Meta(description="the markers")] = ()
-    std_mm: Annotated[Positive, quantity("standard deviation of places", "mm")] = 1.0
+    std_mm: Annotated[Positive | None, quantity("standard deviation of places", "mm")] = None
     length_std_mm: Annotated[
         Positive | None, quantity("of lengths and strokes; std_mm unless given", "mm")
     ] = None
