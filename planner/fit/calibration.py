@@ -281,10 +281,11 @@ class Calibration(Told, Fitted):
         places = miss[: 3 * n].reshape(n, 3) + shape.places
         sure = J @ self.information[1] @ J.transpose(0, 2, 1)
         error = self._model_error(shape.arc_lengths(self.arm))[:count]
-        if self.is_uncertain:
-            sure = np.broadcast_to(np.diag([np.inf] * 3), sure.shape)
-            error = np.full(count, np.inf)
         band = sure[:count] + error[:, None, None] ** 2 * np.eye(3)
+        if self.is_uncertain:
+            nothing = np.diag([np.inf] * 3)
+            sure, band = np.broadcast_to(nothing, sure.shape), np.broadcast_to(nothing, band.shape)
+            error = np.full(count, np.inf)
         # What a shape's markers are missed by has one cause.
         left = self.degrees_of_freedom / sum(shape.size for shape in self.explained)
         freedom = np.inf if self.uses_given_std else max(left * len(self.explained), 1.0)
@@ -309,7 +310,7 @@ class Calibration(Told, Fitted):
         return np.asarray(np.interp(s, nodes, by_node))
 
     def _deleted_squares(self) -> dict[int, Array]:
-        """Return the squares (size,) of residuals of each shape by a fit without it, to first order.
+        """Return squared residuals (size,) of each shape by a fit without it, to first order.
 
         (I - H_ii)^-1 r_i with H = J (J^T J)^-1 J^T by blocks of shapes: residuals of one shape have
         the same causes, which no single number's leverage tells. Priors are further rows of J.

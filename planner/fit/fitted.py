@@ -271,7 +271,9 @@ class Fitted:
         lines = [f"{', '.join(counted(n, what) for n, what in counts)}: {error}."]
         if self.stopped:
             lines.append("Stopped at the time limit: the values are the best so far.")
-        lines += [f"The fit ended where {name} ceases to settle: {why}." for name, why in self.blocked]
+        lines += [
+            f"The fit ended where {name} ceases to settle: {why}." for name, why in self.blocked
+        ]
         lines += [self.evidence] if self.evidence else []
         lines += [f"{line[0].upper()}{line[1:]}." for line in map(str, self.unidentified)]
         if self.at_bounds:
