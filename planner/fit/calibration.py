@@ -201,8 +201,12 @@ class Calibration(Told, Fitted):
         planned = plan(self.arm, targets, self.scene, **options)
         predicted = self.predict(planned.tensions)
         measured = float(np.sqrt(np.trace(predicted.covariance[0])))
-        sure = {"tip_std": predicted.tip_std, "evidence": self.evidence}
-        return planned.converted(CalibratedPlan, **sure, measured_std=measured)
+        return planned.converted(
+            CalibratedPlan,
+            tip_std=predicted.tip_std,
+            measured_std=measured,
+            evidence=self.evidence,
+        )
 
     def next(self, candidates: Sequence[Any], session: str = "") -> tuple[Candidate, ...]:
         """Return sets of tensions, best first, by what measuring them tells of the unknowns.

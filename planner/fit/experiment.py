@@ -220,9 +220,9 @@ class SessionEquations:
     def _settled(self, shape: Measured) -> Equilibrium:
         """Return the equilibrium of a shape by `settle`, on a mesh that is fine enough."""
         arm, scene, code = self.system.arm, self.system.scene, self.experiment.mesh[2]
-        given = {"lengths": self._lengths(shape)} if shape.by_length else {}
         T = None if shape.by_length else self.tensions(shape)
-        return settle(arm, T, scene, _ROUGHLY, compile=code, **given).equilibrium
+        lengths = self._lengths(shape) if shape.by_length else None
+        return settle(arm, T, scene, _ROUGHLY, compile=code, lengths=lengths).equilibrium
 
     def held(self, shape: Measured, reached: Reached) -> Reached:
         """Return the equilibrium of a shape, of one by lengths with tensions that hold these."""
