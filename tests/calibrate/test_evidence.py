@@ -30,7 +30,7 @@ def loaded(force: Any) -> Scene:
 def three_forces(std: float | None, **options: Any) -> Calibration:
     """Three tip forces from one tip, 0.5 mm off."""
     arm = Arm.from_paper("table-4")
-    tip = np.add(settle(arm, T, loaded([2e-4, -1e-4, 3e-4])).tip, [5e-4, -5e-4, 5e-4])
+    tip: Any = np.add(settle(arm, T, loaded([2e-4, -1e-4, 3e-4])).tip, [5e-4, -5e-4, 5e-4])
     return calibrate(arm, STRAIGHT, [Measured(T, tip=tip, std=std)], FORCES, **options)
 
 
@@ -64,7 +64,7 @@ def test_predictions_without_surplus_data_are_as_unsure(given: Calibration) -> N
     assert sure.std == pytest.approx(1e-6 * np.eye(3), rel=1e-3, abs=1e-9)
     assert sure.model_error == pytest.approx([1e-3], rel=1e-3)
     assert sure.band() == pytest.approx(1.95996 * np.sqrt(2) * 1e-3 * np.ones((1, 3)), rel=1e-3)
-    planned = given.plan(TipPosition(tuple(sure.tip.tolist())), tension_max=2.0)
+    planned: Any = given.plan(TipPosition(tuple(sure.tip.tolist())), tension_max=2.0)
     assert planned.tip_std > 1e-4
     assert "no surplus data" in planned.outcome
     assert "no surplus data" in given.outcome
@@ -103,9 +103,10 @@ def test_errors_of_few_surplus_data_are_those_of_scipy(count: int) -> None:
     # Places of one marker and the tip: six numbers.
     unknowns = [E, *WIDE_FORCES, DENSITY][: 6 - count]
     shape = settle(arm, PULLS[0], scene, 1e-8)
-    place = shape.position(0.1) + 3e-5 * rng.normal(size=3)
-    tip = shape.tip + 3e-5 * rng.normal(size=3)
-    measured = Measured(PULLS[0], [(0.1, (0.0, 0.0, 0.0), place)], tip=tip)
+    place: Any = shape.position(0.1) + 3e-5 * rng.normal(size=3)
+    tip: Any = shape.tip + 3e-5 * rng.normal(size=3)
+    points: Any = [(0.1, (0.0, 0.0, 0.0), place)]
+    measured = Measured(PULLS[0], points, tip=tip)
     found = calibrate(arm, scene, [measured], unknowns, accuracy=1e-7)
     assert found.degrees_of_freedom == count
     assert f"Only {count} surplus number" in found.outcome
@@ -170,7 +171,7 @@ def held_by_few_data(seed: int) -> Held:
     pulls = rng.uniform(0, 1.5, (size // 3 + 1, 3))
     shapes = []
     for pull in pulls[:-1]:
-        place = settle(true_arm, pull, true_scene, 1e-8).tip + sigma * rng.normal(size=3)
+        place: Any = settle(true_arm, pull, true_scene, 1e-8).tip + sigma * rng.normal(size=3)
         shapes.append(Measured(pull, tip=place, std=told))
     found = calibrate(given_arm, scene, shapes, [unknowns[k] for k in chosen], accuracy=1e-7)
     low, high = found.interval().T

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ def loaded(force: tuple[float, ...]) -> Scene:
 def test_three_forces_are_recovered_from_a_tip_that_settles(seed: int) -> None:
     arm, rng = Arm.from_paper("table-4"), np.random.default_rng(seed)
     T, force = rng.uniform(0, 1.5, 12), rng.uniform(-5e-4, 5e-4, 3)
-    shape = settle(arm, T, loaded(tuple(force.tolist())), 1e-8)
+    shape: Any = settle(arm, T, loaded(tuple(force.tolist())), 1e-8)
     unknowns = [Unknown(f"effects.tip_load.force[{k}]", -2e-3, 2e-3) for k in range(3)]
     for begin in ((0.0, 0.0, 0.0), tuple(force.tolist())):
         measured = [Measured(T, tip=shape.tip, std=1e-4)]
@@ -55,7 +56,7 @@ def test_lengths_without_markers_on_meshes_of_any_kind() -> None:
     arm, rng = Arm.from_paper("table-4"), np.random.default_rng(702)
     T = rng.uniform(0, 1.0, 12) * (rng.random(12) < 0.5)
     force = (1e-4, -1e-4, 5e-5)
-    shape = settle(arm, T, loaded(force), 1e-8)
+    shape: Any = settle(arm, T, loaded(force), 1e-8)
     unknowns = [Unknown(f"effects.tip_load.force[{k}]", -2e-3, 2e-3) for k in range(3)]
     measured = [Measured(lengths=shape.tendon_lengths, tip=shape.tip)]
     found = calibrate(arm, loaded((0.0, 0.0, 0.0)), measured, unknowns)
