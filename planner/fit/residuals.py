@@ -147,7 +147,7 @@ class Evaluation:
         """
         there = self._followed(values, experiment or self.experiment, _HALVINGS)
         rest = {i: there.equations(i).from_rest(i) for i in there.lost}
-        return Evaluation.of(there.experiment, values, there.at, there.equilibria | rest)
+        return Evaluation.of(there.experiment, values, there.at, {**there.equilibria, **rest})
 
     def _followed(self, values: Array, experiment: Experiment, halvings: int) -> Evaluation:
         """Return the shapes on the same branches; the others are `lost`.
