@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Annotated, Any, Literal, get_args
@@ -267,15 +268,24 @@ def stated(targets: tuple[Target, ...], limits: Limits, norm: Any, starts: Any) 
 
 
 def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, ...]:
-    """Return the targets as a tuple; InputError for what is none, misfits and contradictions."""
+    """Return copies of the targets; InputError for misfits and contradictions.
+
+    Plans keep the copies, so that changes of the given objects do not change what was asked.
+    """
     targets = tuple(target) if isinstance(target, tuple | list) else (target,)
     if not targets:
         raise InputError("target", target, "at least one target")
     prescribed = dict[str, int]()
+    copies = list[Target]()
     for i, t in enumerate(targets):
         if not isinstance(t, Target):
             raise InputError("target", t, "a target such as TipPosition(...)")
         t.check(arm)
+        try:
+            copies.append(deepcopy(t))
+        except Exception as reason:
+            allowed = f"a target that copy.deepcopy copies: {reason}"
+            raise InputError("target", type(t).__name__, allowed) from reason
         for name in t.prescribed(arm):
             if name in prescribed:
                 allowed = f"one target for it, not two: targets[{prescribed[name]}] prescribes it"
@@ -285,4 +295,4 @@ def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, 
         raise InputError(
             "target", targets, "targets that leave some tendon to pull for all of them"
         )
-    return targets
+    return tuple(copies)

@@ -10,7 +10,7 @@ are local minima of the gap along the arm.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -89,6 +89,44 @@ class Apart:
 
 
 @dataclass(frozen=True)
+class AvoidanceStructure:
+    """What the equations of inequalities that keep an arm clear depend on besides their numbers.
+
+    Attributes
+    ----------
+    nodes : tuple of float
+        Arc lengths of base and stations between which places are interpolated [m].
+    slots : tuple of int
+        The element of each slot for a body.
+    pairs : tuple of (int, int)
+        The elements of each pair of places.
+    """
+
+    nodes: tuple[float, ...]
+    slots: tuple[int, ...]
+    pairs: tuple[tuple[int, int], ...]
+
+    def gaps(self, stations: tuple[float, ...]) -> Equations:
+        """Return the distances of the places beyond those to keep [m], from poses at stations.
+
+        Unknowns are the poses (7,) of the base and at the stations; numbers are those of
+        `Avoidance.parameters`.
+        """
+        at = {0.0: 0} | {s: 1 + k for k, s in enumerate(stations)}
+        poses = POSE * np.array([at[s] for s in self.nodes])[:, None] + np.arange(POSE)
+        both = np.hstack([poses[:-1], poses[1:]])
+        slots = np.array(self.slots, dtype=np.int64)
+        pairs = np.array(self.pairs, dtype=np.int64).reshape(-1, 2)
+        rows = np.arange(slots.size + len(pairs))[None, :]
+        terms = [
+            Term(built(_from_body), both[slots].T, rows[:, : slots.size]),
+            Term(built(_from_place), np.hstack(list(both[pairs.T])).T, rows[:, slots.size :]),
+        ]
+        # CasADi cannot differentiate compiled kernels.
+        return Equations(POSE * (1 + len(stations)), rows.size, terms, machine_code=False)
+
+
+@dataclass(frozen=True)
 class Avoidance(Target):
     """The inequalities of a plan, stated as a target of inequalities that never yield."""
 
@@ -114,9 +152,10 @@ class Avoidance(Target):
         """Two places and the distance to keep, of each row of two places."""
         return [(r.place, r.other, r.keep) for r in self.rows if isinstance(r.other, Place)]
 
-    def structure(self, arm: Arm) -> tuple[Hashable, ...]:
-        """See Target.structure."""
-        return type(self).__name__, tuple(self.slots(arm)), tuple(self._elements(arm))
+    def structure(self, arm: Arm) -> AvoidanceStructure:
+        """Return what the equations depend on besides the parameters."""
+        pairs = [(element_of(arm, a.s), element_of(arm, b.s)) for a, b, _ in self.pairs]
+        return AvoidanceStructure(tuple(grid(arm).tolist()), tuple(self.slots(arm)), tuple(pairs))
 
     def stations(self, arm: Arm) -> tuple[float, ...]:
         """See Target.stations: the nodes of the coarsest mesh."""
@@ -133,28 +172,6 @@ class Avoidance(Target):
             numbers[i] = [*_weights(arm, near), *body, keep]
         pairs = [[*_weights(arm, a), *_weights(arm, b), keep] for a, b, keep in self.pairs]
         return np.concatenate([numbers.ravel(), np.ravel(pairs)])
-
-    def gaps(self, arm: Arm, stations: Sequence[float], machine_code: bool = False) -> Equations:
-        """Return how much farther off than they have to be the places are [m], by the poses.
-
-        Unknowns are the poses of the base and at the stations, (7,) each; numbers are those of
-        `parameters`. Made of a few kernels, whatever there is to keep clear of: see Equations.
-        """
-        at = {0.0: 0} | {s: 1 + k for k, s in enumerate(stations)}
-        poses = POSE * np.array([at[s] for s in grid(arm).tolist()])[:, None] + np.arange(POSE)
-        both = np.hstack([poses[:-1], poses[1:]])
-        slots = np.array(self.slots(arm), dtype=np.int64)
-        pairs = np.array(self._elements(arm), dtype=np.int64).reshape(-1, 2)
-        rows = np.arange(slots.size + len(pairs))[None, :]
-        terms = [
-            Term(built(_from_body), both[slots].T, rows[:, : slots.size]),
-            Term(built(_from_place), np.hstack(list(both[pairs.T])).T, rows[:, slots.size :]),
-        ]
-        return Equations(POSE * (1 + len(stations)), rows.size, terms, machine_code)
-
-    def _elements(self, arm: Arm) -> list[tuple[int, int]]:
-        """Return the elements of each pair of places."""
-        return [(element_of(arm, a.s), element_of(arm, b.s)) for a, b, _ in self.pairs]
 
 
 @lru_cache(maxsize=64)

@@ -33,7 +33,7 @@ _NO_LIMIT = 1e9
 def check_inverse(p: Plan) -> None:
     """Raise InputError for a plan whose inverse is not exported."""
     exported = "exported is a plan of one TipPosition, of least squares of the tensions"
-    is_tip = len(p.targets) == 1 and isinstance(p.targets[0], TipPosition)
+    is_tip = len(p.targets) == 1 and type(p.targets[0]) is TipPosition
     checks: list[tuple[bool, str, object, str]] = [
         (not is_tip, "target", p.targets, "one TipPosition"),
         (p.limits.total is not None, "total_pull", p.limits.total, "no limit of all tensions"),

@@ -12,7 +12,7 @@ of the latter those of the equations are mu of the Lagrangian.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -33,11 +33,12 @@ from model.loads import is_loaded
 from model.paths import Array
 from model.scene import Scene
 from model.settle import ACCURACY
+from model.stations import base_pose
 from model.transcription.system import system
 from model.winches import rest_lengths
 from planner.program.blocks import States
-from planner.program.program import STABILITY, STROKES, Program, factorised
-from planner.program.terms import Same
+from planner.program.program import STABILITY, STROKES, Program, Structure, factorised
+from planner.program.terms import TargetStructure
 from planner.question import Limits, Statement, natural_tensions
 from planner.task import SearchResult, Task, Trial
 
@@ -90,10 +91,9 @@ class Problem:
         self.unit = units(task.arm, task.limits)
         stated = self.statement.but(margin=0.0, floor=0.0)
         total, strokes = self.limits.total is not None, self.limits.strokes is not None
-        key = self.together.structure, stated, total, strokes
-        question = Same((self.together, self.limits, self.statement))
-        built = _built(task.arm, task.scene, key, question, task.machine_code)
-        self.program, self.forward, scale, row_scale = of, *_ = built
+        self.program, self.forward, scale, row_scale = of, *_ = _built(
+            task.arm, task.scene, self.together.structure, stated, total, strokes, task.machine_code
+        )
         self.n_free, self.n_outer = of.n_free, of.n_outer
         force = task.arm.bending_force
         self.forces = force * np.hstack([np.zeros((3, 0)), *self.together.own.directions])
@@ -235,25 +235,30 @@ def _does_nothing(arm: Arm, upper: Array) -> Array:
 
 @lru_cache(maxsize=24)
 def _built(
-    arm: Arm, scene: Scene, key: Hashable, question: Same, machine_code: bool
+    arm: Arm,
+    scene: Scene,
+    targets: TargetStructure,
+    statement: Statement,
+    has_total: bool,
+    has_strokes: bool,
+    machine_code: bool,
 ) -> tuple[Program, Collocation, Array, Array]:
-    """Return what is the same for all targets of one structure, and all limits."""
-    targets, limits, statement = question.value
-    loaded, at = is_loaded(scene) or bool(targets.requests), targets.stations
+    """Return program, equations of equilibrium and scales, shared by all numbers of targets."""
+    loaded, at = is_loaded(scene) or bool(targets.terms.requests), targets.stations
     mesh = STAGES, statement.refinement, at, loaded, machine_code, STEPS_PER_UNIT
     forward = Collocation(system(arm, scene, *mesh))
     states = States.seen(forward.system, at)
-    # What targets take of an arm besides its shape.
-    skeleton = (arm.length, arm.base_frame, arm.base_position, arm.tendons, arm.anchorages)
-    structure = skeleton, key, states
-    of = _program(structure, Same((targets, limits, statement, states)))
+    base = tuple(base_pose(arm).tolist())
+    of = _program(
+        Structure(targets, statement, has_total, has_strokes, base, arm.length, states)
+    )
     return of, forward, *of.scales(forward.system)
 
 
 @lru_cache(maxsize=16)
-def _program(structure: Hashable, question: Same) -> Program:
-    """Return the program of a structure, for all arms and numbers that have it."""
-    return Program(*question.value)
+def _program(structure: Structure) -> Program:
+    """Return the program of a structure, shared by all arms and numbers that have it."""
+    return Program(structure)
 
 
 @dataclass(frozen=True, eq=False)

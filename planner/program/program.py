@@ -21,6 +21,7 @@ are three readings of them, tried in this order:
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from typing import Any
 
@@ -32,13 +33,12 @@ from scipy.sparse.linalg import SuperLU, splu
 from model.errors import SingularError
 from model.machine.functions import Buffered
 from model.paths import Array
-from model.stations import base_pose
 from model.transcription.equations import Equations
 from model.transcription.layout import POSE
 from model.transcription.system import System
 from planner.program.blocks import Block, LeastMode, Responses, States, TendonLengths
-from planner.program.terms import HIGH_PRIORITY, LOW_PRIORITY, Targets
-from planner.question import Limits, Statement
+from planner.program.terms import HIGH_PRIORITY, LOW_PRIORITY, TargetStructure, TargetTerms
+from planner.question import Statement
 
 STABILITY, STROKES, STRETCH = "stability", "strokes", "stretch"
 PLANNED_STRETCH = 1e-3
@@ -50,6 +50,33 @@ def factorised(matrix: csc_array) -> SuperLU:
         return splu(matrix)
     except RuntimeError as reason:
         raise SingularError("equilibrium is singular in its states: the arm buckles") from reason
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What a program depends on besides its parameters: all that enters its construction.
+
+    Attributes
+    ----------
+    targets : TargetStructure
+    statement : Statement
+        Its margin and floor do not count.
+    has_total, has_strokes : bool
+        Whether there are limits of the total pull and of strokes.
+    base : (7,)
+        Pose of the base.
+    length : float
+        Of the arm [m].
+    states : States
+    """
+
+    targets: TargetStructure
+    statement: Statement
+    has_total: bool
+    has_strokes: bool
+    base: tuple[float, ...]
+    length: float
+    states: States
 
 
 class Program:
@@ -96,14 +123,11 @@ class Program:
         x, p -> what is measured on the mesh.
     """
 
-    def __init__(
-        self, targets: Targets, limits: Limits, statement: Statement, states: States
-    ) -> None:
-        of, self.terms = states.of, targets.own.terms
-        self._number(limits, statement, states)
-        # CasADi cannot differentiate compiled kernels.
-        avoidance = targets.avoidance
-        gaps = avoidance.gaps(targets.arm, targets.stations, False) if avoidance else None
+    def __init__(self, structure: Structure) -> None:
+        targets, states = structure.targets, structure.states
+        of, self.terms = states.of, targets.terms
+        self._number(structure)
+        gaps = targets.avoidance.gaps(targets.stations) if targets.avoidance else None
         _, numbers, compliances = map(self.terms.function.numel_in, range(3))
         modes, wound = len(self.modes), of.n_tendons * len(self.lengths)
         poses, stretches = POSE * len(states.nodes), len(states.slim)
@@ -122,10 +146,11 @@ class Program:
         ends = list(accumulate(sizes.values(), initial=0))
         self.parts = dict(zip(sizes, map(slice, ends, ends[1:]), strict=False))
         self.x, self.p = ca.MX.sym("x", self.size), ca.MX.sym("p", ends[-1])
-        self._differentiate(*self._state(targets, limits, statement, gaps))
+        self._differentiate(*self._state(structure, gaps))
 
-    def _number(self, limits: Limits, statement: Statement, states: States) -> None:
+    def _number(self, structure: Structure) -> None:
         """Number the unknowns, block by block, and state the equations of the blocks."""
+        states, statement = structure.states, structure.statement
         of, requests, self.states = states.of, self.terms.requests, states
         # Inequalities have no slack, or those of low priority do, or all.
         kept = {"exact": (), "closest": (LOW_PRIORITY,), "nearest": (LOW_PRIORITY, HIGH_PRIORITY)}
@@ -137,7 +162,7 @@ class Program:
         pairs = zip(requests, firsts, strict=False)
         self.responses = [Responses(states, request, first) for request, first in pairs]
         self.modes = [LeastMode(states) for _ in range(statement.modes)]
-        self.lengths = [TendonLengths(of)] * (limits.strokes is not None)
+        self.lengths = [TendonLengths(of)] * structure.has_strokes
         blocks: list[Block] = [states, *self.responses, *self.modes, *self.lengths]
         first = self.n_free + 1
         ends = list(accumulate((block.size for block in blocks), initial=first))
@@ -155,23 +180,19 @@ class Program:
         ]
         self.equations = Equations(self.size, self.n_equations, terms, of.form.machine_code)
 
-    def _state(
-        self, targets: Targets, limits: Limits, statement: Statement, gaps: Equations | None
-    ) -> tuple[ca.MX, ca.MX]:
+    def _state(self, structure: Structure, gaps: Equations | None) -> tuple[ca.MX, ca.MX]:
         """Return the objective and the constraints besides the equations; state bounds of all."""
+        statement = structure.statement
         x, p, parts, terms, mode = self.x, self.p, self.parts, self.terms, statement.mode
-        arm, places = targets.arm, targets.stations
         measured, none = self._what_is_measured(), ca.MX(0, 1)
         self.measure = Buffered(ca.Function("measured", [x, p], [ca.densify(measured)]))
         ends = np.cumsum([0, *self.measured]).tolist()
         of_settled = ca.vertsplit(measured + p[parts["defect"]], ends)
         poses, stretches, compliances, modes, lengths = of_settled
-        whole = ca.vertcat(ca.DM(base_pose(arm)), poses)
-        clear = gaps.value.function(whole, p[parts["gaps"]]) / arm.length if gaps else none
-        seen = ca.reshape(poses, POSE, -1)[:, [places.index(s) for s in targets.own.stations]]
+        whole = ca.vertcat(ca.DM(structure.base), poses)
+        clear = gaps.value.function(whole, p[parts["gaps"]]) / structure.length if gaps else none
+        seen = ca.reshape(poses, POSE, -1)[:, list(structure.targets.seen)]
         met, missed, inequality, least = terms.function(seen, p[parts["targets"]], compliances)
-        for row, place in terms.shares:
-            inequality[row] = 1 - compliances[place]
         cuts = [0, self.states.of.n_tendons, self.n_free - self.n_slack, self.n_free]
         tensions, peak, slacks = ca.vertsplit(x[: self.n_free], cuts)
         soft, weights = self._soft, ca.DM(terms.inequality_weights[self._soft])
@@ -192,7 +213,7 @@ class Program:
             ("inequality", inequality, 0.0, np.inf),
             ("clear", clear, 0.0, np.inf),
             (STRETCH, stretches, PLANNED_STRETCH, np.inf),
-            ("total pull", none if limits.total is None else left, 0.0, np.inf),
+            ("total pull", left if structure.has_total else none, 0.0, np.inf),
             ("peak", peaks - pull if peak.numel() else none, 0.0, np.inf),
             (STABILITY, modes, 0.0, np.inf),
             (STROKES, lengths, -np.inf, np.inf),

@@ -3,32 +3,50 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from model.arm import Arm
+from model.errors import InputError
 from model.machine.functions import Buffered
 from model.paths import Array
 from model.shape import Shape
 from model.stiffness import stiffness
-from planner.avoidance.rows import Avoidance
-from planner.targets.base import Target, View
-
-
-@dataclass(frozen=True)
-class Same:
-    """A value that a cache takes for equal to all others: its structure is compared instead."""
-
-    value: Any = field(compare=False)
-
+from planner.avoidance.rows import Avoidance, AvoidanceStructure
+from planner.targets.base import ComplianceRequest, Target, Terms, View
 
 HIGH_PRIORITY, LOW_PRIORITY = 1e2, 2e-4
 KINDS = ("equality", "soft_residual", "inequality", "objective")
+# Functions whose serialised text states all that they compute. Others call back into Python or
+# into a library, which the text does not show.
+_TRANSPARENT = {"SXFunction", "MXFunction", "Map", "LinearInterpolant", "BSplineInterpolant"}
+
+
+@dataclass(frozen=True)
+class TargetStructure:
+    """What a program depends on of its targets, besides their numbers.
+
+    Attributes
+    ----------
+    stations : tuple of float
+        All arc lengths at which targets see the arm [m].
+    seen : tuple of int
+        Which of them the targets see that do not keep the arm clear.
+    terms : TargetTerms
+        The terms of the latter.
+    avoidance : AvoidanceStructure or None
+        Inequalities that keep the arm clear, if there are any.
+    """
+
+    stations: tuple[float, ...]
+    seen: tuple[int, ...]
+    terms: TargetTerms
+    avoidance: AvoidanceStructure | None
 
 
 class Targets:
@@ -46,8 +64,6 @@ class Targets:
         That every one of them lets pull.
     numbers : (n,)
         Their parameters, one after the other.
-    structure : tuple
-        What programs depend on besides the numbers.
     avoidance : Avoidance or None
         The inequalities among them that keep the arm clear.
     """
@@ -59,7 +75,6 @@ class Targets:
         self.requests = tuple(filter(None, (target.compliance_request() for target in each)))
         self.tendons = every.intersection(*(target.tendons(arm) for target in each))
         self.numbers = np.concatenate([np.zeros(0), *(target.parameters(arm) for target in each)])
-        self.structure = tuple(target.structure(arm) for target in each)
         self.avoidance = next((target for target in each if isinstance(target, Avoidance)), None)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -75,8 +90,15 @@ class Targets:
 
     @cached_property
     def terms(self) -> TargetTerms:
-        """Their terms, built once for all targets of one structure."""
-        return _built(self.arm, self.structure, Same(self))
+        """Their terms, which are equal for targets whose expressions are."""
+        return TargetTerms(self.arm, self.each, self.stations)
+
+    @cached_property
+    def structure(self) -> TargetStructure:
+        """What programs depend on besides the numbers."""
+        seen = tuple(self.stations.index(s) for s in self.own.stations)
+        clear = None if self.avoidance is None else self.avoidance.structure(self.arm)
+        return TargetStructure(self.stations, seen, self.own.terms, clear)
 
     @property
     def conditions(self) -> float:
@@ -110,21 +132,52 @@ class Targets:
         return compliances
 
     def values(self, poses: Array, compliances: Sequence[Array]) -> tuple[dict[str, Array], ...]:
-        """Return equalities, soft residuals, inequalities and objectives by name.
+        """Return the equalities, soft residuals, inequalities and objectives by name.
 
-        Of poses (K, 7) at the stations, and compliances as above.
+        They are evaluated from the targets themselves, not by the functions of a program, at poses
+        (K, 7) at the stations and at compliances as above.
         """
-        along = np.concatenate([np.zeros(0), *(C.ravel() for C in compliances)])
-        measured = list[dict[str, Array]]()
-        stacks = self.terms.dense(poses.ravel(), self.numbers, along)
-        for kind, stack in zip(self.terms.names, stacks, strict=True):
-            flat, names = stack.ravel(), np.array(kind)
-            measured.append({name: flat[names == name] for name in dict.fromkeys(kind)})
-        return tuple(measured)
+        seen = dict(zip(self.stations, ca.horzsplit(ca.MX(ca.DM(poses.T))), strict=True))
+        matrices = iter(compliances)
+        stacks = [dict[str, list[ca.MX]]() for _ in KINDS]
+        for target in self.each:
+            request = target.compliance_request()
+            compliance = ca.MX(ca.DM(next(matrices))) if request else None
+            numbers = ca.MX(ca.DM(target.parameters(self.arm)))
+            terms = checked_terms(target, View(self.arm, seen, compliance), numbers)
+            kinds = _by_kind(terms, {name: 1 / x - 1 for name, x in terms.reciprocal.items()})
+            for stack, values in zip(stacks, kinds, strict=True):
+                for name, value in values.items():
+                    stack.setdefault(name, []).append(value)
+        return tuple(
+            {name: np.array(ca.evalf(ca.vertcat(*v))).ravel() for name, v in stack.items()}
+            for stack in stacks
+        )
+
+
+def checked_terms(target: Target, view: View, numbers: ca.MX) -> Terms:
+    """Return the terms of a target; raises InputError unless all are columns of expressions."""
+    terms, name = target.terms(view, numbers), f"{type(target).__name__}.terms"
+    if not isinstance(terms, Terms):
+        raise InputError(name, terms, "Terms")
+    for kind in (*KINDS, "reciprocal"):
+        for term, value in getattr(terms, kind).items():
+            if not (isinstance(value, ca.MX) and value.is_column() and value.is_dense()):
+                allowed = "a dense casadi.MX of one column"
+                raise InputError(f"{name}: {kind}[{term!r}]", value, allowed)
+    return terms
+
+
+def _by_kind(
+    terms: Terms, reciprocal: Mapping[str, ca.MX]
+) -> tuple[Mapping[str, ca.MX], ...]:
+    """Return the terms of each of KINDS by name, inequalities with those of reciprocals last."""
+    inequality = {**terms.inequality, **reciprocal}
+    return terms.equality, terms.soft_residual, inequality, terms.objective
 
 
 class TargetTerms:
-    """The terms of targets of one structure, as functions of the numbers of these.
+    """The terms of targets as functions of their numbers; equal if the expressions are.
 
     Attributes
     ----------
@@ -133,69 +186,83 @@ class TargetTerms:
         target. Compliances are those of the requests, one below the other, each column by column.
     directions : casadi.Function
         Target numbers -> the directions (3, width) of each request.
-    dense : Buffered
-        `function` of numbers, with its zeros.
     count : int
-        How many equalities and soft residuals there are.
+        Number of equalities and soft residuals.
     requests : tuple of ComplianceRequest
     names : tuple of list of str
         The name of each component of the terms, for each of KINDS.
-    shares : list of (int, int)
-        Which inequalities are shares of stiffnesses that are wanted, see Terms.shares; and the
-        place among compliances of that over what is wanted, which may pass through 0.
     equality_weights, inequality_weights : (n,)
-        The factor of each equality, and the weight of each inequality's slack, where not all can be
-        had.
+        The factor of each equality, and the weight of each inequality's slack, if not all of them
+        can be met.
     units : dict
         By name the unit of those terms that have one, see Terms.units.
     """
 
-    def __init__(self, of: Targets) -> None:
-        self.requests = of.requests
-        requests = [target.compliance_request() for target in of.each]
-        numbers = [ca.MX.sym("p", target.parameters(of.arm).size) for target in of.each]
-        poses = ca.MX.sym("poses", 7, len(of.stations))
-        seen = dict(zip(of.stations, ca.horzsplit(poses), strict=True)) if of.stations else {}
+    def __init__(self, arm: Arm, each: Sequence[Target], stations: Sequence[float]) -> None:
+        requests = [target.compliance_request() for target in each]
+        numbers = [ca.MX.sym("p", target.parameters(arm).size) for target in each]
+        poses = ca.MX.sym("poses", 7, len(stations))
+        seen = dict(zip(stations, ca.horzsplit(poses), strict=True)) if stations else {}
         compliances = [ca.MX.sym("compliance", r.width, r.width) if r else None for r in requests]
-        parts = zip(of.each, numbers, compliances, strict=True)
-        terms = [target.terms(View(of.arm, seen, C), p) for target, p, C in parts]
-        flat = ca.vertcat(*(ca.vec(C) for C in compliances if C is not None))
-        stacks = [
-            ca.vertcat(ca.MX(0, 1), *(v for term in terms for v in getattr(term, kind).values()))
-            for kind in KINDS
+        parts = zip(each, numbers, compliances, strict=True)
+        terms = [checked_terms(target, View(arm, seen, C), p) for target, p, C in parts]
+        by_kind = [
+            _by_kind(term, {name: 1 - x for name, x in term.reciprocal.items()}) for term in terms
         ]
-        arguments = [poses, ca.vertcat(*numbers), flat]
-        self.function = ca.Function("terms", arguments, stacks)
-        self.dense = Buffered(ca.Function("terms", arguments, list(map(ca.densify, stacks))))
-        triples = zip(of.each, numbers, requests, strict=True)
+        stacks = [
+            ca.vertcat(ca.MX(0, 1), *(value for values in kind for value in values.values()))
+            for kind in zip(*by_kind, strict=True)
+        ]
+        flat = ca.vertcat(*(ca.vec(C) for C in compliances if C is not None))
+        p = ca.vertcat(*numbers)
+        self.function = ca.Function("terms", [poses, p, flat], stacks)
+        triples = zip(each, numbers, requests, strict=True)
         directions = [target.directions(p) for target, p, request in triples if request]
-        self.directions = ca.Function("directions", [ca.vertcat(*numbers)], directions)
+        self.directions = ca.Function("directions", [p], directions)
+        self.requests = tuple(filter(None, requests))
         self.names = tuple(
-            [
-                name
-                for term in terms
-                for name, value in getattr(term, kind).items()
-                for _ in range(value.numel())
-            ]
-            for kind in KINDS
+            [name for values in kind for name, value in values.items() for _ in range(value.numel())]
+            for kind in zip(*by_kind, strict=True)
         )
         self.count = len(self.names[0]) + len(self.names[1])
-        factors, weights = dict[str, float](), dict[str, float]()
-        self.shares, row, place = list[tuple[int, int]](), 0, 0
-        for term, request in zip(terms, requests, strict=True):
+        factors = dict[str, float]()
+        weights = dict[str, float]()
+        for term in terms:
             factors |= {name: math.sqrt(weight) for name, weight in term.weights.items()}
             factors |= dict.fromkeys(term.high_priority, HIGH_PRIORITY)
             weights |= dict.fromkeys(term.low_priority, LOW_PRIORITY)
-            for name, value in term.inequality.items():
-                if name in term.shares:
-                    self.shares.append((row, place))
-                row += value.numel()
-            place += request.width**2 if request else 0
         self.equality_weights = np.array([factors.get(name, 1.0) for name in self.names[0]])
         self.inequality_weights = np.array([weights.get(n, HIGH_PRIORITY) for n in self.names[2]])
         self.units = {name: unit for term in terms for name, unit in term.units.items()}
+        self._key = (
+            _text(self.function),
+            _text(self.directions),
+            self.requests,
+            tuple(map(tuple, self.names)),
+            tuple(self.equality_weights.tolist()),
+            tuple(self.inequality_weights.tolist()),
+            tuple(self.units.items()),
+        )
+
+    @cached_property
+    def dense(self) -> Buffered:
+        """`function` of numbers, with its zeros."""
+        arguments = self.function.mx_in()
+        values = self.function.call(arguments, True, False)
+        return Buffered(ca.Function("terms", arguments, list(map(ca.densify, values))))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, TargetTerms) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
 
 
-@lru_cache(maxsize=64)
-def _built(arm: Arm, structure: tuple[object, ...], targets: Same) -> TargetTerms:
-    return TargetTerms(targets.value)
+def _text(function: ca.Function) -> object:
+    """Return a text that states all that a function computes; an object equal to itself alone if
+    none does.
+    """
+    called = [function, *function.find_functions()]
+    if all(each.class_name() in _TRANSPARENT for each in called):
+        return function.serialize()
+    return object()

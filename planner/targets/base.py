@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Self
 
 import casadi as ca
@@ -35,9 +36,10 @@ class Terms:
     inequality : quantities that have to be 0 or above, by name
     objective : numbers whose sum is made least, by name, instead of effort
     high_priority : names of equalities that come first where not all can be had
-    low_priority : names of inequalities that come last
-    shares : names of inequalities that are a share of what is wanted, less 1; their programs see
-        the logarithm of the share, which is as easy to raise at a thousandth as near 1
+    low_priority : names of inequalities and reciprocals that come last
+    reciprocal : quantities x whose reciprocal has to be 1 or above, by name: a compliance over the
+        largest allowed one. Certificates have 1 / x - 1 among the inequalities; programs have
+        1 - x, which is smooth where x passes through 0
     weights : by name, of the squares of equalities where not all can be had; 1 unless given
     units : by name, "L" of what is a length over the arm's, "rad" of angles; others have none
     """
@@ -48,7 +50,7 @@ class Terms:
     objective: Mapping[str, ca.MX] = field(default_factory=dict)
     high_priority: frozenset[str] = frozenset()
     low_priority: frozenset[str] = frozenset()
-    shares: frozenset[str] = frozenset()
+    reciprocal: Mapping[str, ca.MX] = field(default_factory=dict)
     weights: Mapping[str, float] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
 
@@ -85,9 +87,19 @@ class View:
     def __init__(
         self, arm: Arm, poses: Mapping[float, ca.MX], compliance: ca.MX | None = None
     ) -> None:
-        self.arm, self._poses, self._compliance = arm, poses, compliance
-        self.base_frame = ca.MX(ca.DM(np.array(arm.base_frame)))
-        self.base_position = ca.MX(ca.DM(np.array(arm.base_position)))
+        self.arm = arm
+        self._poses = poses
+        self._compliance = compliance
+
+    @cached_property
+    def base_frame(self) -> ca.MX:
+        """Frame of the base (3, 3), columns t, n, b."""
+        return ca.MX(ca.DM(np.array(self.arm.base_frame)))
+
+    @cached_property
+    def base_position(self) -> ca.MX:
+        """Position of the base (3,) [m]."""
+        return ca.MX(ca.DM(np.array(self.arm.base_position)))
 
     def position(self, s: float) -> ca.MX:
         """Return the position (3,) at station s [m]."""
@@ -134,18 +146,15 @@ def _rotation() -> ca.Function:
 
 
 class Target:
-    """A shape that is wanted; of itself it asks for nothing.
+    """A wanted shape; the base class of all targets asks for nothing.
 
-    The numbers of a target enter the equations as parameters, so that two targets of one structure
-    share what is built.
+    Numbers from `parameters` enter the program as parameters: targets whose expressions are equal
+    share one program. Other attributes may be used in `terms` too: they are constants of the
+    program, and each value of them needs a program of its own, which takes longer to build.
     """
 
     def check(self, arm: Arm) -> None:
         """Raise InputError if the target is not one that this arm can be asked for."""
-
-    def structure(self, arm: Arm) -> tuple[Hashable, ...]:
-        """Return what the equations depend on besides the parameters."""
-        return type(self).__name__, self.stations(arm), self.compliance_request()
 
     def stations(self, arm: Arm) -> tuple[float, ...]:
         """Return the arc lengths at which the target looks at the shape [m]: the tip's."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import Annotated, NamedTuple
 
@@ -129,10 +129,6 @@ class FetchReach(Target):
         """See Target.check."""
         stretches(arm)
         check_near(arm, "FetchReach.mouth", self.mouth)
-
-    def structure(self, arm: Arm) -> tuple[Hashable, ...]:
-        """See Target.structure."""
-        return *super().structure(arm), self.plane is None
 
     def stations(self, arm: Arm) -> tuple[float, ...]:
         """See Target.stations."""

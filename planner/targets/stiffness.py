@@ -154,9 +154,7 @@ class MinimumStiffness(Target):
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms: the stiffness over that wanted, less 1; or minors of a matrix."""
         if np.ndim(self.direction) == 1:
-            inequality = {SHARE: 1 / view.compliance - 1}
-            weights = frozenset({SHARE})
-            return Terms(inequality=inequality, low_priority=weights, shares=weights)
+            return Terms(reciprocal={SHARE: view.compliance}, low_priority=frozenset({SHARE}))
         name = "stiffness above that wanted"
         return Terms(
             inequality={name: built(_minors)(view.compliance)}, low_priority=frozenset({name})

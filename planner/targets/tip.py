@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from typing import Annotated
 
@@ -84,10 +84,6 @@ class TipPointing(_AtPlace):
     direction: Direction
     weights: tuple[Positive, Positive] = (1.0, 1.0)
 
-    def structure(self, arm: Arm) -> tuple[Hashable, ...]:
-        """See Target.structure."""
-        return *super().structure(arm), self.weights
-
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters: the position, the quaternion of a frame with that tangent."""
         t = np.array(self.direction)
@@ -127,10 +123,6 @@ class TipPose(_AtPlace):
 
     frame: Annotated[Matrix, Rule(partial(orthonormal, rounding=1e-6))]
     weights: tuple[Positive, Positive] = (1.0, 1.0)
-
-    def structure(self, arm: Arm) -> tuple[Hashable, ...]:
-        """See Target.structure."""
-        return *super().structure(arm), self.weights
 
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters: the position, then the frame's quaternion."""

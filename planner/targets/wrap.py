@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 
@@ -137,10 +137,6 @@ class Wrap(Target):
         if distance > L:
             allowed = f"an obstacle within reach: it is {1e3 * distance:.4g} mm from the base"
             raise InputError("Wrap.obstacle", self.obstacle, allowed)
-
-    def structure(self, arm: Arm) -> tuple[Hashable, ...]:
-        """See Target.structure."""
-        return *super().structure(arm), self.turns is None
 
     def stations(self, arm: Arm) -> tuple[float, ...]:
         """See Target.stations."""
