@@ -27,6 +27,8 @@ from planner.targets.base import Target
 
 Norm = Literal["2", "1", "inf"]
 Mode = Literal["exact", "closest", "nearest"]
+# Tensions of plans over those that bend the arm by 1 rad: the range in which most of them are.
+NATURAL_RANGE = 5.0
 
 
 def effort(tensions: Array, norm: Norm) -> Array:
@@ -194,6 +196,14 @@ def natural_tensions(arm: Arm) -> Array:
         bend, shorten = np.trapezoid([4 * y / (EA * R**2), 1 / EA], s)
         result.append(1 / max(float(bend), float(shorten) / arm.length))
     return np.array(result)[list(arm.offset_of)]
+
+
+def effort_unit(arm: Arm) -> float:
+    """Return the tension in units of which effort is weighed against missed targets [N].
+
+    It depends on the arm alone, so that limits that are not active change no compromise.
+    """
+    return float(NATURAL_RANGE * natural_tensions(arm).max())
 
 
 def planned_scene(arm: Arm, scene: Scene | None) -> Scene:

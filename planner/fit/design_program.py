@@ -30,9 +30,9 @@ from model.scene import Scene
 from model.transcription.system import System
 from planner.fit.making import Making, Objective, Reach
 from planner.fit.unknowns import Parameters, neighbour
-from planner.program.problem import Bounds, Problem, Solution, units
+from planner.program.problem import Bounds, Problem, Solution
 from planner.program.terms import Targets as Together
-from planner.question import Limits, Statement
+from planner.question import Limits, Statement, effort_unit
 from planner.solve.ipopt import TOGETHER, WARM
 from planner.solve.side_by_side import Part, SideBySide, joined
 from planner.targets.base import Target
@@ -85,8 +85,8 @@ class DesignProgram:
         self.parameters, self.limits, self.making = parameters, limits, making
         _, self.arm, scene = parameters.setting(parameters.start)
         self.tasks, self.weights = tuple(tasks), [1.0] * len(tasks)
-        # What one unit of the objective is worth: tensions are counted in the largest unit.
-        self.worth = float(units(self.arm, limits).max() ** 2) if objective == "effort" else 1.0
+        # What one unit of the objective is worth.
+        self.worth = effort_unit(self.arm) ** 2 if objective == "effort" else 1.0
         if isinstance(objective, Reach):
             self.tasks, self.weights = (*tasks, (objective,)), [*[0.0] * len(tasks), 1.0]
         elif objective != "effort":

@@ -39,7 +39,7 @@ from model.winches import rest_lengths
 from planner.program.blocks import States
 from planner.program.program import STABILITY, STROKES, Program, Structure, factorised
 from planner.program.terms import TargetStructure
-from planner.question import Limits, Statement, natural_tensions
+from planner.question import NATURAL_RANGE, Limits, Statement, effort_unit, natural_tensions
 from planner.task import SearchResult, Task, Trial
 
 Bounds = tuple[Array, Array, Array, Array]
@@ -72,6 +72,8 @@ class Problem:
         The structure.
     forward : Collocation
         The same equations of equilibrium without targets.
+    effort_unit : float
+        Tension in units of which effort is counted [N].
     scale : (size,)
         What one unit of each unknown is worth.
     n_free, n_outer
@@ -89,6 +91,7 @@ class Problem:
         self.together, self.limits = task.together, task.allowed
         self.statement = (statement or task.statement).but(iterations=0)
         self.unit = units(task.arm, task.limits)
+        self.effort_unit = effort_unit(task.arm)
         stated = self.statement.but(margin=0.0, floor=0.0)
         total, strokes = self.limits.total is not None, self.limits.strokes is not None
         self.program, self.forward, scale, row_scale = of, *_ = _built(
@@ -98,7 +101,7 @@ class Problem:
         force = task.arm.bending_force
         self.forces = force * np.hstack([np.zeros((3, 0)), *self.together.own.directions])
         least = REGULARISATION * min(task.accuracy / ACCURACY, 1.0)
-        weights = np.array([self.unit.max(), self.limits.total or 0.0, least])
+        weights = np.array([self.effort_unit, self.limits.total or 0.0, least])
         equations = of.numbers(self.forward.system, self.forces)
         values = self.together.numbers, weights, self.unit, [force], equations
         defect = np.zeros(sum(of.measured))
@@ -186,7 +189,7 @@ class Problem:
             p[self.program.parts["numbers"]] = numbers
         program, x, n = self.program, np.zeros(self.program.size), tensions.size
         x[:n], x[self.n_free] = tensions / self.unit, 1.0
-        x[n : self.n_free - program.n_slack] = tensions.max() / self.unit.max()
+        x[n : self.n_free - program.n_slack] = tensions.max() / self.effort_unit
         at = program.places[program.states]
         x[at] = states / self.scale[at]
         linear = program.linear
@@ -222,7 +225,7 @@ class Problem:
 @lru_cache(maxsize=32)
 def units(arm: Arm, limits: Limits) -> Array:
     """Return the tension that each unknown is counted in [N]: what bends the arm by some rad."""
-    most, upper = 5 * natural_tensions(arm), np.array(limits.upper)
+    most, upper = NATURAL_RANGE * natural_tensions(arm), np.array(limits.upper)
     result = np.where(_does_nothing(arm, upper), most, np.minimum(upper, most))
     result.setflags(write=False)
     return result
@@ -249,9 +252,7 @@ def _built(
     forward = Collocation(system(arm, scene, *mesh))
     states = States.seen(forward.system, at)
     base = tuple(base_pose(arm).tolist())
-    of = _program(
-        Structure(targets, statement, has_total, has_strokes, base, arm.length, states)
-    )
+    of = _program(Structure(targets, statement, has_total, has_strokes, base, arm.length, states))
     return of, forward, *of.scales(forward.system)
 
 

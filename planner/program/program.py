@@ -37,7 +37,7 @@ from model.transcription.equations import Equations
 from model.transcription.layout import POSE
 from model.transcription.system import System
 from planner.program.blocks import Block, LeastMode, Responses, States, TendonLengths
-from planner.program.terms import HIGH_PRIORITY, LOW_PRIORITY, TargetStructure, TargetTerms
+from planner.program.terms import HIGH_PRIORITY, LOW_PRIORITY, TargetStructure
 from planner.question import Statement
 
 STABILITY, STROKES, STRETCH = "stability", "strokes", "stretch"

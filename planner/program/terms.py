@@ -18,7 +18,7 @@ from model.paths import Array
 from model.shape import Shape
 from model.stiffness import stiffness
 from planner.avoidance.rows import Avoidance, AvoidanceStructure
-from planner.targets.base import ComplianceRequest, Target, Terms, View
+from planner.targets.base import Target, Terms, View
 
 HIGH_PRIORITY, LOW_PRIORITY = 1e2, 2e-4
 KINDS = ("equality", "soft_residual", "inequality", "objective")
@@ -168,9 +168,7 @@ def checked_terms(target: Target, view: View, numbers: ca.MX) -> Terms:
     return terms
 
 
-def _by_kind(
-    terms: Terms, reciprocal: Mapping[str, ca.MX]
-) -> tuple[Mapping[str, ca.MX], ...]:
+def _by_kind(terms: Terms, reciprocal: Mapping[str, ca.MX]) -> tuple[Mapping[str, ca.MX], ...]:
     """Return the terms of each of KINDS by name, inequalities with those of reciprocals last."""
     inequality = {**terms.inequality, **reciprocal}
     return terms.equality, terms.soft_residual, inequality, terms.objective
@@ -221,7 +219,12 @@ class TargetTerms:
         self.directions = ca.Function("directions", [p], directions)
         self.requests = tuple(filter(None, requests))
         self.names = tuple(
-            [name for values in kind for name, value in values.items() for _ in range(value.numel())]
+            [
+                name
+                for values in kind
+                for name, value in values.items()
+                for _ in range(value.numel())
+            ]
             for kind in zip(*by_kind, strict=True)
         )
         self.count = len(self.names[0]) + len(self.names[1])
@@ -259,8 +262,9 @@ class TargetTerms:
 
 
 def _text(function: ca.Function) -> object:
-    """Return a text that states all that a function computes; an object equal to itself alone if
-    none does.
+    """Return a text that states all that a function computes.
+
+    Return an object that equals itself alone if the function calls Python or a library.
     """
     called = [function, *function.find_functions()]
     if all(each.class_name() in _TRANSPARENT for each in called):

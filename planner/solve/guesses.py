@@ -23,9 +23,10 @@ from model.forward import explicit_map
 from model.machine.functions import Mapped
 from model.paths import Array
 from model.progress import check_time
-from planner.program.problem import units
+from planner.program.problem import Candidate, units
+from planner.program.program import factorised
 from planner.program.terms import TargetTerms
-from planner.question import Limits, natural_tensions
+from planner.question import NATURAL_RANGE, Limits, natural_tensions
 from planner.task import Task
 
 # How many conditions a point is, which arms meet in many ways.
@@ -51,6 +52,11 @@ _TOGETHER = 3
 # takes many: it saturates. The best plans for poses and fetches of a slender arm are between these.
 _LEAST, _MOST = (0.5, 0.2), (60.0, 4.0)
 
+# Steps from an optimum of least squares to guesses for another one beside it, over the range of
+# tensions; smaller ones lead back to it. Relative singular value below which the shape does not
+# change at all.
+_ASIDE, _UNSEEN = 0.3, 1e-6
+
 
 def initial_guesses(task: Task, loaded: bool = False, missed: bool = False) -> Iterator[Array]:
     """Yield tensions (n_tendons,) [N] within limits: fitted ones, drawn ones, the straight arm's.
@@ -74,6 +80,26 @@ def initial_guesses(task: Task, loaded: bool = False, missed: bool = False) -> I
             yield straight
         if k >= _FIRST and loaded:
             yield np.clip(_STRONGER * T, limits.lower, limits.upper)
+
+
+def beside(near: Candidate) -> Iterator[Array]:
+    """Yield tensions (n_tendons,) [N] beside an optimum, along what its targets see least first.
+
+    Its program has equalities. Changes of the tensions that they do not see at all are left out.
+    """
+    problem = near.problem
+    arm, limits, n = problem.arm, problem.limits, problem.arm.n_tendons
+    span = NATURAL_RANGE * natural_tensions(arm)
+    J = near.derivatives[2].tocsc()
+    m, count, first = problem.n_outer, problem.program.n_equalities, problem.n_free + 1
+    by_tensions = -factorised(J[m:, first:]).solve(J[m:, :n].toarray())
+    seen = J[:count, :n].toarray() + J[:count, first:] @ by_tensions
+    _, values, directions = np.linalg.svd(seen * span / problem.unit, full_matrices=False)
+    for value, direction in zip(values[::-1], directions[::-1], strict=True):
+        if value > _UNSEEN * values[0]:
+            for step in (_ASIDE, -_ASIDE):
+                T = near.tensions + step * span * direction
+                yield np.clip(T, limits.lower, limits.upper)
 
 
 def drawn_arms(task: Task) -> Iterator[Array]:

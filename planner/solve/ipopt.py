@@ -93,6 +93,10 @@ MAGNIFIED = 1e3
 # in a search, so that r is small; warm it is a rounding error. Source: Rockafellar, "Augmented
 # Lagrangians and applications of the proximal point algorithm", Math. Oper. Res. 1 (1976).
 RELAXED = 3e-5
+# The same for optima that are polished: equalities of which the unknowns can meet fewer than there
+# are (a backbone of the arm's own shape) are met in a few solutions, also along changes of the
+# tensions that the shape hardly shows.
+POLISHED = 1e-6
 Options = dict[str, Any]
 _QUIET: Options = {
     "sb": "yes",
@@ -190,19 +194,24 @@ def nlp_solver(
     return Buffered(ca.nlpsol("ipopt", "ipopt", nlp, options))
 
 
+def relaxed(purpose: Purpose) -> float:
+    """Return by how much equalities may be missed, see RELAXED."""
+    return POLISHED if purpose == "polish" else RELAXED
+
+
 @lru_cache(maxsize=32)
 def solver(of: Program, purpose: Purpose, mode: Mode, talks: bool = False) -> Buffered:
     """Return ipopt for a program of a mode and a purpose, built once.
 
-    The equalities, its first m rows, may be missed by RELAXED (t - c); unknowns are those of the
-    program, then t (m,), parameters those of the program, then c (m,).
+    The equalities, its first m rows, may be missed by `relaxed(purpose)` (t - c); unknowns are
+    those of the program, then t (m,), parameters those of the program, then c (m,).
     """
     n, m = of.size, of.n_equalities
     x, (_, p, sigma, lam) = ca.MX.sym("x", n + m), of.function.mx_in()
     p = ca.MX.sym("p", p.numel() + m)
     numbers, centre = ca.vertsplit(p, [0, p.numel() - m, p.numel()])
     f, gradient, g, jacobian, hessian = of.function.call([x[:n], numbers, sigma, lam], True, False)
-    t, slack = x[n:], ca.DM(ca.Sparsity.diag(of.rows.size, m), RELAXED)
+    t, slack = x[n:], ca.DM(ca.Sparsity.diag(of.rows.size, m), relaxed(purpose))
     f, g = f + ca.sumsqr(t) / 2, g - slack @ (t - centre)
     first = ca.vertcat(gradient, t), ca.horzcat(jacobian, -slack)
     second = ca.diagcat(hessian, sigma * ca.DM.eye(m))
@@ -245,16 +254,17 @@ def solve(
     lbx, ubx, lbg, ubg = bounds or problem.bounds
     n, none = x.size, np.zeros(problem.program.n_equalities)
     lam_x, lam_g = multipliers or (np.zeros(n), np.zeros(lbg.size))
-    centre = RELAXED * lam_g[: none.size]
+    slack = relaxed(purpose)
+    centre = slack * lam_g[: none.size]
     begin = np.append(x, centre)
-    relaxed = np.append(lbx, none - np.inf), np.append(ubx, none + np.inf), lbg, ubg
+    limits = np.append(lbx, none - np.inf), np.append(ubx, none + np.inf), lbg, ubg
     mode, talks = problem.statement.mode, LOG.isEnabledFor(logging.DEBUG)
     run = solver(problem.program, purpose, mode, talks)
     p = np.append(problem.with_mode(x, p), centre)
     ends = _MET | _TO_ROUNDING if purpose == "polish" else _MET
-    end = solved(run, begin, p, relaxed, (np.append(lam_x, none), lam_g), ends)
+    end = solved(run, begin, p, limits, (np.append(lam_x, none), lam_g), ends)
     x, t = np.split(end.x, [n])
-    missed = RELAXED * float(np.abs(t - centre).max(initial=0.0))
+    missed = slack * float(np.abs(t - centre).max(initial=0.0))
     met = end.met and missed <= KKT_TOLERANCE
     f = end.f - float(t @ t) / 2
     return Candidate(x, end.lam_x[:n], end.lam_g, f, met, end.iterations, problem=problem)

@@ -36,6 +36,9 @@ CORRECTIONS, PART = 16, 3
 # made finer: tensions are off by a few times as much. What is farther off comes to another shape;
 # stretches that are farther from 0 need no correction.
 COARSE, _ROUGH, _ELSEWHERE = 1e-3, 1e-4, 0.1
+# Part of the effort that what is left of a defect may change. Tensions that the shape hardly shows
+# change by far more than the shape.
+EFFORT_TOL = 1e-5
 
 
 def refine(candidate: Candidate) -> Candidate | None:
@@ -44,7 +47,7 @@ def refine(candidate: Candidate) -> Candidate | None:
     To a part of the accuracy. None where the optimum is lost on the way, and where the arm comes to
     another shape from rest, or buckles.
     """
-    task, last = candidate.problem.task, None
+    task, last, before = candidate.problem.task, None, np.inf
     enough = max(min(task.accuracy, KKT_TOLERANCE) / PART, FINEST_ACCURACY)
     with suppress(OctoplanError, np.linalg.LinAlgError):
         for _ in range(CORRECTIONS):
@@ -57,13 +60,27 @@ def refine(candidate: Candidate) -> Candidate | None:
                 # The defect enters the gradient of least squares, and of stiffnesses.
                 of_stiffness = problem.together.own.terms.names[3]
                 of_effort = problem.statement.mode == "exact" and not of_stiffness
-                if of_effort or corrected.residual <= KKT_TOLERANCE / PART:
+                left = _effort_change(corrected) if of_effort else corrected.residual
+                # Rounding keeps it from falling.
+                stays = of_effort and left > before / 2
+                if stays or left <= (EFFORT_TOL if of_effort else KKT_TOLERANCE / PART):
                     return last
+                before = left
             candidate = polish(corrected)
             if not candidate.met:
                 return last
         return last
     return None
+
+
+def _effort_change(candidate: Candidate) -> float:
+    """Return the part of the effort that meeting the constraints changes, by their multipliers."""
+    m = candidate.problem.n_outer
+    g, lam = candidate.derivatives[1][:m], candidate.lam_g[:m]
+    _, _, low, high = candidate.problem.bounds
+    missed = np.where(lam > 0, g - high[:m], g - low[:m])
+    change = float(np.abs(lam[lam != 0] @ missed[lam != 0]))
+    return change / max(candidate.f, np.finfo(float).tiny)
 
 
 def _corrected(candidate: Candidate, enough: float) -> tuple[Candidate | None, float]:

@@ -1,8 +1,10 @@
-"""From a question to tensions, in three steps.
+"""From a question to tensions, in four steps.
 
 1. Solve on a coarse mesh from one initial guess after another, until enough of them agree.
 2. Refine the best, warm, on a mesh as fine as the accuracy asks for.
 3. Where the targets are met from none, do the same with slacks: the nearest shape that can be had.
+4. If that shape all but meets the targets, look for one that meets them on the same mesh, corrected
+   by its error: least effort with residuals of 0 does not trade them for effort.
 
 Optima under loads may be unstable. These are solved once more with the least stable mode among the
 unknowns, held to a margin.
@@ -24,12 +26,12 @@ from model.errors import OctoplanError
 from model.loads import is_loaded
 from model.paths import Array
 from model.progress import OutOfTime, check_time, tell
-from planner.program.problem import KKT_TOLERANCE, SEARCHED, Candidate, Problem
+from planner.program.problem import KKT_TOLERANCE, REGULARISATION, SEARCHED, Candidate, Problem
 from planner.program.terms import LOW_PRIORITY
 from planner.question import Mode
-from planner.solve.guesses import POINT, drawn_arms, initial_guesses
+from planner.solve.guesses import POINT, beside, drawn_arms, initial_guesses
 from planner.solve.ipopt import solve
-from planner.solve.refine import COARSE, CORRECTIONS, refine
+from planner.solve.refine import COARSE, CORRECTIONS, on_mesh, refine
 from planner.task import SearchResult, Task, Trial, agreed
 
 # Guesses that have to agree; one more where all miss the targets, and where a point or more is to
@@ -39,6 +41,10 @@ from planner.task import SearchResult, Task, Trial, agreed
 AGREED = 2
 # Largest difference of the scaled unknowns of one optimum that is found twice.
 SAME_OPTIMUM = 1e-4
+# Least squares of targets that can be met miss them, too, as effort has a weight there: their
+# objective is at most that weight times the effort (half the sum of squares in its unit) of the
+# tensions that meet them. No plan takes more effort than this.
+ATTAINABLE = 1e3 * REGULARISATION
 _PHASES: dict[Mode, str] = {
     "exact": "trials that meet the targets",
     "closest": "trials as near as the limits allow",
@@ -46,11 +52,13 @@ _PHASES: dict[Mode, str] = {
 }
 
 
-def attempt(problem: Problem, T: Array) -> Candidate:
-    """Return what tensions (n_tendons,) [N] lead to in a program."""
+def attempt(problem: Problem, T: Array, defect: Array | None = None) -> Candidate:
+    """Solve a program, corrected by a defect of its mesh, from tensions (n_tendons,) [N]."""
     # Least squares come to no end from an arm whose weight is far from being balanced.
     least_squares = problem.statement.mode != "exact"
-    candidate = solve(problem, problem.guess(T, least_squares), problem.parameters(SEARCHED))
+    candidate = solve(
+        problem, problem.guess(T, least_squares), problem.parameters(SEARCHED, defect)
+    )
     check_time()
     return candidate
 
@@ -73,6 +81,11 @@ class Reading:
         Optima that finer meshes do not have.
     last : Candidate or None
         What the last guess led to.
+    corrected : Candidate or None
+        An optimum with the defect of its mesh, by which programs are corrected; they are on the
+        coarse mesh, without correction, if there is none.
+    fine : Candidate or None
+        The refined optimum of the result.
     """
 
     task: Task
@@ -83,6 +96,8 @@ class Reading:
     unstable: list[Candidate] = field(default_factory=list)
     lost: list[Candidate] = field(default_factory=list)
     last: Candidate | None = None
+    corrected: Candidate | None = None
+    fine: Candidate | None = None
 
     @property
     def optima(self) -> list[Candidate]:
@@ -99,12 +114,14 @@ class Reading:
 
         Or until one all but meets the targets.
         """
-        problem = Problem(self.task, self.task.coarse(self.mode))
+        problem, defect = Problem(self.task, self.task.coarse(self.mode)), None
+        if self.corrected is not None:
+            problem, defect = self.corrected.problem, self.corrected.defect
         for T in islice(self.guesses, most):
             if self._enough() or (until_met and self.is_all_but_met):
                 return
             tell(_PHASES[self.mode], len(self.trials), self.task.most)
-            self._keep(attempt(problem, T))
+            self._keep(attempt(problem, T, defect))
 
     def agrees_on(self, optimum: Candidate) -> bool:
         """Return whether guesses lead to none that is better, until enough agree, it among them.
@@ -205,6 +222,7 @@ class Reading:
             if fine is not None:
                 cheaper = 1 - float(np.sqrt(lost / fine.f)) if lost < fine.f else 0.0
                 cheaper = cheaper if cheaper > 10 * COARSE else 0.0
+                self.fine = fine
                 return fine.result(self.trials, lost=cheaper)
             if optimum in self.met:
                 lost = min(lost, f)
@@ -277,6 +295,7 @@ class Search:
             for self.now in readings:
                 result = self._finished()
                 if result is not None:
+                    result = self._attained(result)
                     return replace(result, unstable=unstable and result.statement.mode != "exact")
                 unstable |= bool(self.now.unstable)
             missed = near if hasty else missed
@@ -309,6 +328,31 @@ class Search:
         for optimum in reading.optima:
             self.now.sort(replace(optimum, problem=optimum.problem.but(margin=0.0)))
         return self.now.best()
+
+    def _attained(self, near: SearchResult) -> SearchResult:
+        """Return the best result that meets all targets, `near` itself if none is found.
+
+        If `near` is of least squares that all but vanish, programs corrected by the defect of its
+        mesh are solved with residuals of 0, from its tensions, beside these and from initial
+        guesses.
+        """
+        reading, task = self.now, self.now.task
+        if reading.mode == "exact" or reading.fine is None or reading.fine.f > ATTAINABLE:
+            return near
+        fine = reading.fine
+        mesh = fine.problem.statement.refinement
+        problem = Problem(task, task.coarse("exact").but(refinement=mesh))
+        try:
+            with suppress(OctoplanError, np.linalg.LinAlgError):
+                corrected = on_mesh(fine, problem, task.settled(fine.tensions))
+                guesses = chain([fine.tensions], beside(corrected), self.guesses())
+                limited = islice(guesses, task.most)
+                exact = Reading(task, "exact", limited, corrected=corrected)
+                exact.search()
+                return exact.best() or near
+        except OutOfTime:
+            return replace(near, stopped=True)
+        return near
 
     def guesses(self, tried: int = 1) -> Iterator[Array]:
         """Yield initial guesses, tensions (n_tendons,) [N], as many as are tried at most.
