@@ -93,9 +93,9 @@ MAGNIFIED = 1e3
 # in a search, so that r is small; warm it is a rounding error. Source: Rockafellar, "Augmented
 # Lagrangians and applications of the proximal point algorithm", Math. Oper. Res. 1 (1976).
 RELAXED = 3e-5
-# The same for optima that are polished: equalities of which the unknowns can meet fewer than there
-# are (a backbone of the arm's own shape) are met in a few solutions, also along changes of the
-# tensions that the shape hardly shows.
+# The same for optima that are polished, and for targets that are to be met exactly although the
+# tensions can meet fewer equalities than there are (a backbone of the arm's own shape): residuals
+# stay below the tolerance along changes of the tensions that the shape hardly shows.
 POLISHED = 1e-6
 Options = dict[str, Any]
 _QUIET: Options = {
@@ -131,11 +131,13 @@ WARM: Options = {
     "acceptable_iter": 4,
     "max_iter": 40,
 }
-Purpose = Literal["search", "follow", "near", "polish"]
+Purpose = Literal["search", "meet", "follow", "near", "polish"]
 _FOR: dict[Purpose, Options] = {
     # An objective that outweighs the barrier takes a sixth fewer iterations; steps that lead ten
     # times farther from equilibrium than the guess are cut.
     "search": COLD | _ROUGH | {"obj_scaling_factor": 30 * MAGNIFIED, "theta_max_fact": 10.0},
+    # Targets that least squares all but meet.
+    "meet": COLD | _ROUGH | {"obj_scaling_factor": 30 * MAGNIFIED, "theta_max_fact": 10.0},
     # From the optimum for another target, which may hold other bounds.
     "follow": WARM | _ROUGH | {"max_iter": 60},
     "near": WARM,
@@ -196,7 +198,7 @@ def nlp_solver(
 
 def relaxed(purpose: Purpose) -> float:
     """Return by how much equalities may be missed, see RELAXED."""
-    return POLISHED if purpose == "polish" else RELAXED
+    return POLISHED if purpose in ("meet", "polish") else RELAXED
 
 
 @lru_cache(maxsize=32)

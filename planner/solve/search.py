@@ -56,9 +56,9 @@ def attempt(problem: Problem, T: Array, defect: Array | None = None) -> Candidat
     """Solve a program, corrected by a defect of its mesh, from tensions (n_tendons,) [N]."""
     # Least squares come to no end from an arm whose weight is far from being balanced.
     least_squares = problem.statement.mode != "exact"
-    candidate = solve(
-        problem, problem.guess(T, least_squares), problem.parameters(SEARCHED, defect)
-    )
+    x = problem.guess(T, least_squares)
+    purpose: Purpose = "search" if defect is None else "meet"
+    candidate = solve(problem, x, problem.parameters(SEARCHED, defect), purpose=purpose)
     check_time()
     return candidate
 
