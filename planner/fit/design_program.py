@@ -30,9 +30,9 @@ from model.scene import Scene
 from model.transcription.system import System
 from planner.fit.making import Making, Objective, Reach
 from planner.fit.unknowns import Parameters, neighbour
-from planner.program.problem import Bounds, Problem, Solution
+from planner.program.problem import Bounds, Problem, Solution, units
 from planner.program.terms import Targets as Together
-from planner.question import Limits, Statement, effort_unit
+from planner.question import Limits, Statement
 from planner.solve.ipopt import TOGETHER, WARM
 from planner.solve.side_by_side import Part, SideBySide, joined
 from planner.targets.base import Target
@@ -86,7 +86,7 @@ class DesignProgram:
         _, self.arm, scene = parameters.setting(parameters.start)
         self.tasks, self.weights = tuple(tasks), [1.0] * len(tasks)
         # What one unit of the objective is worth.
-        self.worth = effort_unit(self.arm) ** 2 if objective == "effort" else 1.0
+        self.worth = float(units(self.arm, limits).max() ** 2) if objective == "effort" else 1.0
         if isinstance(objective, Reach):
             self.tasks, self.weights = (*tasks, (objective,)), [*[0.0] * len(tasks), 1.0]
         elif objective != "effort":
@@ -97,6 +97,8 @@ class DesignProgram:
         self.problems = [
             Problem(Task(self.arm, task, scene, limits, stated, _MET)) for task in self.tasks
         ]
+        if objective == "effort":
+            self.weights = [of.effort_unit**2 / self.worth for of in self.problems]
         self.K = len(parameters.unknowns)
 
     def system(self, i: int, arm: Arm, scene: Scene) -> System:

@@ -91,7 +91,7 @@ class Problem:
         self.together, self.limits = task.together, task.allowed
         self.statement = (statement or task.statement).but(iterations=0)
         self.unit = units(task.arm, task.limits)
-        self.effort_unit = effort_unit(task.arm)
+        self.effort_unit = self._effort_unit()
         stated = self.statement.but(margin=0.0, floor=0.0)
         total, strokes = self.limits.total is not None, self.limits.strokes is not None
         self.program, self.forward, scale, row_scale = of, *_ = _built(
@@ -112,6 +112,20 @@ class Problem:
         # At anchorages strains jump.
         inside = 1e-9 * task.arm.length * (1 - 2 * slim[:, 1])
         self.slim_at = self.forward.mesh.s[slim.sum(axis=1)] + inside
+
+    def _effort_unit(self) -> float:
+        """Return the tension in units of which effort is counted [N].
+
+        If effort alone is the objective, and the tensions can meet all equalities, the unit changes
+        no optimum: programs converge soonest in that of the tensions. Otherwise effort is weighed
+        against something else, and the unit does not depend on limits.
+        """
+        terms, limits = self.together.own.terms, self.limits
+        can_pull = int(np.greater(limits.upper, limits.lower).sum())
+        effort_alone = self.statement.mode == "exact" and not terms.names[3]
+        if effort_alone and terms.count <= can_pull:
+            return float(self.unit.max())
+        return effort_unit(self.arm)
 
     def but(self, **changes: Any) -> Problem:
         """Return the same with some choices of the statement changed."""
