@@ -30,7 +30,7 @@ from planner.program.problem import KKT_TOLERANCE, REGULARISATION, SEARCHED, Can
 from planner.program.terms import LOW_PRIORITY
 from planner.question import Mode
 from planner.solve.guesses import POINT, beside, drawn_arms, initial_guesses
-from planner.solve.ipopt import solve
+from planner.solve.ipopt import Purpose, solve
 from planner.solve.refine import COARSE, CORRECTIONS, on_mesh, refine
 from planner.task import SearchResult, Task, Trial, agreed
 
