@@ -112,7 +112,7 @@ def test_each_tendon_may_have_a_path_of_its_own() -> None:
         one = Anchorage(L, offsets[j], both.angles, turns[j])
         alone = Arm(L, Linear(R, R), (one,), Material(E, NU))
         pulled = np.where(np.arange(2) == j, T, 0.0)
-        tips = [settle(own, pulled, scene, 1e-9).tip for own in (arm, alone)]
+        tips = [settle(own, pulled, scene, 1e-12).tip for own in (arm, alone)]
         assert np.allclose(*tips, rtol=0, atol=1e-12)
     same = Anchorage(L, (Linear(Y, Y),) * 2, both.angles, (TURNING,) * 2)
     tips = [
