@@ -272,7 +272,8 @@ def _verdict(plan: Any) -> str:
         more = "; raise time_limit, or certify the plan" * (certificate.problem == OUT_OF_TIME)
         return f"Not certified: {certificate.problem}{more}"
     guesses = "initial guess" if count == 1 else "initial guesses"
-    tried = f"{count} {guesses} tried, {plan.agreed} led to the best optimum"
+    samples = f" and {plan.sampled} sampled shapes" if plan.sampled else ""
+    tried = f"{count} {guesses}{samples} tried, {plan.agreed} led to the best optimum"
     if certificate.passed:
         bears = f"stability {certificate.stability:.3g}, {certificate.bears}; "
         cost = f"effort {plan.effort:.4g} N; {bears if certificate.bears else ''}"
@@ -284,10 +285,8 @@ def _verdict(plan: Any) -> str:
             f"passes them by {over}; {tried}"
         )
     if plan.mode != "exact" and not certificate.attained:
-        nearest = "attainable shape" if _is_nearest(plan) else "shape found"
-        return (
-            f"Not reached: the nearest {nearest} is off in {_gaps(plan)}; {_reason(plan)}; {tried}"
-        )
+        missed = f"the nearest shape found is off in {_gaps(plan)}"
+        return f"Not reached: {missed}; {_reason(plan)}; {tried}"
     if certificate.too_near:
         passed = (certificate.clearances[name] for name in certificate.too_near)
         nearest = min(passed, key=attrgetter("gap"))
@@ -305,16 +304,6 @@ def _verdict(plan: Any) -> str:
     return f"Not certified: {failures}; ask for a finer accuracy or more starts ({tried})"
 
 
-def _is_nearest(plan: Any) -> bool:
-    """Return whether what misses the targets is an optimum of how near it comes, and no worse one.
-
-    At least two initial guesses have to lead to it. Searches in contact and those around obstacles
-    do not tell, nor those that were stopped, or met the targets by unstable shapes.
-    """
-    alone = plan.certificate.complementarity is None and plan.avoidance is None
-    return bool(alone and not plan.stopped and not plan.unstable and plan.agreed > 1)
-
-
 def _success(plan: Any) -> str:
     certificate = plan.certificate
     soft, tolerance = certificate.soft_residual, certificate.tolerance
@@ -322,7 +311,7 @@ def _success(plan: Any) -> str:
     if met <= tolerance:
         return f": every target met to {met:.1e} (asked {tolerance:.0e})"
     gaps = ", ".join(f"{name} {_size(plan, value)}" for name, value in soft.items())
-    return f", as near as the limits allow: {gaps} ({_reason(plan)})"
+    return f", as near as found: {gaps} ({_reason(plan)})"
 
 
 def _gaps(plan: Any) -> str:
@@ -335,8 +324,8 @@ def _gaps(plan: Any) -> str:
     ]
     for name, value in of.inequality.items():
         if value < -of.tolerance:
-            most = f"at most {1 + value:.4g} times what is wanted can be had, "
-            ratio = most if name.endswith(OVER_WANTED) else ""
+            share = f"{1 + value:.4g} times what is wanted found, "
+            ratio = share if name.endswith(OVER_WANTED) else ""
             gaps.append(f"{name.removesuffix(OVER_WANTED)} ({ratio}short by {-value:.3g})")
     return ", ".join(gaps)
 
@@ -366,18 +355,14 @@ def _reason(plan: Any) -> str:
         ),
         (
             plan.in_the_way,
-            f"obstacles are in the way: without them it is met, and {plan.in_the_way}; move them "
-            "or the target, or ask for less clearance",
+            "not reached clear of the obstacles: the plan without them meets it, and "
+            f"{plan.in_the_way}; move them or the target, ask for less clearance or more starts",
         ),
         (
             plan.unstable,
             f"what meets it is {how_unstable}; stiffen the arm, lower the loads or move the target",
         ),
         (holders, f"held by {holders}; widen these limits or move the target"),
-        (not _is_nearest(plan), "no limit is active, more starts may find a nearer one"),
     )
-    unreachable = (
-        "no limit is active and no initial guess leads nearer: the target is likely out of "
-        "reach of these tendons; move it, or try more starts"
-    )
-    return next((told for is_so, told in reasons if is_so), unreachable)
+    no_limit = "no limit is active; move the target, or ask for more starts"
+    return next((told for is_so, told in reasons if is_so), no_limit)

@@ -206,7 +206,9 @@ def plan(
         What residuals and tip errors are held to, over the arm's length (angles: rad).
     starts : int
         How many initial guesses are tried, as far as so many differ. Unless given, 14 at most, and
-        fewer once enough of them led to the same optimum, which is no proof that it is the best.
+        fewer once enough of them led to the same optimum, which is no proof that it is the best. If
+        these miss the target, 8 more, the nearest of several hundred settled shapes under tensions
+        sampled over the limits; of a given number, half are such shapes.
     near : Plan
         A plan for a target nearby, of the same kind, for the same arm and scene: the search begins
         at its optimum, which takes a tenth of the time. Where that fails all starts are tried.
@@ -254,8 +256,8 @@ def plan(
     Returns
     -------
     Plan
-        Also when the target cannot be met: then it is the nearest attainable shape, and
-        `outcome` says how far off it is and what holds it.
+        Also if the target is not met: then it is the nearest shape found, and `outcome` says how
+        far off that is, what holds it, and how many guesses and sampled shapes were tried.
 
     Raises
     ------

@@ -45,6 +45,8 @@ class Task:
         agree, `MOST` at most.
     best_margin : bool
         Whether less than the stability margin is accepted where that cannot be had.
+    mesh : int
+        Refinement of the search's mesh; 0 for a mesh that suits arms that bend by less than a turn.
     """
 
     arm: Arm
@@ -56,6 +58,7 @@ class Task:
     machine_code: bool = field(default=False, kw_only=True, compare=False)
     guesses: int | None = field(default=None, kw_only=True, compare=False)
     best_margin: bool = field(default=False, kw_only=True, compare=False)
+    mesh: int = field(default=0, kw_only=True, compare=False)
 
     @property
     def most(self) -> int:
@@ -102,7 +105,8 @@ class Task:
 
         Without extension a slender tip winds up further, and takes a finer mesh.
         """
-        return self.statement.but(mode=mode, refinement=1 if self.scene.has(Extension) else 2)
+        usual = 1 if self.scene.has(Extension) else 2
+        return self.statement.but(mode=mode, refinement=self.mesh or usual)
 
 
 @lru_cache(maxsize=8)
@@ -144,8 +148,8 @@ class SearchResult:
         By what fraction of the effort the coarse mesh of the search had a cheaper optimum that was
         lost on finer ones; 0 if none.
     in_the_way : str
-        The obstacle that the plan without obstacles comes nearest to, where only obstacles keep the
-        targets from being met; empty else.
+        The obstacle that the plan without obstacles comes nearest to, if that plan meets the
+        targets and no plan that keeps clear was found; empty otherwise.
     unstable : bool
         Whether only shapes below the stability margin meet the targets.
     load_path : tuple of (n_tendons,)
@@ -154,6 +158,8 @@ class SearchResult:
         plan's. Empty where it comes there from rest.
     avoidance : Avoidance or None
         The inequalities of the program that keep the arm clear.
+    sampled : int
+        Number of shapes that were sampled for further guesses; 0 if the first guesses sufficed.
     """
 
     statement: Statement
@@ -168,6 +174,7 @@ class SearchResult:
     unstable: bool = False
     load_path: tuple[tuple[float, ...], ...] = ()
     avoidance: Avoidance | None = None
+    sampled: Count = 0
 
 
 def agreed(starts: Sequence[Trial]) -> int:

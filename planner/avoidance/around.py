@@ -31,11 +31,15 @@ from planner.program.problem import Candidate
 from planner.question import Mode
 from planner.solve.guesses import drawn_arms
 from planner.solve.refine import CORRECTIONS, refine
-from planner.solve.search import AGREED, Reading, Search
+from planner.solve.samples import fine_enough, fitted, sample
+from planner.solve.search import AGREED, WIDE, Reading, Search
 from planner.task import SearchResult, Task, Trial
 
 # Drawn arms that are looked at, and those that are tried, at most.
 _LOOKED_AT, _MOST = 100, 6
+# Number of sampled shapes that are fitted to the targets, and the miss up to which a fit is tried,
+# in lengths and rad: where limits hold a fit may miss by the error of its mesh.
+_FITTED, _MET = 60, 1e-2
 # Relative difference below which two objectives are the same.
 _AGAIN = 1e-3
 
@@ -47,14 +51,20 @@ def line_of(task: Task, T: Array) -> Centreline | None:
     return None
 
 
+def _lines_of(task: Task) -> Lines:
+    """Return the centrelines of a task's arm on the mesh of the search."""
+    at = tuple(grid(task.arm)[1:].tolist())
+    refinement = task.coarse("exact").refinement
+    return Lines(task.arm, task.scene, refinement, at, task.machine_code)
+
+
 class Around:
     """A planning question with surroundings; `searched` tells whether all guesses were tried."""
 
     def __init__(self, task: Task, surroundings: Surroundings) -> None:
         self.task, self.surroundings = task, surroundings
-        self.trials, self.searched = list[Trial](), False
-        refinement, at = task.coarse("exact").refinement, tuple(grid(task.arm)[1:].tolist())
-        self._lines = Lines(task.arm, task.scene, refinement, at, task.machine_code)
+        self.trials, self.searched, self.sampled = list[Trial](), False, 0
+        self._lines = _lines_of(task)
 
     def run(self, near: SearchResult | None = None) -> SearchResult:
         """Return the best that keeps clear, or the best so far out of time.
@@ -75,7 +85,9 @@ class Around:
             if in_the_way is None:
                 return result
             self.task = search.task
+            self._lines = _lines_of(self.task)
             best = self._detour(search, result)
+            best = replace(best, sampled=max(self.sampled, result.sampled))
             reached = result.statement.mode == "exact" and best.statement.mode != "exact"
             return replace(best, in_the_way=in_the_way) if reached else best
         if result is None:
@@ -107,19 +119,36 @@ class Around:
         met = sorted(search.now.met, key=attrgetter("f"))
         optima = [(each.f, each.tensions) for each in met] or [(0.0, T)]
         others = ((0.0, guess) for guess in islice(search.guesses(), 1, None))
-        clear, again = tee((0.0, arm) for arm in islice(self._clear_arms(), _MOST))
+        drawn = islice(self._clear(islice(drawn_arms(self.task), _LOOKED_AT)), _MOST)
+        clear, again = tee((0.0, arm) for arm in drawn)
+        wide, wide_again = tee((0.0, arm) for arm in islice(self._clear_fits(), WIDE))
         possible = mode == "nearest" or self.surroundings.allows(self.task.arm, self.task.targets)
-        best = self._best(mode, optima, others, clear) if possible else None
+        best = self._best(mode, optima, others, clear, wide) if possible else None
         if best is None and mode != "nearest":
-            best = self._best("nearest", chain(again, [(0.0, T)]))
+            best = self._best("nearest", chain(again, [(0.0, T)], wide_again))
         return best or result
 
-    def _clear_arms(self) -> Iterator[Array]:
-        """Yield tensions of drawn arms that touch nothing, the nearest to the targets first."""
-        for T in islice(drawn_arms(self.task), _LOOKED_AT):
+    def _clear(self, arms: Iterable[Array]) -> Iterator[Array]:
+        """Yield the tensions under which the arm touches nothing."""
+        for T in arms:
             line = self._lines(T)
             if line is not None and avoiding(line, self.surroundings, None)[1] >= 0:
                 yield T
+
+    def _clear_fits(self) -> Iterator[Array]:
+        """Yield tensions of sampled shapes that touch nothing, fits to the targets first.
+
+        Fits come by effort, samples by their distance to the targets.
+        """
+        samples = sample(self.task, WIDE)
+        self.sampled = samples.count
+        near = np.array([*islice(samples.distinct(), _FITTED)])
+        self.task = fine_enough(samples.task, near)
+        self._lines = _lines_of(self.task)
+        tensions, misses = fitted(self.task, near)
+        met = tensions[misses <= _MET]
+        yield from self._clear(met[np.argsort(np.linalg.norm(met, axis=1), kind="stable")])
+        yield from self._clear(near)
 
     def _best(self, mode: Mode, *sources: Iterable[tuple[float, Array]]) -> SearchResult | None:
         """Return the best that is led around from the first starts of which any is.

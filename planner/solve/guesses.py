@@ -42,7 +42,7 @@ _SQUEEZED = 0.1
 _EFFORT, _END = 0.2, 3e-2
 # Guesses differ by more than this part: fitted ones of the largest of their tensions, drawn ones of
 # the root of the sum of squares.
-_APART, _FAR_APART = 0.3, 0.5
+_APART, FAR_APART = 0.3, 0.5
 # Drawn arms before the straight one, and before those with so many times the pull: what an arm may
 # take with its loads of what bends it without.
 _FIRST, _STRONGER = 3, 3.0
@@ -114,7 +114,7 @@ def drawn_arms(task: Task) -> Iterator[Array]:
     # What a unit of tension counts beside how near an arm is.
     cheap = distance + 0.2 * np.linalg.norm(drawn / unit, axis=1)
     orders = np.argsort([cheap, distance], axis=1, kind="stable")
-    yield from _distinct(drawn[np.ravel(orders, "F")], unit, _FAR_APART)
+    yield from distinct(drawn[np.ravel(orders, "F")], unit, FAR_APART)
 
 
 def fitted(task: Task, effort: float) -> Iterator[Array]:
@@ -141,13 +141,13 @@ def fitted(task: Task, effort: float) -> Iterator[Array]:
     best = np.argsort(np.linalg.norm(r, axis=1), kind="stable")[: _FITTED // 3]
     points[best], r[best] = least_squares(gaps, points[best])
     T = bends.tensions(points[np.argsort(np.linalg.norm(r, axis=1), kind="stable")])
-    yield from _distinct(T, np.ones(T.shape[1]), _APART, np.inf)
+    yield from distinct(T, np.ones(T.shape[1]), _APART, np.inf)
 
 
-def _distinct(
+def distinct(
     tensions: Iterable[Array], unit: Array, part: float, norm: float = 2
 ) -> Iterator[Array]:
-    """Yield those of tensions that differ from all that were yielded by a part of their norm."""
+    """Yield the tensions that differ from all previous ones by more than a part of their norm."""
     taken = np.zeros((0, unit.size))
     for T in tensions:
         apart = np.linalg.norm((taken - T) / unit, norm, axis=1)
@@ -236,6 +236,20 @@ def many_places(task: Task, tensions: Array) -> tuple[Array, Array]:
     return poses[..., 4:], forward.mesh.s[1:]
 
 
+def within_total(tensions: Array, limits: Limits) -> Array:
+    """Return tensions (m, n_tendons), scaled down to the limit of the total pull if there is one.
+
+    Tensions above their lower limits are scaled alike.
+    """
+    if limits.total is None:
+        return tensions
+    low = np.array(limits.lower)
+    most = max(limits.total - float(low.sum()), 0.0)
+    above = tensions - low
+    share = most / above.sum(axis=1).clip(max(most, 1e-300))
+    return np.asarray(low + above * share[:, None])
+
+
 class BendCoordinates:
     """The pulls of the sections as a function of their bends, and of how hard they are squeezed.
 
@@ -270,11 +284,8 @@ class BendCoordinates:
         T = np.maximum(bends, 0) @ self._sides[:, 0] + np.maximum(-bends, 0) @ self._sides[:, 1]
         if squeezes.size:
             T += squeezes**2 @ self._squeezes
-        T, low = np.clip(T, self._limits.lower, self._limits.upper), np.array(self._limits.lower)
-        if self._limits.total is not None:
-            most = max(self._limits.total - float(low.sum()), 0.0)
-            T = low + (T - low) * (most / (T - low).sum(axis=1).clip(max(most, 1e-300)))[:, None]
-        return np.asarray(T)
+        T = np.clip(T, self._limits.lower, self._limits.upper)
+        return within_total(T, self._limits)
 
     def draw(self, count: int) -> Array:
         """Return bends (count, 2 n) in all directions, as many small as large; always the same.

@@ -2,9 +2,10 @@
 
 1. Solve on a coarse mesh from one initial guess after another, until enough of them agree.
 2. Refine the best, warm, on a mesh as fine as the accuracy asks for.
-3. Where the targets are met from none, do the same with slacks: the nearest shape that can be had.
+3. If no guess meets the targets, do the same with slacks: solve for the nearest shape.
 4. If that shape all but meets the targets, look for one that meets them on the same mesh, corrected
    by its error: least effort with residuals of 0 does not trade them for effort.
+5. If it misses the targets, sample shapes over the limits and solve again from the nearest.
 
 Optima under loads may be unstable. These are solved once more with the least stable mode among the
 unknowns, held to a margin.
@@ -32,6 +33,7 @@ from planner.question import Mode
 from planner.solve.guesses import POINT, beside, drawn_arms, initial_guesses
 from planner.solve.ipopt import Purpose, solve
 from planner.solve.refine import COARSE, CORRECTIONS, on_mesh, refine
+from planner.solve.samples import Samples, sample
 from planner.task import SearchResult, Task, Trial, agreed
 
 # Guesses that have to agree; one more where all miss the targets, and where a point or more is to
@@ -45,10 +47,13 @@ SAME_OPTIMUM = 1e-4
 # objective is at most that weight times the effort (half the sum of squares in its unit) of the
 # tensions that meet them. No plan takes more effort than this.
 ATTAINABLE = 1e3 * REGULARISATION
+# Sampled shapes that are tried before targets are said to be missed. Local optima of the distance
+# are many where limits hold: of 25 tips of an arm with a helical tendon four find the best of 22.
+WIDE = 8
 _PHASES: dict[Mode, str] = {
     "exact": "trials that meet the targets",
-    "closest": "trials as near as the limits allow",
-    "nearest": "the targets are out of reach, trials for the nearest shape",
+    "closest": "trials for the nearest shape, equalities met",
+    "nearest": "trials for the nearest shape",
 }
 
 
@@ -109,16 +114,25 @@ class Reading:
         """Whether least squares of the targets come to nothing."""
         return any(optimum.f <= KKT_TOLERANCE for optimum in self.optima)
 
-    def search(self, most: int | None = None, until_met: bool = False) -> None:
+    @property
+    def is_missed(self) -> bool:
+        """Whether no stable optimum all but meets the targets, of a reading that allows misses."""
+        return self.mode != "exact" and not any(each.f <= KKT_TOLERANCE for each in self.met)
+
+    def search(
+        self, most: int | None = None, until_met: bool = False, until_agreed: bool = True
+    ) -> None:
         """Solve from guesses until enough of them agree, or from so many.
 
-        Or until one all but meets the targets.
+        Or until one all but meets the targets. From all guesses unless `until_agreed`.
         """
         problem, defect = Problem(self.task, self.task.coarse(self.mode)), None
         if self.corrected is not None:
             problem, defect = self.corrected.problem, self.corrected.defect
         for T in islice(self.guesses, most):
-            if self._enough() or (until_met and self.is_all_but_met):
+            if until_agreed and self._enough():
+                return
+            if until_met and self.is_all_but_met:
                 return
             tell(_PHASES[self.mode], len(self.trials), self.task.most)
             self._keep(attempt(problem, T, defect))
@@ -261,13 +275,15 @@ class Search:
     def __init__(self, task: Task) -> None:
         self.task, self.now = task, Reading(task, "exact")
         self._source = initial_guesses(task, is_loaded(task.scene))
+        self.samples: Samples | None = None
 
     def run(self) -> SearchResult:
         """Return the best optimum from the guesses it takes, or the best so far out of time."""
         try:
-            return self._run()
+            result = self._run()
         except OutOfTime:
-            return self._so_far()
+            result = self._so_far()
+        return replace(result, sampled=self.samples.count if self.samples else 0)
 
     def _run(self) -> SearchResult:
         """Return the best optimum of the first reading of the targets that has one.
@@ -288,8 +304,11 @@ class Search:
             if hasty and not near.optima:
                 missed = near
                 continue
+            if near.is_missed and self._n_wide:
+                near = self.now = self._widened(near)
             readings = [near]
             if missed is not None and near.is_all_but_met:
+                missed.task = near.task
                 missed.guesses = chain([near.optima[0].tensions], missed.guesses)
                 readings, missed = [missed, near], None
             for self.now in readings:
@@ -300,6 +319,28 @@ class Search:
                 unstable |= bool(self.now.unstable)
             missed = near if hasty else missed
         return replace(self._so_far(stopped=False), unstable=unstable)
+
+    @property
+    def _n_wide(self) -> int:
+        """The number of sampled shapes to try; they count among the guesses that are asked for."""
+        return WIDE if self.task.guesses is None else self.task.guesses // 2
+
+    def _widened(self, reading: Reading) -> Reading:
+        """Return a reading that was searched from the nearest of the sampled shapes, too.
+
+        On the mesh of the samples; the optima of a coarser mesh are solved again there.
+        """
+        if self.samples is None:
+            self.samples = sample(self.task, self._n_wide)
+        wide: Iterator[Array] = islice(self.samples.distinct(), self._n_wide)
+        if self.samples.task is not self.task:
+            self.task = self.samples.task
+            trials = [replace(trial, met=False) for trial in reading.trials]
+            wide = chain((each.tensions for each in reading.optima[:AGREED]), wide)
+            reading = Reading(self.task, reading.mode, trials=trials, last=reading.last)
+        reading.guesses = wide
+        reading.search(until_met=True, until_agreed=False)
+        return reading
 
     def _finished(self) -> SearchResult | None:
         """Return the best optimum of a reading of the targets, None where there is none.
@@ -367,7 +408,8 @@ class Search:
         together = self.task.together
         if tried > 1 and together.conditions > POINT and not together.terms.names[2]:
             again = initial_guesses(self.task, is_loaded(self.task.scene), missed=True)
-        yield from islice(again, max(self.task.most - tried, 0))
+        wide = self._n_wide if self.task.guesses else 0
+        yield from islice(again, max(self.task.most - tried - wide, 0))
         yield from before[1:]
 
     def _so_far(self, stopped: bool = True) -> SearchResult:

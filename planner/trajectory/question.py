@@ -191,7 +191,7 @@ class Question:
         if not missed:
             return result
         place = f"targets[{i}]" + (len(missed) > 1) * f" to [{i + len(missed) - 1}]"
-        raise InputError(place, "out of reach", f"targets that can be met: {missed[0].outcome}")
+        raise InputError(place, "not reached", f"targets that can be met: {missed[0].outcome}")
 
     def shape(self, T: Array, near: Shape | None) -> Shape:
         """Return the settled shape under tensions (n_tendons,), near another.

@@ -100,7 +100,7 @@ def test_scene_files_have_them_in_millimetres() -> None:
     assert options["stroke_min"] == pytest.approx(-3e-3)
 
 
-def test_a_shape_beyond_the_limits_of_strokes_is_not_called_the_nearest_attainable() -> None:
+def test_a_shape_beyond_stroke_limits_is_not_called_the_nearest() -> None:
     """Where nothing within the limits is found, as in water with nearly no stroke at all."""
     arm, target = cylinder((0.2,)), BendingPlane(angle=0.0, bend=0.5, section=1)
     tight = plan(arm, target, Scene(ExactTendons()), 20.0, stroke_max=1.9e-3)
@@ -108,4 +108,4 @@ def test_a_shape_beyond_the_limits_of_strokes_is_not_called_the_nearest_attainab
     told = sentence(tight)
     assert "no shape within the limits of strokes is found" in told
     assert "passes them by 10 mm" in told
-    assert "attainable" not in told
+    assert "nearest shape found" not in told

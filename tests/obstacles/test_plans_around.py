@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
+from model import Anchorage, Arm, Linear, Material, Scene, settle
 from model.clearance import Clearance
-from model.effects import Buoyancy, Extension, Weight
+from model.effects import Buoyancy, ExactTendons, Extension, Weight
 from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from model.rotations import matrices
 from model.shape import Shape
@@ -109,9 +109,38 @@ def test_where_nothing_leads_around_the_nearest_shape_keeps_clear() -> None:
     assert not p.certificate.passed
     assert p.mode == "nearest"
     assert p.outcome.startswith("Not reached: the nearest shape found is off")
-    assert "obstacles are in the way" in p.outcome
+    assert "not reached clear of the obstacles" in p.outcome
     assert "what the arm is to keep clear of" in p.holding()
     assert p.certificate.gaps["obstacles"] >= 0
+
+
+def test_a_plan_among_obstacles_is_found_from_sampled_shapes() -> None:
+    """It was said that the ball is in the way; known tensions pass 72 mm beside the ball."""
+    arm = Arm(
+        0.633,
+        Linear(0.015, 0.0069),
+        (
+            Anchorage(0.633, Linear(0.0051, 0.0028), (1.44, 2.92, 4.58, 5.56, 6.67)),
+            Anchorage(0.3, Linear(0.0126, 0.0093), (3.49, 3.64, 4.21)),
+        ),
+        Material(385e3, 0.3, 1235.0),
+        base_frame=(
+            (0.8283309030950025, -0.557288193825191, -0.057426335429605846),
+            (-0.5228531186960308, -0.7321652791342214, -0.4365302054842726),
+            (0.201227560854997, 0.3916169979116884, -0.8978549970340336),
+        ),
+    )
+    scene = Scene(Extension(), ExactTendons())
+    known = settle(arm, np.array([0.5, 0, 0, 0, 0, 10.7, 10.6, 0.0]), scene)
+    ball = Sphere((0.19, 0.055, 0.048), 0.041)
+    target = TipPosition(tuple(known.tip.tolist()))
+    p = plan(arm, target, scene, 11.0, obstacles=[ball], clearance=1e-3)
+    assert p.reached, p.outcome
+    shape = settle(arm, p.tensions, scene)
+    s = np.linspace(0.0, arm.length, 2001)
+    radius = arm.radius.evaluate(s, arm.length)[0]
+    assert (ball.distance(shape.position(s)) - radius).min() >= 1e-3 - 1e-9
+    assert np.linalg.norm(shape.tip - known.tip) < 1e-6 * arm.length
 
 
 def test_where_no_shape_keeps_clear_the_outcome_says_what_is_touched() -> None:

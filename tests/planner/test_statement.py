@@ -46,7 +46,7 @@ def test_an_obstacle_that_alone_is_in_the_way_is_named_with_place_and_clearance(
     plate = Box((0.2, 0.0, 0.0), (0.02, 3.0, 3.0))
     found = plan(ARM, TARGET, PAPER, 20.0, obstacles=[plate], starts=1)
     assert free.reached and not found.reached
-    assert "obstacles are in the way: without them it is met" in found.outcome
+    assert "not reached clear of the obstacles: the plan without them meets it" in found.outcome
     assert "obstacles[0] by" in found.outcome and "mm (s = " in found.outcome
     assert "out of reach" not in found.outcome and "widen these limits" not in found.outcome
 
@@ -94,35 +94,34 @@ def test_a_target_far_beyond_the_arm_is_answered_with_the_nearest_shape(norm: An
 def test_guesses_agree_on_the_nearest_shape_under_loads(place: tuple[float, float, float]) -> None:
     """Least squares of what is missed outweighed equilibrium: of 14 guesses one came to an end."""
     found = plan(ARM, TipPosition(place), Scene.silicone(Weight()), 20.0)
-    assert found.outcome.startswith("Not reached: the nearest attainable shape is off in tip")
+    assert found.outcome.startswith("Not reached: the nearest shape found is off in tip")
     assert len(found.starts) == found.agreed == 3
 
 
 MISSED = Certificate({"tip position": 0.01}, {}, {}, 0.0)
 # What is known of a plan that is not reached, and what is said of it.
 SENTENCES: dict[str, tuple[dict[str, Any], str]] = {
-    "out of reach": (
-        {},
-        "no initial guess leads nearer: the target is likely out of reach of these tendons",
-    ),
-    # Only an optimum of how near the target comes tells that it is out of reach.
+    "no limit": ({}, "no limit is active; move the target, or ask for more starts"),
+    "samples": ({"sampled": 512}, "3 initial guesses and 512 sampled shapes tried, 2 led to"),
     "in contact": (
         {"certificate": replace(MISSED, complementarity=0.0)},
-        "no limit is active, more starts may find a nearer one",
+        "no limit is active; move the target, or ask for more starts",
     ),
     "limits": (
         {"holding": lambda: ["T_11 at its maximum"]},
         "held by T_11 at its maximum; widen these limits",
     ),
     "time": ({"stopped": True}, "a longer time limit may bring it nearer"),
-    "obstacles": ({"in_the_way": "it passes through a ball"}, "without them it is met, and it"),
+    "obstacles": (
+        {"in_the_way": "it passes through a ball"},
+        "the plan without them meets it, and it passes through a ball",
+    ),
     "unstable": ({"unstable": True}, "what meets it is unstable under the loads; stiffen the arm"),
-    "nearest": ({}, "the nearest attainable shape is off in"),
+    "nearest": ({}, "the nearest shape found is off in"),
     "an inequality": (
         {"certificate": replace(MISSED, inequality={"least bend": -0.1})},
         "least bend (short by 0.1)",
     ),
-    "one guess": ({"agreed": 1}, "more starts may find a nearer one"),
     "degrees": (
         {
             "agreed": 1,
@@ -132,9 +131,8 @@ SENTENCES: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "millimetres": (
         {"certificate": replace(MISSED, units={"tip position": "L"})},
-        "the nearest attainable shape is off in tip position by 4.5 mm",
+        "the nearest shape found is off in tip position by 4.5 mm",
     ),
-    # What a search did not end with is not called the nearest attainable.
     "stopped": ({"stopped": True}, "the nearest shape found is off in"),
     "no stable one": ({"unstable": True}, "the nearest shape found is off in"),
     "around obstacles": ({"avoidance": Avoidance(())}, "the nearest shape found is off in"),
@@ -149,6 +147,7 @@ def test_what_is_not_reached_is_said_to_be_held_by_what_holds_it(
         certificate=MISSED, mode="nearest", effort=1.0, starts=(0, 0, 0), agreed=2, arm=ARM
     )
     limits = {"stopped": False, "in_the_way": "", "unstable": False, "avoidance": None}
+    limits["sampled"] = 0
     limits["holding"] = list
     assert told in sentence(SimpleNamespace(**vars(plan) | limits | facts))
 

@@ -265,11 +265,11 @@ def test_an_arm_of_five_sections_of_three_tendons_on_a_barrel_is_planned(
 
 @pytest.mark.quick("in water")
 @pytest.mark.parametrize("name", ["in water", "current"])
-def test_a_point_beyond_the_arm_is_said_to_be_out_of_reach(name: str) -> None:
+def test_a_point_beyond_the_arm_gets_the_nearest_shape_found(name: str) -> None:
     found = plan(ARM, TipPosition((0.5, 0.0, 0.0)), SCENES[name], MAXIMUM, starts=2)
     assert not found.reached
     assert found.mode == "nearest"
-    assert found.outcome.startswith("Not reached: the nearest attainable shape is off in tip")
+    assert found.outcome.startswith("Not reached: the nearest shape found is off in tip")
     away = np.linalg.norm(found.shape.tip - (0.5, 0.0, 0.0)) / ARM.length
     assert found.certificate.equality["tip position"] == pytest.approx(away, abs=1e-6)
     gap = np.linalg.norm(found.shape.tip - (0.5, 0.0, 0.0))

@@ -1,0 +1,303 @@
+"""Settled shapes under tensions sampled over the limits, ordered by their distance to the targets.
+
+A search that finds no shape for its targets continues from the nearest samples. All samples are
+settled in one batch, in the scene of the plan and on the mesh of the search, so that loads, shear
+and tendons that turn around the midline count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import islice
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from model.equilibrium.linearised import Linearised
+from model.errors import OctoplanError
+from model.forward import REFINEMENTS
+from model.loads import is_loaded
+from model.paths import Array
+from model.progress import check_time, tell
+from planner.program.problem import SEARCHED, Problem, units
+from planner.question import Limits, natural_tensions
+from planner.solve.guesses import FAR_APART, BendCoordinates, distinct, within_total
+from planner.task import Task
+
+# Number of sampled shapes without loads. At most half of them are corners of the box of tensions:
+# 512 have all corners of eight tendons.
+_SAMPLES = 512
+# The same under loads: a shape takes ten times as long to settle.
+_LOADED = 192
+# Shapes that are settled at a time: their equations stay in the processor's cache.
+_AT_ONCE = 64
+# Smallest sampled tension, in tensions that bend the arm by 1 rad.
+_LEAST = 0.05
+# Largest sampled tension, likewise: it bends a slender tip and replaces a limit that is infinite.
+_MOST = 60.0
+# Tip error over the arm's length above which the mesh of the search is refined.
+_TOLERANCE = 3e-3
+# Share of the shapes that have to be so accurate: the others curl more than the mesh is worth.
+_SHARE = 0.75
+# Finest mesh of a search.
+_FINEST = 8
+# Number of steps of a fit.
+_STEPS = 8
+# First damping of a fit, and the damping at which a fit ends.
+_DAMPING = 1e-3
+_STIFF = 1e3
+# Relative fall of the miss that counts as progress.
+_FALL = 1e-2
+# Miss at which a fit ends, in lengths and rad: the mesh is no better.
+_MET = 1e-4
+# Smallest room of a step: bounds of least squares must differ.
+_TINY = 1e-12
+# Bound of tensions without a limit, in units of the program.
+_FAR = 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Sampled shapes that settle.
+
+    Attributes
+    ----------
+    task : Task
+        The task, with the mesh on which the nearest samples are accurate.
+    count : int
+        Number of sampled shapes, with those that do not settle.
+    tensions : (m, n_tendons)
+        The nearest to the targets first [N].
+    objective : (m,)
+        Objective of the nearest shape: the targets' own measure of the distance.
+    """
+
+    task: Task
+    count: int
+    tensions: Array
+    objective: Array
+
+    def distinct(self) -> Iterator[Array]:
+        """Yield tensions (n_tendons,) that differ [N], the nearest to the targets first."""
+        yield from distinct(self.tensions, units(self.task.arm, self.task.allowed), FAR_APART)
+
+
+def sample(task: Task, n_nearest: int) -> Samples:
+    """Return sampled shapes, on a mesh that is fine enough for the nearest `n_nearest` of them."""
+    tensions = spread(task, _LOADED if is_loaded(task.scene) else _SAMPLES)
+    while True:
+        samples = _settled(task, tensions)
+        on_finer = fine_enough(task, np.array([*islice(samples.distinct(), n_nearest)]))
+        if on_finer is task:
+            return samples
+        task = on_finer
+
+
+def fine_enough(task: Task, tensions: Array) -> Task:
+    """Return the task on a mesh that is accurate for most of the tensions (m, n_tendons)."""
+    while True:
+        mesh = task.coarse("nearest").refinement
+        on_finer = replace(task, mesh=REFINEMENTS[REFINEMENTS.index(mesh) + 1])
+        if mesh >= _FINEST or _error(task, on_finer, tensions) <= _TOLERANCE:
+            return task
+        task = on_finer
+
+
+def _settled(task: Task, tensions: Array) -> Samples:
+    """Return the shapes under tensions (m, n_tendons) that settle on the mesh of a task."""
+    problem = Problem(task, task.coarse("nearest"))
+    p = problem.parameters(SEARCHED)
+    taken = list[Array]()
+    objectives = list[float]()
+    for point in _points(problem, tensions):
+        if not isinstance(point, Linearised):
+            continue
+        # Responses of an arm that buckles have no solution.
+        with suppress(OctoplanError, np.linalg.LinAlgError):
+            x = problem.closed(point.tensions, point.states)
+            objective = float(problem.program.evaluate(x, p)[0][0])
+            if np.isfinite(objective):
+                taken.append(point.tensions)
+                objectives.append(objective)
+    order = np.argsort(objectives, kind="stable")
+    found = np.array(taken).reshape(-1, task.arm.n_tendons)
+    return Samples(task, len(tensions), found[order], np.array(objectives)[order])
+
+
+def _points(problem: Problem, tensions: Array, near: Sequence[Linearised] = ()) -> Iterator[object]:
+    """Yield the equilibrium under each of the tensions (m, n_tendons), or an error."""
+    for k in range(0, len(tensions), _AT_ONCE):
+        check_time()
+        tell("sampled shapes", k, len(tensions))
+        some = slice(k, k + _AT_ONCE)
+        yield from problem.forward.many(tensions[some], near[some])
+
+
+def _error(task: Task, on_finer: Task, tensions: Array) -> float:
+    """Return the change of most tips from a mesh to a finer one, over the arm's length."""
+    pairs = zip(*(_tips(each, tensions) for each in (task, on_finer)), strict=True)
+    apart = [float(np.linalg.norm(fine - tip)) for tip, fine in pairs]
+    apart = [each for each in apart if np.isfinite(each)]
+    return float(np.quantile(apart, _SHARE)) / task.arm.length if apart else 0.0
+
+
+def _tips(task: Task, tensions: Array) -> list[Array]:
+    """Return the tip (3,) under each of the tensions (m, n_tendons), nan where none settles."""
+    points = _points(Problem(task, task.coarse("nearest")), tensions)
+    lost = np.full(3, np.nan)
+    return [point.poses[-1, 4:] if isinstance(point, Linearised) else lost for point in points]
+
+
+def fitted(task: Task, tensions: Array) -> tuple[Array, Array]:
+    """Return tensions (m, n_tendons) moved until the targets are met, and the misses left (m,).
+
+    Each step is the smallest change of the tensions, so that the shapes stay near those under the
+    given tensions: Levenberg and Marquardt's method within the limits of each tendon.
+    """
+    problem = Problem(task, task.coarse("exact"))
+    limits, unit = task.allowed, problem.unit
+    low, high = np.array(limits.lower) / unit, np.minimum(np.array(limits.upper) / unit, _FAR)
+    fits = [_Fit(problem, point) for point in _points(problem, tensions)]
+    for _ in range(_STEPS):
+        going = [fit for fit in fits if fit.is_going]
+        if not going:
+            break
+        trials = [fit.trial(low, high) for fit in going]
+        points = _points(problem, np.array(trials) * unit, [fit.point for fit in going])
+        for fit, point in zip(going, points, strict=True):
+            fit.accept(point)
+    kept = [fit for fit in fits if np.isfinite(fit.miss)]
+    found = np.array([fit.point.tensions for fit in kept]).reshape(-1, task.arm.n_tendons)
+    return found, np.array([fit.miss for fit in kept])
+
+
+class _Fit:
+    """An arm on its way to the targets.
+
+    Attributes
+    ----------
+    point : Linearised
+        Its equilibrium.
+    miss : float
+        Norm of the weighted residuals; infinite without an equilibrium.
+    is_going : bool
+        Whether the last steps reduced the miss.
+    """
+
+    def __init__(self, problem: Problem, point: object) -> None:
+        self._problem = problem
+        self._damping = _DAMPING
+        self.miss = np.inf
+        self.is_going = True
+        self.accept(point)
+        self.is_going = np.isfinite(self.miss)
+
+    def accept(self, point: object) -> None:
+        """Take a step that reduces the miss; otherwise increase the damping."""
+        before = self.miss
+        if isinstance(point, Linearised):
+            with suppress(OctoplanError, np.linalg.LinAlgError):
+                residuals, jacobian = _residuals(self._problem, point)
+                miss = float(np.linalg.norm(residuals))
+                if miss < before:
+                    self.point = point
+                    self.miss = miss
+                    self._residuals = residuals
+                    self._jacobian = jacobian
+        if self.miss < before:
+            self._damping *= 0.1
+            self.is_going = _MET < self.miss < (1 - _FALL) * before
+        else:
+            self._damping *= 10.0
+            self.is_going = self._damping <= _STIFF
+
+    def trial(self, low: Array, high: Array) -> Array:
+        """Return the tensions of the next step (n_tendons,), in units of the program."""
+        z = self.point.tensions / self._problem.unit
+        n, weight = z.size, np.sqrt(self._damping)
+        step = lsq_linear(
+            np.vstack([self._jacobian, weight * np.eye(n)]),
+            -np.append(self._residuals, np.zeros(n)),
+            (np.minimum(low - z, -_TINY), np.maximum(high - z, _TINY)),
+            "bvls",
+        ).x
+        return np.asarray(np.clip(z + step, low, high))
+
+
+def _residuals(problem: Problem, point: Linearised) -> tuple[Array, Array]:
+    """Return what the targets miss (k,), and its derivatives (k, n) by the scaled tensions."""
+    program, x = problem.program, problem.closed(point.tensions, point.states)
+    _, _, g, J = problem.program.evaluate(x, problem.parameters())
+    at, n = program.places[program.states], point.tensions.size
+    by_states = point.by_tensions * problem.unit / problem.scale[at][:, None]
+    rows = np.isin(program.rows, ("equality", "inequality"))
+    J = J.tocsr()[rows]
+    jacobian = J[:, :n].toarray() + J[:, at] @ by_states
+    weights = np.ones(len(jacobian))
+    terms = problem.together.own.terms
+    weights[: terms.equality_weights.size] = terms.equality_weights
+    equal = program.rows[rows] == "equality"
+    residuals = np.where(equal, g[rows], np.minimum(g[rows], 0.0))
+    jacobian[~equal & (residuals == 0)] = 0.0
+    return weights * residuals, weights[:, None] * jacobian
+
+
+def spread(task: Task, count: int) -> Array:
+    """Return tensions (count, n_tendons) over the limits [N]; always the same.
+
+    The first are corners of the box of tensions. One half of the others bends few sections at a
+    time, by all angles. The other half has any tendons at any level.
+    """
+    limits, rng = task.allowed, np.random.default_rng(0)
+    box = Box.of(task)
+    corners = box.corners(count // 2, rng)
+    n_bends = (count - len(corners)) // 2
+    bends = BendCoordinates(task.arm, task.together.tendons, limits)
+    levels = box.levels(count - len(corners) - n_bends, rng)
+    return np.vstack([corners, bends.tensions(bends.draw(n_bends)), levels])
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """The box of tensions that are sampled.
+
+    Attributes
+    ----------
+    limits : Limits
+    least, most : (n_tendons,)
+        The range of the levels above the lower limits [N].
+    """
+
+    limits: Limits
+    least: Array
+    most: Array
+
+    @classmethod
+    def of(cls, task: Task) -> Box:
+        """Return the box of a task."""
+        natural, lower = natural_tensions(task.arm), np.array(task.allowed.lower)
+        most = np.minimum(np.array(task.allowed.upper) - lower, _MOST * natural)
+        return cls(task.allowed, np.minimum(_LEAST * natural, most), most)
+
+    def corners(self, count: int, rng: np.random.Generator) -> Array:
+        """Return all corners if there are no more than `count`, otherwise some of them."""
+        free = np.flatnonzero(self.most > 0)
+        if 2**free.size <= count:
+            pulls = np.arange(2**free.size)[:, None] >> np.arange(free.size) & 1 == 1
+        else:
+            pulls = rng.uniform(size=(count, free.size)) < rng.uniform(size=(count, 1))
+        T = np.zeros((len(pulls), self.most.size))
+        T[:, free] = pulls * self.most[free]
+        return within_total(np.array(self.limits.lower) + T, self.limits)
+
+    def levels(self, count: int, rng: np.random.Generator) -> Array:
+        """Return tensions (count, n_tendons): any tendons pull, at levels as small as large."""
+        shape = count, self.most.size
+        ratio = np.divide(self.most, self.least, np.ones(self.most.size), where=self.least > 0)
+        level = self.least * ratio ** rng.uniform(size=shape)
+        even = rng.uniform(size=shape) * self.most
+        T = np.where(rng.uniform(size=(count, 1)) < 0.5, level, even)
+        pulls = rng.uniform(size=shape) < rng.uniform(0.1, 0.9, size=(count, 1))
+        return within_total(np.array(self.limits.lower) + pulls * T, self.limits)
