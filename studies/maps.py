@@ -115,7 +115,7 @@ def draw(reach: Any, soft: Any, cost: Any) -> Figure:
     titles = (
         f"where the tip can be, {int(reach.settled.sum())} draws",
         "how soft it is there, two tendons pulling",
-        "what it costs to go there, x: out of reach",
+        "what it costs to go there, x: not reached",
     )
     lettered(zip(axes, titles, strict=True))
     for ax in axes:
