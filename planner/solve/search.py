@@ -1,4 +1,4 @@
-"""From a question to tensions, in four steps.
+"""From a question to tensions, in five steps.
 
 1. Solve on a coarse mesh from one initial guess after another, until enough of them agree.
 2. Refine the best, warm, on a mesh as fine as the accuracy asks for.
