@@ -54,9 +54,9 @@ def sensitivities(shape: Shape, at: float, refinement: int) -> Response:
     forward = maps.on(refinement, places)
     if places or refinement != shape.refinement or maps.scheme != point.scheme:
         point = forward.solve(shape.tensions, shape.known)
-    if isinstance(point, Linearised) and point.near:
-        # Derivatives nearby would be off by how far that is, which no refinement tells.
-        point = Linearised(point.system, point.x)
+    if isinstance(point, Linearised):
+        # Derivatives nearby have an error that no refinement shows.
+        point = point.relinearised()
     return at_node(point, forward.mesh.node(at))
 
 

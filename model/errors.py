@@ -241,10 +241,6 @@ class SnapError(OctoplanError):
         change = abs(now - other.load_factor * other.tension_factor)
         return change < min(_SNAP_AGREEMENT, (1 - now) / 2)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        parts = self.load_factor, self.why, self.tension_factor, self.history, self.unpulled
-        return SnapError, parts
-
 
 class SingularError(OctoplanError):
     """A matrix that was asked for does not exist; the message says along what it is singular."""

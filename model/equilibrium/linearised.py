@@ -128,6 +128,12 @@ class Linearised:
         right[at.rows[inside], at.columns[inside] - first] = self.nonzeros[inside]
         return -self.solve(right)
 
+    def relinearised(self) -> Linearised:
+        """Return the equilibrium with derivatives at its own states, not at those nearby."""
+        if self.near is None:
+            return self
+        return Linearised(self.system, self.x, history=self.history)
+
     def by_direction(self, direction: Array) -> Array:
         """Return the derivative of the states (n_states,) along a line.
 

@@ -109,7 +109,9 @@ def continue_branches(
                 continue
             rate = point.by_direction(ends_at[i] - begins[i])
             turned = 2 * steps[i] * float(np.abs(rate[quaternions]).max())
-            fractions[i] = reached + steps[i] * min(1.0, TURN / max(turned, TURN))
+            step = steps[i] * min(1.0, TURN / max(turned, TURN))
+            # The end of the line to the last digit, in spite of rounding.
+            fractions[i] = 1.0 if step == 1.0 - reached else reached + step
             states = point.states + (fractions[i] - reached) * rate
             level = looser if fractions[i] == 1.0 else levels[i]
             now = begins[i] + fractions[i] * (ends_at[i] - begins[i])

@@ -23,7 +23,7 @@ from planner.fit.calibration import Calibration
 from planner.fit.experiment import CoarseMeshError, Experiment
 from planner.fit.fitted import Start, parameters_of
 from planner.fit.least_squares import Fit, Loss, fit
-from planner.fit.measured import Measured, checked_shapes
+from planner.fit.measured import Measured, checked_shapes, crushing_remark
 from planner.fit.residuals import Evaluation, UnsettledShapeError, from_rest
 from planner.fit.unknowns import Parameters, Unknown
 
@@ -145,7 +145,7 @@ def calibrate(
         machine_code,
         stages,
         tuple((shapes[i].name, str(why)) for i, why in best.refused.items()),
-        best.evaluation,
+        best.evaluation.relinearised(),
     )
 
 
@@ -289,7 +289,8 @@ class _Search:
                 start = start.only(kept)
             if not start.equilibria:
                 i, why = next(iter(start.lost.items()))
-                raise UnsettledShapeError(self.shapes[i].name, why)
+                remark = crushing_remark(self.parameters.given.arm, self.shapes)
+                raise UnsettledShapeError(self.shapes[i].name, why, remark)
             best = fit(start, self.loss, self.absolute_std, first)
             start, jumping = best.evaluation, tuple(best.refused)
             if len(jumping) in (0, len(start.equilibria)):

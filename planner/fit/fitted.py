@@ -18,7 +18,7 @@ from model.text import counted
 from planner.fit.experiment import Experiment
 from planner.fit.identifiability import Direction, direction, information
 from planner.fit.least_squares import Loss, counted_by, degrees_of_freedom
-from planner.fit.measured import Measured
+from planner.fit.measured import Measured, crushing_remark
 from planner.fit.residuals import Evaluation, Residual, from_rest, mean_distance
 from planner.fit.unknowns import WORSE, Parameters, Unknown
 
@@ -299,13 +299,8 @@ class Fitted:
                 "by more than a tenth of the arm's length; check tensions and markers there, "
                 "units, the order of the tendons, and the bounds. " + self._largest_residual(far)
             )
-            most = max((max(shape.tensions or (0.0,)) for shape in self.measured), default=0.0)
-            stiff = self.given_arm.material.E * np.pi * self.given_arm.base_radius**2
-            if most > stiff:
-                lines.append(
-                    f"Tensions of up to {most:g} N are {most / stiff:.3g} times the arm's E A at "
-                    f"its base, {stiff:.3g} N: are they in mN?"
-                )
+            if remark := crushing_remark(self.given_arm, self.measured):
+                lines.append(remark)
         if unlike:
             fit = ", or fit with a robust loss" * (self.loss == "linear")
             lines.append(
@@ -355,7 +350,7 @@ class Fitted:
         names = [name for name, _ in self.left_out]
         kept = [i for i, shape in enumerate(self.measured) if shape.name not in names]
         rest = from_rest(self.experiment(self.measured), self.array)
-        return rest.only([i for i in kept if i in rest.equilibria])
+        return rest.only([i for i in kept if i in rest.equilibria]).relinearised()
 
     def experiment(self, shapes: Sequence[Measured]) -> Experiment:
         """Return shapes with the unknowns of this calibration."""

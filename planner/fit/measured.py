@@ -242,6 +242,18 @@ def checked_shapes(arm: Arm, measured: Iterable[Measured]) -> tuple[Measured, ..
     return tuple(shape.checked(arm, name) for shape, name in zip(shapes, names, strict=True))
 
 
+def crushing_remark(arm: Arm, measured: Iterable[Measured]) -> str:
+    """Return the remark that tensions exceed E A of the arm's base; "" if they do not."""
+    most = max((max(shape.tensions or (0.0,)) for shape in measured), default=0.0)
+    stiffness = arm.material.E * np.pi * arm.base_radius**2
+    if most <= stiffness:
+        return ""
+    return (
+        f"Tensions of up to {most:g} N are {most / stiffness:.3g} times the arm's E A at its base, "
+        f"{stiffness:.3g} N: are they in mN?"
+    )
+
+
 def _check_place(arm: Arm, where: str, place: Array, offset: Array) -> None:
     """Refuse a place that the arm cannot reach, or one that says that all are in other units."""
     away, aside = float(np.linalg.norm(place - arm.base_position)), float(np.linalg.norm(offset))

@@ -39,9 +39,9 @@ _HALVINGS = 2
 class UnsettledShapeError(OctoplanError):
     """A shape does not settle at given values of the unknowns."""
 
-    def __init__(self, name: str, why: OctoplanError) -> None:
-        self.name, self.why = name, why
-        super().__init__(f"{name} does not settle: {why}")
+    def __init__(self, name: str, why: OctoplanError, remark: str = "") -> None:
+        self.name, self.why, self.remark = name, why, remark
+        super().__init__(f"{name} does not settle: {why}{'. ' * bool(remark)}{remark}")
 
 
 class Residual(NamedTuple):
@@ -133,6 +133,11 @@ class Evaluation:
         equilibria = {i: end for i, end in rows if isinstance(end, Linearised)}
         lost = {i: end for i, end in rows if isinstance(end, OctoplanError)}
         return cls(experiment, values, at, equilibria, lost)
+
+    def relinearised(self) -> Evaluation:
+        """Return the evaluation with derivatives at the shapes' own states."""
+        points = {i: point.relinearised() for i, point in self.equilibria.items()}
+        return Evaluation(self.experiment, self.values, self.at, points, self.lost)
 
     def only(self, kept: Iterable[int]) -> Evaluation:
         """Return the evaluation with all but some shapes left out."""

@@ -297,7 +297,8 @@ class Search:
         modes: list[Mode] = ["exact"] * bool(terms.count <= can_pull.sum())
         modes += ["closest"] * bool(terms.names[1] or LOW_PRIORITY in terms.inequality_weights)
         for mode in [*modes, "nearest"]:
-            guesses = self.guesses(len(missed.trials) if missed else 1)
+            wide = self._n_wide if mode != "exact" and self.task.guesses else 0
+            guesses = self.guesses(len(missed.trials) if missed else 1, wide)
             near = self.now = Reading(self.task, mode, guesses, last=self.now.last)
             hasty = mode == "exact" and self.task.guesses is None
             near.search(AGREED + 1 if hasty else None, until_met=missed is not None)
@@ -395,9 +396,10 @@ class Search:
             return replace(near, stopped=True)
         return near
 
-    def guesses(self, tried: int = 1) -> Iterator[Array]:
+    def guesses(self, tried: int = 1, wide: int = 0) -> Iterator[Array]:
         """Yield initial guesses, tensions (n_tendons,) [N], as many as are tried at most.
 
+        Without the `wide` guesses, which are sampled shapes.
         After the likeliest those beyond some that were tried before: another reading of the targets
         seldom leads farther from these. Where these missed equalities alone others are fitted
         without regard to effort; fits that have inequalities, too, end where these are violated.
@@ -408,7 +410,6 @@ class Search:
         together = self.task.together
         if tried > 1 and together.conditions > POINT and not together.terms.names[2]:
             again = initial_guesses(self.task, is_loaded(self.task.scene), missed=True)
-        wide = self._n_wide if self.task.guesses else 0
         yield from islice(again, max(self.task.most - tried - wide, 0))
         yield from before[1:]
 

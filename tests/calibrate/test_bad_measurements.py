@@ -173,7 +173,9 @@ def test_strokes_that_no_shape_has_are_told_by_shape_and_column() -> None:
 
 def test_tensions_in_the_wrong_unit_are_told() -> None:
     strong = replace(GOOD, tensions=[2000.0, 0, 0], points=[(*POINT[:2], (0.1, 0.1, 0.0))])
-    found = calibrate(small_arm(), HANGING, [strong], [Unknown("arm.E_kPa", 100, 400)])
+    with pytest.raises(OctoplanError, match=r"does not settle.*are they in mN\?"):
+        calibrate(small_arm(), HANGING, [strong], [Unknown("arm.E_kPa", 100, 400)])
+    found = calibrate(small_arm(), Scene(Extension()), [strong], [Unknown("arm.E_kPa", 100, 400)])
     assert "are they in mN?" in found.outcome
 
 

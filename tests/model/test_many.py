@@ -179,7 +179,7 @@ HISTORIES = {
     ),
     "strains that jump": (
         ARM,
-        Scene.silicone(Weight()),
+        Scene.silicone(Weight(), Buoyancy()),
         [0.95 * JUMPING, 1.2 * JUMPING],
         "tensions[0]: the arm was settled to 0.0",
     ),
@@ -209,7 +209,7 @@ def test_guesses_may_come_from_different_meshes() -> None:
 
 
 def test_strains_that_jump_are_refused_on_a_coarse_mesh() -> None:
-    scene = Scene.silicone(Weight())
+    scene = Scene.silicone(Weight(), Buoyancy())
     finest = []
     with pytest.MonkeyPatch.context() as patch:
         on = Maps.on
