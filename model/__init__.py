@@ -1,9 +1,9 @@
 """The mechanics of tendon-driven arms: arms, scenes, and the shapes that they settle to."""
 
-from model.anchorage import Anchorage, Material, RestCurvature
-from model.arm import Arm, conical
-from model.compliance import LengthResponse, length_response
-from model.errors import (
+from octoplan.model.anchorage import Anchorage, Material, RestCurvature
+from octoplan.model.arm import Arm, conical
+from octoplan.model.compliance import LengthResponse, length_response
+from octoplan.model.errors import (
     CollapsedError,
     ConvergenceError,
     InputError,
@@ -11,16 +11,13 @@ from model.errors import (
     ShapeWarning,
     SnapError,
 )
-from model.many import Shapes, settle_many
-from model.paths import Linear, Sampled
-from model.scene import Scene
-from model.settle import settle
-from model.shape import Shape
-from model.stiffness import tip_jacobian
-from model.units import UnitWarning
-from octoplan_packages import warn_of_hidden
-
-warn_of_hidden("planner")
+from octoplan.model.many import Shapes, settle_many
+from octoplan.model.paths import Linear, Sampled
+from octoplan.model.scene import Scene
+from octoplan.model.settle import settle
+from octoplan.model.shape import Shape
+from octoplan.model.stiffness import tip_jacobian
+from octoplan.model.units import UnitWarning
 
 __all__ = [
     "Anchorage",

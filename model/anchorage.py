@@ -8,9 +8,9 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from model.errors import InputError
-from model.paths import Linear, Path
-from model.quantities import (
+from octoplan.model.errors import InputError
+from octoplan.model.paths import Linear, Path
+from octoplan.model.quantities import (
     Angle,
     AnglePaths,
     CurvaturePath,
@@ -19,8 +19,8 @@ from model.quantities import (
     Positive,
     unit,
 )
-from model.units import ANGLE_AROUND, DENSITY, MODULUS, TURN, warn_unusual
-from model.value import value
+from octoplan.model.units import ANGLE_AROUND, DENSITY, MODULUS, TURN, warn_unusual
+from octoplan.model.value import value
 
 QUARTERS = (0.0, np.pi / 2, np.pi, 3 * np.pi / 2)
 

@@ -12,13 +12,13 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta
 
-from model.anchorage import Anchorage, Material, RestCurvature
-from model.checks import LARGEST, SMALLEST, finite_array, is_several, numbers
-from model.errors import InputError
-from model.paths import Array, Linear, Path
-from model.quantities import Frame, Length, LengthPath, Place
-from model.text import Shown, columns, ends_text, shortened_lines
-from model.units import (
+from octoplan.model.anchorage import Anchorage, Material, RestCurvature
+from octoplan.model.checks import LARGEST, SMALLEST, finite_array, is_several, numbers
+from octoplan.model.errors import InputError
+from octoplan.model.paths import Array, Linear, Path
+from octoplan.model.quantities import Frame, Length, LengthPath, Place
+from octoplan.model.text import Shown, columns, ends_text, shortened_lines
+from octoplan.model.units import (
     LENGTH,
     PLASTICS,
     RADIUS,
@@ -28,7 +28,7 @@ from model.units import (
     stiff_text,
     warn_unusual,
 )
-from model.value import value
+from octoplan.model.value import value
 
 Row = tuple[float, float, float]
 

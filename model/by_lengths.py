@@ -1,7 +1,7 @@
 """Tensions by the lengths that winches leave: the least energy, then Newton's method.
 
 The minimum of the energy under rows of lengths tells which tendons are taut, and about how hard
-they pull; see model.least_energy. With the lengths of the equilibrium as a function of the
+they pull; see octoplan.model.least_energy. With the lengths of the equilibrium as a function of the
 tensions, l(T), those of taut tendons are then found to rounding:
 
     length + stretch T - l(T) = 0 of taut tendons, T = 0 and length - l(T) > 0 of slack ones,
@@ -19,21 +19,26 @@ from typing import TypeVar
 
 import numpy as np
 
-from model.arm import Arm
-from model.contact.forward import TouchingMap
-from model.equilibrium.linearised import Equilibrium, Linearised
-from model.equilibrium.load_steps import Collocation, carried_strains
-from model.equilibrium.newton import CLOSE, STAGES, Start, newton
-from model.errors import CollapsedError, SnapError, UnsettledContactError, UnsettledSectionError
-from model.forward import ForwardMap, Maps
-from model.least_energy import ROUNDS, LeastEnergy
-from model.loads import is_loaded
-from model.paths import SAME, Array
-from model.progress import check_time
-from model.shortest import SHORT, refuse, unknown_least
-from model.transcription.system import System, system
-from model.unloaded.marched import Lengths, tendon_lengths
-from model.winches import ROUNDING, Winches, least, slackened
+from octoplan.model.arm import Arm
+from octoplan.model.contact.forward import TouchingMap
+from octoplan.model.equilibrium.linearised import Equilibrium, Linearised
+from octoplan.model.equilibrium.load_steps import Collocation, carried_strains
+from octoplan.model.equilibrium.newton import CLOSE, STAGES, Start, newton
+from octoplan.model.errors import (
+    CollapsedError,
+    SnapError,
+    UnsettledContactError,
+    UnsettledSectionError,
+)
+from octoplan.model.forward import ForwardMap, Maps
+from octoplan.model.least_energy import ROUNDS, LeastEnergy
+from octoplan.model.loads import is_loaded
+from octoplan.model.paths import SAME, Array
+from octoplan.model.progress import check_time
+from octoplan.model.shortest import SHORT, refuse, unknown_least
+from octoplan.model.transcription.system import System, system
+from octoplan.model.unloaded.marched import Lengths, tendon_lengths
+from octoplan.model.winches import ROUNDING, Winches, least, slackened
 
 # Stages of the elements on which the least energy is sought.
 _STAGES = 2

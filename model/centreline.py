@@ -1,7 +1,7 @@
 """The centreline between the nodes: where it is, how long, and how far it has turned.
 
 Inside an element the strains are the polynomial through its stages; a part of an element is an
-element itself, and its end is where the equations of model.transcription.element put it.
+element itself, and its end is where the equations of octoplan.model.transcription.element put it.
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from model.arm import Arm
-from model.cross_section.law import CrossSection
-from model.cross_section.sections import kinematics
-from model.effects import NeoHookean
-from model.equilibrium.newton import STAGES
-from model.machine.functions import Mapped, built
-from model.paths import SAME, Array
-from model.rotations import half_turn, multiply, unit_matrix
-from model.scene import Scene
-from model.transcription.collocation import gauss, rotation_vectors
-from model.transcription.system import System
+from octoplan.model.arm import Arm
+from octoplan.model.cross_section.law import CrossSection
+from octoplan.model.cross_section.sections import kinematics
+from octoplan.model.effects import NeoHookean
+from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.machine.functions import Mapped, built
+from octoplan.model.paths import SAME, Array
+from octoplan.model.rotations import half_turn, multiply, unit_matrix
+from octoplan.model.scene import Scene
+from octoplan.model.transcription.collocation import gauss, rotation_vectors
+from octoplan.model.transcription.system import System
 
 Counts = NDArray[np.int64]
 
 
 @runtime_checkable
 class Settled(Protocol):
-    """What has a settled midline; see model.shape.Shape."""
+    """What has a settled midline; see octoplan.model.shape.Shape."""
 
     def centreline(self) -> Centreline:
         """Return it."""

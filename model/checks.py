@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args, get_origin
 import numpy as np
 from numpy.typing import NDArray
 
-from model.errors import InputError
+from octoplan.model.errors import InputError
 
 # Sizes of numbers that have a meaning, in SI units; products of a few of them are numbers still.
 LARGEST, SMALLEST = 1e30, 1e-30

@@ -7,19 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.checks import kind
-from model.cross_section import cross_section_of
-from model.cross_section.sections import Sections, strains_of
-from model.equilibrium.linearised import Equilibrium, Index, Linearised
-from model.equilibrium.newton import STAGES
-from model.equilibrium.sensitivities import Sensitivities
-from model.forward import FINEST, maps_of, pair_for, refined
-from model.loads import check_not_printed, convergence_order
-from model.paths import Array
-from model.shape import Shape
-from model.unloaded.march_derivative import MarchDerivative
-from model.unloaded.marched import Marched
-from model.winches import least_compliance, pulls
+from octoplan.model.checks import kind
+from octoplan.model.cross_section import cross_section_of
+from octoplan.model.cross_section.sections import Sections, strains_of
+from octoplan.model.equilibrium.linearised import Equilibrium, Index, Linearised
+from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.equilibrium.sensitivities import Sensitivities
+from octoplan.model.forward import FINEST, maps_of, pair_for, refined
+from octoplan.model.loads import check_not_printed, convergence_order
+from octoplan.model.paths import Array
+from octoplan.model.shape import Shape
+from octoplan.model.unloaded.march_derivative import MarchDerivative
+from octoplan.model.unloaded.marched import Marched
+from octoplan.model.winches import least_compliance, pulls
 
 Response = Sensitivities | MarchDerivative
 # The estimate for a compliance over that for the tip: 4 for table 2, 80 for table 4, whose tip is

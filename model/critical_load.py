@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from model.arm import Arm
-from model.checks import positive
-from model.equilibrium.linearised import Linearised
-from model.equilibrium.load_steps import BranchEnd, continue_branches
-from model.equilibrium.newton import STAGES
-from model.errors import InputError
-from model.forward import by_collocation, checked_accuracy, first_pair, refined
-from model.loads import convergence_order, is_loaded
-from model.scene import Scene
-from model.settle import checked_scene
+from octoplan.model.arm import Arm
+from octoplan.model.checks import positive
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.load_steps import BranchEnd, continue_branches
+from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.errors import InputError
+from octoplan.model.forward import by_collocation, checked_accuracy, first_pair, refined
+from octoplan.model.loads import convergence_order, is_loaded
+from octoplan.model.scene import Scene
+from octoplan.model.settle import checked_scene
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from typing import Any, TypeVar
 import casadi as ca
 import numpy as np
 
-from model.paths import Array
-from model.rotations import exponential
+from octoplan.model.paths import Array
+from octoplan.model.rotations import exponential
 
 Bracket = Callable[[ca.SX, ca.SX], ca.SX]
 X = TypeVar("X", ca.SX, Array)

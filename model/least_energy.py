@@ -29,19 +29,19 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from model.cross_section.energy import EnergySection, ExactSection
-from model.cross_section.sections import reported, strains_of
-from model.loads import beyond, bodies_of, is_conservative, levers
-from model.machine.functions import Buffered
-from model.paths import Array
-from model.stations import base_pose, body_numbers, stations, tendon_paths
-from model.transcription.collocation import gauss
-from model.transcription.element import Form
-from model.transcription.energy import held_rows, potential_energy
-from model.transcription.equations import Sum
-from model.transcription.layout import POSE, Layout, layout
-from model.transcription.system import System
-from model.winches import Winches, least_compliance
+from octoplan.model.cross_section.energy import EnergySection, ExactSection
+from octoplan.model.cross_section.sections import reported, strains_of
+from octoplan.model.loads import beyond, bodies_of, is_conservative, levers
+from octoplan.model.machine.functions import Buffered
+from octoplan.model.paths import Array
+from octoplan.model.stations import base_pose, body_numbers, stations, tendon_paths
+from octoplan.model.transcription.collocation import gauss
+from octoplan.model.transcription.element import Form
+from octoplan.model.transcription.energy import held_rows, potential_energy
+from octoplan.model.transcription.equations import Sum
+from octoplan.model.transcription.layout import POSE, Layout, layout
+from octoplan.model.transcription.system import System
+from octoplan.model.winches import Winches, least_compliance
 
 LOG = logging.getLogger(__name__)
 

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from model.arm import Arm
-from model.checks import LARGEST
-from model.effects import (
+from octoplan.model.arm import Arm
+from octoplan.model.checks import LARGEST
+from octoplan.model.effects import (
     Buoyancy,
     Contact,
     Current,
@@ -24,11 +24,11 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.errors import InputError
-from model.obstacles import numbers_of
-from model.paths import SAME, Array, Path
-from model.scene import Scene
-from model.units import length_text
+from octoplan.model.errors import InputError
+from octoplan.model.obstacles import numbers_of
+from octoplan.model.paths import SAME, Array, Path
+from octoplan.model.scene import Scene
+from octoplan.model.units import length_text
 
 _LOADS = (Contact, Current, Friction, PointLoad, PointMass, Shear, TipLoad, Weight)
 _NAMES = tuple(kind.__name__ for kind in _LOADS)

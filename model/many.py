@@ -12,14 +12,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from model.arm import Arm
-from model.checks import LARGEST, is_several, literal, positive
-from model.cross_section.sections import LEAST_STRETCH
-from model.effects import ExactTendons, SelfContact
-from model.equilibrium.linearised import Linearised
-from model.equilibrium.load_steps import Collocation
-from model.errors import CompilerError, InputError, OctoplanError
-from model.forward import (
+from octoplan.model.arm import Arm
+from octoplan.model.checks import LARGEST, is_several, literal, positive
+from octoplan.model.cross_section.sections import LEAST_STRETCH
+from octoplan.model.effects import ExactTendons, SelfContact
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.errors import CompilerError, InputError, OctoplanError
+from octoplan.model.forward import (
     Maps,
     checked_accuracy,
     first_pair,
@@ -28,17 +28,17 @@ from model.forward import (
     next_refinement,
     no_estimate,
 )
-from model.loads import is_loaded
-from model.machine.compiled import Compile, checked_compile
-from model.paths import Array
-from model.progress import OutOfTime, check_time
-from model.progress import time_limit as limit_time
-from model.rotations import matrices
-from model.scene import Scene
-from model.settle import ACCURACY, loosest, scene_of, settle
-from model.shape import at_ends
-from model.text import MOST_LINES, columns, counted, shortened_lines
-from model.winches import pulls
+from octoplan.model.loads import is_loaded
+from octoplan.model.machine.compiled import Compile, checked_compile
+from octoplan.model.paths import Array
+from octoplan.model.progress import OutOfTime, check_time
+from octoplan.model.progress import time_limit as limit_time
+from octoplan.model.rotations import matrices
+from octoplan.model.scene import Scene
+from octoplan.model.settle import ACCURACY, loosest, scene_of, settle
+from octoplan.model.shape import at_ends
+from octoplan.model.text import MOST_LINES, columns, counted, shortened_lines
+from octoplan.model.winches import pulls
 
 LOG = logging.getLogger(__name__)
 Errors = Literal["raise", "nan"]

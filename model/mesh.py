@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from model.arm import Arm
-from model.paths import SAME, Array, Path
-from model.stations import Counts
-from model.transcription.collocation import gauss
+from octoplan.model.arm import Arm
+from octoplan.model.paths import SAME, Array, Path
+from octoplan.model.stations import Counts
+from octoplan.model.transcription.collocation import gauss
 
 _FINE = 64
 # Growth, as an exponent, that costs half an element, and the most halves that a stretch may cost.

@@ -10,10 +10,10 @@ import scipy
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from model.checks import SUCH, finite_array
-from model.errors import InputError
-from model.units import length_text
-from model.value import value
+from octoplan.model.checks import SUCH, finite_array
+from octoplan.model.errors import InputError
+from octoplan.model.units import length_text
+from octoplan.model.value import value
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

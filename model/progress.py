@@ -3,7 +3,7 @@
 Loops that take long report (`tell`) and look whether their time is over (`check_time`). A public
 function that is called by a user shows a line, on a terminal or in a notebook, once it takes more
 than `DELAY` seconds (`with_progress`); what such functions call inside of each other reports to
-that one line. All reports go to the log too, logger `model.progress`, level INFO.
+that one line. All reports go to the log too, logger `octoplan.model.progress`, level INFO.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from functools import wraps
 from shutil import get_terminal_size
 from typing import Any, ParamSpec, TextIO, TypeVar
 
-from model.checks import positive
-from model.errors import InputError, TimeLimitError, UnsettledContactError
+from octoplan.model.checks import positive
+from octoplan.model.errors import InputError, TimeLimitError, UnsettledContactError
 
 P = ParamSpec("P")
 T = TypeVar("T")

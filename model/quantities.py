@@ -1,7 +1,8 @@
 """What the numbers of values are, as annotations: the units that files name them in, their bounds.
 
-Values hold SI units; bounds are in these. `planner.io` derives the keys of files, their checks,
-schema and documentation from the annotations, so that an argument is said once, in its class.
+Values hold SI units; bounds are in these. `octoplan.planner.io` derives the keys of files, their
+checks, schema and documentation from the annotations, so that an argument is said once, in its
+class.
 """
 
 from __future__ import annotations
@@ -11,9 +12,9 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from model.checks import SUCH, orthonormal, unit_vector
-from model.paths import Path
-from model.value import Rule
+from octoplan.model.checks import SUCH, orthonormal, unit_vector
+from octoplan.model.paths import Path
+from octoplan.model.value import Rule
 
 
 def unit(name: str, **bounds: Any) -> Meta:

@@ -13,8 +13,8 @@ import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from model.checks import SMALLEST
-from model.paths import Array
+from octoplan.model.checks import SMALLEST
+from octoplan.model.paths import Array
 
 _DOUBLINGS, _TERMS = 3, 7
 

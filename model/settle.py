@@ -12,18 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from model.arm import Arm
-from model.by_lengths import GivenLengths
-from model.checks import finite, kind
-from model.contact.gaps import THROUGH
-from model.contact.path import Touching
-from model.contact.self_contact import pressed_on_itself
-from model.effects import PrintedStatics, SelfContact
-from model.equilibrium.linearised import Equilibrium, Linearised, check_stretch
-from model.equilibrium.load_changes import with_loads_of
-from model.equilibrium.load_steps import ROUGHEST
-from model.equilibrium.newton import SETTLED
-from model.errors import (
+from octoplan.model.arm import Arm
+from octoplan.model.by_lengths import GivenLengths
+from octoplan.model.checks import finite, kind
+from octoplan.model.contact.gaps import THROUGH
+from octoplan.model.contact.path import Touching
+from octoplan.model.contact.self_contact import pressed_on_itself
+from octoplan.model.effects import PrintedStatics, SelfContact
+from octoplan.model.equilibrium.linearised import Equilibrium, Linearised, check_stretch
+from octoplan.model.equilibrium.load_changes import with_loads_of
+from octoplan.model.equilibrium.load_steps import ROUGHEST
+from octoplan.model.equilibrium.newton import SETTLED
+from octoplan.model.errors import (
     CollapsedError,
     ConvergenceError,
     InputError,
@@ -32,7 +32,7 @@ from model.errors import (
     UnsettledContactError,
     UnsettledSectionError,
 )
-from model.forward import (
+from octoplan.model.forward import (
     COARSE,
     FINEST,
     Maps,
@@ -44,15 +44,15 @@ from model.forward import (
     next_refinement,
     no_estimate,
 )
-from model.loads import check_loads, contacts, is_loaded, without_friction
-from model.machine.compiled import Compile, checked_compile
-from model.paths import Array
-from model.progress import PATIENCE, before_long, check_time, limited, with_progress
-from model.scene import Scene
-from model.shape import Shape, sharp, stretched
-from model.shortest import UnknownLeastError, too_short
-from model.units import TENDONS, called_by_a_script, warn, warn_unusual
-from model.winches import Winches
+from octoplan.model.loads import check_loads, contacts, is_loaded, without_friction
+from octoplan.model.machine.compiled import Compile, checked_compile
+from octoplan.model.paths import Array
+from octoplan.model.progress import PATIENCE, before_long, check_time, limited, with_progress
+from octoplan.model.scene import Scene
+from octoplan.model.shape import Shape, sharp, stretched
+from octoplan.model.shortest import UnknownLeastError, too_short
+from octoplan.model.units import TENDONS, called_by_a_script, warn, warn_unusual
+from octoplan.model.winches import Winches
 
 LOG = logging.getLogger(__name__)
 ACCURACY = 1e-6

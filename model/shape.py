@@ -9,29 +9,29 @@ from typing import Any
 
 import numpy as np
 
-from model.arm import Arm
-from model.centreline import Centreline
-from model.checks import arc_lengths, finite_array
-from model.clearance.nearest import from_itself
-from model.contact.path import Touching
-from model.contact.touches import Touch, touches_of
-from model.cross_section import cross_section_of
-from model.cross_section.sections import Sections, strains_of
-from model.effects import ExactTendons, NeoHookean
-from model.equilibrium.integration import sliding_tensions
-from model.equilibrium.linearised import Equilibrium, History, Linearised
-from model.equilibrium.newton import STAGES
-from model.equilibrium.stability import stability
-from model.errors import InputError
-from model.forward import by_collocation
-from model.loads import check_not_printed, is_loaded
-from model.mesh import Mesh
-from model.paths import SAME, Array, Mask
-from model.rotations import matrices
-from model.scene import Scene
-from model.text import Shown, plotted, shape_text, tendon_table
-from model.transcription.collocation import gauss
-from model.winches import Winches, pulls, rest_lengths, unfelt
+from octoplan.model.arm import Arm
+from octoplan.model.centreline import Centreline
+from octoplan.model.checks import arc_lengths, finite_array
+from octoplan.model.clearance.nearest import from_itself
+from octoplan.model.contact.path import Touching
+from octoplan.model.contact.touches import Touch, touches_of
+from octoplan.model.cross_section import cross_section_of
+from octoplan.model.cross_section.sections import Sections, strains_of
+from octoplan.model.effects import ExactTendons, NeoHookean
+from octoplan.model.equilibrium.integration import sliding_tensions
+from octoplan.model.equilibrium.linearised import Equilibrium, History, Linearised
+from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.equilibrium.stability import stability
+from octoplan.model.errors import InputError
+from octoplan.model.forward import by_collocation
+from octoplan.model.loads import check_not_printed, is_loaded
+from octoplan.model.mesh import Mesh
+from octoplan.model.paths import SAME, Array, Mask
+from octoplan.model.rotations import matrices
+from octoplan.model.scene import Scene
+from octoplan.model.text import Shown, plotted, shape_text, tendon_table
+from octoplan.model.transcription.collocation import gauss
+from octoplan.model.winches import Winches, pulls, rest_lengths, unfelt
 
 # What is left of a tendon, over the arm's length, from which on it is slack.
 _LEFT = 1e-10
@@ -119,7 +119,7 @@ class Shape(Shown):
         """Whether each tendon is slack (n_sections, n), or (n_tendons,) where sections differ.
 
         One held by length that does not pull and has some of it left; one held by tension that does
-        not pull. What pulls is decided by model.winches.pulls.
+        not pull. What pulls is decided by octoplan.model.winches.pulls.
         """
         none = ~pulls(self.arm, self.tensions)
         if self.left is not None:
@@ -273,8 +273,8 @@ class Shape(Shown):
     def stability(self) -> float:
         """The least eigenvalue of the scaled Hessian of its energy; below 0 it is unstable.
 
-        1 at rest without loads; see model.equilibrium.stability. Raises InputError as printed,
-        where there is no energy.
+        1 at rest without loads; see octoplan.model.equilibrium.stability. Raises InputError as
+        printed, where there is no energy.
         """
         check_not_printed(self.scene)
         point = self.known

@@ -13,11 +13,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from model.arm import Arm
-from model.errors import CollapsedError, InputError, OctoplanError
-from model.least_energy import LeastEnergy
-from model.paths import Mask
-from model.winches import Winches, arm_compliance, rest_lengths
+from octoplan.model.arm import Arm
+from octoplan.model.errors import CollapsedError, InputError, OctoplanError
+from octoplan.model.least_energy import LeastEnergy
+from octoplan.model.paths import Mask
+from octoplan.model.winches import Winches, arm_compliance, rest_lengths
 
 # By what tendons may be too short, over the arm's length.
 SHORT = 1e-7

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.anchorage import Material
-from model.arm import Arm
-from model.effects import Shear
-from model.paths import Array
-from model.rotations import from_matrix
-from model.scene import Scene
+from octoplan.model.anchorage import Material
+from octoplan.model.arm import Arm
+from octoplan.model.effects import Shear
+from octoplan.model.paths import Array
+from octoplan.model.rotations import from_matrix
+from octoplan.model.scene import Scene
 
 Counts = NDArray[np.int64]
 

@@ -9,30 +9,30 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
-from model.arm import Arm
-from model.checks import arc_lengths, kind, literal, within
-from model.compliance import (
+from octoplan.model.arm import Arm
+from octoplan.model.checks import arc_lengths, kind, literal, within
+from octoplan.model.compliance import (
     Response,
     by_lengths,
     compliance_of,
     section_stiffness,
     sensitivities,
 )
-from model.errors import InputError, SingularError
-from model.forward import explicit_map
-from model.loads import check_not_printed, is_loaded
-from model.machine.compiled import Compile
-from model.paths import Array
-from model.progress import limited
-from model.rotations import conjugate, multiply
-from model.scene import Scene
-from model.settle import ACCURACY, checked_scene, settle
-from model.shape import Shape
-from model.text import Shown, columns, tendon_table
-from model.unloaded.closed_form import ClosedForm
-from model.unloaded.march_derivative import MarchDerivative
-from model.unloaded.marched import Marched
-from model.winches import FELT, checked_EA, pulls
+from octoplan.model.errors import InputError, SingularError
+from octoplan.model.forward import explicit_map
+from octoplan.model.loads import check_not_printed, is_loaded
+from octoplan.model.machine.compiled import Compile
+from octoplan.model.paths import Array
+from octoplan.model.progress import limited
+from octoplan.model.rotations import conjugate, multiply
+from octoplan.model.scene import Scene
+from octoplan.model.settle import ACCURACY, checked_scene, settle
+from octoplan.model.shape import Shape
+from octoplan.model.text import Shown, columns, tendon_table
+from octoplan.model.unloaded.closed_form import ClosedForm
+from octoplan.model.unloaded.march_derivative import MarchDerivative
+from octoplan.model.unloaded.marched import Marched
+from octoplan.model.winches import FELT, checked_EA, pulls
 
 Hold = Literal["tension", "length"]
 

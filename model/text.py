@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from model.errors import OctoplanError
-from model.paths import Array, Path
+from octoplan.model.errors import OctoplanError
+from octoplan.model.paths import Array, Path
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+|inf|nan)(e[-+]?\d+)?")
 # Tendons in a line of a table; lines of a table in a repr.
@@ -99,7 +99,7 @@ def plotted(value: Any, ax: Any = None) -> Any:
     """
     plot, _ = _shown_as(value)
     if plot is None:
-        raise OctoplanError("figures are drawn by octoplan: import octoplan, or planner")
+        raise OctoplanError("figures are drawn by octoplan.planner: import it first")
     return plot(value, ax)
 
 

@@ -16,13 +16,13 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from types import FrameType
 
-from model.errors import DetailedWarning
+from octoplan.model.errors import DetailedWarning
 
-_OURS = frozenset({"model", "planner", "octoplan", "octoplan_packages"})
+_OURS = "octoplan"
 
 
 # What stands between a script and what it calls.
-_BETWEEN = frozenset({"model.progress", "model.settle", "model.units"})
+_BETWEEN = frozenset({"octoplan.model.progress", "octoplan.model.settle", "octoplan.model.units"})
 
 
 def called_by_a_script() -> bool:
@@ -30,14 +30,14 @@ def called_by_a_script() -> bool:
     frame: FrameType | None = sys._getframe(1)
     while frame is not None and frame.f_globals.get("__name__", "") in _BETWEEN:
         frame = frame.f_back
-    return frame is None or frame.f_globals.get("__name__", "").split(".")[0] not in _OURS
+    return frame is None or frame.f_globals.get("__name__", "").split(".")[0] != _OURS
 
 
 def warn(text: str, category: type[Warning], details: str = "") -> None:
     """Warn as of the nearest line that is not this project's; `details` are a DetailedWarning's."""
     frame: FrameType | None = sys._getframe(1)
     level = 2
-    while frame is not None and frame.f_globals.get("__name__", "").split(".")[0] in _OURS:
+    while frame is not None and frame.f_globals.get("__name__", "").split(".")[0] == _OURS:
         frame, level = frame.f_back, level + 1
     detailed = issubclass(category, DetailedWarning)
     message = category(text, details) if detailed else category(text)

@@ -28,7 +28,7 @@ from typing import (
 import numpy as np
 from msgspec import Meta
 
-from model.checks import (
+from octoplan.model.checks import (
     finite,
     finite_array,
     is_several,
@@ -38,8 +38,8 @@ from model.checks import (
     positive,
     such,
 )
-from model.errors import InputError
-from model.units import likely_degrees
+from octoplan.model.errors import InputError
+from octoplan.model.units import likely_degrees
 
 # Returns an argument as it is kept, from the name that it has in messages and what was given.
 Convert = Callable[[str, Any], Any]

@@ -13,13 +13,13 @@ import numpy as np
 import scipy
 from scipy.linalg.lapack import dgesdd
 
-from model.arm import Arm
-from model.checks import LARGEST, SMALLEST, not_negative
-from model.effects import Extension
-from model.errors import InputError
-from model.paths import Array, Mask
-from model.scene import Scene
-from model.unloaded.marched import Lengths, tendon_lengths
+from octoplan.model.arm import Arm
+from octoplan.model.checks import LARGEST, SMALLEST, not_negative
+from octoplan.model.effects import Extension
+from octoplan.model.errors import InputError
+from octoplan.model.paths import Array, Mask
+from octoplan.model.scene import Scene
+from octoplan.model.unloaded.marched import Lengths, tendon_lengths
 
 # Compliance of held tendons as a share of the arm's own, so that combinations of lengths that no
 # strain changes do not matter.

@@ -1,8 +1,8 @@
 """Tension allocation for tendon-driven arms: all public names in one place, and the command line.
 
-`octoplan.plan`, `octoplan.Arm`, `octoplan.Weight` and the others are those of `model`, `planner`,
-`model.effects`, `model.obstacles`, `planner.targets` and `planner.plots`, which remain importable
-themselves. They are loaded at first use, so that `import octoplan` costs nothing.
+`octoplan.plan`, `octoplan.Arm`, `octoplan.Weight` and the others are defined in the packages
+`octoplan.model` and `octoplan.planner`, which are loaded at first use: `import octoplan` alone
+costs nothing.
 """
 
 from __future__ import annotations
@@ -16,28 +16,28 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-    from model import *
-    from model.effects import *
-    from model.obstacles import *
-    from planner import *
-    from planner.plots import *
-    from planner.targets import *
+    from octoplan.model import *
+    from octoplan.model.effects import *
+    from octoplan.model.obstacles import *
+    from octoplan.planner import *
+    from octoplan.planner.plots import *
+    from octoplan.planner.targets import *
 
     __version__: str
 
 _MODULES = (
-    "model",
-    "model.effects",
-    "model.obstacles",
-    "planner",
-    "planner.targets",
-    "planner.plots",
+    "octoplan.model",
+    "octoplan.model.effects",
+    "octoplan.model.obstacles",
+    "octoplan.planner",
+    "octoplan.planner.targets",
+    "octoplan.planner.plots",
 )
 _ENDINGS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 
 
 def main() -> int:
-    """Run the command line and return its exit code; see planner.cli.
+    """Run the command line and return its exit code; see octoplan.planner.cli.
 
     Ctrl-C and SIGTERM end it at once, while it is being loaded too. A KeyboardInterrupt would not:
     CasADi makes a warning of it in the middle of ipopt, which goes on.
@@ -47,12 +47,7 @@ def main() -> int:
             signal.signal(number, _end)
     if sys.argv[1:] in (["--help"], ["-h"], ["--version"]) and _print_help():
         return 0
-    try:
-        check_own("model", "planner")
-    except ImportError as reason:
-        sys.stderr.write(f"octoplan: {reason}\n")
-        return 2
-    from planner.cli import main as run
+    from octoplan.planner.cli import main as run
 
     code = run()
     # All is written and told: what is left is the interpreter's own end.
@@ -78,19 +73,12 @@ def _print_help() -> bool:
 
 def _end(number: int, _: object) -> None:
     """End at once; what is being written is removed, what is written is told."""
-    end = getattr(sys.modules.get("planner.io.files"), "end", None)
+    end = getattr(sys.modules.get("octoplan.planner.io.files"), "end", None)
     kept = "nothing was written" if end is None else end()
     try:
         os.write(2, f"octoplan: {_ENDINGS[signal.Signals(number)]}; {kept}\n".encode())
     finally:
         os._exit(128 + number)
-
-
-def check_own(*names: str) -> None:
-    """Raise ImportError where a user's file hides a package; see octoplan_packages."""
-    from octoplan_packages import check_own as check
-
-    check(*names)
 
 
 def __getattr__(name: str) -> Any:
@@ -102,10 +90,13 @@ def __getattr__(name: str) -> Any:
         return import_module("importlib.metadata").version("octoplan")
     if name == "__all__":
         return _names()
+    if name in ("model", "planner"):
+        return import_module(f"octoplan.{name}")
     if not name.startswith("_"):
-        check_own("model", "planner")
         # Figures of arms and shapes are the planner's, which is loaded where one is drawn.
-        import_module("model.text").shown_later(partial(import_module, "planner.report"))
+        import_module("octoplan.model.text").shown_later(
+            partial(import_module, "octoplan.planner.report")
+        )
         for module in map(import_module, _MODULES):
             if name in module.__all__:
                 return getattr(module, name)
@@ -126,5 +117,4 @@ def __dir__() -> list[str]:
 def _names() -> list[str]:
     from importlib import import_module
 
-    check_own("model", "planner")
     return sorted({name for module in map(import_module, _MODULES) for name in module.__all__})

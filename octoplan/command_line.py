@@ -60,7 +60,7 @@ def app() -> App:
         default_parameter=Parameter(negative=(), show_default=False),
     )
     for place, (name, sentence) in enumerate(COMMANDS.items()):
-        path = f"planner.commands.{_MODULES.get(name, 'scenes')}:{name}"
+        path = f"octoplan.planner.commands.{_MODULES.get(name, 'scenes')}:{name}"
         line.command(path, name=name, help=sentence, sort_key=place)
     line.register_install_completion_command(help="Install completion for the shell that is used.")
     return line

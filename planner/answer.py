@@ -14,22 +14,28 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from model.errors import OctoplanError, UncertifiedError
-from model.loads import contacts
-from model.paths import Array
-from model.progress import OUT_OF_TIME, OutOfTime, tell
-from model.shape import Shape
-from planner.avoidance.surroundings import NOTHING, Surroundings
-from planner.certificate import Certificate, certify
-from planner.contact.remarks import remarks
-from planner.measure import remark_on_slack, strokes
-from planner.mirror import mirror_images
-from planner.program.problem import RESOLVED, STABILITY_TOLERANCE, Candidate, Problem, units
-from planner.program.program import STABILITY, STRETCH, STROKES
-from planner.question import Mode, effort
-from planner.solve.refine import on_mesh
-from planner.targets.base import OVER_WANTED
-from planner.task import SearchResult, Task, agreed
+from octoplan.model.errors import OctoplanError, UncertifiedError
+from octoplan.model.loads import contacts
+from octoplan.model.paths import Array
+from octoplan.model.progress import OUT_OF_TIME, OutOfTime, tell
+from octoplan.model.shape import Shape
+from octoplan.planner.avoidance.surroundings import NOTHING, Surroundings
+from octoplan.planner.certificate import Certificate, certify
+from octoplan.planner.contact.remarks import remarks
+from octoplan.planner.measure import remark_on_slack, strokes
+from octoplan.planner.mirror import mirror_images
+from octoplan.planner.program.problem import (
+    RESOLVED,
+    STABILITY_TOLERANCE,
+    Candidate,
+    Problem,
+    units,
+)
+from octoplan.planner.program.program import STABILITY, STRETCH, STROKES
+from octoplan.planner.question import Mode, effort
+from octoplan.planner.solve.refine import on_mesh
+from octoplan.planner.targets.base import OVER_WANTED
+from octoplan.planner.task import SearchResult, Task, agreed
 
 A = TypeVar("A", bound="Answer")
 
@@ -110,7 +116,7 @@ class Answer(SearchResult, Task):
 
     @cached_property
     def certificate(self) -> Certificate:
-        """The check of the tensions by another integrator; see planner.certificate."""
+        """The check of the tensions by another integrator; see octoplan.planner.certificate."""
         T = np.ravel(self.tensions)
         return certify(self, T, lambda: self.shape, self._kkt, self.surroundings)
 

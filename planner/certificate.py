@@ -10,29 +10,34 @@ from functools import partial
 
 import numpy as np
 
-from model.centreline import Centreline
-from model.clearance import KINDS, Clearance, clearances
-from model.equilibrium.integration import SCHEME
-from model.equilibrium.load_steps import LEAST_STEP, BranchEnd, Collocation, continue_branches
-from model.equilibrium.newton import STAGES
-from model.equilibrium.stability import stability
-from model.equilibrium.verification import verified
-from model.errors import OctoplanError
-from model.forward import by_collocation
-from model.loads import bodies_of, contacts, is_loaded
-from model.obstacles import distances
-from model.paths import Array
-from model.progress import OUT_OF_TIME, OutOfTime, tell
-from model.shape import Shape, sharp, stretched
-from model.text import Shown, told
-from model.transcription.system import system
-from planner.avoidance.surroundings import NOTHING, Surroundings
-from planner.contact.grasp import Grasp
-from planner.measure import strokes
-from planner.program.problem import KKT_TOLERANCE, STABILITY_TOLERANCE
-from planner.question import Limits
-from planner.targets.hold import WRENCH, Hold
-from planner.task import Task
+from octoplan.model.centreline import Centreline
+from octoplan.model.clearance import KINDS, Clearance, clearances
+from octoplan.model.equilibrium.integration import SCHEME
+from octoplan.model.equilibrium.load_steps import (
+    LEAST_STEP,
+    BranchEnd,
+    Collocation,
+    continue_branches,
+)
+from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.equilibrium.stability import stability
+from octoplan.model.equilibrium.verification import verified
+from octoplan.model.errors import OctoplanError
+from octoplan.model.forward import by_collocation
+from octoplan.model.loads import bodies_of, contacts, is_loaded
+from octoplan.model.obstacles import distances
+from octoplan.model.paths import Array
+from octoplan.model.progress import OUT_OF_TIME, OutOfTime, tell
+from octoplan.model.shape import Shape, sharp, stretched
+from octoplan.model.text import Shown, told
+from octoplan.model.transcription.system import system
+from octoplan.planner.avoidance.surroundings import NOTHING, Surroundings
+from octoplan.planner.contact.grasp import Grasp
+from octoplan.planner.measure import strokes
+from octoplan.planner.program.problem import KKT_TOLERANCE, STABILITY_TOLERANCE
+from octoplan.planner.question import Limits
+from octoplan.planner.targets.hold import WRENCH, Hold
+from octoplan.planner.task import Task
 
 # What is less stable under its loads, or yields at so little more of them, is on the brink.
 BRINK = 0.1
@@ -65,8 +70,9 @@ class Certificate(Shown):
     problem : why the check could not be made, if so
     gaps_asked : least distance of the arm's surface from each body with a required clearance [m]
     least_gaps : the required clearances [m]
-    clearances : how clear the arm is of each thing it can meet, by name; see model.clearance
-    load_factor : times its loads at which the arm yields, tensions held; infinite if that is more
+    clearances : how clear the arm is of each thing it can meet, by name; see
+    octoplan.model.clearance load_factor : times its loads at which the arm yields, tensions held;
+    infinite if that is more
         than MOST_LOADS, None without loads, in contact, and if the time limit was reached
     units : of these by name: "L" of lengths over the arm's, "rad"
     bends : where the arm bends sharper than its own radius, in words

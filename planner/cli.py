@@ -18,13 +18,13 @@ from typing import Annotated, Any, Literal
 from cyclopts import CycloptsError, Parameter
 from cyclopts.validators import Number
 
-from model import InputError, OctoplanError, UnitWarning
-from model.errors import CompilerError, MissingExtraError, TimeLimitError, shortened
-from model.machine.compiled import Compile
-from model.progress import GRACE, OutOfTime, ProgressLine, shorten, tell, time_limit
 from octoplan.command_line import COMMANDS, app, printed
-from planner.io.files import to_json, why, write_together
-from planner.io.scene_file import Question, load
+from octoplan.model import InputError, OctoplanError, UnitWarning
+from octoplan.model.errors import CompilerError, MissingExtraError, TimeLimitError, shortened
+from octoplan.model.machine.compiled import Compile
+from octoplan.model.progress import GRACE, OutOfTime, ProgressLine, shorten, tell, time_limit
+from octoplan.planner.io.files import to_json, why, write_together
+from octoplan.planner.io.scene_file import Question, load
 
 
 @dataclass(frozen=True)
@@ -237,19 +237,17 @@ def _warned() -> Iterator[None]:
 
 @contextmanager
 def _logged() -> Iterator[None]:
-    """Show the logs of planner and model on stderr inside the block."""
+    """Show the log of octoplan on stderr inside the block."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
-    loggers = [logging.getLogger(name) for name in ("planner", "model")]
-    for logger in loggers:
-        logger.addHandler(handler)
-        logger.setLevel(logging.DEBUG)
+    logger = logging.getLogger("octoplan")
+    logger.addHandler(handler)
+    logger.setLevel(logging.DEBUG)
     try:
         yield
     finally:
-        for logger in loggers:
-            logger.removeHandler(handler)
-            logger.setLevel(logging.NOTSET)
+        logger.removeHandler(handler)
+        logger.setLevel(logging.NOTSET)
 
 
 def deliver(output: Output, options: Options) -> None:
@@ -264,7 +262,7 @@ def deliver(output: Output, options: Options) -> None:
         if output.draw is not None:
             kind = options.figure or "png"
             # Matplotlib is loaded for figures alone.
-            drawn = import_module("planner.plots.plan").drawn
+            drawn = import_module("octoplan.planner.plots.plan").drawn
             files[f"{output.name}.{kind}"] = drawn(output.draw(), kind)
         write_together(options.out, files)
     text = to_json(output.record).decode() if options.json else output.text()

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from model.arm import Arm
-from model.effects import (
+from octoplan.model.arm import Arm
+from octoplan.model.effects import (
     Buoyancy,
     Effect,
     ExactTendons,
@@ -21,12 +21,12 @@ from model.effects import (
     Shear,
     Weight,
 )
-from model.errors import InputError, OctoplanError
-from model.forward import COLLOCATIONS, by_collocation, explicit_map, schemes_of
-from model.loads import is_loaded
-from model.progress import reported
-from model.scene import NEEDS, Scene
-from model.settle import ACCURACY, settle
+from octoplan.model.errors import InputError, OctoplanError
+from octoplan.model.forward import COLLOCATIONS, by_collocation, explicit_map, schemes_of
+from octoplan.model.loads import is_loaded
+from octoplan.model.progress import reported
+from octoplan.model.scene import NEEDS, Scene
+from octoplan.model.settle import ACCURACY, settle
 
 # Effects that need no numbers of the user's, by name.
 _KNOWN: dict[str, Effect] = {

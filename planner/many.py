@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from model.arm import Arm
-from model.checks import kind
-from model.errors import InputError, OctoplanError
-from model.many import Errors
-from model.paths import Array
-from model.progress import OutOfTime
-from model.scene import Scene
-from model.shape import Shape
-from planner.certificate import Certificate
-from planner.plan import Plan, plan
-from planner.question import Statement, checked_limits, planned_scene
-from planner.targets.base import Target
-from planner.task import SearchResult, Task
+from octoplan.model.arm import Arm
+from octoplan.model.checks import kind
+from octoplan.model.errors import InputError, OctoplanError
+from octoplan.model.many import Errors
+from octoplan.model.paths import Array
+from octoplan.model.progress import OutOfTime
+from octoplan.model.scene import Scene
+from octoplan.model.shape import Shape
+from octoplan.planner.certificate import Certificate
+from octoplan.planner.plan import Plan, plan
+from octoplan.planner.question import Statement, checked_limits, planned_scene
+from octoplan.planner.targets.base import Target
+from octoplan.planner.task import SearchResult, Task
 
 
 @dataclass(frozen=True, eq=False, repr=False)

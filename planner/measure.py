@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from model.arm import Arm
-from model.compliance import length_response
-from model.paths import Array
-from model.shape import Shape
-from model.winches import pulls, rest_lengths
-from planner.program.terms import Targets
-from planner.targets.stiffness import MinimumStiffness
+from octoplan.model.arm import Arm
+from octoplan.model.compliance import length_response
+from octoplan.model.paths import Array
+from octoplan.model.shape import Shape
+from octoplan.model.winches import pulls, rest_lengths
+from octoplan.planner.program.terms import Targets
+from octoplan.planner.targets.stiffness import MinimumStiffness
 
 
 def remark_on_slack(targets: Targets, shape: Shape) -> str:
@@ -43,7 +43,7 @@ def length_error(shape: Shape) -> dict[str, float]:
     """Return how far the tip of a shape goes where a winch is off by some length.
 
     Over the error of the winch [-], as mm per mm, by the names of the taut tendons; see
-    model.compliance.
+    octoplan.model.compliance.
     """
     response = length_response(shape)
     taut = np.flatnonzero(response.taut)

@@ -13,15 +13,15 @@ from contextlib import suppress
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from model.arm import Arm
-from model.errors import OctoplanError
-from model.paths import Array
-from model.settle import settle
-from model.shape import Shape
-from model.winches import pulls
-from planner.program.terms import Targets
-from planner.question import Limits
-from planner.task import Task
+from octoplan.model.arm import Arm
+from octoplan.model.errors import OctoplanError
+from octoplan.model.paths import Array
+from octoplan.model.settle import settle
+from octoplan.model.shape import Shape
+from octoplan.model.winches import pulls
+from octoplan.planner.program.terms import Targets
+from octoplan.planner.question import Limits
+from octoplan.planner.task import Task
 
 
 def _planes(arm: Arm, limits: Limits) -> Iterator[tuple[float, Array]]:

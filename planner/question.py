@@ -11,19 +11,19 @@ from typing import Annotated, Any, Literal, get_args
 import numpy as np
 from msgspec import Meta
 
-from model.arm import Arm
-from model.checks import LARGEST, finite_array, is_several, numbers
-from model.effects import PrintedStatics
-from model.errors import InputError
-from model.forward import FINEST
-from model.paths import Array
-from model.quantities import Count
-from model.scene import Scene
-from model.settle import checked_scene, settle
-from model.shape import Shape
-from model.units import LARGEST_LIMIT, SMALLEST_LIMIT, STROKE, warn_unusual
-from planner.program.terms import Targets
-from planner.targets.base import Target
+from octoplan.model.arm import Arm
+from octoplan.model.checks import LARGEST, finite_array, is_several, numbers
+from octoplan.model.effects import PrintedStatics
+from octoplan.model.errors import InputError
+from octoplan.model.forward import FINEST
+from octoplan.model.paths import Array
+from octoplan.model.quantities import Count
+from octoplan.model.scene import Scene
+from octoplan.model.settle import checked_scene, settle
+from octoplan.model.shape import Shape
+from octoplan.model.units import LARGEST_LIMIT, SMALLEST_LIMIT, STROKE, warn_unusual
+from octoplan.planner.program.terms import Targets
+from octoplan.planner.targets.base import Target
 
 Norm = Literal["2", "1", "inf"]
 Mode = Literal["exact", "closest", "nearest"]
@@ -45,11 +45,11 @@ class Statement:
     norm : "2", "1" or "inf"
         What effort is.
     mode : "exact", "closest" or "nearest"
-        How the targets are read, see planner.program.program.
+        How the targets are read, see octoplan.planner.program.program.
     refinement : int
         Of the mesh, whose elements have three Gauss stages.
     margin : float
-        The least stability that is accepted, see planner.certificate.
+        The least stability that is accepted, see octoplan.planner.certificate.
     modes : int
         How many of the least stable modes are held to it; none where stability is only checked.
     floor : float

@@ -11,23 +11,23 @@ from typing import Any
 
 import numpy as np
 
-from model.arm import Arm
-from model.errors import OctoplanError
-from model.progress import OutOfTime
-from model.scene import Scene
-from model.settle import settle
-from model.shape import Shape
-from model.stiffness import Stiffness
-from model.text import Part, columns, parts_of, shape_text, shown_by, tendon_table
-from planner.certificate import Certificate
-from planner.effect_ablation import Switch
-from planner.fit.calibration import Calibration
-from planner.fit.designed import Design
-from planner.many import FailedPlan
-from planner.measure import length_error, strokes
-from planner.plan import Plan
-from planner.trajectory.certificate import MotionCertificate
-from planner.trajectory.result import Trajectory
+from octoplan.model.arm import Arm
+from octoplan.model.errors import OctoplanError
+from octoplan.model.progress import OutOfTime
+from octoplan.model.scene import Scene
+from octoplan.model.settle import settle
+from octoplan.model.shape import Shape
+from octoplan.model.stiffness import Stiffness
+from octoplan.model.text import Part, columns, parts_of, shape_text, shown_by, tendon_table
+from octoplan.planner.certificate import Certificate
+from octoplan.planner.effect_ablation import Switch
+from octoplan.planner.fit.calibration import Calibration
+from octoplan.planner.fit.designed import Design
+from octoplan.planner.many import FailedPlan
+from octoplan.planner.measure import length_error, strokes
+from octoplan.planner.plan import Plan
+from octoplan.planner.trajectory.certificate import MotionCertificate
+from octoplan.planner.trajectory.result import Trajectory
 
 # Text and tables
 
@@ -164,8 +164,8 @@ def switch_table(switches: tuple[Switch, ...], accuracy: float) -> str:
 
 
 def figure(module: str, name: str) -> Callable[..., Any]:
-    """Return what draws a value, in axes if given, by a function of planner.plots."""
-    return lambda *of: getattr(import_module(f"planner.plots.{module}"), name)(*of)
+    """Return what draws a value, in axes if given, by a function of octoplan.planner.plots."""
+    return lambda *of: getattr(import_module(f"octoplan.planner.plots.{module}"), name)(*of)
 
 
 _SHAPE = figure("plan", "plot_shape")

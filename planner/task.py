@@ -9,18 +9,18 @@ from typing import Self
 
 import numpy as np
 
-from model.arm import Arm
-from model.effects import Extension
-from model.forward import FINEST_ACCURACY
-from model.paths import Array
-from model.quantities import Count
-from model.scene import Scene
-from model.settle import settle
-from model.shape import Shape
-from planner.avoidance.rows import Avoidance
-from planner.program.terms import Targets
-from planner.question import Limits, Mode, Statement
-from planner.targets.base import Target
+from octoplan.model.arm import Arm
+from octoplan.model.effects import Extension
+from octoplan.model.forward import FINEST_ACCURACY
+from octoplan.model.paths import Array
+from octoplan.model.quantities import Count
+from octoplan.model.scene import Scene
+from octoplan.model.settle import settle
+from octoplan.model.shape import Shape
+from octoplan.planner.avoidance.rows import Avoidance
+from octoplan.planner.program.terms import Targets
+from octoplan.planner.question import Limits, Mode, Statement
+from octoplan.planner.targets.base import Target
 
 # Initial guesses at most by default.
 MOST = 14

@@ -27,13 +27,20 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from model import Anchorage, Arm, Linear, Scene, settle
-from model.effects import ExactTendons, Extension, NeoHookean
-from model.paths import Array
-from model.stiffness import HOLDS
-from planner import Limits, Plan, plan, stiffness
-from planner.plots.results import plot_ellipsoids
-from planner.targets import Bend, BendingPlane, Fetch, MinimumStiffness, Target, TipPosition
+from octoplan.model import Anchorage, Arm, Linear, Scene, settle
+from octoplan.model.effects import ExactTendons, Extension, NeoHookean
+from octoplan.model.paths import Array
+from octoplan.model.stiffness import HOLDS
+from octoplan.planner import Limits, Plan, plan, stiffness
+from octoplan.planner.plots.results import plot_ellipsoids
+from octoplan.planner.targets import (
+    Bend,
+    BendingPlane,
+    Fetch,
+    MinimumStiffness,
+    Target,
+    TipPosition,
+)
 from studies.reporting import INK, STATICS, asked, lettered
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "fem_reference.json"

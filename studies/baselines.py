@@ -1,6 +1,6 @@
 """What a user writes without this project, for comparison: SciPy by shooting.
 
-NumPy and SciPy only; nothing of `model` or `planner` but the numbers of the arm.
+NumPy and SciPy only; nothing of `octoplan.model` or `octoplan.planner` but the numbers of the arm.
 
 Without loads: the closed-form strains. With loads: the paper's consistent statics with extension,
 weight in a fluid and a dead force at the tip. Such loads are known along the arm before its shape
@@ -28,7 +28,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import minimize, root
 from scipy.spatial.transform import Rotation
 
-from model import Arm
+from octoplan.model import Arm
 
 Array = NDArray[np.float64]
 

@@ -24,11 +24,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from model import Arm, CollapsedError, Scene, settle
-from model.effects import Extension
-from model.paths import Array
-from planner import Measured, Plan, calibrate, plan
-from planner.targets import BendingPlane
+from octoplan.model import Arm, CollapsedError, Scene, settle
+from octoplan.model.effects import Extension
+from octoplan.model.paths import Array
+from octoplan.planner import Measured, Plan, calibrate, plan
+from octoplan.planner.targets import BendingPlane
 from studies.calibration import BODY, LINEAR, POSE, shapes
 from studies.reporting import asked
 

@@ -26,12 +26,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
-from model import Anchorage, Arm, Linear, Material, Scene, settle
-from model.effects import ExactTendons, Extension, NeoHookean, Weight
-from model.paths import Array
-from planner import Calibration, Measured, Unknown, calibrate
-from planner.fit.least_squares import Loss
-from planner.fit.residuals import mean_distance
+from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
+from octoplan.model.effects import ExactTendons, Extension, NeoHookean, Weight
+from octoplan.model.paths import Array
+from octoplan.planner import Calibration, Measured, Unknown, calibrate
+from octoplan.planner.fit.least_squares import Loss
+from octoplan.planner.fit.residuals import mean_distance
 from studies.reporting import asked
 from studies.speed.timing import timed
 

@@ -24,12 +24,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from model import Arm, Scene, Shape
-from model.effects import Extension
-from model.obstacles import Capsule, Obstacle, Sphere
-from model.paths import Array
-from planner import Plan, plan
-from planner.targets import TipPosition
+from octoplan.model import Arm, Scene, Shape
+from octoplan.model.effects import Extension
+from octoplan.model.obstacles import Capsule, Obstacle, Sphere
+from octoplan.model.paths import Array
+from octoplan.planner import Plan, plan
+from octoplan.planner.targets import TipPosition
 from studies import draws
 from studies.reporting import asked, keep_finished
 

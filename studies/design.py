@@ -23,11 +23,11 @@ from matplotlib.figure import Figure
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
-from model import Arm, OctoplanError, Scene, settle
-from model.effects import Extension
-from model.paths import Array
-from planner import Design, Making, Unknown, design, plan
-from planner.targets import Bend, Fetch, TipPosition
+from octoplan.model import Arm, OctoplanError, Scene, settle
+from octoplan.model.effects import Extension
+from octoplan.model.paths import Array
+from octoplan.planner import Design, Making, Unknown, design, plan
+from octoplan.planner.targets import Bend, Fetch, TipPosition
 from studies.reporting import asked
 
 SCENE, MOST = Scene(Extension()), 20.0

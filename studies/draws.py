@@ -7,7 +7,7 @@ from itertools import islice, pairwise
 
 import numpy as np
 
-from model import (
+from octoplan.model import (
     Arm,
     CollapsedError,
     ConvergenceError,
@@ -18,10 +18,18 @@ from model import (
     conical,
     settle,
 )
-from model.effects import Buoyancy, Extension, Weight
-from model.paths import Array
-from planner.targets import Backbone, Bend, BendingPlane, Fetch, Target, TipPose, TipPosition
-from planner.targets.fetch import stretches
+from octoplan.model.effects import Buoyancy, Extension, Weight
+from octoplan.model.paths import Array
+from octoplan.planner.targets import (
+    Backbone,
+    Bend,
+    BendingPlane,
+    Fetch,
+    Target,
+    TipPose,
+    TipPosition,
+)
+from octoplan.planner.targets.fetch import stretches
 
 # The most that a tendon pulls in plans [N], and the scenes that they are drawn in.
 MAXIMUM = 20.0

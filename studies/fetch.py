@@ -22,11 +22,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from model import Arm, Scene, Shape, settle
-from model.effects import Extension
-from planner import Plan, plan
-from planner.plots.plan import plot_shape
-from planner.targets import Bend, Fetch, FetchReach
+from octoplan.model import Arm, Scene, Shape, settle
+from octoplan.model.effects import Extension
+from octoplan.planner import Plan, plan
+from octoplan.planner.plots.plan import plot_shape
+from octoplan.planner.targets import Bend, Fetch, FetchReach
 from studies.reporting import asked
 
 SCENE = Scene(Extension())

@@ -32,13 +32,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
-from model import Arm, OctoplanError, Scene, settle
-from model.effects import Contact
-from model.obstacles import Capsule
-from model.paths import Array
-from planner import Plan, plan
-from planner.contact.remarks import curvature_along
-from planner.targets import Wrap
+from octoplan.model import Arm, OctoplanError, Scene, settle
+from octoplan.model.effects import Contact
+from octoplan.model.obstacles import Capsule
+from octoplan.model.paths import Array
+from octoplan.planner import Plan, plan
+from octoplan.planner.contact.remarks import curvature_along
+from octoplan.planner.targets import Wrap
 from studies.reporting import asked, lettered
 
 ARM, STATICS = Arm.from_paper("table-4"), Scene.silicone()

@@ -31,7 +31,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
-from model.paths import Array
+from octoplan.model.paths import Array
 from studies.reporting import asked, keep_finished, lettered
 
 _ROOT = Path(__file__).parents[1]

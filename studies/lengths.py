@@ -28,12 +28,12 @@ from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, Shape, settle
-from model.effects import ExactTendons, Extension, TipLoad
-from model.paths import Array
-from model.winches import rest_lengths
-from planner import plan
-from planner.targets import TipPosition
+from octoplan.model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, Shape, settle
+from octoplan.model.effects import ExactTendons, Extension, TipLoad
+from octoplan.model.paths import Array
+from octoplan.model.winches import rest_lengths
+from octoplan.planner import plan
+from octoplan.planner.targets import TipPosition
 from studies.reporting import asked
 
 ARM, SCENE = Arm.from_paper("table-2"), Scene.silicone()

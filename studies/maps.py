@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from planner import sweep
+from octoplan.planner import sweep
 from studies.reporting import asked, lettered
 
 MOST = (0.6, 5.0, 15.0)

@@ -26,10 +26,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from model import Arm, Scene
-from planner import Plan, export, export_plan, plan
-from planner.io.scene_file import load
-from planner.targets import TipPosition
+from octoplan.model import Arm, Scene
+from octoplan.planner import Plan, export, export_plan, plan
+from octoplan.planner.io.scene_file import load
+from octoplan.planner.targets import TipPosition
 from studies.reporting import asked
 
 TOOLS = ("arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm")

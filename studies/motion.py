@@ -25,13 +25,13 @@ from pathlib import Path
 
 import numpy as np
 
-from model import Arm, Scene
-from model.effects import Extension
-from model.obstacles import Box, Capsule, Sphere
-from planner import Trajectory, trajectory
-from planner.plots.motion import plot_trajectory
-from planner.plots.plan import save
-from planner.targets import Fetch, Target, TipPosition
+from octoplan.model import Arm, Scene
+from octoplan.model.effects import Extension
+from octoplan.model.obstacles import Box, Capsule, Sphere
+from octoplan.planner import Trajectory, trajectory
+from octoplan.planner.plots.motion import plot_trajectory
+from octoplan.planner.plots.plan import save
+from octoplan.planner.targets import Fetch, Target, TipPosition
 from studies.reporting import asked
 
 SCENE, MAXIMUM = Scene(Extension()), 13.0

@@ -41,7 +41,7 @@ import numpy as np
 from scipy.optimize import minimize
 from tqdm import tqdm
 
-from model import (
+from octoplan.model import (
     Anchorage,
     Arm,
     Linear,
@@ -50,7 +50,7 @@ from model import (
     Scene,
     settle,
 )
-from model.effects import (
+from octoplan.model.effects import (
     Buoyancy,
     Current,
     ExactTendons,
@@ -61,14 +61,14 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.forward import schemes_of
-from model.loads import is_loaded
-from model.paths import Array
-from planner import Plan, Statement, plan
-from planner.program.problem import Candidate, Problem
-from planner.solve.search import attempt
-from planner.targets import Target, TipPose, TipPosition
-from planner.task import Task
+from octoplan.model.forward import schemes_of
+from octoplan.model.loads import is_loaded
+from octoplan.model.paths import Array
+from octoplan.planner import Plan, Statement, plan
+from octoplan.planner.program.problem import Candidate, Problem
+from octoplan.planner.solve.search import attempt
+from octoplan.planner.targets import Target, TipPose, TipPosition
+from octoplan.planner.task import Task
 from studies import draws
 from studies.draws import ARM, MAXIMUM, READ, off
 from studies.reporting import asked, keep_finished
@@ -113,10 +113,10 @@ class Case:
         """Return a script that plans the case again."""
         scene = SCENES[self.scene][1]
         lines = [
-            "from model import Arm, Scene",
-            "from model.effects import *",
-            "from planner import plan",
-            "from planner.targets import *",
+            "from octoplan.model import Arm, Scene",
+            "from octoplan.model.effects import *",
+            "from octoplan.planner import plan",
+            "from octoplan.planner.targets import *",
             f"# {self.outcome}",
             f"# reached from tensions {self.drawn.tolist()}",
             f"target = {self.target!r}",

@@ -24,8 +24,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import f as fisher
 
-from model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, settle
-from model.effects import (
+from octoplan.model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, settle
+from octoplan.model.effects import (
     Buoyancy,
     Effect,
     ExactTendons,
@@ -34,7 +34,7 @@ from model.effects import (
     PointMass,
     Weight,
 )
-from planner import Measured, Unknown, calibrate
+from octoplan.planner import Measured, Unknown, calibrate
 from studies.reporting import asked
 
 DOWN = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))

@@ -5,10 +5,11 @@ wrenches and strains as unknowns, ipopt) meet a tip, how often the program in th
 the arm settled at each step, by SciPy's SLSQP and trust-constr; and how often is it the best?
 
 Assumptions: tips of settled shapes (studies.draws), table 4, maxima of 20 N, the planner's
-first initial guesses. The program in the tensions alone has exact derivatives (model.stiffness);
-meshes of both are those of the search, shapes of SciPy's are settled to 1e-4. Met is what is within
-1e-3 of the length of the tip when it is settled; best is what takes no more than 1 % more effort
-than the least of all. Times are the processor's, medians over all solves, met or not.
+first initial guesses. The program in the tensions alone has exact derivatives
+(octoplan.model.stiffness); meshes of both are those of the search, shapes of SciPy's are settled to
+1e-4. Met is what is within 1e-3 of the length of the tip when it is settled; best is what takes no
+more than 1 % more effort than the least of all. Times are the processor's, medians over all solves,
+met or not.
 
 Command: python -m studies.solvers [--targets 12] [--guesses 4] [--scenes paper silicone] [--seed 0]
 
@@ -25,15 +26,15 @@ from itertools import islice
 import numpy as np
 from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
-from model import Arm, OctoplanError, Scene, settle
-from model.paths import Array
-from model.stiffness import tip_jacobian
-from planner import Limits, Statement
-from planner.program.problem import Problem
-from planner.solve.search import Search
-from planner.solve.search import attempt as led_to
-from planner.targets import TipPosition
-from planner.task import Task
+from octoplan.model import Arm, OctoplanError, Scene, settle
+from octoplan.model.paths import Array
+from octoplan.model.stiffness import tip_jacobian
+from octoplan.planner import Limits, Statement
+from octoplan.planner.program.problem import Problem
+from octoplan.planner.solve.search import Search
+from octoplan.planner.solve.search import attempt as led_to
+from octoplan.planner.targets import TipPosition
+from octoplan.planner.task import Task
 from studies.draws import MAXIMUM, SCENES, shape
 from studies.reporting import asked
 

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from model import Anchorage, Arm, Linear, Scene, settle
-from model.effects import ExactTendons, Extension, NeoHookean
+from octoplan.model import Anchorage, Arm, Linear, Scene, settle
+from octoplan.model.effects import ExactTendons, Extension, NeoHookean
 from studies.reporting import GRID, STATICS, asked
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "fem_reference.json"

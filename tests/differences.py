@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from planner.program.problem import Problem
-from planner.program.program import Program
+from octoplan.planner.program.problem import Problem
+from octoplan.planner.program.program import Program
 from tests.oracles import Array
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from model import Anchorage, Arm, Linear, Material
+from octoplan.model import Anchorage, Arm, Linear, Material
 from tests.oracles import Array, Rod, RodSection, linear
 
 DENSITY = 1080.0

@@ -12,7 +12,7 @@ FILES = sorted([*ROOT.glob("model/**/*.py"), *ROOT.glob("planner/**/*.py")])
 
 def _name(path: Path) -> str:
     parts = path.relative_to(ROOT).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+    return ".".join(["octoplan", *(parts[:-1] if parts[-1] == "__init__" else parts)])
 
 
 @cache
@@ -38,9 +38,10 @@ def test_the_model_knows_neither_planner_nor_plots() -> None:
     for path in FILES:
         roots = _roots(path)
         assert not roots & {"studies", "tests"}, path
-        if _name(path).startswith("model"):
-            assert "planner" not in roots, path
-        if not _name(path).startswith("planner.plots"):
+        if _name(path).startswith("octoplan.model"):
+            names = _read(path)[0]
+            assert not any(own.startswith("octoplan.planner") for own in names), path
+        if not _name(path).startswith("octoplan.planner.plots"):
             assert "matplotlib" not in roots, path
 
 
@@ -48,6 +49,12 @@ def test_the_model_knows_neither_planner_nor_plots() -> None:
 def test_tests_and_studies_do_not_import_each_other(folder: str, others: str) -> None:
     for path in ROOT.glob(f"{folder}/**/*.py"):
         assert others not in _roots(path), path
+
+
+@pytest.mark.parametrize("folder", ["model", "planner", "octoplan", "studies", "tests", "docs"])
+def test_imports_name_the_installed_package(folder: str) -> None:
+    for path in ROOT.glob(f"{folder}/**/*.py"):
+        assert not _roots(path) & {"model", "planner"}, path
 
 
 def test_no_imports_run_in_circles() -> None:
@@ -70,4 +77,4 @@ def test_no_imports_run_in_circles() -> None:
 def test_libraries_do_not_print() -> None:
     for path in FILES:
         prints = _read(path)[1]
-        assert not prints or _name(path) == "planner.cli", (path, prints)
+        assert not prints or _name(path) == "octoplan.planner.cli", (path, prints)

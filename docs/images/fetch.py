@@ -9,9 +9,9 @@ from pathlib import Path
 
 from PIL import Image, ImageSequence
 
-from planner import plan
-from planner.io.scene_file import load
-from planner.plots.motion import plot_motion, save_motion
+from octoplan.planner import plan
+from octoplan.planner.io.scene_file import load
+from octoplan.planner.plots.motion import plot_motion, save_motion
 
 FILE = Path(__file__).with_name("fetch_3d.gif")
 

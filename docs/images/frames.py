@@ -12,8 +12,8 @@ from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from model import Arm, Scene, Shape, settle
-from model.effects import Extension
+from octoplan.model import Arm, Scene, Shape, settle
+from octoplan.model.effects import Extension
 
 ARM = Arm.from_paper("table-4")
 INK, BODY, SHADE = "#222222", "#dfe6ec", "#8d9baa"

@@ -20,12 +20,12 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from model.centreline import Centreline, Counts
-from model.clearance.pieces import Parts, Pieces, Spread
-from model.obstacles import Obstacle
-from model.obstacles.base import distances_from
-from model.paths import Array, Mask
-from model.progress import check_time
+from octoplan.model.centreline import Centreline, Counts
+from octoplan.model.clearance.pieces import Parts, Pieces, Spread
+from octoplan.model.obstacles import Obstacle
+from octoplan.model.obstacles.base import distances_from
+from octoplan.model.paths import Array, Mask
+from octoplan.model.progress import check_time
 
 # How close bounds come, over L and over the gap; how often parts and pieces are halved, and how
 # many rows there are at most.

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from model.centreline import Centreline, Counts
-from model.obstacles.base import Convex
-from model.paths import Array
+from octoplan.model.centreline import Centreline, Counts
+from octoplan.model.obstacles.base import Convex
+from octoplan.model.paths import Array
 
 # Halvings at most: of the whole arm to less than a millionth.
 _LEVELS = 24

@@ -1,7 +1,8 @@
 """How clear an arm at rest is: of obstacles, of the far side of its base plane, and of itself.
 
 The arm's surface is that of balls of its radius along its midline, so that its tip is round.
-Answers are lower bounds, refined until they are close to the truth; see model.clearance.bisection.
+Answers are lower bounds, refined until they are close to the truth; see
+octoplan.model.clearance.bisection.
 """
 
 from __future__ import annotations
@@ -11,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model.arm import Arm
-from model.centreline import Centreline, Settled
-from model.checks import kind
-from model.clearance.bisection import Around, closest
-from model.obstacles import HalfSpace, Obstacle, check_obstacles
+from octoplan.model.arm import Arm
+from octoplan.model.centreline import Centreline, Settled
+from octoplan.model.checks import kind
+from octoplan.model.clearance.bisection import Around, closest
+from octoplan.model.obstacles import HalfSpace, Obstacle, check_obstacles
 
 OBSTACLES, BASE, ITSELF = "obstacles", "the far side of its base plane", "itself"
 KINDS = OBSTACLES, BASE, ITSELF

@@ -23,11 +23,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from model.centreline import Centreline, Counts
-from model.effects import NeoHookean
-from model.equilibrium.newton import STAGES
-from model.paths import Array, Mask
-from model.transcription.collocation import gauss
+from octoplan.model.centreline import Centreline, Counts
+from octoplan.model.effects import NeoHookean
+from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.paths import Array, Mask
+from octoplan.model.transcription.collocation import gauss
 
 
 class Spread(NamedTuple):

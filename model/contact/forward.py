@@ -8,19 +8,19 @@ from functools import cached_property
 
 import numpy as np
 
-from model.arm import Arm
-from model.contact.gaps import check_outside
-from model.contact.path import Touching, follow, retraced
-from model.contact.sharp import Request, sharpened
-from model.contact.touches import places_of
-from model.equilibrium.linearised import Equilibrium, Linearised
-from model.equilibrium.load_steps import Collocation
-from model.errors import InputError, SnapError, UnsettledContactError
-from model.loads import bodies_of, growth, places, without_friction
-from model.mesh import Mesh, graded, landmarks
-from model.paths import Array
-from model.scene import Scene
-from model.transcription.system import System
+from octoplan.model.arm import Arm
+from octoplan.model.contact.gaps import check_outside
+from octoplan.model.contact.path import Touching, follow, retraced
+from octoplan.model.contact.sharp import Request, sharpened
+from octoplan.model.contact.touches import places_of
+from octoplan.model.equilibrium.linearised import Equilibrium, Linearised
+from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.errors import InputError, SnapError, UnsettledContactError
+from octoplan.model.loads import bodies_of, growth, places, without_friction
+from octoplan.model.mesh import Mesh, graded, landmarks
+from octoplan.model.paths import Array
+from octoplan.model.scene import Scene
+from octoplan.model.transcription.system import System
 
 # Elements of a mesh over those of one without contact, and how long the longest may be: a part of
 # the arm's length, or of obstacle and arm together, but no shorter than a part of the length.

@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from model.centreline import Centreline
-from model.contact.touches import Place, Places
-from model.equilibrium.integration import poses_and_strains
-from model.equilibrium.linearised import Index
-from model.errors import InputError
-from model.loads import bodies_of, contacts
-from model.machine.functions import Mapped, built
-from model.obstacles import distances
-from model.paths import SAME, Array
-from model.transcription.collocation import gauss
-from model.transcription.system import System
-from model.transcription.touch import gap_along
+from octoplan.model.centreline import Centreline
+from octoplan.model.contact.touches import Place, Places
+from octoplan.model.equilibrium.integration import poses_and_strains
+from octoplan.model.equilibrium.linearised import Index
+from octoplan.model.errors import InputError
+from octoplan.model.loads import bodies_of, contacts
+from octoplan.model.machine.functions import Mapped, built
+from octoplan.model.obstacles import distances
+from octoplan.model.paths import SAME, Array
+from octoplan.model.transcription.collocation import gauss
+from octoplan.model.transcription.system import System
+from octoplan.model.transcription.touch import gap_along
 
 # What a gap may be below 0, over the arm's length; of slopes, and over the largest of forces, what
 # is rounding.

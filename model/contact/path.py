@@ -4,8 +4,8 @@ While tensions and loads grow in proportion the equilibrium is followed with for
 that are complementary to the gaps: by Newton's method, and where that leads to no stable one nearby
 by the least energy with gaps >= 0. Where frames turn far in however short a step the arm has
 snapped. At the end nodes are exchanged for others where the gap is least (Hettich and Kortanek,
-SIAM Review 35, 1993), until places can be refined; see model.contact.sharp. With friction, which
-looks back over each step, places are refined in each; over a snap the arm slides without.
+SIAM Review 35, 1993), until places can be refined; see octoplan.model.contact.sharp. With friction,
+which looks back over each step, places are refined in each; over a snap the arm slides without.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from typing import Any, TypeVar
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from model.contact.gaps import gaps_along, least_gaps
-from model.contact.sharp import Request, close, sharpened
-from model.contact.touches import Place, Places, Touches, forces, places_of, read_off
-from model.equilibrium.linearised import Linearised
-from model.equilibrium.load_steps import carried_strains
-from model.equilibrium.newton import Start, newton
-from model.equilibrium.stability import stands, unstable_mode
-from model.errors import SnapError, UnsettledContactError
-from model.least_energy import LeastEnergy
-from model.loads import bodies_of, without_friction
-from model.obstacles import distances
-from model.paths import Array
-from model.progress import check_time, tell
-from model.transcription.system import System
+from octoplan.model.contact.gaps import gaps_along, least_gaps
+from octoplan.model.contact.sharp import Request, close, sharpened
+from octoplan.model.contact.touches import Place, Places, Touches, forces, places_of, read_off
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.load_steps import carried_strains
+from octoplan.model.equilibrium.newton import Start, newton
+from octoplan.model.equilibrium.stability import stands, unstable_mode
+from octoplan.model.errors import SnapError, UnsettledContactError
+from octoplan.model.least_energy import LeastEnergy
+from octoplan.model.loads import bodies_of, without_friction
+from octoplan.model.obstacles import distances
+from octoplan.model.paths import Array
+from octoplan.model.progress import check_time, tell
+from octoplan.model.transcription.system import System
 
 # First, least and longest step in the load factor: longer ones may lead to the other side of an
 # obstacle, and with friction a point that rolls is not to count as slip.

@@ -18,17 +18,17 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from model.clearance.nearest import from_itself
-from model.contact.gaps import THROUGH
-from model.contact.path import EXCHANGES, stepped
-from model.contact.touches import Touch
-from model.effects import PointLoad
-from model.errors import OctoplanError, UnsettledContactError
-from model.obstacles import Sphere
-from model.paths import Array
-from model.progress import before_long, check_time
-from model.scene import Scene
-from model.shape import Shape
+from octoplan.model.clearance.nearest import from_itself
+from octoplan.model.contact.gaps import THROUGH
+from octoplan.model.contact.path import EXCHANGES, stepped
+from octoplan.model.contact.touches import Touch
+from octoplan.model.effects import PointLoad
+from octoplan.model.errors import OctoplanError, UnsettledContactError
+from octoplan.model.obstacles import Sphere
+from octoplan.model.paths import Array
+from octoplan.model.progress import before_long, check_time
+from octoplan.model.scene import Scene
+from octoplan.model.shape import Shape
 
 # First, least and longest step in the load factor of the tensions.
 _STEPS = 1 / 4, 1 / 1024, 1 / 4

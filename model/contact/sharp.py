@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model.checks import SMALLEST
-from model.contact.gaps import THROUGH, along, least_gaps
-from model.contact.touches import (
+from octoplan.model.checks import SMALLEST
+from octoplan.model.contact.gaps import THROUGH, along, least_gaps
+from octoplan.model.contact.touches import (
     BESIDE,
     Place,
     Places,
@@ -28,15 +28,15 @@ from model.contact.touches import (
     resultants,
     second,
 )
-from model.effects import NeoHookean, Shear
-from model.equilibrium.linearised import Linearised
-from model.equilibrium.load_steps import carried_strains, predicted
-from model.equilibrium.newton import FOLLOWED, STEPS_IN_CONTACT, Start, newton
-from model.loads import contacts
-from model.obstacles.base import SIZE
-from model.paths import SAME, Array
-from model.transcription.system import System
-from model.transcription.touch import BEFORE
+from octoplan.model.effects import NeoHookean, Shear
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.load_steps import carried_strains, predicted
+from octoplan.model.equilibrium.newton import FOLLOWED, STEPS_IN_CONTACT, Start, newton
+from octoplan.model.loads import contacts
+from octoplan.model.obstacles.base import SIZE
+from octoplan.model.paths import SAME, Array
+from octoplan.model.transcription.system import System
+from octoplan.model.transcription.touch import BEFORE
 
 # How far off places may be, over the arm's length.
 _OFF = THROUGH / 10

@@ -13,15 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from model.checks import SMALLEST
-from model.equilibrium.linearised import Linearised
-from model.loads import bodies_of, contacts
-from model.mesh import Mesh, with_nodes
-from model.obstacles.base import Convex, pair_distances
-from model.paths import Array, Mask
-from model.rotations import matrices
-from model.transcription.system import System
-from model.transcription.touch import FLAGS
+from octoplan.model.checks import SMALLEST
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.loads import bodies_of, contacts
+from octoplan.model.mesh import Mesh, with_nodes
+from octoplan.model.obstacles.base import Convex, pair_distances
+from octoplan.model.paths import Array, Mask
+from octoplan.model.rotations import matrices
+from octoplan.model.transcription.system import System
+from octoplan.model.transcription.touch import FLAGS
 
 # Arc lengths of points that share a node, over the arm's.
 BESIDE = 1e-6

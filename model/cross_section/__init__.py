@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from model.cross_section.energy import ExactSection, RubberSection
-from model.cross_section.law import CrossSection, PaperSection
-from model.effects import ExactTendons, Extension, NeoHookean, Shear
-from model.scene import Scene
+from octoplan.model.cross_section.energy import ExactSection, RubberSection
+from octoplan.model.cross_section.law import CrossSection, PaperSection
+from octoplan.model.effects import ExactTendons, Extension, NeoHookean, Shear
+from octoplan.model.scene import Scene
 
 __all__ = ["CrossSection", "cross_section_of"]
 

@@ -8,7 +8,16 @@ from typing import ClassVar
 
 import casadi as ca
 
-from model.cross_section.law import TINY, CrossSection, Name, join, less_rest, offset, size, split
+from octoplan.model.cross_section.law import (
+    TINY,
+    CrossSection,
+    Name,
+    join,
+    less_rest,
+    offset,
+    size,
+    split,
+)
 
 
 @dataclass(frozen=True)

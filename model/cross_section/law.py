@@ -16,13 +16,13 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
-from model.rotations import norm
+from octoplan.model.rotations import norm
 
 # Keeps the length of a tendon differentiable where it has none left, wide enough for the rounding
 # of its square (1e-16) to be small beside it.
 TINY = 1e-24
 
-# Names a quantity that an expression is computed by; see model.transcription.kernels.
+# Names a quantity that an expression is computed by; see octoplan.model.transcription.kernels.
 Name = Callable[[ca.SX], ca.SX]
 
 

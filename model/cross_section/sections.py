@@ -10,15 +10,15 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from model.arm import Arm
-from model.cross_section.energy import EnergySection
-from model.cross_section.law import CrossSection, body_size, components, size, turning_rate
-from model.cross_section.statics import ClosedStatics, PaperStatics, closed_statics
-from model.errors import CollapsedError, UnsettledSectionError
-from model.machine.functions import Mapped, built
-from model.paths import Array
-from model.scene import Scene
-from model.stations import (
+from octoplan.model.arm import Arm
+from octoplan.model.cross_section.energy import EnergySection
+from octoplan.model.cross_section.law import CrossSection, body_size, components, size, turning_rate
+from octoplan.model.cross_section.statics import ClosedStatics, PaperStatics, closed_statics
+from octoplan.model.errors import CollapsedError, UnsettledSectionError
+from octoplan.model.machine.functions import Mapped, built
+from octoplan.model.paths import Array
+from octoplan.model.scene import Scene
+from octoplan.model.stations import (
     Counts,
     body_numbers,
     crossing,
@@ -27,7 +27,7 @@ from model.stations import (
 )
 
 # Exact tendons keep a crushed section from turning inside out: what is left of its length then is
-# the width that keeps their roots smooth (see model.cross_section.law), and no shape.
+# the width that keeps their roots smooth (see octoplan.model.cross_section.law), and no shape.
 LEAST_STRETCH = 1e-7
 # Newton steps at most that lead to the strains of a section without loads; of more sections than
 # this those that are in equilibrium are left out of further steps.

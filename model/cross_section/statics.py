@@ -14,10 +14,10 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from model.arm import Arm
-from model.cross_section import cross_section_of
-from model.cross_section.energy import EnergySection, RubberSection
-from model.cross_section.law import (
+from octoplan.model.arm import Arm
+from octoplan.model.cross_section import cross_section_of
+from octoplan.model.cross_section.energy import EnergySection, RubberSection
+from octoplan.model.cross_section.law import (
     TINY,
     PaperSection,
     body_size,
@@ -26,11 +26,11 @@ from model.cross_section.law import (
     resultants,
     size,
 )
-from model.effects import Shear
-from model.paths import Array
-from model.rotations import norm
-from model.scene import Scene
-from model.stations import Stations, body_numbers, crossing, sides, tendon_offsets
+from octoplan.model.effects import Shear
+from octoplan.model.paths import Array
+from octoplan.model.rotations import norm
+from octoplan.model.scene import Scene
+from octoplan.model.stations import Stations, body_numbers, crossing, sides, tendon_offsets
 
 # Where the strains are to be an expression of the tensions, so many steps are written out: enough
 # for ordinary ones.

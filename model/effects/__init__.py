@@ -1,9 +1,15 @@
 """The effects that a scene can call for, one small file each."""
 
-from model.effects.base import Effect
-from model.effects.contact import Contact, Friction, SelfContact
-from model.effects.loads import Buoyancy, Current, PointLoad, PointMass, TipLoad, Weight
-from model.effects.sections import ExactTendons, Extension, NeoHookean, PrintedStatics, Shear
+from octoplan.model.effects.base import Effect
+from octoplan.model.effects.contact import Contact, Friction, SelfContact
+from octoplan.model.effects.loads import Buoyancy, Current, PointLoad, PointMass, TipLoad, Weight
+from octoplan.model.effects.sections import (
+    ExactTendons,
+    Extension,
+    NeoHookean,
+    PrintedStatics,
+    Shear,
+)
 
 __all__ = [
     "Buoyancy",

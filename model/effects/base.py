@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from model.checks import SUCH
-from model.value import value
+from octoplan.model.checks import SUCH
+from octoplan.model.value import value
 
 
 @value

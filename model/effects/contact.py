@@ -6,10 +6,10 @@ from typing import Annotated, Any
 
 from msgspec import Meta
 
-from model.effects.base import Effect
-from model.obstacles.base import Convex
-from model.quantities import NotNegative, Sign
-from model.value import value
+from octoplan.model.effects.base import Effect
+from octoplan.model.obstacles.base import Convex
+from octoplan.model.quantities import NotNegative, Sign
+from octoplan.model.value import value
 
 
 @value

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any
 
-from model.effects.base import Effect
-from model.quantities import (
+from octoplan.model.effects.base import Effect
+from octoplan.model.quantities import (
     ArcLength,
     Density,
     Force,
@@ -15,8 +15,8 @@ from model.quantities import (
     Vector,
     unit,
 )
-from model.units import FLUID, GRAVITY, SPEED, warn_unusual
-from model.value import value
+from octoplan.model.units import FLUID, GRAVITY, SPEED, warn_unusual
+from octoplan.model.value import value
 
 
 @value

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from model.effects.base import Effect
-from model.quantities import Positive
-from model.value import value
+from octoplan.model.effects.base import Effect
+from octoplan.model.quantities import Positive
+from octoplan.model.value import value
 
 
 @value

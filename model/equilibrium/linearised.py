@@ -18,15 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgbtrf, dgbtrs
 
-from model.cross_section.sections import LEAST_STRETCH, Extremes, reported
-from model.equilibrium.integration import poses_and_strains
-from model.errors import CollapsedError, SingularError, UnsettledSectionError
-from model.mesh import Mesh
-from model.paths import Array
-from model.transcription.collocation import gauss
-from model.transcription.layout import POSE
-from model.transcription.system import System
-from model.unloaded.marched import Marched
+from octoplan.model.cross_section.sections import LEAST_STRETCH, Extremes, reported
+from octoplan.model.equilibrium.integration import poses_and_strains
+from octoplan.model.errors import CollapsedError, SingularError, UnsettledSectionError
+from octoplan.model.mesh import Mesh
+from octoplan.model.paths import Array
+from octoplan.model.transcription.collocation import gauss
+from octoplan.model.transcription.layout import POSE
+from octoplan.model.transcription.system import System
+from octoplan.model.unloaded.marched import Marched
 
 Index = NDArray[np.int64]
 # The order in which loads and tensions acted. "near": tensions changed from those of another shape;

@@ -8,14 +8,14 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import replace
 
-from model.effects import Buoyancy, Current, Effect, PointLoad, PointMass, TipLoad, Weight
-from model.equilibrium.linearised import Linearised
-from model.equilibrium.newton import CLOSE, Start, newton
-from model.equilibrium.stability import stands
-from model.paths import Array
-from model.progress import check_time
-from model.scene import Scene
-from model.transcription.system import System
+from octoplan.model.effects import Buoyancy, Current, Effect, PointLoad, PointMass, TipLoad, Weight
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.newton import CLOSE, Start, newton
+from octoplan.model.equilibrium.stability import stands
+from octoplan.model.paths import Array
+from octoplan.model.progress import check_time
+from octoplan.model.scene import Scene
+from octoplan.model.transcription.system import System
 
 # Smallest change of the loads in one step, over the whole change.
 _LEAST_STEP = 1 / 1024

@@ -15,18 +15,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from model.cross_section.sections import Sections
-from model.equilibrium.linearised import Equilibrium, History, Linearised, linearised
-from model.equilibrium.load_changes import change_loads
-from model.equilibrium.newton import CLOSE, FOLLOWED, TURN, Start, newton, step_sizes
-from model.equilibrium.stability import stands, stands_each
-from model.equilibrium.uniqueness import has_unique_equilibrium
-from model.errors import CollapsedError, OctoplanError, SnapError, UnsettledSectionError
-from model.loads import is_loaded
-from model.paths import Array
-from model.progress import check_time, tell
-from model.transcription.collocation import gauss
-from model.transcription.system import System
+from octoplan.model.cross_section.sections import Sections
+from octoplan.model.equilibrium.linearised import Equilibrium, History, Linearised, linearised
+from octoplan.model.equilibrium.load_changes import change_loads
+from octoplan.model.equilibrium.newton import CLOSE, FOLLOWED, TURN, Start, newton, step_sizes
+from octoplan.model.equilibrium.stability import stands, stands_each
+from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
+from octoplan.model.errors import CollapsedError, OctoplanError, SnapError, UnsettledSectionError
+from octoplan.model.loads import is_loaded
+from octoplan.model.paths import Array
+from octoplan.model.progress import check_time, tell
+from octoplan.model.transcription.collocation import gauss
+from octoplan.model.transcription.system import System
 
 # Smallest step over the fraction of the line that is reached; before the first step, over itself.
 LEAST_STEP = 1 / 8192

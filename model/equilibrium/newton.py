@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from model.equilibrium.linearised import History, Linearised, linearised
-from model.paths import Array
-from model.progress import check_time
-from model.transcription.system import System
+from octoplan.model.equilibrium.linearised import History, Linearised, linearised
+from octoplan.model.paths import Array
+from octoplan.model.progress import check_time
+from octoplan.model.transcription.system import System
 
 # Of an element, unless a scheme asks for fewer.
 STAGES = 3

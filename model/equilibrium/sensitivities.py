@@ -15,12 +15,12 @@ from functools import cached_property
 
 import numpy as np
 
-from model.cross_section.sections import kinematics
-from model.equilibrium.integration import poses_and_strains
-from model.equilibrium.linearised import Index, Linearised
-from model.equilibrium.stability import stands, turns
-from model.paths import Array
-from model.rotations import matrices
+from octoplan.model.cross_section.sections import kinematics
+from octoplan.model.equilibrium.integration import poses_and_strains
+from octoplan.model.equilibrium.linearised import Index, Linearised
+from octoplan.model.equilibrium.stability import stands, turns
+from octoplan.model.paths import Array
+from octoplan.model.rotations import matrices
 
 
 @dataclass(frozen=True, eq=False)

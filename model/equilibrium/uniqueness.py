@@ -27,12 +27,12 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky_banded
 
-from model.arm import Arm
-from model.effects import Shear
-from model.loads import force_bound, turning_bounds
-from model.paths import Array
-from model.scene import Scene
-from model.stations import resists
+from octoplan.model.arm import Arm
+from octoplan.model.effects import Shear
+from octoplan.model.loads import force_bound, turning_bounds
+from octoplan.model.paths import Array
+from octoplan.model.scene import Scene
+from octoplan.model.stations import resists
 
 # Largest value of (1 + cos psi) / 2 + sin(psi) / pi.
 SPATIAL = 0.5 + np.hypot(0.5, 1 / np.pi)

@@ -1,8 +1,8 @@
 """An equilibrium verified by initial value integration, element by element, from its own wrenches.
 
-What an integrator finds at the far node of each element (model.equilibrium.integration) differs
-from what collocation put there; the equilibrium that the integrator would have is, to first order
-in that, one Newton step away, by the factorisation of the equilibrium.
+What an integrator finds at the far node of each element (octoplan.model.equilibrium.integration)
+differs from what collocation put there; the equilibrium that the integrator would have is, to first
+order in that, one Newton step away, by the factorisation of the equilibrium.
 
 Shared with the solver are the mechanics of a cross-section, tensions, loads and the factorisation
 that turns defects into an error of the tip; not shared are the kernels and the order of the scheme.
@@ -12,13 +12,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from model.equilibrium.integration import SCHEME, Integration
-from model.equilibrium.linearised import Linearised
-from model.errors import ConvergenceError
-from model.forward import estimate
-from model.paths import Array
-from model.progress import check_time
-from model.transcription.layout import POSE
+from octoplan.model.equilibrium.integration import SCHEME, Integration
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.errors import ConvergenceError
+from octoplan.model.forward import estimate
+from octoplan.model.paths import Array
+from octoplan.model.progress import check_time
+from octoplan.model.transcription.layout import POSE
 
 SUBSTEPS = (1, 2, 4, 8, 16)
 

@@ -27,8 +27,8 @@ from weakref import WeakKeyDictionary
 import casadi as ca
 from platformdirs import user_cache_path
 
-from model.errors import CompilerError, CompilerWarning, InputError
-from model.units import warn
+from octoplan.model.errors import CompilerError, CompilerWarning, InputError
+from octoplan.model.units import warn
 
 Compile = bool | Literal["auto"]
 # More takes the compiler several times as long, for code that is a tenth faster.

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple, TypeVar
 import casadi as ca
 import numpy as np
 
-from model.machine.compiled import is_short, library
-from model.paths import Array
+from octoplan.model.machine.compiled import is_short, library
+from octoplan.model.paths import Array
 
 K = TypeVar("K")
 # Arguments, all results, what runs a function on these, and its buffer.
@@ -279,7 +279,7 @@ def written(function: ca.Function) -> str:
         "N_R_": begins_out[-1],
         "BODY_": "\n".join([f"  lanes {registers};", *lines]),
     }
-    source = files("model.machine").joinpath("columns.c").read_text(encoding="utf-8")
+    source = files("octoplan.model.machine").joinpath("columns.c").read_text(encoding="utf-8")
     for name, part in parts.items():
         source = source.replace(name, str(part))
     return source

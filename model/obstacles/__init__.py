@@ -1,9 +1,9 @@
 """Obstacles: bodies that an arm keeps clear of, by their signed distances."""
 
-from model.obstacles.base import Obstacle, check_obstacles, distances, numbers_of
-from model.obstacles.convex import Box, Capsule, HalfSpace, Sphere
-from model.obstacles.mesh import Mesh
-from model.obstacles.moving import Moving
+from octoplan.model.obstacles.base import Obstacle, check_obstacles, distances, numbers_of
+from octoplan.model.obstacles.convex import Box, Capsule, HalfSpace, Sphere
+from octoplan.model.obstacles.mesh import Mesh
+from octoplan.model.obstacles.moving import Moving
 
 __all__ = [
     "Box",

@@ -24,11 +24,11 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from model.checks import SUCH, kind, numbers
-from model.errors import InputError
-from model.machine.functions import Mapped, built
-from model.paths import Array
-from model.rotations import norm
+from octoplan.model.checks import SUCH, kind, numbers
+from octoplan.model.errors import InputError
+from octoplan.model.machine.functions import Mapped, built
+from octoplan.model.paths import Array
+from octoplan.model.rotations import norm
 
 # Center (3,), axes (3, 3) column by column, half sizes (3,), layer, 1 for a half-space else 0.
 SIZE = 17

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from model.checks import LARGEST
-from model.errors import InputError
-from model.obstacles.base import ALONG_BASE, Convex, axes_with, rounded
-from model.paths import Array
-from model.quantities import Axes, Direction, Length, Place, Sizes
-from model.value import value
+from octoplan.model.checks import LARGEST
+from octoplan.model.errors import InputError
+from octoplan.model.obstacles.base import ALONG_BASE, Convex, axes_with, rounded
+from octoplan.model.paths import Array
+from octoplan.model.quantities import Axes, Direction, Length, Place, Sizes
+from octoplan.model.value import value
 
 
 @value

@@ -9,14 +9,14 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta
 
-from model.checks import LARGEST, finite_array, orthonormal
-from model.errors import FileError, InputError, needed
-from model.obstacles.base import ALONG_BASE, Obstacle, axes_with, rounded
-from model.obstacles.triangles import Triangles, check_closed, volume
-from model.paths import Array
-from model.quantities import Corners, Vector
-from model.units import WIDTH, warn_unusual
-from model.value import value
+from octoplan.model.checks import LARGEST, finite_array, orthonormal
+from octoplan.model.errors import FileError, InputError, needed
+from octoplan.model.obstacles.base import ALONG_BASE, Obstacle, axes_with, rounded
+from octoplan.model.obstacles.triangles import Triangles, check_closed, volume
+from octoplan.model.paths import Array
+from octoplan.model.quantities import Corners, Vector
+from octoplan.model.units import WIDTH, warn_unusual
+from octoplan.model.value import value
 
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
 

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from model.errors import InputError
-from model.obstacles.base import Obstacle
-from model.paths import Array
-from model.quantities import Vector
-from model.value import value
+from octoplan.model.errors import InputError
+from octoplan.model.obstacles.base import Obstacle
+from octoplan.model.paths import Array
+from octoplan.model.quantities import Vector
+from octoplan.model.value import value
 
 
 @value

@@ -14,8 +14,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from model.errors import InputError, needed
-from model.paths import SAME, Array
+from octoplan.model.errors import InputError, needed
+from octoplan.model.paths import SAME, Array
 
 Faces = NDArray[np.int64]
 # Of sizes, what counts as 0.

@@ -16,9 +16,9 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from model.cross_section.law import Name
-from model.integrators import Bracket, expansion, series
-from model.paths import Array
+from octoplan.model.cross_section.law import Name
+from octoplan.model.integrators import Bracket, expansion, series
+from octoplan.model.paths import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """The kernels: one element, one cross-section, one tendon in it, the clamp and the tip.
 
 Between two nodes of the mesh, with kappa_i, nu_i the strains at the Gauss stages and a, b, c the
-tableau (model.transcription.collocation), the tip-to-base equations are
+tableau (octoplan.model.transcription.collocation), the tip-to-base equations are
 
     R_i = R_k exp(rotation to stage i)                 R_{k+1} = R_k exp(rotation across)
     u_{k+1} = u_k + h sum_j b_j R_j nu_j               (u' = nu, eq. (1))
@@ -20,10 +20,10 @@ from functools import cached_property
 
 import casadi as ca
 
-from model.cross_section.law import CrossSection, body_size, join, size
-from model.rotations import half_angle, multiply, norm, unit_matrix
-from model.transcription.collocation import gauss, rotation_vectors, weighted_sum
-from model.transcription.kernels import Kernel, Steps
+from octoplan.model.cross_section.law import CrossSection, body_size, join, size
+from octoplan.model.rotations import half_angle, multiply, norm, unit_matrix
+from octoplan.model.transcription.collocation import gauss, rotation_vectors, weighted_sum
+from octoplan.model.transcription.kernels import Kernel, Steps
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """The potential energy of an arm, and the rows that hold its lengths and gaps; as sums of kernels.
 
-See model.least_energy, where they are the program that is solved. Lengths are in units of the
-arm's, forces in those that bend it.
+See octoplan.model.least_energy, where they are the program that is solved. Lengths are in units of
+the arm's, forces in those that bend it.
 """
 
 from __future__ import annotations
@@ -9,16 +9,16 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from model.cross_section.energy import EnergySection
-from model.cross_section.law import CrossSection, body_size, less_rest, size
-from model.machine.functions import built
-from model.obstacles.base import SIZE, signed_distance
-from model.rotations import unit_matrix
-from model.transcription.collocation import gauss
-from model.transcription.element import Form, element, run, turned
-from model.transcription.equations import Equations, Term
-from model.transcription.kernels import Kernel, Steps
-from model.transcription.layout import POSE, Layout
+from octoplan.model.cross_section.energy import EnergySection
+from octoplan.model.cross_section.law import CrossSection, body_size, less_rest, size
+from octoplan.model.machine.functions import built
+from octoplan.model.obstacles.base import SIZE, signed_distance
+from octoplan.model.rotations import unit_matrix
+from octoplan.model.transcription.collocation import gauss
+from octoplan.model.transcription.element import Form, element, run, turned
+from octoplan.model.transcription.equations import Equations, Term
+from octoplan.model.transcription.kernels import Kernel, Steps
+from octoplan.model.transcription.layout import POSE, Layout
 
 
 def body_energy(law: EnergySection) -> Kernel:

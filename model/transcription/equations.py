@@ -1,7 +1,7 @@
 """Equations that are sums of small kernels, each repeated over the arm, and their derivatives.
 
-A term is a kernel (model.transcription.kernels) with the places of its unknowns and rows in the
-whole. The derivatives of all repetitions are added up in the sparse Jacobian and Hessian, in
+A term is a kernel (octoplan.model.transcription.kernels) with the places of its unknowns and rows
+in the whole. The derivatives of all repetitions are added up in the sparse Jacobian and Hessian, in
 numbers, and for CasADi's solvers in its symbols, by `map` and a constant matrix.
 """
 
@@ -15,10 +15,10 @@ import casadi as ca
 import numpy as np
 from scipy.sparse import csr_array
 
-from model.machine.compiled import kernels
-from model.machine.functions import FEW, Buffered, Columns, Mapped, built
-from model.paths import Array
-from model.transcription.kernels import Kernel, Places, What
+from octoplan.model.machine.compiled import kernels
+from octoplan.model.machine.functions import FEW, Buffered, Columns, Mapped, built
+from octoplan.model.paths import Array
+from octoplan.model.transcription.kernels import Kernel, Places, What
 
 
 @dataclass(frozen=True, eq=False)

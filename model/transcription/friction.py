@@ -16,11 +16,11 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from model.cross_section.law import CrossSection, body_size, size, turning_rate
-from model.paths import Array
-from model.rotations import norm
-from model.transcription.collocation import gauss, weighted_sum
-from model.transcription.kernels import Kernel, Steps
+from octoplan.model.cross_section.law import CrossSection, body_size, size, turning_rate
+from octoplan.model.paths import Array
+from octoplan.model.rotations import norm
+from octoplan.model.transcription.collocation import gauss, weighted_sum
+from octoplan.model.transcription.kernels import Kernel, Steps
 
 
 def body_rates(law: CrossSection) -> Kernel:

@@ -16,13 +16,23 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from model.machine.functions import built
-from model.paths import Mask
-from model.transcription.element import Form, at_zero, body, clamp, element, lever, run, tendon, tip
-from model.transcription.equations import Equations, Term
-from model.transcription.friction import body_rates, idle_tendon, kink, sliding_tendon
-from model.transcription.kernels import Places
-from model.transcription.touch import pressure, touch
+from octoplan.model.machine.functions import built
+from octoplan.model.paths import Mask
+from octoplan.model.transcription.element import (
+    Form,
+    at_zero,
+    body,
+    clamp,
+    element,
+    lever,
+    run,
+    tendon,
+    tip,
+)
+from octoplan.model.transcription.equations import Equations, Term
+from octoplan.model.transcription.friction import body_rates, idle_tendon, kink, sliding_tendon
+from octoplan.model.transcription.kernels import Places
+from octoplan.model.transcription.touch import pressure, touch
 
 POSE = 7
 

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from model.arm import Arm
-from model.cross_section.sections import Sections
-from model.effects import Current, Friction, TipLoad
-from model.loads import beyond, bodies_of, contacts, directions, heaviness, levers
-from model.mesh import Mesh
-from model.paths import Array
-from model.scene import Scene
-from model.stations import base_pose, body_numbers, stations, tendon_paths
-from model.transcription.element import Form
-from model.transcription.layout import Layout
+from octoplan.model.arm import Arm
+from octoplan.model.cross_section.sections import Sections
+from octoplan.model.effects import Current, Friction, TipLoad
+from octoplan.model.loads import beyond, bodies_of, contacts, directions, heaviness, levers
+from octoplan.model.mesh import Mesh
+from octoplan.model.paths import Array
+from octoplan.model.scene import Scene
+from octoplan.model.stations import base_pose, body_numbers, stations, tendon_paths
+from octoplan.model.transcription.element import Form
+from octoplan.model.transcription.layout import Layout
 
 # What slip is weighted with in contact friction, over the stiffness E J / L^3 of the base.
 _RESISTS = 10.0

@@ -1,6 +1,7 @@
 """The equilibrium of one arm in one scene on one mesh: its equations as numbers.
 
-States S are an arm's unknowns but for tensions and load factor; see model.transcription.layout.
+States S are an arm's unknowns but for tensions and load factor; see
+octoplan.model.transcription.layout.
 """
 
 from __future__ import annotations
@@ -13,21 +14,21 @@ import casadi as ca
 import numpy as np
 from scipy.sparse import csr_array
 
-from model.arm import Arm
-from model.cross_section import cross_section_of
-from model.cross_section.sections import Sections, kinematics
-from model.effects import Current, Friction, NeoHookean, TipLoad
-from model.loads import contacts, growth, is_loaded, levers, places
-from model.machine.compiled import kernel
-from model.machine.functions import Buffered, Mapped, built
-from model.mesh import Mesh, graded
-from model.paths import Array
-from model.rotations import cross
-from model.scene import Scene
-from model.transcription.collocation import gauss
-from model.transcription.element import Form, element
-from model.transcription.layout import POSE, layout
-from model.transcription.numbers import numbers
+from octoplan.model.arm import Arm
+from octoplan.model.cross_section import cross_section_of
+from octoplan.model.cross_section.sections import Sections, kinematics
+from octoplan.model.effects import Current, Friction, NeoHookean, TipLoad
+from octoplan.model.loads import contacts, growth, is_loaded, levers, places
+from octoplan.model.machine.compiled import kernel
+from octoplan.model.machine.functions import Buffered, Mapped, built
+from octoplan.model.mesh import Mesh, graded
+from octoplan.model.paths import Array
+from octoplan.model.rotations import cross
+from octoplan.model.scene import Scene
+from octoplan.model.transcription.collocation import gauss
+from octoplan.model.transcription.element import Form, element
+from octoplan.model.transcription.layout import POSE, layout
+from octoplan.model.transcription.numbers import numbers
 
 # Kernels of what acts at nodes, by which moments and forces differ on both sides of these.
 _AT_NODES = ("lever", "touch")
@@ -245,7 +246,7 @@ def system(
     """Return the equations on a mesh of a refinement that has the arc lengths `at` as nodes.
 
     Where nothing is `loaded`, forces and moments are left out; with `machine_code` the kernels are
-    compiled. Of `steps_per_unit` see model.mesh.graded.
+    compiled. Of `steps_per_unit` see octoplan.model.mesh.graded.
     """
     rate = partial(growth, arm, scene) if is_loaded(scene) else None
     nodes = *at, *places(arm, scene)

@@ -21,14 +21,14 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from model.checks import SMALLEST
-from model.cross_section.energy import EnergySection
-from model.cross_section.law import CrossSection, join, size
-from model.machine.functions import built
-from model.obstacles.base import SIZE, signed_distance
-from model.rotations import half_turn, multiply, norm, unit_matrix
-from model.transcription.collocation import gauss, rotation_vectors, weighted_sum
-from model.transcription.kernels import Kernel
+from octoplan.model.checks import SMALLEST
+from octoplan.model.cross_section.energy import EnergySection
+from octoplan.model.cross_section.law import CrossSection, join, size
+from octoplan.model.machine.functions import built
+from octoplan.model.obstacles.base import SIZE, signed_distance
+from octoplan.model.rotations import half_turn, multiply, norm, unit_matrix
+from octoplan.model.transcription.collocation import gauss, rotation_vectors, weighted_sum
+from octoplan.model.transcription.kernels import Kernel
 
 # Numbers of a touch: the obstacle's, radius, its slope, h, flags; with friction mu, r and u before.
 # Flags of a node, 1 or 0: a force holds the gap shut, there is pressure, the node is a point that

@@ -16,21 +16,21 @@ from functools import cached_property, lru_cache
 import casadi as ca
 import numpy as np
 
-from model.anchorage import Anchorage, RestCurvature
-from model.arm import Arm
-from model.cross_section import cross_section_of
-from model.cross_section.law import size
-from model.cross_section.sections import Sections, reported, settled
-from model.cross_section.statics import ClosedStatics, closed_statics
-from model.integrators import Magnus
-from model.machine.compiled import kernel
-from model.machine.functions import FEW, Buffered, Columns, Mapped, built
-from model.mesh import Mesh, graded
-from model.paths import Array, Linear, Path
-from model.rotations import compose
-from model.scene import Scene
-from model.stations import Counts, Stations, base_pose, stations
-from model.unloaded.marched import March
+from octoplan.model.anchorage import Anchorage, RestCurvature
+from octoplan.model.arm import Arm
+from octoplan.model.cross_section import cross_section_of
+from octoplan.model.cross_section.law import size
+from octoplan.model.cross_section.sections import Sections, reported, settled
+from octoplan.model.cross_section.statics import ClosedStatics, closed_statics
+from octoplan.model.integrators import Magnus
+from octoplan.model.machine.compiled import kernel
+from octoplan.model.machine.functions import FEW, Buffered, Columns, Mapped, built
+from octoplan.model.mesh import Mesh, graded
+from octoplan.model.paths import Array, Linear, Path
+from octoplan.model.rotations import compose
+from octoplan.model.scene import Scene
+from octoplan.model.stations import Counts, Stations, base_pose, stations
+from octoplan.model.unloaded.marched import March
 
 # Arms at a time, interpreted and by machine code: their numbers stay in the processor's cache.
 _ARMS = 2048, 256

@@ -8,7 +8,7 @@ of z by kappa and nu at a step's nodes, and W the nodes' weights in an integral 
 
 where twist' are those of kappa and nu by the strains v, and K of the cross-section's wrench. The
 first is the chain rule, the second the principle of virtual work with the same Z: w is a moment
-and a force at the place. Sources: see model.integrators.
+and a force at the place. Sources: see octoplan.model.integrators.
 """
 
 from __future__ import annotations
@@ -18,21 +18,22 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from model.cross_section.law import CrossSection, components, size
-from model.cross_section.sections import strains_of
-from model.integrators import Magnus
-from model.machine.compiled import kernel
-from model.machine.functions import Buffered, built
-from model.paths import Array
-from model.rotations import conjugate, exponential, matrix, multiply
-from model.unloaded.closed_form import ClosedForm
-from model.unloaded.marched import Marched
+from octoplan.model.cross_section.law import CrossSection, components, size
+from octoplan.model.cross_section.sections import strains_of
+from octoplan.model.integrators import Magnus
+from octoplan.model.machine.compiled import kernel
+from octoplan.model.machine.functions import Buffered, built
+from octoplan.model.paths import Array
+from octoplan.model.rotations import conjugate, exponential, matrix, multiply
+from octoplan.model.unloaded.closed_form import ClosedForm
+from octoplan.model.unloaded.marched import Marched
 
 _ROUNDING = 4 * np.finfo(float).eps
 
 
 class MarchDerivative:
-    """See model.equilibrium.sensitivities.Sensitivities, which has the same for arms with loads.
+    """See octoplan.model.equilibrium.sensitivities.Sensitivities, which has the same for arms with
+    loads.
 
     Parameters
     ----------

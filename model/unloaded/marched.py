@@ -14,16 +14,16 @@ from typing import Any
 
 import numpy as np
 
-from model.arm import Arm
-from model.cross_section import cross_section_of
-from model.cross_section.sections import Extremes, Sections, strains_of
-from model.effects import PrintedStatics
-from model.errors import CollapsedError
-from model.integrators import Magnus, RungeKutta
-from model.machine.functions import built
-from model.mesh import Mesh, graded
-from model.paths import Array
-from model.scene import Scene
+from octoplan.model.arm import Arm
+from octoplan.model.cross_section import cross_section_of
+from octoplan.model.cross_section.sections import Extremes, Sections, strains_of
+from octoplan.model.effects import PrintedStatics
+from octoplan.model.errors import CollapsedError
+from octoplan.model.integrators import Magnus, RungeKutta
+from octoplan.model.machine.functions import built
+from octoplan.model.mesh import Mesh, graded
+from octoplan.model.paths import Array
+from octoplan.model.scene import Scene
 
 # Strains are analytic between nodes: so many Gauss points on the coarsest mesh leave rounding only,
 # whatever mesh poses have. Measured on the paper's arms and random ones at thrice their tensions.
@@ -133,7 +133,7 @@ class March(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Marched:
-    """An equilibrium marched along the arm; see model.equilibrium.linearised.Linearised.
+    """An equilibrium marched along the arm; see octoplan.model.equilibrium.linearised.Linearised.
 
     Attributes
     ----------

@@ -1,11 +1,11 @@
 """The paper's equations (10) and (11) to the letter: strains and pose from the tip to the base.
 
 A state x is the pose (7,), then tau, xi, k. Sums are the tendons' resultants (6,), see
-model.cross_section.law; body is E A, E J, G I. Steps are explicit Runge-Kutta steps between the
-nodes of a mesh, and at each anchorage the strains jump. The equations carry an error made at the
-tip to the base multiplied by D(tip) / D(base), which for a tapered arm is small; from base to tip
-it would grow by the inverse. Quaternions are not held to unit length, and drift by the order of the
-scheme: whatever reads them divides by it.
+octoplan.model.cross_section.law; body is E A, E J, G I. Steps are explicit Runge-Kutta steps
+between the nodes of a mesh, and at each anchorage the strains jump. The equations carry an error
+made at the tip to the base multiplied by D(tip) / D(base), which for a tapered arm is small; from
+base to tip it would grow by the inverse. Quaternions are not held to unit length, and drift by the
+order of the scheme: whatever reads them divides by it.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from model.arm import Arm
-from model.cross_section.law import PaperSection, resultants
-from model.effects import Extension
-from model.integrators import RungeKutta
-from model.machine.compiled import kernel
-from model.machine.functions import Buffered
-from model.mesh import graded
-from model.paths import Array
-from model.rotations import compose, inverse, multiply, rotate
-from model.scene import Scene
-from model.stations import (
+from octoplan.model.arm import Arm
+from octoplan.model.cross_section.law import PaperSection, resultants
+from octoplan.model.effects import Extension
+from octoplan.model.integrators import RungeKutta
+from octoplan.model.machine.compiled import kernel
+from octoplan.model.machine.functions import Buffered
+from octoplan.model.mesh import graded
+from octoplan.model.paths import Array
+from octoplan.model.rotations import compose, inverse, multiply, rotate
+from octoplan.model.scene import Scene
+from octoplan.model.stations import (
     Counts,
     base_pose,
     crossing,
@@ -33,7 +33,7 @@ from model.stations import (
     stations,
     tendon_offsets,
 )
-from model.unloaded.marched import March
+from octoplan.model.unloaded.marched import March
 
 
 def strain_rate(

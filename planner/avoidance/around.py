@@ -20,20 +20,20 @@ from operator import attrgetter
 
 import numpy as np
 
-from model.centreline import Centreline
-from model.errors import OctoplanError
-from model.paths import Array
-from model.progress import OutOfTime, tell
-from planner.avoidance.lines import Lines
-from planner.avoidance.rows import Avoidance, avoiding, grid
-from planner.avoidance.surroundings import Surroundings
-from planner.program.problem import Candidate
-from planner.question import Mode
-from planner.solve.guesses import drawn_arms
-from planner.solve.refine import CORRECTIONS, refine
-from planner.solve.samples import fine_enough, fitted, sample
-from planner.solve.search import AGREED, WIDE, Reading, Search
-from planner.task import SearchResult, Task, Trial
+from octoplan.model.centreline import Centreline
+from octoplan.model.errors import OctoplanError
+from octoplan.model.paths import Array
+from octoplan.model.progress import OutOfTime, tell
+from octoplan.planner.avoidance.lines import Lines
+from octoplan.planner.avoidance.rows import Avoidance, avoiding, grid
+from octoplan.planner.avoidance.surroundings import Surroundings
+from octoplan.planner.program.problem import Candidate
+from octoplan.planner.question import Mode
+from octoplan.planner.solve.guesses import drawn_arms
+from octoplan.planner.solve.refine import CORRECTIONS, refine
+from octoplan.planner.solve.samples import fine_enough, fitted, sample
+from octoplan.planner.solve.search import AGREED, WIDE, Reading, Search
+from octoplan.planner.task import SearchResult, Task, Trial
 
 # Drawn arms that are looked at, and those that are tried, at most.
 _LOOKED_AT, _MOST = 100, 6

@@ -9,25 +9,25 @@ from typing import Any
 
 import numpy as np
 
-from model.arm import Arm
-from model.centreline import Centreline, Counts
-from model.checks import SMALLEST
-from model.clearance.pieces import Spread
-from model.cross_section import cross_section_of
-from model.cross_section.sections import Sections, strains_of
-from model.effects import PrintedStatics
-from model.equilibrium.linearised import Linearised
-from model.equilibrium.load_steps import Collocation
-from model.equilibrium.newton import STAGES, Start, newton
-from model.equilibrium.stability import stands
-from model.errors import InputError, OctoplanError
-from model.forward import explicit_map
-from model.loads import is_loaded
-from model.paths import Array
-from model.scene import Scene
-from model.transcription.system import system
-from model.unloaded.marched import tendon_lengths
-from planner.avoidance.strain_bounds import estimated, proven
+from octoplan.model.arm import Arm
+from octoplan.model.centreline import Centreline, Counts
+from octoplan.model.checks import SMALLEST
+from octoplan.model.clearance.pieces import Spread
+from octoplan.model.cross_section import cross_section_of
+from octoplan.model.cross_section.sections import Sections, strains_of
+from octoplan.model.effects import PrintedStatics
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.equilibrium.newton import STAGES, Start, newton
+from octoplan.model.equilibrium.stability import stands
+from octoplan.model.errors import InputError, OctoplanError
+from octoplan.model.forward import explicit_map
+from octoplan.model.loads import is_loaded
+from octoplan.model.paths import Array
+from octoplan.model.scene import Scene
+from octoplan.model.transcription.system import system
+from octoplan.model.unloaded.marched import tendon_lengths
+from octoplan.planner.avoidance.strain_bounds import estimated, proven
 
 # Which stretches (K,) and shares of them (K,) -> tensions (K, n_tendons), on a straight line each.
 Tensions = Callable[[Counts, Array], Array]
@@ -111,7 +111,10 @@ class Lines:
 
 
 class Moving:
-    """The way of an arm whose tensions change steadily; see model.clearance.bisection.Way."""
+    """The way of an arm whose tensions change steadily.
+
+    See octoplan.model.clearance.bisection.Way.
+    """
 
     def __init__(self, lines: Lines, tensions: Tensions) -> None:
         self._lines, self._tensions = lines, tensions
@@ -128,7 +131,7 @@ class Moving:
     def spread(self, stretch: Counts, start: Array, end: Array) -> Spread:
         """Return how far strains are from straight lines from shares (P,) to others.
 
-        Proven without loads, estimated under loads; see planner.avoidance.strain_bounds.
+        Proven without loads, estimated under loads; see octoplan.planner.avoidance.strain_bounds.
         """
         ends = np.array([_strains(self.lines(stretch, share)) for share in (start, end)])
         if not self._lines.loaded:

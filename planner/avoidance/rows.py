@@ -18,19 +18,19 @@ import casadi as ca
 import numpy as np
 from scipy.ndimage import minimum_filter
 
-from model.arm import Arm
-from model.centreline import Centreline
-from model.clearance.nearest import base_plane
-from model.machine.functions import built
-from model.mesh import graded
-from model.obstacles.base import SIZE, Convex, distances_from, signed_distance
-from model.paths import Array
-from model.rotations import matrices, matrix
-from model.transcription.equations import Equations, Term
-from model.transcription.kernels import Kernel
-from model.transcription.layout import POSE
-from planner.avoidance.surroundings import Surroundings
-from planner.targets.base import Target
+from octoplan.model.arm import Arm
+from octoplan.model.centreline import Centreline
+from octoplan.model.clearance.nearest import base_plane
+from octoplan.model.machine.functions import built
+from octoplan.model.mesh import graded
+from octoplan.model.obstacles.base import SIZE, Convex, distances_from, signed_distance
+from octoplan.model.paths import Array
+from octoplan.model.rotations import matrices, matrix
+from octoplan.model.transcription.equations import Equations, Term
+from octoplan.model.transcription.kernels import Kernel
+from octoplan.model.transcription.layout import POSE
+from octoplan.planner.avoidance.surroundings import Surroundings
+from octoplan.planner.targets.base import Target
 
 # Slots of an element come so many at a time, and every element has some: that makes one program of
 # nearly all that is to be kept clear of. Those that are empty keep clear of a ball far off.
@@ -74,7 +74,7 @@ class Apart:
     ----------
     place : Place
     other : Place or tuple of 17 floats
-        Another place, or the numbers of a body; see model.obstacles.
+        Another place, or the numbers of a body; see octoplan.model.obstacles.
     keep : float
         The least distance of the midline there [m].
     is_part : bool

@@ -31,11 +31,11 @@ from functools import reduce
 import casadi as ca
 import numpy as np
 
-from model.clearance.pieces import Spread
-from model.cross_section.law import CrossSection, body_size
-from model.cross_section.sections import Sections
-from model.machine.functions import built, instructions
-from model.paths import SAME, Array, Mask
+from octoplan.model.clearance.pieces import Spread
+from octoplan.model.cross_section.law import CrossSection, body_size
+from octoplan.model.cross_section.sections import Sections
+from octoplan.model.machine.functions import built, instructions
+from octoplan.model.paths import SAME, Array, Mask
 
 # The box around both ends, over their distance.
 _AROUND = 0.4

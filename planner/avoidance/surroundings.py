@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from model.arm import Arm
-from model.centreline import Centreline
-from model.checks import not_negative
-from model.clearance import clearances
-from model.clearance.nearest import BASE, ITSELF, OBSTACLES
-from model.errors import InputError
-from model.obstacles import Moving, Obstacle, check_obstacles
-from model.obstacles.base import distances_from
-from model.paths import Array
-from planner.targets.base import Target
+from octoplan.model.arm import Arm
+from octoplan.model.centreline import Centreline
+from octoplan.model.checks import not_negative
+from octoplan.model.clearance import clearances
+from octoplan.model.clearance.nearest import BASE, ITSELF, OBSTACLES
+from octoplan.model.errors import InputError
+from octoplan.model.obstacles import Moving, Obstacle, check_obstacles
+from octoplan.model.obstacles.base import distances_from
+from octoplan.model.paths import Array
+from octoplan.planner.targets.base import Target
 
 # What plans keep besides, over L and over the clearance: the bounds of a check are so close.
 _SPARE = (1e-4, 2e-2)

@@ -7,14 +7,14 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from model.checks import kind, within
-from model.effects import NeoHookean
-from model.errors import InputError, needed
-from model.shape import Shape
-from planner.bodies.links import ros_messages, urdf
-from planner.bodies.mjcf import mjcf
-from planner.bodies.surface import surface
-from planner.io.files import path_of, placed, to_json, write_together
+from octoplan.model.checks import kind, within
+from octoplan.model.effects import NeoHookean
+from octoplan.model.errors import InputError, needed
+from octoplan.model.shape import Shape
+from octoplan.planner.bodies.links import ros_messages, urdf
+from octoplan.planner.bodies.mjcf import mjcf
+from octoplan.planner.bodies.surface import surface
+from octoplan.planner.io.files import path_of, placed, to_json, write_together
 
 MESHES = (".stl", ".glb", ".ply", ".obj")
 What = Literal["mesh", "mjcf", "urdf"]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from model.effects import (
+from octoplan.model.effects import (
     Buoyancy,
     Contact,
     Current,
@@ -28,11 +28,11 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.effects.base import Effect
-from model.errors import InputError
-from model.paths import SAME, Array
-from model.shape import Shape
-from model.units import warn
+from octoplan.model.effects.base import Effect
+from octoplan.model.errors import InputError
+from octoplan.model.paths import SAME, Array
+from octoplan.model.shape import Shape
+from octoplan.model.units import warn
 
 # Effects of the cross-section: springs take their place.
 _STATICS = (ExactTendons, Extension, NeoHookean, PrintedStatics, Shear)

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from model.checks import kind, within
-from model.effects import NeoHookean
-from model.loads import volume
-from model.paths import Array
-from model.scene import Scene
-from model.settle import settle
-from model.shape import Shape
-from planner.bodies.forces import Bodies, left_out_of_urdf, point_masses, warn_of
-from planner.bodies.xml import child_of, remark, to_text
-from planner.io.records import POINTS
-from planner.measure import strokes
+from octoplan.model.checks import kind, within
+from octoplan.model.effects import NeoHookean
+from octoplan.model.loads import volume
+from octoplan.model.paths import Array
+from octoplan.model.scene import Scene
+from octoplan.model.settle import settle
+from octoplan.model.shape import Shape
+from octoplan.planner.bodies.forces import Bodies, left_out_of_urdf, point_masses, warn_of
+from octoplan.planner.bodies.xml import child_of, remark, to_text
+from octoplan.planner.io.records import POINTS
+from octoplan.planner.measure import strokes
 
 MOST_LINKS = 1000
 # Of the rest shape, over the arm's length.

@@ -9,11 +9,11 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from model.checks import SMALLEST
-from model.effects import NeoHookean, Weight
-from model.paths import SAME, Array
-from model.shape import Shape
-from planner.bodies.forces import (
+from octoplan.model.checks import SMALLEST
+from octoplan.model.effects import NeoHookean, Weight
+from octoplan.model.paths import SAME, Array
+from octoplan.model.shape import Shape
+from octoplan.planner.bodies.forces import (
     Mass,
     Resultants,
     SiteForce,
@@ -24,9 +24,9 @@ from planner.bodies.forces import (
     site_forces,
     warn_of,
 )
-from planner.bodies.links import Chain, chain_of
-from planner.bodies.surface import offsets
-from planner.bodies.xml import child_of, remark, to_text
+from octoplan.planner.bodies.links import Chain, chain_of
+from octoplan.planner.bodies.surface import offsets
+from octoplan.planner.bodies.xml import child_of, remark, to_text
 
 # Damping over stiffness of joints [s]: what swings is still after some of that.
 _DAMPING = 0.05

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
-from model.arm import Arm
-from model.obstacles import HalfSpace, Mesh
-from model.obstacles.base import Convex, axes_with
-from model.obstacles.mesh import TranslatedMesh
-from model.paths import Array
-from model.rotations import matrices
-from model.shape import Shape
-from model.stations import stations, tendon_offsets
+from octoplan.model.arm import Arm
+from octoplan.model.obstacles import HalfSpace, Mesh
+from octoplan.model.obstacles.base import Convex, axes_with
+from octoplan.model.obstacles.mesh import TranslatedMesh
+from octoplan.model.paths import Array
+from octoplan.model.rotations import matrices
+from octoplan.model.shape import Shape
+from octoplan.model.stations import stations, tendon_offsets
 
 # Points of an obstacle's outline along half a circle; how far from its point a plane is shown [m].
 _STEPS, _SHOWN = 12, 0.15

@@ -24,14 +24,14 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from model.arm import Arm
-from model.cross_section.law import size
-from model.cross_section.statics import ClosedStatics
-from model.integrators import Magnus
-from model.paths import Array, Linear
-from model.rotations import compose, exponential, inverse
-from model.stations import stations
-from model.unloaded.march_derivative import adjoint_function, step_jacobian
+from octoplan.model.arm import Arm
+from octoplan.model.cross_section.law import size
+from octoplan.model.cross_section.statics import ClosedStatics
+from octoplan.model.integrators import Magnus
+from octoplan.model.paths import Array, Linear
+from octoplan.model.rotations import compose, exponential, inverse
+from octoplan.model.stations import stations
+from octoplan.model.unloaded.march_derivative import adjoint_function, step_jacobian
 
 # Coefficients of a polynomial.
 TERMS = 3

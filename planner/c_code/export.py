@@ -13,22 +13,22 @@ from typing import Any
 
 import numpy as np
 
-from model.arm import Arm
-from model.checks import kind, literal
-from model.cross_section.sections import LEAST_STRETCH
-from model.errors import FileError, InputError
-from model.forward import checked_accuracy
-from model.loads import is_loaded
-from model.rotations import matrices
-from model.scene import Scene
-from model.settle import ACCURACY, checked_scene, settle
-from model.shape import Shape
-from model.stiffness import tip_jacobian_function
-from planner.c_code.inverse import check_inverse, inverse_values
-from planner.c_code.maps import steps_source, whole_source
-from planner.c_code.source import CSource, Precision, numbers
-from planner.io.files import path_of, versions, write_together
-from planner.plan import Plan
+from octoplan.model.arm import Arm
+from octoplan.model.checks import kind, literal
+from octoplan.model.cross_section.sections import LEAST_STRETCH
+from octoplan.model.errors import FileError, InputError
+from octoplan.model.forward import checked_accuracy
+from octoplan.model.loads import is_loaded
+from octoplan.model.rotations import matrices
+from octoplan.model.scene import Scene
+from octoplan.model.settle import ACCURACY, checked_scene, settle
+from octoplan.model.shape import Shape
+from octoplan.model.stiffness import tip_jacobian_function
+from octoplan.planner.c_code.inverse import check_inverse, inverse_values
+from octoplan.planner.c_code.maps import steps_source, whole_source
+from octoplan.planner.c_code.source import CSource, Precision, numbers
+from octoplan.planner.io.files import path_of, versions, write_together
+from octoplan.planner.plan import Plan
 
 _TEMPLATES = {
     "@NAME@.h": "map.h",
@@ -181,7 +181,7 @@ def _written(
 
 
 def _template(name: str, values: dict[str, str]) -> str:
-    text = files("planner.c_code").joinpath("files", name).read_text("utf-8")
+    text = files("octoplan.planner.c_code").joinpath("files", name).read_text("utf-8")
     return _filled(text, values)
 
 

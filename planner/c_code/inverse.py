@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from model.errors import InputError
-from model.paths import Array
-from model.shape import Shape
-from planner.c_code.source import Precision, numbers
-from planner.plan import Plan, plan
-from planner.program.problem import units
-from planner.targets import TipPosition
+from octoplan.model.errors import InputError
+from octoplan.model.paths import Array
+from octoplan.model.shape import Shape
+from octoplan.planner.c_code.source import Precision, numbers
+from octoplan.planner.plan import Plan, plan
+from octoplan.planner.program.problem import units
+from octoplan.planner.targets import TipPosition
 
 # What counts as a target that is met (over the length), as effort that is least (its slope over the
 # largest tension), how soft the target is held within a step, and how much is lost in rounding.

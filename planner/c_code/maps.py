@@ -12,17 +12,17 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from model.cross_section.statics import ClosedStatics, EnergyStatics, closed_statics
-from model.effects import ExactTendons
-from model.errors import InputError
-from model.forward import explicit_map
-from model.paths import Array
-from model.rotations import compose
-from model.shape import Shape
-from model.stations import base_pose, stations
-from model.stiffness import tip_jacobian_function
-from model.unloaded.closed_form import ClosedForm
-from planner.c_code.derivatives import (
+from octoplan.model.cross_section.statics import ClosedStatics, EnergyStatics, closed_statics
+from octoplan.model.effects import ExactTendons
+from octoplan.model.errors import InputError
+from octoplan.model.forward import explicit_map
+from octoplan.model.paths import Array
+from octoplan.model.rotations import compose
+from octoplan.model.shape import Shape
+from octoplan.model.stations import base_pose, stations
+from octoplan.model.stiffness import tip_jacobian_function
+from octoplan.model.unloaded.closed_form import ClosedForm
+from octoplan.planner.c_code.derivatives import (
     TERMS,
     PullPolynomials,
     own_step,
@@ -30,7 +30,7 @@ from planner.c_code.derivatives import (
     twist,
     twist_step,
 )
-from planner.c_code.source import (
+from octoplan.planner.c_code.source import (
     CSource,
     Precision,
     frame_function,

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
-from model.rotations import matrix
+from octoplan.model.rotations import matrix
 
 Precision = Literal["double", "float"]
 

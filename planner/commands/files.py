@@ -11,14 +11,14 @@ from typing import Annotated, Any, Literal
 import msgspec
 from cyclopts import Parameter
 
-from model import InputError, OctoplanError
-from model.progress import OutOfTime, time_limit
-from model.text import shortened_lines, told
-from planner.cli import FileOptions, Options, Output
-from planner.fit.calibrate import calibrate as find_calibration
-from planner.io.files import to_json, write_together
-from planner.io.fit_files import CalibrationFile, DesignFile, load_asked, run_design
-from planner.io.records import (
+from octoplan.model import InputError, OctoplanError
+from octoplan.model.progress import OutOfTime, time_limit
+from octoplan.model.text import shortened_lines, told
+from octoplan.planner.cli import FileOptions, Options, Output
+from octoplan.planner.fit.calibrate import calibrate as find_calibration
+from octoplan.planner.io.files import to_json, write_together
+from octoplan.planner.io.fit_files import CalibrationFile, DesignFile, load_asked, run_design
+from octoplan.planner.io.records import (
     EffectsRecord,
     ExportRecord,
     ShapeRecord,
@@ -27,11 +27,11 @@ from planner.io.records import (
     TrajectoryRecord,
     record,
 )
-from planner.io.saved_records import CalibrationRecord, DesignRecord, PlanRecord
-from planner.io.scene_tables import SceneTable
-from planner.report import figure
-from planner.sweeps.definition import load_sweep
-from planner.sweeps.sweep import written
+from octoplan.planner.io.saved_records import CalibrationRecord, DesignRecord, PlanRecord
+from octoplan.planner.io.scene_tables import SceneTable
+from octoplan.planner.report import figure
+from octoplan.planner.sweeps.definition import load_sweep
+from octoplan.planner.sweeps.sweep import written
 
 _DEFAULT = FileOptions()
 # A commented file for each kind, that runs as it is.

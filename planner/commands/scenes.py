@@ -10,15 +10,15 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from model import OctoplanError
-from model.progress import OutOfTime
-from model.settle import ACCURACY
-from model.text import plotted, told
-from planner.bodies.files import What, export_shape
-from planner.c_code.export import TAKEN, export_plan
-from planner.c_code.export import export as export_map
-from planner.c_code.source import Precision
-from planner.cli import (
+from octoplan.model import OctoplanError
+from octoplan.model.progress import OutOfTime
+from octoplan.model.settle import ACCURACY
+from octoplan.model.text import plotted, told
+from octoplan.planner.bodies.files import What, export_shape
+from octoplan.planner.c_code.export import TAKEN, export_plan
+from octoplan.planner.c_code.export import export as export_map
+from octoplan.planner.c_code.source import Precision
+from octoplan.planner.cli import (
     Accuracy,
     FileOptions,
     Folder,
@@ -27,10 +27,10 @@ from planner.cli import (
     SceneFile,
     SceneOptions,
 )
-from planner.effect_ablation import switch_effects
-from planner.io.calls import check_complete, in_motion, planned, settled, stiff
-from planner.io.csv_files import motion_csv, plan_csv, shape_csv
-from planner.io.records import (
+from octoplan.planner.effect_ablation import switch_effects
+from octoplan.planner.io.calls import check_complete, in_motion, planned, settled, stiff
+from octoplan.planner.io.csv_files import motion_csv, plan_csv, shape_csv
+from octoplan.planner.io.records import (
     EffectsRecord,
     ExportRecord,
     ShapeRecord,
@@ -38,14 +38,14 @@ from planner.io.records import (
     TrajectoryRecord,
     record,
 )
-from planner.io.saved_records import plan_record
-from planner.io.scene_file import load
-from planner.live.handles import handle_of
-from planner.live.page import Page
-from planner.live.session import Session
-from planner.plan import Plan
-from planner.plan import plan as make_plan
-from planner.report import figure, switch_table
+from octoplan.planner.io.saved_records import plan_record
+from octoplan.planner.io.scene_file import load
+from octoplan.planner.live.handles import handle_of
+from octoplan.planner.live.page import Page
+from octoplan.planner.live.session import Session
+from octoplan.planner.plan import Plan
+from octoplan.planner.plan import plan as make_plan
+from octoplan.planner.report import figure, switch_table
 
 _DEFAULT = SceneOptions()
 

@@ -12,12 +12,12 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.sparse import csc_array
 
-from model.arm import Arm
-from model.contact.touches import Touch
-from model.obstacles.base import Convex
-from model.paths import Array
-from model.shape import Shape
-from planner.targets.hold import LEVER, Hold
+from octoplan.model.arm import Arm
+from octoplan.model.contact.touches import Touch
+from octoplan.model.obstacles.base import Convex
+from octoplan.model.paths import Array
+from octoplan.model.shape import Shape
+from octoplan.planner.targets.hold import LEVER, Hold
 
 # What tangential forces cost, so that those that nothing determines are small; how far cones are
 # kept from their edges.

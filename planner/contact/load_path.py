@@ -16,19 +16,19 @@ from functools import lru_cache
 import numpy as np
 import scipy
 
-from model.arm import Arm
-from model.contact.gaps import along
-from model.contact.path import Path
-from model.contact.touches import Touches
-from model.equilibrium.linearised import Linearised
-from model.errors import InputError
-from model.loads import contacts, without_friction
-from model.paths import Array
-from model.progress import ProgressLine, tell
-from model.scene import Scene
-from model.settle import settle
-from model.shape import Shape
-from model.transcription.touch import BEFORE
+from octoplan.model.arm import Arm
+from octoplan.model.contact.gaps import along
+from octoplan.model.contact.path import Path
+from octoplan.model.contact.touches import Touches
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.errors import InputError
+from octoplan.model.loads import contacts, without_friction
+from octoplan.model.paths import Array
+from octoplan.model.progress import ProgressLine, tell
+from octoplan.model.scene import Scene
+from octoplan.model.settle import settle
+from octoplan.model.shape import Shape
+from octoplan.model.transcription.touch import BEFORE
 
 # Tensions on the path to an equilibrium, in order.
 LoadPath = tuple[tuple[float, ...], ...]

@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import BFGS
 
-from model.equilibrium.linearised import Linearised
-from model.errors import OctoplanError
-from model.paths import Array
-from model.progress import OutOfTime, check_time
-from planner.contact.load_path import LoadPath
-from planner.contact.program import Constraints, TensionProgram
-from planner.question import natural_tensions
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.errors import OctoplanError
+from octoplan.model.paths import Array
+from octoplan.model.progress import OutOfTime, check_time
+from octoplan.planner.contact.load_path import LoadPath
+from octoplan.planner.contact.program import Constraints, TensionProgram
+from octoplan.planner.question import natural_tensions
 
 # Steps at most, also those that fail; the first trust region, in tensions that bend by 1 rad.
 _STEPS, _RADIUS = 100, 0.25

@@ -22,21 +22,21 @@ from functools import cached_property
 import clarabel
 import numpy as np
 
-from model.contact.forward import TouchingMap
-from model.contact.touches import Touches, forces, resultants, second
-from model.equilibrium.linearised import Linearised, check_stretch
-from model.equilibrium.newton import STAGES
-from model.equilibrium.stability import stability, stands
-from model.errors import SnapError, UnsettledContactError
-from model.loads import contacts
-from model.paths import Array
-from model.progress import check_time
-from model.transcription.layout import POSE
-from planner.contact.grasp import COST, Cone, Grasp, conic_program
-from planner.contact.load_path import LoadPath, path_sensitivities, rubs
-from planner.question import natural_tensions
-from planner.targets.hold import Hold
-from planner.task import Task
+from octoplan.model.contact.forward import TouchingMap
+from octoplan.model.contact.touches import Touches, forces, resultants, second
+from octoplan.model.equilibrium.linearised import Linearised, check_stretch
+from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.equilibrium.stability import stability, stands
+from octoplan.model.errors import SnapError, UnsettledContactError
+from octoplan.model.loads import contacts
+from octoplan.model.paths import Array
+from octoplan.model.progress import check_time
+from octoplan.model.transcription.layout import POSE
+from octoplan.planner.contact.grasp import COST, Cone, Grasp, conic_program
+from octoplan.planner.contact.load_path import LoadPath, path_sensitivities, rubs
+from octoplan.planner.question import natural_tensions
+from octoplan.planner.targets.hold import Hold
+from octoplan.planner.task import Task
 
 # Steps of differences in scaled tensions: of states, and of shapes settled anew.
 _STEP, _CHANGE = 1e-6, 1e-5

@@ -9,19 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import find_objects, label
 
-from model.arm import Arm
-from model.effects import Extension
-from model.errors import OctoplanError
-from model.obstacles import Obstacle
-from model.paths import Array
-from model.scene import Scene
-from model.settle import settle
-from model.shape import Shape
-from planner.contact.grasp import Grasp
-from planner.question import Limits, natural_tensions
-from planner.targets.base import Target
-from planner.targets.hold import LEVER, Hold
-from planner.targets.wrap import Wrap
+from octoplan.model.arm import Arm
+from octoplan.model.effects import Extension
+from octoplan.model.errors import OctoplanError
+from octoplan.model.obstacles import Obstacle
+from octoplan.model.paths import Array
+from octoplan.model.scene import Scene
+from octoplan.model.settle import settle
+from octoplan.model.shape import Shape
+from octoplan.planner.contact.grasp import Grasp
+from octoplan.planner.question import Limits, natural_tensions
+from octoplan.planner.targets.base import Target
+from octoplan.planner.targets.hold import LEVER, Hold
+from octoplan.planner.targets.wrap import Wrap
 
 # Where a part is looked at; the step of differences [m], and over the arm's length what is close.
 LOOKS, _STEP = 201, 1e-6

@@ -11,23 +11,23 @@ from operator import attrgetter
 
 import numpy as np
 
-from model.contact.forward import TouchingMap
-from model.contact.sharp import close
-from model.equilibrium.newton import STAGES
-from model.errors import InputError, OctoplanError, UnsettledContactError
-from model.loads import contacts, without_contacts, without_friction
-from model.paths import Array
-from model.progress import OutOfTime, check_time, reserve, tell
-from model.shape import Shape
-from planner.contact.load_path import ON_THE_PATH, LoadPath, from_rest, rubs, settled_along
-from planner.contact.optimum import ContactOptimum, conditions, optimum
-from planner.contact.program import TensionProgram
-from planner.solve.guesses import BendCoordinates, initial_guesses, many_places
-from planner.solve.search import AGREED, Reading
-from planner.targets.backbone import Backbone
-from planner.targets.hold import Hold
-from planner.targets.wrap import Wrap
-from planner.task import SearchResult, Task, Trial, agreed
+from octoplan.model.contact.forward import TouchingMap
+from octoplan.model.contact.sharp import close
+from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.errors import InputError, OctoplanError, UnsettledContactError
+from octoplan.model.loads import contacts, without_contacts, without_friction
+from octoplan.model.paths import Array
+from octoplan.model.progress import OutOfTime, check_time, reserve, tell
+from octoplan.model.shape import Shape
+from octoplan.planner.contact.load_path import ON_THE_PATH, LoadPath, from_rest, rubs, settled_along
+from octoplan.planner.contact.optimum import ContactOptimum, conditions, optimum
+from octoplan.planner.contact.program import TensionProgram
+from octoplan.planner.solve.guesses import BendCoordinates, initial_guesses, many_places
+from octoplan.planner.solve.search import AGREED, Reading
+from octoplan.planner.targets.backbone import Backbone
+from octoplan.planner.targets.hold import Hold
+from octoplan.planner.targets.wrap import Wrap
+from octoplan.planner.task import SearchResult, Task, Trial, agreed
 
 # The meshes of searches and of plans.
 COARSE = 1

@@ -9,19 +9,19 @@ from typing import TypeVar
 
 import numpy as np
 
-from model.arm import Arm
-from model.errors import InputError
-from model.loads import contacts, without_contacts
-from model.obstacles import Obstacle
-from model.progress import OutOfTime
-from model.scene import Scene
-from planner.answer import Answer
-from planner.avoidance.surroundings import Surroundings
-from planner.contact.remarks import LOOKS, turned
-from planner.targets.base import Target
-from planner.targets.hold import Hold
-from planner.targets.wrap import Wrap
-from planner.task import Task
+from octoplan.model.arm import Arm
+from octoplan.model.errors import InputError
+from octoplan.model.loads import contacts, without_contacts
+from octoplan.model.obstacles import Obstacle
+from octoplan.model.progress import OutOfTime
+from octoplan.model.scene import Scene
+from octoplan.planner.answer import Answer
+from octoplan.planner.avoidance.surroundings import Surroundings
+from octoplan.planner.contact.remarks import LOOKS, turned
+from octoplan.planner.targets.base import Target
+from octoplan.planner.targets.hold import Hold
+from octoplan.planner.targets.wrap import Wrap
+from octoplan.planner.task import Task
 
 # Plans from which a part's length follows, and how much longer than estimated they make it.
 _ROUNDS, _SPARE = 4, 0.01

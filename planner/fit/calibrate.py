@@ -8,24 +8,24 @@ from typing import get_args
 
 import numpy as np
 
-from model import Arm, InputError, Scene
-from model.checks import kind
-from model.effects import PrintedStatics
-from model.equilibrium.newton import STAGES
-from model.errors import OctoplanError, SnapError
-from model.forward import checked_accuracy, estimate
-from model.loads import contacts, convergence_order
-from model.machine.compiled import Compile, checked_compile
-from model.paths import Array
-from model.progress import OutOfTime, limited, tell, with_progress
-from model.settle import checked_scene
-from planner.fit.calibration import Calibration
-from planner.fit.experiment import CoarseMeshError, Experiment
-from planner.fit.fitted import Start, parameters_of
-from planner.fit.least_squares import Fit, Loss, fit
-from planner.fit.measured import Measured, checked_shapes, crushing_remark
-from planner.fit.residuals import Evaluation, UnsettledShapeError, from_rest
-from planner.fit.unknowns import Parameters, Unknown
+from octoplan.model import Arm, InputError, Scene
+from octoplan.model.checks import kind
+from octoplan.model.effects import PrintedStatics
+from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.errors import OctoplanError, SnapError
+from octoplan.model.forward import checked_accuracy, estimate
+from octoplan.model.loads import contacts, convergence_order
+from octoplan.model.machine.compiled import Compile, checked_compile
+from octoplan.model.paths import Array
+from octoplan.model.progress import OutOfTime, limited, tell, with_progress
+from octoplan.model.settle import checked_scene
+from octoplan.planner.fit.calibration import Calibration
+from octoplan.planner.fit.experiment import CoarseMeshError, Experiment
+from octoplan.planner.fit.fitted import Start, parameters_of
+from octoplan.planner.fit.least_squares import Fit, Loss, fit
+from octoplan.planner.fit.measured import Measured, checked_shapes, crushing_remark
+from octoplan.planner.fit.residuals import Evaluation, UnsettledShapeError, from_rest
+from octoplan.planner.fit.unknowns import Parameters, Unknown
 
 ACCURACY = 1e-5
 # How far apart tips are that are on different branches, over the arm's length.

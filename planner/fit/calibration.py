@@ -19,26 +19,26 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from model import InputError
-from model.checks import finite_array, kind
-from model.paths import Array
-from model.progress import reported
-from model.text import Told
-from planner.fit.fitted import Fitted, checked_level
-from planner.fit.identifiability import UNIFORM
-from planner.fit.least_squares import fit
-from planner.fit.measured import MIDLINE, Measured, Point, checked_shapes
-from planner.fit.residuals import (
+from octoplan.model import InputError
+from octoplan.model.checks import finite_array, kind
+from octoplan.model.paths import Array
+from octoplan.model.progress import reported
+from octoplan.model.text import Told
+from octoplan.planner.fit.fitted import Fitted, checked_level
+from octoplan.planner.fit.identifiability import UNIFORM
+from octoplan.planner.fit.least_squares import fit
+from octoplan.planner.fit.measured import MIDLINE, Measured, Point, checked_shapes
+from octoplan.planner.fit.residuals import (
     Evaluation,
     Residual,
     UnsettledShapeError,
     from_rest,
     mean_distance,
 )
-from planner.io.files import to_json, write_named
-from planner.io.records import record
-from planner.io.saved_records import CalibrationRecord
-from planner.plan import Plan, plan
+from octoplan.planner.io.files import to_json, write_named
+from octoplan.planner.io.records import record
+from octoplan.planner.io.saved_records import CalibrationRecord
+from octoplan.planner.plan import Plan, plan
 
 # Eigenvalues of I - H_ii below which a shape alone determines a combination of its numbers.
 _ALONE = 1e-3
@@ -344,6 +344,6 @@ class Calibration(Told, Fitted):
 
         Residuals alone in `ax`, if it is given. Returns a new Figure, or the axes.
         """
-        from planner.plots.results import plot_calibration
+        from octoplan.planner.plots.results import plot_calibration
 
         return plot_calibration(self, ax=ax)

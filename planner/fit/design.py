@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from model import Arm, InputError, Scene
-from model.checks import kind
-from model.errors import OctoplanError
-from model.paths import Array
-from model.progress import (
+from octoplan.model import Arm, InputError, Scene
+from octoplan.model.checks import kind
+from octoplan.model.errors import OctoplanError
+from octoplan.model.paths import Array
+from octoplan.model.progress import (
     GRACE,
     OutOfTime,
     limited,
@@ -23,14 +23,14 @@ from model.progress import (
     tell,
     with_progress,
 )
-from planner.fit.calibrate import supported_scene
-from planner.fit.design_program import DesignOptimum, DesignProgram, Targets
-from planner.fit.designed import Design, worth
-from planner.fit.making import Making, Objective, Reach, checked_objective
-from planner.fit.unknowns import Parameters, Unknown
-from planner.plan import Plan, plan
-from planner.program.terms import Targets as Together
-from planner.question import Limits, check_targets
+from octoplan.planner.fit.calibrate import supported_scene
+from octoplan.planner.fit.design_program import DesignOptimum, DesignProgram, Targets
+from octoplan.planner.fit.designed import Design, worth
+from octoplan.planner.fit.making import Making, Objective, Reach, checked_objective
+from octoplan.planner.fit.unknowns import Parameters, Unknown
+from octoplan.planner.plan import Plan, plan
+from octoplan.planner.program.terms import Targets as Together
+from octoplan.planner.question import Limits, check_targets
 
 
 @with_progress

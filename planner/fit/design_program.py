@@ -21,22 +21,22 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from model.arm import Arm
-from model.equilibrium.load_steps import Collocation
-from model.errors import InputError
-from model.paths import Array
-from model.progress import check_time
-from model.scene import Scene
-from model.transcription.system import System
-from planner.fit.making import Making, Objective, Reach
-from planner.fit.unknowns import Parameters, neighbour
-from planner.program.problem import Bounds, Problem, Solution, units
-from planner.program.terms import Targets as Together
-from planner.question import Limits, Statement
-from planner.solve.ipopt import TOGETHER, WARM
-from planner.solve.side_by_side import Part, SideBySide, joined
-from planner.targets.base import Target
-from planner.task import Task
+from octoplan.model.arm import Arm
+from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.errors import InputError
+from octoplan.model.paths import Array
+from octoplan.model.progress import check_time
+from octoplan.model.scene import Scene
+from octoplan.model.transcription.system import System
+from octoplan.planner.fit.making import Making, Objective, Reach
+from octoplan.planner.fit.unknowns import Parameters, neighbour
+from octoplan.planner.program.problem import Bounds, Problem, Solution, units
+from octoplan.planner.program.terms import Targets as Together
+from octoplan.planner.question import Limits, Statement
+from octoplan.planner.solve.ipopt import TOGETHER, WARM
+from octoplan.planner.solve.side_by_side import Part, SideBySide, joined
+from octoplan.planner.targets.base import Target
+from octoplan.planner.task import Task
 
 Targets = tuple[Target, ...]
 # Of the meshes; the residual up to which a task counts as met: plans are certified afresh.

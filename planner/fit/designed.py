@@ -7,20 +7,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from model import Arm, InputError, Scene, settle
-from model.paths import Array
-from model.stiffness import stiffness
-from model.text import Told, counted
-from planner.fit.design_program import DesignProgram
-from planner.fit.making import Making, Objective, Reach
-from planner.fit.unknowns import AT_BOUND, WORSE, Parameters, Unknown
-from planner.plan import Plan
-from planner.targets import Softest, Stiffest
+from octoplan.model import Arm, InputError, Scene, settle
+from octoplan.model.paths import Array
+from octoplan.model.stiffness import stiffness
+from octoplan.model.text import Told, counted
+from octoplan.planner.fit.design_program import DesignProgram
+from octoplan.planner.fit.making import Making, Objective, Reach
+from octoplan.planner.fit.unknowns import AT_BOUND, WORSE, Parameters, Unknown
+from octoplan.planner.plan import Plan
+from octoplan.planner.targets import Softest, Stiffest
 
 
 @dataclass(frozen=True, repr=False)
 class Design(Told):
-    """A designed arm; see planner.fit.design_program for what it is best at.
+    """A designed arm; see octoplan.planner.fit.design_program for what it is best at.
 
     Attributes
     ----------

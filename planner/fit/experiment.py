@@ -20,18 +20,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from model import InputError, OctoplanError, settle
-from model.by_lengths import tightened
-from model.equilibrium.linearised import Equilibrium, Linearised, check_stretch
-from model.equilibrium.load_steps import Collocation
-from model.equilibrium.sensitivities import ByNumbers
-from model.paths import Array
-from model.transcription.layout import POSE
-from model.transcription.system import System, system
-from model.winches import Winches, rest_lengths
-from planner.fit.measured import Measured
-from planner.fit.unknowns import Parameters, neighbour
-from planner.io.varied import Setting
+from octoplan.model import InputError, OctoplanError, settle
+from octoplan.model.by_lengths import tightened
+from octoplan.model.equilibrium.linearised import Equilibrium, Linearised, check_stretch
+from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.equilibrium.sensitivities import ByNumbers
+from octoplan.model.paths import Array
+from octoplan.model.transcription.layout import POSE
+from octoplan.model.transcription.system import System, system
+from octoplan.model.winches import Winches, rest_lengths
+from octoplan.planner.fit.measured import Measured
+from octoplan.planner.fit.unknowns import Parameters, neighbour
+from octoplan.planner.io.varied import Setting
 
 Index = NDArray[np.int64]
 Reached = Linearised | OctoplanError

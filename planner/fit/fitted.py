@@ -10,17 +10,17 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from model import Arm, Scene
-from model.checks import within
-from model.equilibrium.newton import STAGES
-from model.paths import Array
-from model.text import counted
-from planner.fit.experiment import Experiment
-from planner.fit.identifiability import Direction, direction, information
-from planner.fit.least_squares import Loss, counted_by, degrees_of_freedom
-from planner.fit.measured import Measured, crushing_remark
-from planner.fit.residuals import Evaluation, Residual, from_rest, mean_distance
-from planner.fit.unknowns import WORSE, Parameters, Unknown
+from octoplan.model import Arm, Scene
+from octoplan.model.checks import within
+from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.paths import Array
+from octoplan.model.text import counted
+from octoplan.planner.fit.experiment import Experiment
+from octoplan.planner.fit.identifiability import Direction, direction, information
+from octoplan.planner.fit.least_squares import Loss, counted_by, degrees_of_freedom
+from octoplan.planner.fit.measured import Measured, crushing_remark
+from octoplan.planner.fit.residuals import Evaluation, Residual, from_rest, mean_distance
+from octoplan.planner.fit.unknowns import WORSE, Parameters, Unknown
 
 # Standard error over that of the prior above which the data say nothing; residuals of a shape over
 # those of the median shape above which it is unlike the others.

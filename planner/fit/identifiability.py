@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import qr
 
-from model.paths import Array
+from octoplan.model.paths import Array
 
 # Singular values over the largest, columns at length 1, below which a direction is not
 # identifiable; and the standard deviation along one, over the bounds' range, above which it is

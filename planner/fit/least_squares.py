@@ -16,12 +16,12 @@ from typing import Literal
 import numpy as np
 import scipy
 
-from model import InputError, OctoplanError
-from model.paths import Array
-from model.progress import check_time
-from planner.fit.identifiability import n_determined
-from planner.fit.residuals import Evaluation
-from planner.fit.unknowns import AT_BOUND
+from octoplan.model import InputError, OctoplanError
+from octoplan.model.paths import Array
+from octoplan.model.progress import check_time
+from octoplan.planner.fit.identifiability import n_determined
+from octoplan.planner.fit.residuals import Evaluation
+from octoplan.planner.fit.unknowns import AT_BOUND
 
 LOG = logging.getLogger(__name__)
 Loss = Literal["linear", "huber", "soft_l1", "cauchy"]

@@ -6,15 +6,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from model.arm import Arm
-from model.errors import InputError
-from model.paths import Array
-from model.quantities import ArcLength, Direction
-from model.value import value
-from planner.fit.unknowns import AT_BOUND
-from planner.question import Limits
-from planner.targets import Softest, Stiffest
-from planner.targets.base import Target, Terms, View
+from octoplan.model.arm import Arm
+from octoplan.model.errors import InputError
+from octoplan.model.paths import Array
+from octoplan.model.quantities import ArcLength, Direction
+from octoplan.model.value import value
+from octoplan.planner.fit.unknowns import AT_BOUND
+from octoplan.planner.question import Limits
+from octoplan.planner.targets import Softest, Stiffest
+from octoplan.planner.targets.base import Target, Terms, View
 
 # Places along the arm at which walls and radii are evaluated.
 _STATIONS = 9

@@ -9,13 +9,13 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from model import Arm, InputError
-from model.checks import SUCH, kind, orthonormal
-from model.paths import Array
-from model.quantities import Matrix, NotNegative, Positive, Vector
-from model.units import DISTANCE
-from model.value import Rule, value
-from model.winches import rest_lengths
+from octoplan.model import Arm, InputError
+from octoplan.model.checks import SUCH, kind, orthonormal
+from octoplan.model.paths import Array
+from octoplan.model.quantities import Matrix, NotNegative, Positive, Vector
+from octoplan.model.units import DISTANCE
+from octoplan.model.value import Rule, value
+from octoplan.model.winches import rest_lengths
 
 # Standard deviations [m], [rad] that weigh places and lengths against frames if none is given: only
 # their ratio counts then.

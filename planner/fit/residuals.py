@@ -16,15 +16,15 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from model import OctoplanError
-from model.equilibrium.linearised import Linearised, check_stretch
-from model.equilibrium.load_steps import Collocation
-from model.equilibrium.newton import CLOSE, Start, newton
-from model.equilibrium.sensitivities import ByNumbers, along
-from model.machine.functions import Mapped, built
-from model.paths import Array
-from model.rotations import conjugate, multiply, rotate
-from planner.fit.experiment import (
+from octoplan.model import OctoplanError
+from octoplan.model.equilibrium.linearised import Linearised, check_stretch
+from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.equilibrium.newton import CLOSE, Start, newton
+from octoplan.model.equilibrium.sensitivities import ByNumbers, along
+from octoplan.model.machine.functions import Mapped, built
+from octoplan.model.paths import Array
+from octoplan.model.rotations import conjugate, multiply, rotate
+from octoplan.planner.fit.experiment import (
     LOOSER,
     Experiment,
     Reached,

@@ -10,14 +10,14 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model import Arm, InputError, Scene
-from model.checks import kind
-from model.loads import places
-from model.mesh import Mesh, landmarks
-from model.paths import SAME, Array
-from model.transcription.system import System
-from model.value import Rule, value
-from planner.io.varied import Setting
+from octoplan.model import Arm, InputError, Scene
+from octoplan.model.checks import kind
+from octoplan.model.loads import places
+from octoplan.model.mesh import Mesh, landmarks
+from octoplan.model.paths import SAME, Array
+from octoplan.model.transcription.system import System
+from octoplan.model.value import Rule, value
+from octoplan.planner.io.varied import Setting
 
 # Steps of difference quotients, over the bounds' range; how near a bound an unknown is at it.
 _STEP, AT_BOUND = 2e-8, 1e-6

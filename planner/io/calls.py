@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from model import Shape, settle
-from model.errors import FileError
-from model.stiffness import Stiffness, stiffness
-from planner.io.codec import names_of
-from planner.io.mistakes import located
-from planner.io.scene_file import Question
-from planner.io.scene_tables import MotionTable
-from planner.plan import Plan, plan
-from planner.trajectory.motion import trajectory
-from planner.trajectory.result import Trajectory
+from octoplan.model import Shape, settle
+from octoplan.model.errors import FileError
+from octoplan.model.stiffness import Stiffness, stiffness
+from octoplan.planner.io.codec import names_of
+from octoplan.planner.io.mistakes import located
+from octoplan.planner.io.scene_file import Question
+from octoplan.planner.io.scene_tables import MotionTable
+from octoplan.planner.plan import Plan, plan
+from octoplan.planner.trajectory.motion import trajectory
+from octoplan.planner.trajectory.result import Trajectory
 
 R = TypeVar("R")
 _EXAMPLES = {

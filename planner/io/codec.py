@@ -2,7 +2,7 @@
 
 People write numbers in the units that keys name; where every bit counts they are in SI units, under
 the arguments' own names (the exact form, with None for the unit). The types of both are derived in
-planner.io.tables.
+octoplan.planner.io.tables.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ import msgspec
 import numpy as np
 from msgspec import UNSET, Meta
 
-from model.errors import InputError
-from model.paths import Array, Linear, Path, Sampled
-from model.scene import Scene
-from planner.io.files import versions
+from octoplan.model.errors import InputError
+from octoplan.model.paths import Array, Linear, Path, Sampled
+from octoplan.model.scene import Scene
+from octoplan.planner.io.files import versions
 
 # Units of keys by their names, as powers of ten of SI's, None where they are none; and SI's.
 UNITS = {"mm": -3, "mm/s": -3, "mm/s2": -3, "g": -3, "kPa": 3, "deg": None}
@@ -49,7 +49,7 @@ def hints_of(kind: Any) -> dict[str, Any]:
 
 def is_of_project(kind: Any) -> bool:
     """Return whether a type is a class of the project's."""
-    return isinstance(kind, type) and kind.__module__.partition(".")[0] in ("model", "planner")
+    return isinstance(kind, type) and kind.__module__.partition(".")[0] == "octoplan"
 
 
 def is_union(kind: Any) -> bool:

@@ -23,17 +23,17 @@ from typing import Any
 
 import numpy as np
 
-from model import Arm, InputError, Shape
-from model.checks import kind, within
-from model.errors import FileError
-from model.paths import Array
-from planner.fit.measured import Measured
-from planner.io.codec import in_si, number_in
-from planner.io.files import bytes_of, write_named
-from planner.io.mistakes import located
-from planner.io.records import POINTS, of_shape
-from planner.io.varied import MarkerTable
-from planner.targets import TipPosition
+from octoplan.model import Arm, InputError, Shape
+from octoplan.model.checks import kind, within
+from octoplan.model.errors import FileError
+from octoplan.model.paths import Array
+from octoplan.planner.fit.measured import Measured
+from octoplan.planner.io.codec import in_si, number_in
+from octoplan.planner.io.files import bytes_of, write_named
+from octoplan.planner.io.mistakes import located
+from octoplan.planner.io.records import POINTS, of_shape
+from octoplan.planner.io.varied import MarkerTable
+from octoplan.planner.targets import TipPosition
 
 _FRAME = [f"{column}_{axis}" for column in "tnb" for axis in "xyz"]
 SHAPE_COLUMNS = ("s_m", "x_m", "y_m", "z_m", *_FRAME, "tau_1_m", "xi_1_m", "k_1_m", "q")

@@ -23,8 +23,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from model.checks import kind
-from model.errors import FileError, InputError, as_given, shortened
+from octoplan.model.checks import kind
+from octoplan.model.errors import FileError, InputError, as_given, shortened
 
 # Folders in which files are staged, beside where they go, are named after machine and process: by
 # that it is known what a killed process has left there.

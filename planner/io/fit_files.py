@@ -8,20 +8,20 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from model.errors import FileError
-from model.quantities import NotNegative, Positive
-from planner.fit.design import design
-from planner.fit.designed import Design
-from planner.fit.making import Making, Objective, Reach
-from planner.fit.unknowns import Unknown
-from planner.io.codec import Table, arguments_of, quantity, value_of
-from planner.io.csv_files import MarkerColumns, load_shapes
-from planner.io.files import path_of, read_toml
-from planner.io.mistakes import checked, located, made
-from planner.io.object_tables import ObjectiveTable, TargetTable
-from planner.io.scene_file import Question, scene_beside, written_question
-from planner.io.scene_tables import SceneKey
-from planner.io.tables import Accuracy, table
+from octoplan.model.errors import FileError
+from octoplan.model.quantities import NotNegative, Positive
+from octoplan.planner.fit.design import design
+from octoplan.planner.fit.designed import Design
+from octoplan.planner.fit.making import Making, Objective, Reach
+from octoplan.planner.fit.unknowns import Unknown
+from octoplan.planner.io.codec import Table, arguments_of, quantity, value_of
+from octoplan.planner.io.csv_files import MarkerColumns, load_shapes
+from octoplan.planner.io.files import path_of, read_toml
+from octoplan.planner.io.mistakes import checked, located, made
+from octoplan.planner.io.object_tables import ObjectiveTable, TargetTable
+from octoplan.planner.io.scene_file import Question, scene_beside, written_question
+from octoplan.planner.io.scene_tables import SceneKey
+from octoplan.planner.io.tables import Accuracy, table
 
 MakingTable: Any = table(Making)
 ReachTable: Any = table(Reach, tag="reach")

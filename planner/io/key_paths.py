@@ -14,9 +14,9 @@ from typing import Any
 
 from msgspec import inspect
 
-from model.errors import InputError
-from planner.io.codec import hints_of
-from planner.io.scene_tables import SceneTable
+from octoplan.model.errors import InputError
+from octoplan.planner.io.codec import hints_of
+from octoplan.planner.io.scene_tables import SceneTable
 
 Step = str | int
 _PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*|\[\d+\])*")

@@ -17,10 +17,10 @@ import msgspec
 import numpy as np
 from msgspec import inspect
 
-from model.errors import FileError, InputError, as_given, shortened
-from model.units import UnitWarning, millimetres, warn
-from planner.io.codec import ENDS, about_type, in_si
-from planner.io.key_paths import (
+from octoplan.model.errors import FileError, InputError, as_given, shortened
+from octoplan.model.units import UnitWarning, millimetres, warn
+from octoplan.planner.io.codec import ENDS, about_type, in_si
+from octoplan.planner.io.key_paths import (
     Step,
     described,
     hint,
@@ -32,7 +32,7 @@ from planner.io.key_paths import (
     type_at,
     value_at,
 )
-from planner.io.scene_tables import KEYS
+from octoplan.planner.io.scene_tables import KEYS
 
 R = TypeVar("R")
 _LONG = 60

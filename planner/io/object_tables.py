@@ -10,17 +10,17 @@ import numpy as np
 from msgspec import structs
 from scipy.spatial.transform import Rotation
 
-import model.effects
-import model.obstacles
-import planner.targets
-from model.anchorage import Anchorage, Material, RestCurvature
-from model.arm import PAPER_ARMS, PAPER_FRAME, Arm
-from model.effects import Contact
-from model.errors import FileError, InputError
-from model.obstacles import Box, Mesh, Moving, Obstacle
-from model.obstacles.base import Convex
-from model.quantities import Vector
-from planner.io.codec import (
+import octoplan.model.effects
+import octoplan.model.obstacles
+import octoplan.planner.targets
+from octoplan.model.anchorage import Anchorage, Material, RestCurvature
+from octoplan.model.arm import PAPER_ARMS, PAPER_FRAME, Arm
+from octoplan.model.effects import Contact
+from octoplan.model.errors import FileError, InputError
+from octoplan.model.obstacles import Box, Mesh, Moving, Obstacle
+from octoplan.model.obstacles.base import Convex
+from octoplan.model.quantities import Vector
+from octoplan.planner.io.codec import (
     READ,
     WRITE,
     Form,
@@ -37,8 +37,8 @@ from planner.io.codec import (
     unit_of_type,
     written,
 )
-from planner.io.tables import TABLES, fields_of, struct, table, type_in_file
-from planner.targets import Hold, MinimumStiffness, Softest, Stiffest, Target, TipPose
+from octoplan.planner.io.tables import TABLES, fields_of, struct, table, type_in_file
+from octoplan.planner.targets import Hold, MinimumStiffness, Softest, Stiffest, Target, TipPose
 
 Frame = tuple[tuple[float, ...], ...]
 Numbers = tuple[float, ...]
@@ -196,7 +196,7 @@ _OBSTACLE_FORMS: dict[Any, dict[str, Any]] = {
     Box: {"frame": _EDGES},
     Mesh: {"vertices": _VERTICES, "more": _FILE},
 }
-_KINDS = [kind for kind in public(model.obstacles) if kind not in (Obstacle, Moving)]
+_KINDS = [kind for kind in public(octoplan.model.obstacles) if kind not in (Obstacle, Moving)]
 _SHAPES = {kind: table(kind, tag=tag_of(kind), **_OBSTACLE_FORMS.get(kind, {})) for kind in _KINDS}
 
 
@@ -300,7 +300,7 @@ _TARGET_FORMS: dict[Any, dict[str, Any]] = {
 }
 _TABLES = {
     kind: table(kind, tag=tag_of(kind), **_TARGET_FORMS.get(kind, {}))
-    for kind in public(planner.targets)
+    for kind in public(octoplan.planner.targets)
     if hasattr(kind, "terms") and kind is not Target
 }
 TARGETS = tuple(_TABLES)

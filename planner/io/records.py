@@ -13,13 +13,13 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from model.errors import OctoplanError
-from model.progress import OutOfTime
-from planner.effect_ablation import Switch
-from planner.io.codec import hints_of
-from planner.io.files import versions
-from planner.io.tables import attributes_told, sentence
-from planner.measure import length_error, strokes
+from octoplan.model.errors import OctoplanError
+from octoplan.model.progress import OutOfTime
+from octoplan.planner.effect_ablation import Switch
+from octoplan.planner.io.codec import hints_of
+from octoplan.planner.io.files import versions
+from octoplan.planner.io.tables import attributes_told, sentence
+from octoplan.planner.measure import length_error, strokes
 
 
 def about(text: str = "", of: Callable[[Any], Any] | None = None) -> Meta:

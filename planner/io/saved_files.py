@@ -9,20 +9,20 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from model.arm import Arm
-from model.checks import not_negative, positive, within
-from model.errors import FileError
-from model.forward import checked_accuracy
-from model.loads import contacts
-from model.progress import time_limit as limited_to
-from model.progress import with_progress
-from planner.avoidance.surroundings import surroundings
-from planner.fit.calibration import Calibration
-from planner.io.codec import read, value_of
-from planner.io.files import path_of, read_json
-from planner.io.mistakes import checked, located, made
-from planner.io.records import schema_name
-from planner.io.saved_records import (
+from octoplan.model.arm import Arm
+from octoplan.model.checks import not_negative, positive, within
+from octoplan.model.errors import FileError
+from octoplan.model.forward import checked_accuracy
+from octoplan.model.loads import contacts
+from octoplan.model.progress import time_limit as limited_to
+from octoplan.model.progress import with_progress
+from octoplan.planner.avoidance.surroundings import surroundings
+from octoplan.planner.fit.calibration import Calibration
+from octoplan.planner.io.codec import read, value_of
+from octoplan.planner.io.files import path_of, read_json
+from octoplan.planner.io.mistakes import checked, located, made
+from octoplan.planner.io.records import schema_name
+from octoplan.planner.io.saved_records import (
     AnswerRecord,
     CalibrationQuestion,
     CalibrationRecord,
@@ -30,20 +30,20 @@ from planner.io.saved_records import (
     PlanRecord,
     QuestionRecord,
 )
-from planner.plan import HeldPlan, Plan
-from planner.question import check_targets, checked_limits, planned_scene
-from planner.task import Task
+from octoplan.planner.plan import HeldPlan, Plan
+from octoplan.planner.question import check_targets, checked_limits, planned_scene
+from octoplan.planner.task import Task
 
 
 class SavedPlan(msgspec.Struct):
-    """What a plan is loaded from; see planner.io.saved_records."""
+    """What a plan is loaded from; see octoplan.planner.io.saved_records."""
 
     question: QuestionRecord
     answer: AnswerRecord
 
 
 class SavedCalibration(msgspec.Struct):
-    """What a calibration is loaded from; see planner.io.saved_records."""
+    """What a calibration is loaded from; see octoplan.planner.io.saved_records."""
 
     question: CalibrationQuestion
     fit: FitRecord

@@ -10,18 +10,18 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from model.arm import Arm
-from model.obstacles import Moving, Obstacle
-from model.scene import Scene
-from planner.avoidance.rows import Apart, Avoidance, Place
-from planner.certificate import Certificate
-from planner.fit.fitted import Fitted, Start
-from planner.fit.measured import Measured
-from planner.fit.residuals import Residual
-from planner.fit.unknowns import Unknown
-from planner.io.codec import WRITE, arguments, attributes_of, choice, plain
-from planner.io.object_tables import TARGETS
-from planner.io.records import (
+from octoplan.model.arm import Arm
+from octoplan.model.obstacles import Moving, Obstacle
+from octoplan.model.scene import Scene
+from octoplan.planner.avoidance.rows import Apart, Avoidance, Place
+from octoplan.planner.certificate import Certificate
+from octoplan.planner.fit.fitted import Fitted, Start
+from octoplan.planner.fit.measured import Measured
+from octoplan.planner.fit.residuals import Residual
+from octoplan.planner.fit.unknowns import Unknown
+from octoplan.planner.io.codec import WRITE, arguments, attributes_of, choice, plain
+from octoplan.planner.io.object_tables import TARGETS
+from octoplan.planner.io.records import (
     Floats,
     Matrix,
     Record,
@@ -33,9 +33,9 @@ from planner.io.records import (
     record,
     records,
 )
-from planner.io.tables import Number, exact, exact_choices, struct
-from planner.question import Limits
-from planner.task import SearchResult
+from octoplan.planner.io.tables import Number, exact, exact_choices, struct
+from octoplan.planner.question import Limits
+from octoplan.planner.task import SearchResult
 
 WRITE |= dict.fromkeys((Avoidance, Apart, Place))
 ObstacleKind: Any = choice([*exact_choices(Obstacle), exact(Moving)])

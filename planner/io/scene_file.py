@@ -11,19 +11,19 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from model import Arm, InputError, Scene
-from model.effects import SelfContact
-from model.errors import FileError
-from model.loads import check_loads
-from model.units import STROKE, length_text, warn_unusual
-from model.winches import Winches, rest_lengths
-from planner.avoidance.surroundings import surroundings
-from planner.io.codec import arguments, arguments_of, in_si, table_of, value_of, written
-from planner.io.files import path_of, read_toml, toml_of
-from planner.io.key_paths import steps, value_at
-from planner.io.mistakes import check_modulus, checked, made, warn_of_slips
-from planner.io.object_tables import arm_of, inlined
-from planner.io.scene_tables import (
+from octoplan.model import Arm, InputError, Scene
+from octoplan.model.effects import SelfContact
+from octoplan.model.errors import FileError
+from octoplan.model.loads import check_loads
+from octoplan.model.units import STROKE, length_text, warn_unusual
+from octoplan.model.winches import Winches, rest_lengths
+from octoplan.planner.avoidance.surroundings import surroundings
+from octoplan.planner.io.codec import arguments, arguments_of, in_si, table_of, value_of, written
+from octoplan.planner.io.files import path_of, read_toml, toml_of
+from octoplan.planner.io.key_paths import steps, value_at
+from octoplan.planner.io.mistakes import check_modulus, checked, made, warn_of_slips
+from octoplan.planner.io.object_tables import arm_of, inlined
+from octoplan.planner.io.scene_tables import (
     LimitsTable,
     OptionsTable,
     SceneTable,
@@ -31,8 +31,8 @@ from planner.io.scene_tables import (
     scene_of,
     whole,
 )
-from planner.question import Limits, check_targets
-from planner.targets import Target
+from octoplan.planner.question import Limits, check_targets
+from octoplan.planner.targets import Target
 
 R = TypeVar("R")
 

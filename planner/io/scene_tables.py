@@ -12,25 +12,35 @@ from typing import Annotated, Any, Literal, get_type_hints
 import msgspec
 from msgspec import Meta, structs
 
-import model.effects
-from model.effects import Effect, PrintedStatics
-from model.errors import InputError
-from model.quantities import NotNegative, Positive
-from model.scene import Scene
-from planner.io.codec import WRITE, Table, arguments, quantity, table_of, value_of
-from planner.io.object_tables import (
+import octoplan.model.effects
+from octoplan.model.effects import Effect, PrintedStatics
+from octoplan.model.errors import InputError
+from octoplan.model.quantities import NotNegative, Positive
+from octoplan.model.scene import Scene
+from octoplan.planner.io.codec import WRITE, Table, arguments, quantity, table_of, value_of
+from octoplan.planner.io.object_tables import (
     ArmTable,
     ObstacleTable,
     TargetTable,
     inlined,
     public,
 )
-from planner.io.tables import TABLES, Accuracy, Tensions, attributes_told, sentence, struct, table
+from octoplan.planner.io.tables import (
+    TABLES,
+    Accuracy,
+    Tensions,
+    attributes_told,
+    sentence,
+    struct,
+    table,
+)
 
 # Keys that enable several effects at once.
 BUNDLES = {"silicone": Scene.silicone(), "as_printed": Scene.as_printed()}
 _SILICONE = "what a real silicone arm calls for: extension, exact_tendons and neo_hookean"
-_EFFECTS: list[type[Effect]] = [kind for kind in public(model.effects) if kind is not Effect]
+_EFFECTS: list[type[Effect]] = [
+    kind for kind in public(octoplan.model.effects) if kind is not Effect
+]
 # Of those that have a place a scene may have several.
 _SEVERAL = [item for item in _EFFECTS if item.place is not Effect.place]
 # What has no arguments but switches is a switch, with these beside it.
@@ -172,7 +182,7 @@ class MotionTable(Table, frozen=True):
 
 
 class StiffnessTable(Table, frozen=True):
-    """What `octoplan stiffness` is to tell; see model.stiffness."""
+    """What `octoplan stiffness` is to tell; see octoplan.model.stiffness."""
 
     hold: Annotated[
         Hold | None, Meta(description="tension unless given, length where the scene has lengths")

@@ -19,8 +19,8 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
-from model.paths import Array, Linear, Path, Sampled
-from planner.io.codec import (
+from octoplan.model.paths import Array, Linear, Path, Sampled
+from octoplan.planner.io.codec import (
     KEYS,
     PLACED,
     READ,

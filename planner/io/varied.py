@@ -15,18 +15,18 @@ import numpy as np
 from msgspec import Meta
 from msgspec.inspect import FloatType
 
-from model.arm import Arm
-from model.errors import InputError
-from model.loads import check_loads
-from model.paths import Array
-from model.scene import Scene
-from model.units import UnitWarning
-from planner.io.codec import Table, arguments_of, keys_of, quantity, unit_of_type
-from planner.io.key_paths import changed, checked_key, kinds_at, steps, type_at, value_at
-from planner.io.mistakes import checked
-from planner.io.object_tables import VECTOR, ArmTable, arm_of
-from planner.io.scene_file import checked_table, scene_table
-from planner.io.scene_tables import EffectsTable, scene_of, whole
+from octoplan.model.arm import Arm
+from octoplan.model.errors import InputError
+from octoplan.model.loads import check_loads
+from octoplan.model.paths import Array
+from octoplan.model.scene import Scene
+from octoplan.model.units import UnitWarning
+from octoplan.planner.io.codec import Table, arguments_of, keys_of, quantity, unit_of_type
+from octoplan.planner.io.key_paths import changed, checked_key, kinds_at, steps, type_at, value_at
+from octoplan.planner.io.mistakes import checked
+from octoplan.planner.io.object_tables import VECTOR, ArmTable, arm_of
+from octoplan.planner.io.scene_file import checked_table, scene_table
+from octoplan.planner.io.scene_tables import EffectsTable, scene_of, whole
 
 
 class MarkerTable(Table, frozen=True):

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from model.arm import Arm
-from model.obstacles import Obstacle
-from model.paths import Array
-from model.rotations import from_matrix
-from model.shape import Shape
-from planner.bodies.surface import along, outline, sketched_poses, surface, tendon_lines
-from planner.plan import Plan
+from octoplan.model.arm import Arm
+from octoplan.model.obstacles import Obstacle
+from octoplan.model.paths import Array
+from octoplan.model.rotations import from_matrix
+from octoplan.model.shape import Shape
+from octoplan.planner.bodies.surface import along, outline, sketched_poses, surface, tendon_lines
+from octoplan.planner.plan import Plan
 
 Colour = tuple[int, int, int]
 

@@ -16,25 +16,25 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from model.arm import Arm
-from model.compliance import at_node
-from model.equilibrium.linearised import Linearised
-from model.equilibrium.load_steps import Collocation
-from model.equilibrium.newton import STAGES, Start, newton
-from model.equilibrium.stability import stability_slope, stands
-from model.errors import OctoplanError, SingularError
-from model.forward import by_collocation
-from model.loads import contacts, is_loaded
-from model.obstacles import Obstacle
-from model.obstacles.base import distances_from
-from model.paths import Array
-from model.progress import limited
-from model.scene import Scene
-from model.settle import loosest, settle
-from model.shape import Shape
-from planner.certificate import BRINK
-from planner.live.handles import Goal
-from planner.question import Limits, natural_tensions
+from octoplan.model.arm import Arm
+from octoplan.model.compliance import at_node
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.equilibrium.newton import STAGES, Start, newton
+from octoplan.model.equilibrium.stability import stability_slope, stands
+from octoplan.model.errors import OctoplanError, SingularError
+from octoplan.model.forward import by_collocation
+from octoplan.model.loads import contacts, is_loaded
+from octoplan.model.obstacles import Obstacle
+from octoplan.model.obstacles.base import distances_from
+from octoplan.model.paths import Array
+from octoplan.model.progress import limited
+from octoplan.model.scene import Scene
+from octoplan.model.settle import loosest, settle
+from octoplan.model.shape import Shape
+from octoplan.planner.certificate import BRINK
+from octoplan.planner.live.handles import Goal
+from octoplan.planner.question import Limits, natural_tensions
 
 # What is drawn is as accurate as a pixel or so, over the arm's length: nearer than that the arm is
 # there. So much counts also the tension that bends the arm by 1 rad, beside what is missed.

@@ -9,13 +9,13 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from model.arm import Arm
-from model.errors import InputError
-from model.paths import Array
-from model.rotations import from_matrix, matrices
-from model.shape import Shape
-from planner.targets import BendingPlane, TipPose, TipPosition
-from planner.targets.base import Target, toward
+from octoplan.model.arm import Arm
+from octoplan.model.errors import InputError
+from octoplan.model.paths import Array
+from octoplan.model.rotations import from_matrix, matrices
+from octoplan.model.shape import Shape
+from octoplan.planner.targets import BendingPlane, TipPose, TipPosition
+from octoplan.planner.targets.base import Target, toward
 
 # The least bend that is asked for, where the plane is still told apart [rad].
 _LEAST = 0.02

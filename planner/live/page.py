@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from model.errors import InputError, OctoplanError, needed
-from model.progress import OutOfTime, unless
-from planner.io.files import to_json
-from planner.io.saved_records import plan_record
-from planner.live import words
-from planner.live.drawing import (
+from octoplan.model.errors import InputError, OctoplanError, needed
+from octoplan.model.progress import OutOfTime, unless
+from octoplan.planner.io.files import to_json
+from octoplan.planner.io.saved_records import plan_record
+from octoplan.planner.live import words
+from octoplan.planner.live.drawing import (
     DARK,
     LIGHT,
     ArmOnPage,
@@ -31,8 +31,8 @@ from planner.live.drawing import (
     draw_surroundings,
     set_camera,
 )
-from planner.live.handles import Numbers
-from planner.live.session import Session
+from octoplan.planner.live.handles import Numbers
+from octoplan.planner.live.session import Session
 
 LOG = logging.getLogger(__name__)
 # After how long without a wish the arm is planned, and how often a page that nobody looks at is

@@ -7,21 +7,21 @@ from typing import Any
 
 import numpy as np
 
-from model.arm import Arm
-from model.effects import Effect
-from model.errors import OctoplanError
-from model.obstacles import Obstacle, check_obstacles
-from model.paths import Array
-from model.progress import check_time
-from model.scene import Scene
-from model.shape import Shape
-from model.stiffness import stiffness
-from planner.live.follower import ACCURACY, Follower
-from planner.live.handles import Goal, Handle, goal_of
-from planner.measure import strokes
-from planner.plan import Plan, plan
-from planner.question import checked_limits
-from planner.targets import BendingPlane, TipPose, TipPosition
+from octoplan.model.arm import Arm
+from octoplan.model.effects import Effect
+from octoplan.model.errors import OctoplanError
+from octoplan.model.obstacles import Obstacle, check_obstacles
+from octoplan.model.paths import Array
+from octoplan.model.progress import check_time
+from octoplan.model.scene import Scene
+from octoplan.model.shape import Shape
+from octoplan.model.stiffness import stiffness
+from octoplan.planner.live.follower import ACCURACY, Follower
+from octoplan.planner.live.handles import Goal, Handle, goal_of
+from octoplan.planner.measure import strokes
+from octoplan.planner.plan import Plan, plan
+from octoplan.planner.question import checked_limits
+from octoplan.planner.targets import BendingPlane, TipPose, TipPosition
 
 # How long the arm moves on before it is drawn [s].
 _PICTURE = 0.02

@@ -9,8 +9,8 @@ import html
 
 import numpy as np
 
-from planner.live.drawing import tension_colour
-from planner.live.session import Session
+from octoplan.planner.live.drawing import tension_colour
+from octoplan.planner.live.session import Session
 
 # The page's title: browsers run what is said of an image that is not there.
 TITLE = """<img src="data:," hidden onerror="document.title = 'octoplan'">"""

@@ -1,8 +1,13 @@
 """Figures; nothing else in the project knows matplotlib, which is loaded with this folder."""
 
-from planner.plots.motion import animate_trajectory, plot_motion, plot_trajectory, save_motion
-from planner.plots.plan import plot_plan, plot_shape, plot_strains
-from planner.plots.results import plot_effects, plot_ellipsoids, plot_residuals
+from octoplan.planner.plots.motion import (
+    animate_trajectory,
+    plot_motion,
+    plot_trajectory,
+    save_motion,
+)
+from octoplan.planner.plots.plan import plot_plan, plot_shape, plot_strains
+from octoplan.planner.plots.results import plot_effects, plot_ellipsoids, plot_residuals
 
 __all__ = [
     "animate_trajectory",

@@ -15,18 +15,18 @@ from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
 )
 from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
 
-from model.arm import Arm
-from model.clearance import Clearance, clearance
-from model.clearance.nearest import ITSELF
-from model.effects import SelfContact
-from model.loads import contacts
-from model.obstacles import HalfSpace, Obstacle
-from model.paths import Array
-from model.shape import Shape
-from planner.bodies.surface import along, outline, rings, tendon_lines
-from planner.certificate import COMPLEMENTARY
-from planner.plots.style import INK, MM, PULL, ROUND_STEPS, SIZE, SLACK, pull_norm, pulling
-from planner.plots.targets import draw_target
+from octoplan.model.arm import Arm
+from octoplan.model.clearance import Clearance, clearance
+from octoplan.model.clearance.nearest import ITSELF
+from octoplan.model.effects import SelfContact
+from octoplan.model.loads import contacts
+from octoplan.model.obstacles import HalfSpace, Obstacle
+from octoplan.model.paths import Array
+from octoplan.model.shape import Shape
+from octoplan.planner.bodies.surface import along, outline, rings, tendon_lines
+from octoplan.planner.certificate import COMPLEMENTARY
+from octoplan.planner.plots.style import INK, MM, PULL, ROUND_STEPS, SIZE, SLACK, pull_norm, pulling
+from octoplan.planner.plots.targets import draw_target
 
 _BODY, _LIGHT = "#dde8f3", LightSource(azdeg=218, altdeg=55)
 _ALONG, _AROUND = 161, 32

@@ -13,19 +13,19 @@ from matplotlib.animation import FuncAnimation, writers
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
-from model.arm import Arm
-from model.checks import within
-from model.errors import InputError
-from model.obstacles import Obstacle
-from model.paths import Array
-from model.scene import Scene
-from model.settle import settle
-from model.shape import Shape
-from planner.io.files import path_of, placed
-from planner.plan import Plan
-from planner.plots.arm import best_view, draw_arm, fill, fit, look
-from planner.plots.plan import add_scale
-from planner.plots.style import (
+from octoplan.model.arm import Arm
+from octoplan.model.checks import within
+from octoplan.model.errors import InputError
+from octoplan.model.obstacles import Obstacle
+from octoplan.model.paths import Array
+from octoplan.model.scene import Scene
+from octoplan.model.settle import settle
+from octoplan.model.shape import Shape
+from octoplan.planner.io.files import path_of, placed
+from octoplan.planner.plan import Plan
+from octoplan.planner.plots.arm import best_view, draw_arm, fill, fit, look
+from octoplan.planner.plots.plan import add_scale
+from octoplan.planner.plots.style import (
     DPI,
     INK,
     MM,

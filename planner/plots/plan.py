@@ -14,14 +14,24 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from model.arm import Arm
-from model.checks import kind
-from model.paths import Array
-from model.shape import Shape
-from planner.io.files import path_of, placed
-from planner.plan import Plan
-from planner.plots.arm import draw_arm, look
-from planner.plots.style import DPI, INK, MM, PULL, ROUND_STEPS, SIZE, axes_of, labelled, pull_norm
+from octoplan.model.arm import Arm
+from octoplan.model.checks import kind
+from octoplan.model.paths import Array
+from octoplan.model.shape import Shape
+from octoplan.planner.io.files import path_of, placed
+from octoplan.planner.plan import Plan
+from octoplan.planner.plots.arm import draw_arm, look
+from octoplan.planner.plots.style import (
+    DPI,
+    INK,
+    MM,
+    PULL,
+    ROUND_STEPS,
+    SIZE,
+    axes_of,
+    labelled,
+    pull_norm,
+)
 
 _CURVATURES = (("τ", "#8a8f98"), ("ξ", "#1f6fb4"), ("k", "#d1495b"))
 _STRETCH = "#2a8c6e"

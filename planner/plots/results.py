@@ -10,11 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 
-from model.paths import Array
-from model.stiffness import Stiffness
-from planner.effect_ablation import Switch
-from planner.plots.arm import draw_arm, fit, look
-from planner.plots.style import INK, MM, SIZE, axes_of, labelled, several
+from octoplan.model.paths import Array
+from octoplan.model.stiffness import Stiffness
+from octoplan.planner.effect_ablation import Switch
+from octoplan.planner.plots.arm import draw_arm, fit, look
+from octoplan.planner.plots.style import INK, MM, SIZE, axes_of, labelled, several
 
 # Shapes that are drawn at most, evenly spread over the measurements.
 _SHAPES = 12

@@ -10,9 +10,9 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from model.checks import is_several, kind
-from model.errors import InputError
-from model.paths import Array
+from octoplan.model.checks import is_several, kind
+from octoplan.model.errors import InputError
+from octoplan.model.paths import Array
 
 V = TypeVar("V")
 # Millimetres a metre; the size of letters; dots an inch.

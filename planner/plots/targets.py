@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
-from model.paths import Array
-from model.shape import Shape
-from planner.plots.style import MM, SIZE
-from planner.targets.backbone import Backbone
-from planner.targets.base import toward
-from planner.targets.bending_plane import BendingPlane
-from planner.targets.fetch import Fetch, FetchReach, stretches
-from planner.targets.tip import TipPointing, TipPose, TipPosition
+from octoplan.model.paths import Array
+from octoplan.model.shape import Shape
+from octoplan.planner.plots.style import MM, SIZE
+from octoplan.planner.targets.backbone import Backbone
+from octoplan.planner.targets.base import toward
+from octoplan.planner.targets.bending_plane import BendingPlane
+from octoplan.planner.targets.fetch import Fetch, FetchReach, stretches
+from octoplan.planner.targets.tip import TipPointing, TipPose, TipPosition
 
 GOAL = "#00806a"
 

@@ -19,27 +19,28 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from model.cross_section.law import CrossSection, size
-from model.equilibrium.linearised import Linearised
-from model.equilibrium.stability import least_modes, rest_stiffness
-from model.machine.functions import built
-from model.paths import Array
-from model.transcription.collocation import gauss
-from model.transcription.element import run
-from model.transcription.equations import Term
-from model.transcription.kernels import Kernel, Places, What
-from model.transcription.layout import POSE, Layout
-from model.transcription.system import System
-from model.winches import least_compliance
-from planner.targets.base import ComplianceRequest
+from octoplan.model.cross_section.law import CrossSection, size
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.stability import least_modes, rest_stiffness
+from octoplan.model.machine.functions import built
+from octoplan.model.paths import Array
+from octoplan.model.transcription.collocation import gauss
+from octoplan.model.transcription.element import run
+from octoplan.model.transcription.equations import Term
+from octoplan.model.transcription.kernels import Kernel, Places, What
+from octoplan.model.transcription.layout import POSE, Layout
+from octoplan.model.transcription.system import System
+from octoplan.model.winches import least_compliance
+from octoplan.planner.targets.base import ComplianceRequest
 
 
 @dataclass(frozen=True)
 class States:
     """The states of an arm, with the equations of equilibrium.
 
-    They are those of model.transcription.layout: poses, moments and forces at the nodes, strains at
-    the stages of each element, and what friction adds; the tensions change at the anchorages.
+    They are those of octoplan.model.transcription.layout: poses, moments and forces at the nodes,
+    strains at the stages of each element, and what friction adds; the tensions change at the
+    anchorages.
 
     Attributes
     ----------
@@ -68,22 +69,22 @@ class States:
 
     @property
     def size(self) -> int:
-        """See planner.program.blocks."""
+        """See octoplan.planner.program.blocks."""
         return self.of.n_states
 
     def terms(self, place: Places, start: int, row: int) -> list[Term]:
-        """See planner.program.blocks."""
+        """See octoplan.planner.program.blocks."""
         terms = self.of.equations.terms
         return [Term(term.kernel, place[term.unknowns], row + term.rows) for term in terms]
 
     def numbers(self, at: System, forces: Array) -> list[Array]:
-        """See planner.program.blocks: those of the equations of equilibrium."""
+        """See octoplan.planner.program.blocks: those of the equations of equilibrium."""
         equations = at.of.equations
         terms = zip(equations.terms, equations.slices, strict=True)
         return [at.p[numbers].reshape(term.count, -1).T for term, numbers in terms]
 
     def scales(self, at: System) -> tuple[Array, Array]:
-        """See planner.program.blocks."""
+        """See octoplan.planner.program.blocks."""
         of, L = at.of, at.arm.length
         R = at.arm.radius.evaluate(np.concatenate([at.mesh.s, at.s]), L)[0]
         EA = at.arm.material.E * np.pi * R**2
@@ -140,11 +141,11 @@ class Responses:
 
     @property
     def size(self) -> int:
-        """See planner.program.blocks."""
+        """See octoplan.planner.program.blocks."""
         return self.request.width * self.states.of.n_x
 
     def terms(self, place: Places, start: int, row: int) -> list[Term]:
-        """See planner.program.blocks."""
+        """See octoplan.planner.program.blocks."""
         shifts = np.arange(self.request.width) * self.states.of.n_x
         each = (self._response(place, start + shift, row + shift) for shift in shifts.tolist())
         return [term for terms in each for term in terms]
@@ -166,7 +167,7 @@ class Responses:
         return [*terms, Term(built(_scaled), tensions, rows)]
 
     def numbers(self, at: System, forces: Array) -> list[Array]:
-        """See planner.program.blocks."""
+        """See octoplan.planner.program.blocks."""
         columns, of, of_terms = list[Array](), self.states.of, self.states.numbers(at, forces)
         for k in range(self.first, self.first + self.request.width):
             for term, numbers in zip(of.equations.terms, of_terms, strict=True):
@@ -185,7 +186,7 @@ class Responses:
         return columns
 
     def scales(self, at: System) -> tuple[Array, Array]:
-        """See planner.program.blocks."""
+        """See octoplan.planner.program.blocks."""
         state, row = self.states.scales(at)
         force, n, width = at.arm.bending_force, self.states.of.n_tendons, self.request.width
         length = at.arm.length if self.request.hold == "length" else force
@@ -220,20 +221,20 @@ class LeastMode:
 
     It is a change y of the states with J y = lambda B y, J the Jacobian of the equations against
     the states and B the stiffness of the body at rest, at the stages; lambda is the eigenvalue of
-    the scaled Hessian of the energy (model.equilibrium.stability). Its equations are those of
-    equilibrium differentiated along y, less lambda B y, and the size of y: stability with a margin
-    is a bound on an unknown.
+    the scaled Hessian of the energy (octoplan.model.equilibrium.stability). Its equations are those
+    of equilibrium differentiated along y, less lambda B y, and the size of y: stability with a
+    margin is a bound on an unknown.
     """
 
     states: States
 
     @property
     def size(self) -> int:
-        """See planner.program.blocks."""
+        """See octoplan.planner.program.blocks."""
         return self.states.of.n_states + 1
 
     def terms(self, place: Places, start: int, row: int) -> list[Term]:
-        """See planner.program.blocks."""
+        """See octoplan.planner.program.blocks."""
         of, terms = self.states.of, list[Term]()
         for term in of.equations.terms:
             rows = tuple(np.flatnonzero(term.unknowns[:, 0] >= of.first).tolist())
@@ -247,12 +248,12 @@ class LeastMode:
         return [*terms, Term(built(_part), start + stages[None, :], one)]
 
     def numbers(self, at: System, forces: Array) -> list[Array]:
-        """See planner.program.blocks."""
+        """See octoplan.planner.program.blocks."""
         stiff, equations = rest_stiffness(at)[1], self.states.numbers(at, forces)
         return [*equations, -stiff[None, :], np.zeros((2, stiff.size))]
 
     def scales(self, at: System) -> tuple[Array, Array]:
-        """See planner.program.blocks."""
+        """See octoplan.planner.program.blocks."""
         state, row = self.states.scales(at)
         return np.append(state, 1.0), np.append(row, 1.0)
 
@@ -294,22 +295,22 @@ class TendonLengths:
 
     @property
     def size(self) -> int:
-        """See planner.program.blocks."""
+        """See octoplan.planner.program.blocks."""
         return self.of.n_tendons
 
     def terms(self, place: Places, start: int, row: int) -> list[Term]:
-        """See planner.program.blocks."""
+        """See octoplan.planner.program.blocks."""
         (runs,) = self.of.lengths.terms
         each = np.arange(self.size)[None, :]
         path = Term(runs.kernel, place[runs.unknowns], row + runs.rows)
         return [path, Term(built(_scaled), start + each, row + each)]
 
     def numbers(self, at: System, forces: Array) -> list[Array]:
-        """See planner.program.blocks."""
+        """See octoplan.planner.program.blocks."""
         return [at.length_numbers.reshape(-1, 5).T, np.full((1, self.size), -1.0)]
 
     def scales(self, at: System) -> tuple[Array, Array]:
-        """See planner.program.blocks."""
+        """See octoplan.planner.program.blocks."""
         length = np.full(self.size, at.arm.length)
         return length, length
 

@@ -22,25 +22,31 @@ import numpy as np
 from numpy.linalg import norm
 from scipy.sparse import csc_array
 
-from model.arm import Arm
-from model.equilibrium.linearised import Linearised
-from model.equilibrium.load_steps import Collocation
-from model.equilibrium.newton import STAGES
-from model.equilibrium.stability import stands
-from model.equilibrium.uniqueness import has_unique_equilibrium
-from model.errors import OctoplanError
-from model.loads import is_loaded
-from model.paths import Array
-from model.scene import Scene
-from model.settle import ACCURACY
-from model.stations import base_pose
-from model.transcription.system import system
-from model.winches import rest_lengths
-from planner.program.blocks import States
-from planner.program.program import STABILITY, STROKES, Program, Structure, factorised
-from planner.program.terms import TargetStructure
-from planner.question import NATURAL_RANGE, Limits, Statement, effort_unit, natural_tensions
-from planner.task import SearchResult, Task, Trial
+from octoplan.model.arm import Arm
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.equilibrium.stability import stands
+from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
+from octoplan.model.errors import OctoplanError
+from octoplan.model.loads import is_loaded
+from octoplan.model.paths import Array
+from octoplan.model.scene import Scene
+from octoplan.model.settle import ACCURACY
+from octoplan.model.stations import base_pose
+from octoplan.model.transcription.system import system
+from octoplan.model.winches import rest_lengths
+from octoplan.planner.program.blocks import States
+from octoplan.planner.program.program import STABILITY, STROKES, Program, Structure, factorised
+from octoplan.planner.program.terms import TargetStructure
+from octoplan.planner.question import (
+    NATURAL_RANGE,
+    Limits,
+    Statement,
+    effort_unit,
+    natural_tensions,
+)
+from octoplan.planner.task import SearchResult, Task, Trial
 
 Bounds = tuple[Array, Array, Array, Array]
 # Weight of effort where the targets cannot be met and their residuals are made least: in a search,
@@ -49,8 +55,8 @@ Bounds = tuple[Array, Array, Array, Array]
 # but less and less of the effort is left by the solver's tolerance.
 SEARCHED, REGULARISATION = 1e-7, 3e-11
 RESOLVED = ACCURACY / 2
-# Meshes of programs, whose error is corrected (planner.solve.refine), have fewer elements than
-# those that shapes are settled on, which take 2; see model.mesh.graded.
+# Meshes of programs, whose error is corrected (octoplan.planner.solve.refine), have fewer elements
+# than those that shapes are settled on, which take 2; see octoplan.model.mesh.graded.
 STEPS_PER_UNIT = 1.2
 # What the conditions of an optimum are held to, scaled; and its stability, of which another mesh
 # has other digits.
@@ -134,7 +140,7 @@ class Problem:
     def parameters(self, weight: float | None = None, defect: Array | None = None) -> Array:
         """Return the parameters of the program, by a weight of effort, the least unless given.
 
-        And for a defect of the mesh, none by default; see planner.solve.refine.
+        And for a defect of the mesh, none by default; see octoplan.planner.solve.refine.
         """
         p = self._p.copy()
         if weight is not None:
@@ -306,7 +312,7 @@ class Candidate(Solution):
     problem : Problem
     defect : (n,) or None
         By how much what is measured on the mesh is off, as far as the point corrects it; see
-        planner.solve.refine.
+        octoplan.planner.solve.refine.
     """
 
     problem: Problem = field(kw_only=True)

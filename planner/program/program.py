@@ -6,8 +6,8 @@
                                                           the equations of all blocks
 
 The unknowns are the tensions, what the norm and the inequalities add, the load factor, which is 1,
-then those of each block, see planner.program.blocks: which there are is decided by scene, targets
-and limits.
+then those of each block, see octoplan.planner.program.blocks: which there are is decided by scene,
+targets and limits.
 
 Targets have equalities and soft residuals, which are to be 0 as well as the limits allow. The modes
 are three readings of them, tried in this order:
@@ -30,15 +30,15 @@ import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import SuperLU, splu
 
-from model.errors import SingularError
-from model.machine.functions import Buffered
-from model.paths import Array
-from model.transcription.equations import Equations
-from model.transcription.layout import POSE
-from model.transcription.system import System
-from planner.program.blocks import Block, LeastMode, Responses, States, TendonLengths
-from planner.program.terms import HIGH_PRIORITY, LOW_PRIORITY, TargetStructure
-from planner.question import Statement
+from octoplan.model.errors import SingularError
+from octoplan.model.machine.functions import Buffered
+from octoplan.model.paths import Array
+from octoplan.model.transcription.equations import Equations
+from octoplan.model.transcription.layout import POSE
+from octoplan.model.transcription.system import System
+from octoplan.planner.program.blocks import Block, LeastMode, Responses, States, TendonLengths
+from octoplan.planner.program.terms import HIGH_PRIORITY, LOW_PRIORITY, TargetStructure
+from octoplan.planner.question import Statement
 
 STABILITY, STROKES, STRETCH = "stability", "strokes", "stretch"
 PLANNED_STRETCH = 1e-3
@@ -97,7 +97,7 @@ class Program:
         `unit`, what one unit of each tension is worth [N]; `force` of the responses; `numbers` of
         the equations; `scale` and `row_scale`, what one unit of each unknown of the blocks, and of
         each equation, is worth; `defect`, by how much what is measured on the mesh is off, see
-        planner.solve.refine.
+        octoplan.planner.solve.refine.
     rows : (n_rows,) of str
         What kind of constraint each row is; `lower` and `upper` are their bounds.
     n_equalities : int

@@ -11,14 +11,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from model.arm import Arm
-from model.errors import InputError
-from model.machine.functions import Buffered
-from model.paths import Array
-from model.shape import Shape
-from model.stiffness import stiffness
-from planner.avoidance.rows import Avoidance, AvoidanceStructure
-from planner.targets.base import Target, Terms, View
+from octoplan.model.arm import Arm
+from octoplan.model.errors import InputError
+from octoplan.model.machine.functions import Buffered
+from octoplan.model.paths import Array
+from octoplan.model.shape import Shape
+from octoplan.model.stiffness import stiffness
+from octoplan.planner.avoidance.rows import Avoidance, AvoidanceStructure
+from octoplan.planner.targets.base import Target, Terms, View
 
 HIGH_PRIORITY, LOW_PRIORITY = 1e2, 2e-4
 KINDS = ("equality", "soft_residual", "inequality", "objective")

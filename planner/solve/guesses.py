@@ -17,17 +17,17 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from model.arm import Arm
-from model.effects import Extension
-from model.forward import explicit_map
-from model.machine.functions import Mapped
-from model.paths import Array
-from model.progress import check_time
-from planner.program.problem import Candidate, units
-from planner.program.program import factorised
-from planner.program.terms import TargetTerms
-from planner.question import NATURAL_RANGE, Limits, natural_tensions
-from planner.task import Task
+from octoplan.model.arm import Arm
+from octoplan.model.effects import Extension
+from octoplan.model.forward import explicit_map
+from octoplan.model.machine.functions import Mapped
+from octoplan.model.paths import Array
+from octoplan.model.progress import check_time
+from octoplan.planner.program.problem import Candidate, units
+from octoplan.planner.program.program import factorised
+from octoplan.planner.program.terms import TargetTerms
+from octoplan.planner.question import NATURAL_RANGE, Limits, natural_tensions
+from octoplan.planner.task import Task
 
 # How many conditions a point is, which arms meet in many ways.
 POINT = 3

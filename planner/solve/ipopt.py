@@ -19,12 +19,12 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
-from model.machine.functions import Buffered
-from model.paths import Array
-from model.progress import OutOfTime, check_time
-from planner.program.problem import KKT_TOLERANCE, Bounds, Candidate, Problem, Solution
-from planner.program.program import Program
-from planner.question import Mode
+from octoplan.model.machine.functions import Buffered
+from octoplan.model.paths import Array
+from octoplan.model.progress import OutOfTime, check_time
+from octoplan.planner.program.problem import KKT_TOLERANCE, Bounds, Candidate, Problem, Solution
+from octoplan.planner.program.program import Program
+from octoplan.planner.question import Mode
 
 
 class Watch(ca.Callback):

@@ -18,15 +18,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from model.equilibrium.newton import STAGES
-from model.errors import CollapsedError, OctoplanError
-from model.forward import FINEST_ACCURACY, next_refinement
-from model.loads import convergence_order
-from model.paths import Array
-from model.progress import check_time
-from model.shape import Shape
-from planner.program.problem import KKT_TOLERANCE, Bounds, Candidate, Problem
-from planner.solve.ipopt import MAGNIFIED, solve
+from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.errors import CollapsedError, OctoplanError
+from octoplan.model.forward import FINEST_ACCURACY, next_refinement
+from octoplan.model.loads import convergence_order
+from octoplan.model.paths import Array
+from octoplan.model.progress import check_time
+from octoplan.model.shape import Shape
+from octoplan.planner.program.problem import KKT_TOLERANCE, Bounds, Candidate, Problem
+from octoplan.planner.solve.ipopt import MAGNIFIED, solve
 
 # How often a program is corrected and solved again: by defects and on finer meshes, for other modes
 # and other places that come nearest. The part of the accuracy that a defect may be off by, and of

@@ -15,16 +15,16 @@ from itertools import islice
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from model.equilibrium.linearised import Linearised
-from model.errors import OctoplanError
-from model.forward import REFINEMENTS
-from model.loads import is_loaded
-from model.paths import Array
-from model.progress import check_time, tell
-from planner.program.problem import SEARCHED, Problem, units
-from planner.question import Limits, natural_tensions
-from planner.solve.guesses import FAR_APART, BendCoordinates, distinct, within_total
-from planner.task import Task
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.errors import OctoplanError
+from octoplan.model.forward import REFINEMENTS
+from octoplan.model.loads import is_loaded
+from octoplan.model.paths import Array
+from octoplan.model.progress import check_time, tell
+from octoplan.planner.program.problem import SEARCHED, Problem, units
+from octoplan.planner.question import Limits, natural_tensions
+from octoplan.planner.solve.guesses import FAR_APART, BendCoordinates, distinct, within_total
+from octoplan.planner.task import Task
 
 # Number of sampled shapes without loads. At most half of them are corners of the box of tensions:
 # 512 have all corners of eight tendons.

@@ -22,19 +22,25 @@ from operator import attrgetter, itemgetter
 
 import numpy as np
 
-from model.equilibrium.uniqueness import has_unique_equilibrium
-from model.errors import OctoplanError
-from model.loads import is_loaded
-from model.paths import Array
-from model.progress import OutOfTime, check_time, tell
-from planner.program.problem import KKT_TOLERANCE, REGULARISATION, SEARCHED, Candidate, Problem
-from planner.program.terms import LOW_PRIORITY
-from planner.question import Mode
-from planner.solve.guesses import POINT, beside, drawn_arms, initial_guesses
-from planner.solve.ipopt import Purpose, solve
-from planner.solve.refine import COARSE, CORRECTIONS, on_mesh, refine
-from planner.solve.samples import Samples, sample
-from planner.task import SearchResult, Task, Trial, agreed
+from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
+from octoplan.model.errors import OctoplanError
+from octoplan.model.loads import is_loaded
+from octoplan.model.paths import Array
+from octoplan.model.progress import OutOfTime, check_time, tell
+from octoplan.planner.program.problem import (
+    KKT_TOLERANCE,
+    REGULARISATION,
+    SEARCHED,
+    Candidate,
+    Problem,
+)
+from octoplan.planner.program.terms import LOW_PRIORITY
+from octoplan.planner.question import Mode
+from octoplan.planner.solve.guesses import POINT, beside, drawn_arms, initial_guesses
+from octoplan.planner.solve.ipopt import Purpose, solve
+from octoplan.planner.solve.refine import COARSE, CORRECTIONS, on_mesh, refine
+from octoplan.planner.solve.samples import Samples, sample
+from octoplan.planner.task import SearchResult, Task, Trial, agreed
 
 # Guesses that have to agree; one more where all miss the targets, and where a point or more is to
 # be met, which arms meet in several ways.

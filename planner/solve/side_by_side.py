@@ -16,10 +16,10 @@ from typing import NamedTuple, Self
 import casadi as ca
 import numpy as np
 
-from model.machine.functions import Buffered
-from model.paths import Array
-from planner.program.problem import Bounds, Solution
-from planner.solve.ipopt import Options, named, nlp_solver, solved
+from octoplan.model.machine.functions import Buffered
+from octoplan.model.paths import Array
+from octoplan.planner.program.problem import Bounds, Solution
+from octoplan.planner.solve.ipopt import Options, named, nlp_solver, solved
 
 
 class Part(NamedTuple):

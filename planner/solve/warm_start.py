@@ -13,12 +13,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from model.paths import Array
-from model.progress import OutOfTime, check_time
-from planner.answer import Answer
-from planner.program.problem import STABILITY_TOLERANCE, Candidate, Problem
-from planner.solve.refine import PART, polish, refine
-from planner.task import SearchResult, Task, Trial
+from octoplan.model.paths import Array
+from octoplan.model.progress import OutOfTime, check_time
+from octoplan.planner.answer import Answer
+from octoplan.planner.program.problem import STABILITY_TOLERANCE, Candidate, Problem
+from octoplan.planner.solve.refine import PART, polish, refine
+from octoplan.planner.task import SearchResult, Task, Trial
 
 # By so much, over their norm, tensions may change from one target to the next; where more is asked
 # of one step, smaller ones tell whether they jump.

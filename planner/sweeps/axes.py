@@ -10,10 +10,10 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from model.errors import InputError
-from model.paths import Array
-from model.quantities import Positive
-from planner.io.codec import Table
+from octoplan.model.errors import InputError
+from octoplan.model.paths import Array
+from octoplan.model.quantities import Positive
+from octoplan.planner.io.codec import Table
 
 Distribution = Literal["uniform", "normal", "log-uniform"]
 Values = Annotated[list[float | int | str | bool], Meta(min_length=1)]

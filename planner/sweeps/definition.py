@@ -16,24 +16,24 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta
 
-from model import InputError
-from model.arm import Arm
-from model.checks import kind
-from model.effects import PrintedStatics
-from model.errors import FileError
-from model.loads import check_loads, is_loaded
-from model.obstacles import Obstacle
-from model.scene import Scene
-from planner.io.calls import check_complete, check_held
-from planner.io.codec import Table, identity, unit_of_type, written
-from planner.io.files import path_of, read_toml
-from planner.io.key_paths import changed, checked_key, steps, type_at
-from planner.io.mistakes import checked, located, warn_of_slip
-from planner.io.scene_file import Question, filled, question_of, scene_beside, scene_table
-from planner.io.scene_tables import SceneKey
-from planner.sweeps.axes import MOST_POINTS, Axis, AxisTable, Count, values_of
-from planner.sweeps.points import RESERVED, VARIABLES, Compute, Job, Point
-from planner.targets.base import Target
+from octoplan.model import InputError
+from octoplan.model.arm import Arm
+from octoplan.model.checks import kind
+from octoplan.model.effects import PrintedStatics
+from octoplan.model.errors import FileError
+from octoplan.model.loads import check_loads, is_loaded
+from octoplan.model.obstacles import Obstacle
+from octoplan.model.scene import Scene
+from octoplan.planner.io.calls import check_complete, check_held
+from octoplan.planner.io.codec import Table, identity, unit_of_type, written
+from octoplan.planner.io.files import path_of, read_toml
+from octoplan.planner.io.key_paths import changed, checked_key, steps, type_at
+from octoplan.planner.io.mistakes import checked, located, warn_of_slip
+from octoplan.planner.io.scene_file import Question, filled, question_of, scene_beside, scene_table
+from octoplan.planner.io.scene_tables import SceneKey
+from octoplan.planner.sweeps.axes import MOST_POINTS, Axis, AxisTable, Count, values_of
+from octoplan.planner.sweeps.points import RESERVED, VARIABLES, Compute, Job, Point
+from octoplan.planner.targets.base import Target
 
 
 class SweepTable(Table, frozen=True):
@@ -236,7 +236,7 @@ def sweep_of(
     time_limit: float | None = None,
     **keys: Any,
 ) -> Sweep:
-    """Return what is asked of objects in place of a sweep file; see planner.sweep.
+    """Return what is asked of objects in place of a sweep file; see octoplan.planner.sweep.
 
     Raises InputError for what is no Arm or Scene, and a target that has no keys in scene files;
     else as load_sweep.

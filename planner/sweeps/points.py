@@ -10,13 +10,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from model import InputError, OctoplanError, settle_many
-from model.progress import ProgressLine, check_time, limited
-from model.scene import Scene
-from planner.io.calls import planned, settled, stiff
-from planner.io.codec import arguments
-from planner.io.key_paths import changed
-from planner.io.scene_file import Question, question_of
+from octoplan.model import InputError, OctoplanError, settle_many
+from octoplan.model.progress import ProgressLine, check_time, limited
+from octoplan.model.scene import Scene
+from octoplan.planner.io.calls import planned, settled, stiff
+from octoplan.planner.io.codec import arguments
+from octoplan.planner.io.key_paths import changed
+from octoplan.planner.io.scene_file import Question, question_of
 
 Compute = Literal["settle", "plan", "stiffness"]
 Point = tuple[Any, ...]

@@ -23,11 +23,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from model.errors import InputError, OctoplanError, needed
-from model.progress import check_time, tell
-from planner.io.files import keep, versions, whole, why
-from planner.sweeps.definition import Sweep
-from planner.sweeps.points import LABELS, VARIABLES, Rows, Variable
+from octoplan.model.errors import InputError, OctoplanError, needed
+from octoplan.model.progress import check_time, tell
+from octoplan.planner.io.files import keep, versions, whole, why
+from octoplan.planner.sweeps.definition import Sweep
+from octoplan.planner.sweeps.points import LABELS, VARIABLES, Rows, Variable
 
 
 class FullDiskError(OctoplanError):

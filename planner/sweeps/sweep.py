@@ -18,16 +18,16 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from unittest.mock import patch
 
-from model.arm import Arm
-from model.checks import kind, positive
-from model.errors import InputError, OctoplanError, needed
-from model.progress import check_time, tell, with_progress
-from model.progress import end as end_of_limit
-from model.progress import time_limit as within
-from planner.io.files import path_of, versions
-from planner.sweeps.definition import Sweep, load_sweep, sweep_of
-from planner.sweeps.points import Job, Point, Rows, computed
-from planner.sweeps.store import (
+from octoplan.model.arm import Arm
+from octoplan.model.checks import kind, positive
+from octoplan.model.errors import InputError, OctoplanError, needed
+from octoplan.model.progress import check_time, tell, with_progress
+from octoplan.model.progress import end as end_of_limit
+from octoplan.model.progress import time_limit as within
+from octoplan.planner.io.files import path_of, versions
+from octoplan.planner.sweeps.definition import Sweep, load_sweep, sweep_of
+from octoplan.planner.sweeps.points import Job, Point, Rows, computed
+from octoplan.planner.sweeps.store import (
     ChunkFiles,
     attributes_in,
     check_store,
@@ -186,7 +186,7 @@ def _client(scheduler: str) -> Any:
 
 # A sweep
 
-_log = logging.getLogger("planner.sweeps")
+_log = logging.getLogger("octoplan.planner.sweeps")
 
 
 @with_progress
@@ -207,12 +207,13 @@ def sweep(
     killed goes on where it was when it is started again: each chunk of points that is finished is a
     file in the folder OUT.chunks beside `out`, which is removed when `out` is written. Where `out`
     holds this same sweep already, nothing is run: it is opened, and the log says so (logger
-    planner.sweeps). A point that fails is a row whose `outcome` says why, its numbers nan.
+    octoplan.planner.sweeps). A point that fails is a row whose `outcome` says why, its numbers nan.
 
     Parameters
     ----------
     request : path or Arm
-        The sweep file, see planner.sweeps.definition; or an arm, with `axes` and what follows.
+        The sweep file, see octoplan.planner.sweeps.definition; or an arm, with `axes` and what
+        follows.
     out : path
         Where to write the Dataset, .nc or .zarr. Memory does not grow with the number of points
         then, and what is returned reads its numbers from there when they are looked at. Without,

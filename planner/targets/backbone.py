@@ -8,14 +8,14 @@ import casadi as ca
 import numpy as np
 from msgspec import Meta
 
-from model.arm import Arm
-from model.checks import finite_array
-from model.errors import InputError
-from model.paths import Array
-from model.quantities import Length, NotNegative, Place
-from model.units import length_text
-from model.value import value
-from planner.targets.base import Target, Terms, View, check_near
+from octoplan.model.arm import Arm
+from octoplan.model.checks import finite_array
+from octoplan.model.errors import InputError
+from octoplan.model.paths import Array
+from octoplan.model.quantities import Length, NotNegative, Place
+from octoplan.model.units import length_text
+from octoplan.model.value import value
+from octoplan.planner.targets.base import Target, Terms, View, check_near
 
 
 @value

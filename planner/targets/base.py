@@ -10,14 +10,14 @@ from typing import Any, Self
 import casadi as ca
 import numpy as np
 
-from model.arm import Arm
-from model.centreline import Centreline
-from model.errors import InputError
-from model.machine.functions import built
-from model.paths import Array
-from model.rotations import conjugate, matrix, multiply
-from model.stiffness import Hold
-from model.units import DISTANCE, warn_unusual
+from octoplan.model.arm import Arm
+from octoplan.model.centreline import Centreline
+from octoplan.model.errors import InputError
+from octoplan.model.machine.functions import built
+from octoplan.model.paths import Array
+from octoplan.model.rotations import conjugate, matrix, multiply
+from octoplan.model.stiffness import Hold
+from octoplan.model.units import DISTANCE, warn_unusual
 
 # How the name of an inequality ends that is a share of what is wanted.
 OVER_WANTED = " over that wanted, less 1"
@@ -66,7 +66,7 @@ class ComplianceRequest:
     width : int
         Along how many directions at once; see Target.directions.
     tendon_EA : float or None
-        Stiffness E A of tendons whose lengths are held [N]; see model.stiffness.
+        Stiffness E A of tendons whose lengths are held [N]; see octoplan.model.stiffness.
     """
 
     hold: Hold
@@ -80,8 +80,8 @@ class View:
     Attributes
     ----------
     compliance : (width, width)
-        D^T C D [m/N] with the compliance C (3, 3) of model.stiffness against forces on the tip,
-        and the target's directions D (3, width); only there for a target with a request.
+        D^T C D [m/N] with the compliance C (3, 3) of octoplan.model.stiffness against forces on the
+        tip, and the target's directions D (3, width); only there for a target with a request.
     """
 
     def __init__(

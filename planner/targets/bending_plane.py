@@ -9,12 +9,12 @@ import casadi as ca
 import numpy as np
 from msgspec import Meta
 
-from model.arm import Arm
-from model.paths import Array
-from model.quantities import Angle, unit
-from model.units import ANGLE, warn_unusual
-from model.value import value
-from planner.targets.base import Target, Terms, View, toward
+from octoplan.model.arm import Arm
+from octoplan.model.paths import Array
+from octoplan.model.quantities import Angle, unit
+from octoplan.model.units import ANGLE, warn_unusual
+from octoplan.model.value import value
+from octoplan.planner.targets.base import Target, Terms, View, toward
 
 
 @value

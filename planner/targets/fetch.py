@@ -9,13 +9,13 @@ from typing import Annotated, NamedTuple
 import casadi as ca
 import numpy as np
 
-from model.arm import Arm
-from model.errors import InputError
-from model.paths import Array
-from model.quantities import Angle, Place, unit
-from model.units import ANGLE, warn_unusual
-from model.value import value
-from planner.targets.base import Target, Terms, View, check_near, toward
+from octoplan.model.arm import Arm
+from octoplan.model.errors import InputError
+from octoplan.model.paths import Array
+from octoplan.model.quantities import Angle, Place, unit
+from octoplan.model.units import ANGLE, warn_unusual
+from octoplan.model.value import value
+from octoplan.planner.targets.base import Target, Terms, View, check_near, toward
 
 
 class Bend(NamedTuple):

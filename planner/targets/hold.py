@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from model.arm import Arm
-from model.errors import InputError
-from model.obstacles.base import Convex
-from model.quantities import NotNegative
-from model.value import value
-from planner.targets.base import Target
+from octoplan.model.arm import Arm
+from octoplan.model.errors import InputError
+from octoplan.model.obstacles.base import Convex
+from octoplan.model.quantities import NotNegative
+from octoplan.model.value import value
+from octoplan.planner.targets.base import Target
 
 WRENCH = "balance of the held wrench"
 # What moments are divided by to be compared with forces, over the arm's length.

@@ -9,15 +9,15 @@ from typing import Annotated, Any
 import casadi as ca
 import numpy as np
 
-from model.arm import Arm
-from model.checks import finite_array, unit_vector
-from model.errors import InputError
-from model.machine.functions import built
-from model.paths import Array
-from model.quantities import Direction, Stiffness, Tension
-from model.stiffness import Hold
-from model.value import Rule, value
-from planner.targets.base import OVER_WANTED, ComplianceRequest, Target, Terms, View
+from octoplan.model.arm import Arm
+from octoplan.model.checks import finite_array, unit_vector
+from octoplan.model.errors import InputError
+from octoplan.model.machine.functions import built
+from octoplan.model.paths import Array
+from octoplan.model.quantities import Direction, Stiffness, Tension
+from octoplan.model.stiffness import Hold
+from octoplan.model.value import Rule, value
+from octoplan.planner.targets.base import OVER_WANTED, ComplianceRequest, Target, Terms, View
 
 SHARE = f"stiffness{OVER_WANTED}"
 
@@ -27,7 +27,7 @@ class _Directed(Target):
     """What is said of the tip's stiffness along a direction.
 
     The stiffness is the force per displacement along the direction, with the tip free to move
-    across it and to turn: 1 / (d . C d) with the compliance C of model.stiffness.
+    across it and to turn: 1 / (d . C d) with the compliance C of octoplan.model.stiffness.
     """
 
     direction: Direction

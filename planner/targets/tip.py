@@ -9,13 +9,13 @@ from typing import Annotated
 import casadi as ca
 import numpy as np
 
-from model.arm import Arm
-from model.checks import orthonormal
-from model.paths import Array
-from model.quantities import Direction, Matrix, Place, Positive
-from model.rotations import from_matrix
-from model.value import Rule, value
-from planner.targets.base import Target, Terms, View, check_near
+from octoplan.model.arm import Arm
+from octoplan.model.checks import orthonormal
+from octoplan.model.paths import Array
+from octoplan.model.quantities import Direction, Matrix, Place, Positive
+from octoplan.model.rotations import from_matrix
+from octoplan.model.value import Rule, value
+from octoplan.planner.targets.base import Target, Terms, View, check_near
 
 POSITION, DIRECTION, ROTATION = "tip position", "tip direction", "tip rotation"
 

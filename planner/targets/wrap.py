@@ -9,17 +9,17 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from model.arm import Arm
-from model.centreline import Centreline
-from model.clearance.farthest import largest_excess, maxima
-from model.errors import InputError
-from model.obstacles import HalfSpace
-from model.obstacles.base import SIZE, Convex, signed_distance
-from model.paths import Array
-from model.quantities import ArcLength, Length, Positive
-from model.units import length_text
-from model.value import value
-from planner.targets.base import OVER_WANTED, Target, Terms, View
+from octoplan.model.arm import Arm
+from octoplan.model.centreline import Centreline
+from octoplan.model.clearance.farthest import largest_excess, maxima
+from octoplan.model.errors import InputError
+from octoplan.model.obstacles import HalfSpace
+from octoplan.model.obstacles.base import SIZE, Convex, signed_distance
+from octoplan.model.paths import Array
+from octoplan.model.quantities import ArcLength, Length, Positive
+from octoplan.model.units import length_text
+from octoplan.model.value import value
+from octoplan.planner.targets.base import OVER_WANTED, Target, Terms, View
 
 NEAR, CLEAR, TURNS = "nearness along the obstacle", "gap to the obstacle", f"turns{OVER_WANTED}"
 # Even places at which programs constrain the part, its ends among them.

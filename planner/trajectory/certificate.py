@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from model.errors import OctoplanError
-from model.forward import FINEST_ACCURACY
-from model.loads import contacts, is_loaded
-from model.progress import OUT_OF_TIME, OutOfTime, check_time, tell
-from model.shape import Shape
-from model.text import Shown, told
-from planner.certificate import Certificate, certify, tension_excess
-from planner.question import Statement
-from planner.targets.base import Target
-from planner.task import Task
-from planner.trajectory.clear import between, strokes_between
-from planner.trajectory.question import Question
-from planner.trajectory.time_law import Timed, fastest_pace
+from octoplan.model.errors import OctoplanError
+from octoplan.model.forward import FINEST_ACCURACY
+from octoplan.model.loads import contacts, is_loaded
+from octoplan.model.progress import OUT_OF_TIME, OutOfTime, check_time, tell
+from octoplan.model.shape import Shape
+from octoplan.model.text import Shown, told
+from octoplan.planner.certificate import Certificate, certify, tension_excess
+from octoplan.planner.question import Statement
+from octoplan.planner.targets.base import Target
+from octoplan.planner.task import Task
+from octoplan.planner.trajectory.clear import between, strokes_between
+from octoplan.planner.trajectory.question import Question
+from octoplan.planner.trajectory.time_law import Timed, fastest_pace
 
 # What rates and accelerations of strokes and tip may be off by, over their limit: at instants.
 SAMPLED = 1e-3
@@ -61,7 +61,7 @@ class MotionCertificate(Shown):
         What is kept of the clearance asked for, at waypoints and between them [m]; a lower bound,
         refined until it is 0 or more or close to the truth, below 0 where it is not kept, and
         -infinite where it cannot be verified. Infinite where nothing was asked. Proven without
-        loads; under loads verified at steps, see planner.avoidance.strain_bounds.
+        loads; under loads verified at steps, see octoplan.planner.avoidance.strain_bounds.
     nearest : float
         When that is [s].
     step : float

@@ -13,21 +13,21 @@ from itertools import pairwise
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from model.centreline import Counts
-from model.clearance.bisection import closest
-from model.clearance.nearest import BASE, ITSELF, OBSTACLES, around
-from model.errors import ConvergenceError, InputError
-from model.obstacles import numbers_of
-from model.obstacles.base import Convex
-from model.paths import Array
-from planner.avoidance.lines import Lines, Moving
-from planner.avoidance.rows import Place, avoiding
-from planner.avoidance.surroundings import Surroundings
-from planner.measure import taken_in
-from planner.solve.refine import CORRECTIONS
-from planner.trajectory.question import Question, Waypoint
-from planner.trajectory.time_law import INSTANTS, Stretch, Timed
-from planner.trajectory.waypoints import Waypoints
+from octoplan.model.centreline import Counts
+from octoplan.model.clearance.bisection import closest
+from octoplan.model.clearance.nearest import BASE, ITSELF, OBSTACLES, around
+from octoplan.model.errors import ConvergenceError, InputError
+from octoplan.model.obstacles import numbers_of
+from octoplan.model.obstacles.base import Convex
+from octoplan.model.paths import Array
+from octoplan.planner.avoidance.lines import Lines, Moving
+from octoplan.planner.avoidance.rows import Place, avoiding
+from octoplan.planner.avoidance.surroundings import Surroundings
+from octoplan.planner.measure import taken_in
+from octoplan.planner.solve.refine import CORRECTIONS
+from octoplan.planner.trajectory.question import Question, Waypoint
+from octoplan.planner.trajectory.time_law import INSTANTS, Stretch, Timed
+from octoplan.planner.trajectory.waypoints import Waypoints
 
 # Shares of the way where a further waypoint parts it.
 _INSIDE = 0.02
@@ -103,9 +103,10 @@ def _updated(question: Question, lines: Lines, waypoint: Waypoint, t: float) -> 
 def between(lines: Lines, way: Timed, surroundings: Surroundings) -> tuple[Array, Array, float]:
     """Return how clear an arm stays from each of N waypoints to the next.
 
-    What is kept besides the clearance (N,) [m], a lower bound, see model.clearance.bisection; when
-    that is (N,) [s]; how far places of the arm go at the most between two shapes that were looked
-    at [m]. Infinite where there is nothing to keep clear of.
+    What is kept besides the clearance (N,) [m], a lower bound, see
+    octoplan.model.clearance.bisection; when that is (N,) [s]; how far places of the arm go at the
+    most between two shapes that were looked at [m]. Infinite where there is nothing to keep clear
+    of.
     """
     if not surroundings:
         return np.full(way.starts.size - 1, np.inf), way.starts[:-1], 0.0

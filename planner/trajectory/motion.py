@@ -6,28 +6,28 @@ from typing import Any
 
 import numpy as np
 
-from model.arm import Arm
-from model.forward import checked_accuracy
-from model.loads import contacts
-from model.machine.compiled import Compile, checked_compile
-from model.progress import GRACE, limited, seconds_left, with_progress
-from model.progress import time_limit as limited_to
-from model.scene import Scene
-from planner.avoidance.surroundings import surroundings
-from planner.contact.load_path import is_same
-from planner.plan import HeldPlan, Plan
-from planner.question import checked_limits, planned_scene
-from planner.trajectory.clear import cleared
-from planner.trajectory.question import (
+from octoplan.model.arm import Arm
+from octoplan.model.forward import checked_accuracy
+from octoplan.model.loads import contacts
+from octoplan.model.machine.compiled import Compile, checked_compile
+from octoplan.model.progress import GRACE, limited, seconds_left, with_progress
+from octoplan.model.progress import time_limit as limited_to
+from octoplan.model.scene import Scene
+from octoplan.planner.avoidance.surroundings import surroundings
+from octoplan.planner.contact.load_path import is_same
+from octoplan.planner.plan import HeldPlan, Plan
+from octoplan.planner.question import checked_limits, planned_scene
+from octoplan.planner.trajectory.clear import cleared
+from octoplan.planner.trajectory.question import (
     Question,
     Rates,
     checked_start,
     checked_times,
     waypoints_of,
 )
-from planner.trajectory.result import Trajectory
-from planner.trajectory.time_law import Timed
-from planner.trajectory.waypoints import planned_touching
+from octoplan.planner.trajectory.result import Trajectory
+from octoplan.planner.trajectory.time_law import Timed
+from octoplan.planner.trajectory.waypoints import planned_touching
 
 
 @with_progress

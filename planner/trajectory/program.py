@@ -19,13 +19,13 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from model.paths import Array
-from model.progress import check_time
-from planner.program.problem import Problem, Solution, units
-from planner.program.program import Program
-from planner.solve.ipopt import TOGETHER, WARM
-from planner.solve.side_by_side import Part, SideBySide, joined
-from planner.trajectory.question import Question, Waypoint
+from octoplan.model.paths import Array
+from octoplan.model.progress import check_time
+from octoplan.planner.program.problem import Problem, Solution, units
+from octoplan.planner.program.program import Program
+from octoplan.planner.solve.ipopt import TOGETHER, WARM
+from octoplan.planner.solve.side_by_side import Part, SideBySide, joined
+from octoplan.planner.trajectory.question import Question, Waypoint
 
 Indices = tuple[int, ...]
 # Of effort over time, where time is made least; where effort is, of that over time beyond what is

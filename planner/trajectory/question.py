@@ -10,26 +10,26 @@ from typing import Any
 
 import numpy as np
 
-from model.arm import Arm
-from model.checks import finite_array, kind, positive
-from model.effects import Weight
-from model.errors import InputError
-from model.forward import FINEST_ACCURACY
-from model.paths import Array
-from model.progress import OutOfTime
-from model.scene import Scene
-from model.settle import settle
-from model.shape import Shape
-from model.units import STROKE, warn_unusual
-from planner.avoidance.lines import Lines
-from planner.avoidance.rows import Avoidance, grid
-from planner.avoidance.surroundings import Surroundings
-from planner.contact.load_path import settled_along
-from planner.io.csv_files import load_waypoints
-from planner.plan import HeldPlan, Plan, plan
-from planner.question import Limits, check_targets, each_tendon
-from planner.targets import TipPosition
-from planner.targets.base import Target
+from octoplan.model.arm import Arm
+from octoplan.model.checks import finite_array, kind, positive
+from octoplan.model.effects import Weight
+from octoplan.model.errors import InputError
+from octoplan.model.forward import FINEST_ACCURACY
+from octoplan.model.paths import Array
+from octoplan.model.progress import OutOfTime
+from octoplan.model.scene import Scene
+from octoplan.model.settle import settle
+from octoplan.model.shape import Shape
+from octoplan.model.units import STROKE, warn_unusual
+from octoplan.planner.avoidance.lines import Lines
+from octoplan.planner.avoidance.rows import Avoidance, grid
+from octoplan.planner.avoidance.surroundings import Surroundings
+from octoplan.planner.contact.load_path import settled_along
+from octoplan.planner.io.csv_files import load_waypoints
+from octoplan.planner.plan import HeldPlan, Plan, plan
+from octoplan.planner.question import Limits, check_targets, each_tendon
+from octoplan.planner.targets import TipPosition
+from octoplan.planner.targets.base import Target
 
 GRAVITY = float(np.linalg.norm(Weight().g))
 # The tip's acceleration over gravity up to which a motion counts as quasi-static.

@@ -10,21 +10,21 @@ from typing import Any
 import numpy as np
 from scipy.integrate import simpson
 
-from model.arm import Arm
-from model.checks import finite_array
-from model.effects import Buoyancy
-from model.errors import InputError
-from model.loads import contacts
-from model.paths import Array
-from model.progress import OUT_OF_TIME, OutOfTime, reported
-from model.shape import Shape
-from model.stiffness import stiffness
-from model.text import Told, plotted
-from planner.io.csv_files import motion_csv
-from planner.io.files import path_of, write_named
-from planner.trajectory.certificate import SAMPLED, MotionCertificate, certify_motion
-from planner.trajectory.question import GRAVITY, QUASI_STATIC, Question
-from planner.trajectory.time_law import Timed
+from octoplan.model.arm import Arm
+from octoplan.model.checks import finite_array
+from octoplan.model.effects import Buoyancy
+from octoplan.model.errors import InputError
+from octoplan.model.loads import contacts
+from octoplan.model.paths import Array
+from octoplan.model.progress import OUT_OF_TIME, OutOfTime, reported
+from octoplan.model.shape import Shape
+from octoplan.model.stiffness import stiffness
+from octoplan.model.text import Told, plotted
+from octoplan.planner.io.csv_files import motion_csv
+from octoplan.planner.io.files import path_of, write_named
+from octoplan.planner.trajectory.certificate import SAMPLED, MotionCertificate, certify_motion
+from octoplan.planner.trajectory.question import GRAVITY, QUASI_STATIC, Question
+from octoplan.planner.trajectory.time_law import Timed
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -203,14 +203,14 @@ class Trajectory(Told):
         """
         path = path_of(path)
         if path.suffix.lower() in (".gif", ".mp4"):
-            from planner.plots.motion import animate_trajectory, save_motion, writer_of
+            from octoplan.planner.plots.motion import animate_trajectory, save_motion, writer_of
 
             writer_of(path)
             return save_motion(animate_trajectory(self), path)
         return write_named(path, ".csv", motion_csv(self))
 
     def plot(self) -> Any:
-        """Draw the motion; see planner.plots.motion."""
+        """Draw the motion; see octoplan.planner.plots.motion."""
         return plotted(self)
 
 

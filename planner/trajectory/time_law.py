@@ -24,11 +24,11 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.interpolate import PPoly
 
-from model.errors import ConvergenceError
-from model.forward import FINEST_ACCURACY
-from model.paths import Array
-from planner.contact.grasp import Cone, conic_program
-from planner.trajectory.question import Question, Rates, Waypoint
+from octoplan.model.errors import ConvergenceError
+from octoplan.model.forward import FINEST_ACCURACY
+from octoplan.model.paths import Array
+from octoplan.planner.contact.grasp import Cone, conic_program
+from octoplan.planner.trajectory.question import Question, Rates, Waypoint
 
 # Knots of a stretch, and instants at which it is looked at.
 _KNOTS = 80

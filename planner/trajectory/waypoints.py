@@ -21,23 +21,23 @@ from functools import partial
 
 import numpy as np
 
-from model.effects import Extension
-from model.errors import CollapsedError, InputError, OctoplanError
-from model.loads import is_loaded
-from model.paths import Array
-from model.progress import reported, tell
-from model.settle import settle
-from model.shape import Shape
-from planner.contact.load_path import from_rest, rubs
-from planner.plan import HeldPlan, Plan
-from planner.program.problem import Candidate, Problem
-from planner.question import Statement
-from planner.solve.ipopt import solve
-from planner.solve.refine import CORRECTIONS, PART, defect, stretched
-from planner.solve.search import Reading, Search
-from planner.task import Task
-from planner.trajectory.program import MotionProgram
-from planner.trajectory.question import Question, Waypoint
+from octoplan.model.effects import Extension
+from octoplan.model.errors import CollapsedError, InputError, OctoplanError
+from octoplan.model.loads import is_loaded
+from octoplan.model.paths import Array
+from octoplan.model.progress import reported, tell
+from octoplan.model.settle import settle
+from octoplan.model.shape import Shape
+from octoplan.planner.contact.load_path import from_rest, rubs
+from octoplan.planner.plan import HeldPlan, Plan
+from octoplan.planner.program.problem import Candidate, Problem
+from octoplan.planner.question import Statement
+from octoplan.planner.solve.ipopt import solve
+from octoplan.planner.solve.refine import CORRECTIONS, PART, defect, stretched
+from octoplan.planner.solve.search import Reading, Search
+from octoplan.planner.task import Task
+from octoplan.planner.trajectory.program import MotionProgram
+from octoplan.planner.trajectory.question import Question, Waypoint
 
 
 class Waypoints:

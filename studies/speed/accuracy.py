@@ -31,14 +31,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from model import Arm, OctoplanError, Scene, settle, tip_jacobian
-from model.effects import Buoyancy, ExactTendons, Extension, Weight
-from model.forward import CLOSED_FORMS, REFINEMENTS, SCHEMES, maps_of, schemes_of
-from model.loads import is_loaded
-from model.paths import Array
-from model.stiffness import tip_jacobian_function
-from planner import plan
-from planner.targets import TipPosition
+from octoplan.model import Arm, OctoplanError, Scene, settle, tip_jacobian
+from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
+from octoplan.model.forward import CLOSED_FORMS, REFINEMENTS, SCHEMES, maps_of, schemes_of
+from octoplan.model.loads import is_loaded
+from octoplan.model.paths import Array
+from octoplan.model.stiffness import tip_jacobian_function
+from octoplan.planner import plan
+from octoplan.planner.targets import TipPosition
 from studies import draws
 from studies.baselines import ScipyArm, ScipyLoadedArm, ScipySiliconeArm, soromox_tip
 from studies.reporting import asked, lettered

@@ -24,11 +24,11 @@ from itertools import islice
 
 import numpy as np
 
-from model import Arm, Scene, settle
-from model.paths import Array
-from planner import plan
-from planner.plan import Plan
-from planner.targets import TipPosition
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.paths import Array
+from octoplan.planner import plan
+from octoplan.planner.plan import Plan
+from octoplan.planner.targets import TipPosition
 from studies.draws import MAXIMUM, SCENES
 from studies.reporting import asked
 

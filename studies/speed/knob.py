@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model import (
+from octoplan.model import (
     Arm,
     CollapsedError,
     ConvergenceError,
@@ -27,7 +27,7 @@ from model import (
     SnapError,
     settle,
 )
-from model.effects import (
+from octoplan.model.effects import (
     Buoyancy,
     Current,
     Effect,
@@ -39,8 +39,8 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.forward import schemes_of
-from model.paths import Array
+from octoplan.model.forward import schemes_of
+from octoplan.model.paths import Array
 from studies import draws
 from studies.reporting import asked
 

@@ -26,13 +26,13 @@ from typing import Any
 
 import numpy as np
 
-from model.effects import Buoyancy, Extension, Weight
-from model.scene import Scene
-from planner import plan
-from planner.io.scene_file import load
-from planner.live.handles import handle_of
-from planner.live.page import Page
-from planner.live.session import Session
+from octoplan.model.effects import Buoyancy, Extension, Weight
+from octoplan.model.scene import Scene
+from octoplan.planner import plan
+from octoplan.planner.io.scene_file import load
+from octoplan.planner.live.handles import handle_of
+from octoplan.planner.live.page import Page
+from octoplan.planner.live.session import Session
 from studies.reporting import asked
 
 _SCENE = Path(__file__).parents[1] / "scenes" / "around_a_ball.toml"

@@ -25,10 +25,10 @@ from functools import partial
 
 import numpy as np
 
-from model import Arm, OctoplanError, Scene, settle
-from model.paths import Array
-from planner import Plan, plan
-from planner.targets import TipPosition
+from octoplan.model import Arm, OctoplanError, Scene, settle
+from octoplan.model.paths import Array
+from octoplan.planner import Plan, plan
+from octoplan.planner.targets import TipPosition
 from studies import draws
 from studies.baselines import ScipyArm
 from studies.reporting import asked
@@ -38,10 +38,10 @@ PAPER, _SCIPY_STARTS = draws.SCENES["paper"], 10
 _FIRST = """
 import time
 begin = time.perf_counter()
-from model import Arm, Scene
-from model.effects import Extension
-from planner import plan
-from planner.targets import TipPosition
+from octoplan.model import Arm, Scene
+from octoplan.model.effects import Extension
+from octoplan.planner import plan
+from octoplan.planner.targets import TipPosition
 p = plan(Arm.from_paper("table-4"), TipPosition((0.20, 0.15, -0.20)), Scene(Extension()), 20.0)
 assert p.certificate.passed
 print(time.perf_counter() - begin)

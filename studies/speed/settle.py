@@ -26,8 +26,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from model import Arm, Scene, SnapError, settle, settle_many, tip_jacobian
-from model.effects import (
+from octoplan.model import Arm, Scene, SnapError, settle, settle_many, tip_jacobian
+from octoplan.model.effects import (
     Buoyancy,
     Current,
     Effect,
@@ -40,8 +40,8 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.paths import Array
-from planner.effect_ablation import Switch, switch_effect
+from octoplan.model.paths import Array
+from octoplan.planner.effect_ablation import Switch, switch_effect
 from studies import draws
 from studies.baselines import ScipyArm, ScipyLoadedArm
 from studies.reporting import asked, lettered

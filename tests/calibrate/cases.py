@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from model import Anchorage, Arm, Linear, Material, Scene, settle
-from model.effects import ExactTendons, Extension, Weight
-from planner import Measured
+from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
+from octoplan.model.effects import ExactTendons, Extension, Weight
+from octoplan.planner import Measured
 
 DATA = Path(__file__).parents[1] / "data" / "measured_tentacle.json"
 HANGING = Scene(Extension(), ExactTendons(), Weight())

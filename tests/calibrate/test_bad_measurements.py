@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import InputError, OctoplanError, Scene, settle
-from model.critical_load import critical_load_factor
-from model.effects import Contact, Extension
-from model.obstacles import Sphere
-from planner import Measured, Unknown, calibrate
+from octoplan.model import InputError, OctoplanError, Scene, settle
+from octoplan.model.critical_load import critical_load_factor
+from octoplan.model.effects import Contact, Extension
+from octoplan.model.obstacles import Sphere
+from octoplan.planner import Measured, Unknown, calibrate
 from tests.calibrate.cases import HANGING, small_arm
 
 POINT = (0.1, (0.0, 0.0, 0.02), (0.0, 0.0, -0.1))

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, InputError, Linear, Scene, settle
-from model.effects import Extension, Weight
-from model.progress import OutOfTime, time_limit
-from planner import Making, Reach, Unknown, design, plan, stiffness
-from planner.cli import main
-from planner.fit.design_program import DesignProgram, Targets
-from planner.fit.making import Objective
-from planner.fit.unknowns import Parameters
-from planner.question import Limits
-from planner.targets import Backbone, Stiffest, TipPosition
+from octoplan.model import Anchorage, Arm, InputError, Linear, Scene, settle
+from octoplan.model.effects import Extension, Weight
+from octoplan.model.progress import OutOfTime, time_limit
+from octoplan.planner import Making, Reach, Unknown, design, plan, stiffness
+from octoplan.planner.cli import main
+from octoplan.planner.fit.design_program import DesignProgram, Targets
+from octoplan.planner.fit.making import Objective
+from octoplan.planner.fit.unknowns import Parameters
+from octoplan.planner.question import Limits
+from octoplan.planner.targets import Backbone, Stiffest, TipPosition
 from tests.differences import fourth_order
 
 PAPER = Scene(Extension())

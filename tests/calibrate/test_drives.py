@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, Material, RestCurvature, Scene, settle
-from model.effects import (
+from octoplan.model import Anchorage, Arm, Linear, Material, RestCurvature, Scene, settle
+from octoplan.model.effects import (
     Buoyancy,
     ExactTendons,
     Extension,
@@ -18,13 +18,13 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.winches import rest_lengths
-from planner import Measured, Unknown, calibrate
-from planner.fit.calibration import Calibration
-from planner.fit.experiment import Experiment
-from planner.fit.residuals import Evaluation, from_rest
-from planner.fit.unknowns import Parameters
-from planner.targets import TipPosition
+from octoplan.model.winches import rest_lengths
+from octoplan.planner import Measured, Unknown, calibrate
+from octoplan.planner.fit.calibration import Calibration
+from octoplan.planner.fit.experiment import Experiment
+from octoplan.planner.fit.residuals import Evaluation, from_rest
+from octoplan.planner.fit.unknowns import Parameters
+from octoplan.planner.targets import TipPosition
 from tests.calibrate.cases import HANGING, PULLS, small_arm, synthetic
 from tests.differences import fourth_order
 
@@ -253,8 +253,8 @@ def test_a_shape_that_stops_settling_on_the_way_is_left_out_and_named() -> None:
 def test_the_best_values_so_far_are_returned_at_the_time_limit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from model.progress import OutOfTime
-    from planner.fit import calibrate as module
+    from octoplan.model.progress import OutOfTime
+    from octoplan.planner.fit import calibrate as module
 
     def late(*_: object) -> None:
         raise OutOfTime

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import scipy
 
-from model import Arm, InputError, Linear, Material, Scene, settle
-from model.effects import ExactTendons, Extension, TipLoad
-from planner import Calibration, Measured, Unknown, calibrate
-from planner.targets import TipPosition
+from octoplan.model import Arm, InputError, Linear, Material, Scene, settle
+from octoplan.model.effects import ExactTendons, Extension, TipLoad
+from octoplan.planner import Calibration, Measured, Unknown, calibrate
+from octoplan.planner.targets import TipPosition
 from tests.calibrate.cases import HANGING, PULLS, small_arm
 
 STRAIGHT = Scene(Extension(), ExactTendons(), TipLoad(force=(0.0, 0.0, 0.0)))

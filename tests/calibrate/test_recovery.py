@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, Material, RestCurvature, Scene, settle
-from model.effects import PointMass
-from model.winches import rest_lengths
-from planner import Calibration, Measured, Unknown, calibrate
-from planner.fit.residuals import mean_distance
+from octoplan.model import Anchorage, Arm, Linear, Material, RestCurvature, Scene, settle
+from octoplan.model.effects import PointMass
+from octoplan.model.winches import rest_lengths
+from octoplan.planner import Calibration, Measured, Unknown, calibrate
+from octoplan.planner.fit.residuals import mean_distance
 from tests.calibrate.cases import HANGING, PULLS, small_arm, synthetic, tentacle, tentacle_shapes
 
 # Of the standard errors, by which optima may differ that are found by other steps.

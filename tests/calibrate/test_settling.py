@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, Material, Scene, settle
-from model.effects import ExactTendons, Extension, TipLoad, Weight
-from planner import Measured, Unknown, calibrate
+from octoplan.model import Arm, Material, Scene, settle
+from octoplan.model.effects import ExactTendons, Extension, TipLoad, Weight
+from octoplan.planner import Measured, Unknown, calibrate
 from tests.calibrate.cases import small_arm
 
 

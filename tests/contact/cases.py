@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from model import Anchorage, Arm, Material
-from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
-from model.paths import Linear
+from octoplan.model import Anchorage, Arm, Material
+from octoplan.model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from octoplan.model.paths import Linear
 from tests.oracles import Array
 
 

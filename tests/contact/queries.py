@@ -8,10 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model import Arm, Scene, Shape, settle
-from model.effects import Buoyancy, Contact, Effect, ExactTendons, Extension, NeoHookean, Weight
-from model.errors import OctoplanError
-from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from octoplan.model import Arm, Scene, Shape, settle
+from octoplan.model.effects import (
+    Buoyancy,
+    Contact,
+    Effect,
+    ExactTendons,
+    Extension,
+    NeoHookean,
+    Weight,
+)
+from octoplan.model.errors import OctoplanError
+from octoplan.model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from tests.contact.cases import distance
 from tests.effects.spatial import EnergyRod, LoadedRod, Loads
 from tests.oracles import Array, Rod, paper_rod

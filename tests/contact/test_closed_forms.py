@@ -7,9 +7,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
-from model import Scene, settle
-from model.effects import Contact, ExactTendons, TipLoad, Weight
-from model.obstacles import Capsule, HalfSpace
+from octoplan.model import Scene, settle
+from octoplan.model.effects import Contact, ExactTendons, TipLoad, Weight
+from octoplan.model.obstacles import Capsule, HalfSpace
 from tests.contact.cases import bar, stiffness
 
 NONE = np.zeros(4)

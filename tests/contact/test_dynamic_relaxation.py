@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Scene, Shape, settle
-from model.effects import Contact, ExactTendons, Extension, TipLoad
-from model.obstacles import Capsule
+from octoplan.model import Scene, Shape, settle
+from octoplan.model.effects import Contact, ExactTendons, Extension, TipLoad
+from octoplan.model.obstacles import Capsule
 from tests.contact.cases import bar, stiffness
 from tests.oracles import Array
 

@@ -5,16 +5,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
-from model.effects import (
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.effects import (
     Contact,
     ExactTendons,
     Extension,
     NeoHookean,
     TipLoad,
 )
-from model.obstacles import Box, Capsule, HalfSpace, Sphere
-from model.stiffness import stiffness
+from octoplan.model.obstacles import Box, Capsule, HalfSpace, Sphere
+from octoplan.model.stiffness import stiffness
 from tests.contact.cases import bar, distance
 
 ARM = Arm.from_paper("table-4")

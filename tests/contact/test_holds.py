@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model import Scene, settle
-from model.effects import Contact, ExactTendons, Extension
-from model.obstacles import Box, Capsule
-from planner import plan
-from planner.contact.grasp import Grasp, grips_of
-from planner.io.saved_files import load_plan
-from planner.plan import HeldPlan
-from planner.targets import Hold
-from planner.targets.hold import WRENCH
+from octoplan.model import Scene, settle
+from octoplan.model.effects import Contact, ExactTendons, Extension
+from octoplan.model.obstacles import Box, Capsule
+from octoplan.planner import plan
+from octoplan.planner.contact.grasp import Grasp, grips_of
+from octoplan.planner.io.saved_files import load_plan
+from octoplan.planner.plan import HeldPlan
+from octoplan.planner.targets import Hold
+from octoplan.planner.targets.hold import WRENCH
 from tests.contact.cases import bar
 from tests.contact.queries import query
 

@@ -5,10 +5,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 
-from model import Anchorage, Arm, Material, Scene, settle
-from model.effects import SelfContact
-from model.errors import UnsettledContactError
-from model.paths import Linear
+from octoplan.model import Anchorage, Arm, Material, Scene, settle
+from octoplan.model.effects import SelfContact
+from octoplan.model.errors import UnsettledContactError
+from octoplan.model.paths import Linear
 
 L, R, E = 0.3, 0.006, 2e5
 EJ, OFF = E * np.pi * R**4 / 4, R / 2
@@ -68,7 +68,7 @@ def test_what_would_slip_past_itself_sideways_is_refused() -> None:
 
 
 def test_what_makes_no_progress_ends_with_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("model.progress.PATIENCE", -1.0)
+    monkeypatch.setattr("octoplan.model.progress.PATIENCE", -1.0)
     with pytest.raises(UnsettledContactError, match="is found within"):
         settle(ARM, curled(3.0), SCENE)
 

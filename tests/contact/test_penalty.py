@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_bvp
 
-from model import Scene, settle
-from model.effects import Contact, TipLoad
-from model.obstacles import HalfSpace, Sphere
+from octoplan.model import Scene, settle
+from octoplan.model.effects import Contact, TipLoad
+from octoplan.model.obstacles import HalfSpace, Sphere
 from tests.contact.cases import bar
 from tests.oracles import Array
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model import Arm, Scene, Shape, settle
-from model.anchorage import Anchorage, Material
-from model.effects import Contact, ExactTendons, Extension, Weight
-from model.obstacles import Box, HalfSpace, Sphere
-from model.paths import Linear
-from planner import Plan, plan, trajectory
-from planner.targets import TipPosition
+from octoplan.model import Arm, Scene, Shape, settle
+from octoplan.model.anchorage import Anchorage, Material
+from octoplan.model.effects import Contact, ExactTendons, Extension, Weight
+from octoplan.model.obstacles import Box, HalfSpace, Sphere
+from octoplan.model.paths import Linear
+from octoplan.planner import Plan, plan, trajectory
+from octoplan.planner.targets import TipPosition
 from tests.contact.cases import bar, distance
 
 ARM = bar(0.3, 0.006, 2e7)

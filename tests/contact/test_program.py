@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model import Scene, settle
-from model.effects import Contact, ExactTendons, Extension
-from model.obstacles import Capsule
-from planner.contact.optimum import steered
-from planner.contact.program import TensionProgram
-from planner.contact.search import FINE
-from planner.question import Limits, Statement
-from planner.targets import Hold, TipPosition
-from planner.task import Task
+from octoplan.model import Scene, settle
+from octoplan.model.effects import Contact, ExactTendons, Extension
+from octoplan.model.obstacles import Capsule
+from octoplan.planner.contact.optimum import steered
+from octoplan.planner.contact.program import TensionProgram
+from octoplan.planner.contact.search import FINE
+from octoplan.planner.question import Limits, Statement
+from octoplan.planner.targets import Hold, TipPosition
+from octoplan.planner.task import Task
 from tests.contact.cases import bar
 
 ARM = bar(0.3, 0.006, 2e5)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
-from model.effects import (
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.effects import (
     Contact,
     ExactTendons,
     Extension,
@@ -19,10 +19,10 @@ from model.effects import (
     SelfContact,
     Weight,
 )
-from model.obstacles import Capsule, HalfSpace, Sphere
-from model.stiffness import stiffness
-from planner import plan, trajectory
-from planner.targets import Hold, TipPosition, Wrap
+from octoplan.model.obstacles import Capsule, HalfSpace, Sphere
+from octoplan.model.stiffness import stiffness
+from octoplan.planner import plan, trajectory
+from octoplan.planner.targets import Hold, TipPosition, Wrap
 from tests.contact.cases import bar
 from tests.refusals import Refused, check_refusal
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
-from model.effects import Contact, ExactTendons, Extension, Weight
-from model.errors import TimeLimitError
-from model.obstacles import Capsule, HalfSpace
-from planner import plan, trajectory
-from planner.targets import TipPosition
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.effects import Contact, ExactTendons, Extension, Weight
+from octoplan.model.errors import TimeLimitError
+from octoplan.model.obstacles import Capsule, HalfSpace
+from octoplan.planner import plan, trajectory
+from octoplan.planner.targets import TipPosition
 from tests.contact.cases import bar
 
 ARM = bar(0.3, 0.006, 2e7)

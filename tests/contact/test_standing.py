@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import ArpackNoConvergence
 
-from model import Anchorage, Arm, Linear, Material, Scene, settle
-from model.effects import Contact, ExactTendons, Extension, TipLoad
-from model.obstacles import Sphere
-from planner import Plan, load_plan, plan
-from planner.targets import Hold, TipPosition
+from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
+from octoplan.model.effects import Contact, ExactTendons, Extension, TipLoad
+from octoplan.model.obstacles import Sphere
+from octoplan.planner import Plan, load_plan, plan
+from octoplan.planner.targets import Hold, TipPosition
 
 ANGLES = (0.0, 2 * np.pi / 3, 4 * np.pi / 3)
 ARM = Arm(
@@ -104,7 +104,7 @@ def test_stability_of_an_arm_that_leans_is_the_same_by_the_whole_matrix(
         raise ArpackNoConvergence("", np.zeros(0), np.zeros(0))
 
     wanted = settle(ARM, factor * T, SCENE).stability
-    monkeypatch.setattr("model.equilibrium.stability.eigs", no_convergence)
+    monkeypatch.setattr("octoplan.model.equilibrium.stability.eigs", no_convergence)
     shape = settle(ARM, factor * T, SCENE)
     assert shape.contacts
     assert shape.stability == pytest.approx(wanted, rel=1e-6)

@@ -5,9 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, Scene, settle
-from model.effects import Contact, ExactTendons, Extension, PointLoad, Shear, TipLoad, Weight
-from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from octoplan.model import Anchorage, Arm, Linear, Scene, settle
+from octoplan.model.effects import (
+    Contact,
+    ExactTendons,
+    Extension,
+    PointLoad,
+    Shear,
+    TipLoad,
+    Weight,
+)
+from octoplan.model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from tests.contact.cases import bar, distance, stiffness
 from tests.contact.queries import Query, imbalance
 from tests.lengths.cases import check_complementary

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from model import Arm, Scene, settle
-from model.clearance.farthest import largest_excess
-from model.effects import Contact, ExactTendons, Extension
-from model.obstacles import Capsule
-from model.paths import Array
-from planner import load_plan, plan
-from planner.question import natural_tensions
-from planner.targets import Wrap
-from planner.targets.wrap import NEAR
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.clearance.farthest import largest_excess
+from octoplan.model.effects import Contact, ExactTendons, Extension
+from octoplan.model.obstacles import Capsule
+from octoplan.model.paths import Array
+from octoplan.planner import load_plan, plan
+from octoplan.planner.question import natural_tensions
+from octoplan.planner.targets import Wrap
+from octoplan.planner.targets.wrap import NEAR
 from tests.contact.cases import bar, stiffness
 
 L, R, E = 0.3, 0.006, 2e5

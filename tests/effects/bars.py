@@ -14,7 +14,7 @@ from scipy.optimize import brentq, newton
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipeinc, ellipj, ellipkinc
 
-from model import Anchorage, Arm, Linear, Material
+from octoplan.model import Anchorage, Arm, Linear, Material
 from tests.effects.cases import Array
 
 

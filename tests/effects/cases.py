@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from model import Anchorage, Arm, Linear, Scene
-from model.effects import ExactTendons, Extension, NeoHookean
+from octoplan.model import Anchorage, Arm, Linear, Scene
+from octoplan.model.effects import ExactTendons, Extension, NeoHookean
 from tests.oracles import Array
 
 DATA = Path(__file__).parents[1] / "data"

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
-from model.effects import (
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.effects import (
     Buoyancy,
     Current,
     Effect,

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, RestCurvature, Sampled, Scene, settle
-from model import settle_many as many
-from model.effects import (
+from octoplan.model import Anchorage, Arm, Linear, RestCurvature, Sampled, Scene, settle
+from octoplan.model import settle_many as many
+from octoplan.model.effects import (
     Buoyancy,
     Current,
     Effect,
@@ -28,8 +28,8 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from planner import plan, switch_effects
-from planner.targets import TipPosition
+from octoplan.planner import plan, switch_effects
+from octoplan.planner.targets import TipPosition
 from tests.refusals import Refused, check_refusal
 
 ARM = Arm.from_paper("table-4")

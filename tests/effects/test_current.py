@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, Material, Scene, settle
-from model.effects import Current, ExactTendons, Extension, Shear
-from model.loads import growth
+from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
+from octoplan.model.effects import Current, ExactTendons, Extension, Shear
+from octoplan.model.loads import growth
 from tests.effects.bars import NO_PULL, Bar, elastica
 from tests.effects.cases import Array
 

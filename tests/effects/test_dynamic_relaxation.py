@@ -32,8 +32,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from model import Arm, Scene, Shape, settle
-from model.effects import Buoyancy, Effect, ExactTendons, Extension, Shear, Weight
+from octoplan.model import Arm, Scene, Shape, settle
+from octoplan.model.effects import Buoyancy, Effect, ExactTendons, Extension, Shear, Weight
 from tests.effects.cases import Array
 
 elastica: Any = pytest.importorskip(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model import Arm, OctoplanError, Scene, settle
-from model.effects import (
+from octoplan.model import Arm, OctoplanError, Scene, settle
+from octoplan.model.effects import (
     Buoyancy,
     Current,
     Effect,
@@ -18,7 +18,7 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from planner.effect_ablation import Switch, switch_effect, switch_effects
+from octoplan.planner.effect_ablation import Switch, switch_effect, switch_effects
 from tests.effects.cases import EXACT, SILICONE
 
 ARM = Arm.from_paper("table-4")

@@ -14,8 +14,8 @@ from scipy.integrate import simpson
 from scipy.linalg import expm
 from scipy.optimize import minimize
 
-from model import Anchorage, Arm, Linear, Scene, Shape, settle
-from model.effects import (
+from octoplan.model import Anchorage, Arm, Linear, Scene, Shape, settle
+from octoplan.model.effects import (
     Buoyancy,
     ExactTendons,
     Extension,

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.polynomial import Chebyshev
 
-from model import Anchorage, Arm, Linear, Scene, Shape, settle
-from model.effects import Buoyancy, ExactTendons, Extension, Friction, TipLoad, Weight
+from octoplan.model import Anchorage, Arm, Linear, Scene, Shape, settle
+from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Friction, TipLoad, Weight
 from tests.effects.bars import capstan, one_tendon
 from tests.effects.cases import Array
 

@@ -10,7 +10,6 @@ import pytest
 from scipy.optimize import brentq
 from scipy.special import jv
 
-from model.equilibrium.uniqueness import SPATIAL, has_unique_equilibrium
 from octoplan import (
     Anchorage,
     Arm,
@@ -28,6 +27,7 @@ from octoplan import (
     plan,
     settle,
 )
+from octoplan.model.equilibrium.uniqueness import SPATIAL, has_unique_equilibrium
 from tests.effects.cases import Array
 from tests.effects.chain import Chain
 

@@ -9,9 +9,17 @@ import pytest
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from model import Anchorage, Arm, Linear, Scene, settle
-from model.arm import PAPER_FRAME
-from model.effects import Buoyancy, ExactTendons, Extension, NeoHookean, PointLoad, TipLoad, Weight
+from octoplan.model import Anchorage, Arm, Linear, Scene, settle
+from octoplan.model.arm import PAPER_FRAME
+from octoplan.model.effects import (
+    Buoyancy,
+    ExactTendons,
+    Extension,
+    NeoHookean,
+    PointLoad,
+    TipLoad,
+    Weight,
+)
 from tests.effects.bars import NO_PULL, Bar, dead_elastica, elastica, follower_elastica, helix
 from tests.effects.cases import DATA, Array
 

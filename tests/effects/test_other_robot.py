@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, Material, Scene, Shape, settle
-from model.effects import ExactTendons, Extension, Shear, TipLoad
+from octoplan.model import Anchorage, Arm, Linear, Material, Scene, Shape, settle
+from octoplan.model.effects import ExactTendons, Extension, Shear, TipLoad
 from tests.effects.cases import DATA, Array
 
 ROBOT = json.loads((DATA / "tdcr_reference.json").read_text())

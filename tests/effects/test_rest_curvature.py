@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_bvp, solve_ivp
 from scipy.optimize import fsolve
 
-from model import (
+from octoplan.model import (
     Anchorage,
     Arm,
     Linear,
@@ -20,7 +20,7 @@ from model import (
     settle,
     settle_many,
 )
-from model.effects import (
+from octoplan.model.effects import (
     Effect,
     ExactTendons,
     Extension,
@@ -30,9 +30,9 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.winches import rest_lengths
-from planner import load_plan, plan, stiffness
-from planner.targets import TipPosition
+from octoplan.model.winches import rest_lengths
+from octoplan.planner import load_plan, plan, stiffness
+from octoplan.planner.targets import TipPosition
 from tests.effects.bars import helix
 from tests.effects.cases import Array
 

@@ -9,8 +9,8 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
-from model.effects import (
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.effects import (
     Buoyancy,
     Current,
     Effect,

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from model import Arm, Scene, SnapError, settle
-from model.effects import Extension, TipLoad, Weight
+from octoplan.model import Arm, Scene, SnapError, settle
+from octoplan.model.effects import Extension, TipLoad, Weight
 from tests.effects.bars import NO_PULL, Bar, dead_elastica, euler, follower_elastica
 from tests.effects.cases import Array
 from tests.effects.spatial import LoadedRod, Loads

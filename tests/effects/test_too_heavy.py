@@ -7,14 +7,14 @@ import pytest
 from scipy.optimize import brentq
 from scipy.special import ellipkinc, ellipkm1
 
-from model import (
+from octoplan.model import (
     Arm,
     InputError,
     OctoplanError,
     Scene,
     settle,
 )
-from model.effects import (
+from octoplan.model.effects import (
     Current,
     Effect,
     Extension,
@@ -22,8 +22,8 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from planner import Plan, plan
-from planner.targets import TipPosition
+from octoplan.planner import Plan, plan
+from octoplan.planner.targets import TipPosition
 from tests.effects.bars import NO_PULL, Bar
 
 ARM = Arm.from_paper("table-4")

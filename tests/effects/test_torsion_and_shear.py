@@ -10,8 +10,8 @@ import pytest
 from numpy.polynomial import Chebyshev
 from scipy.integrate import quad
 
-from model import Anchorage, Arm, Linear, Scene, Shape, settle
-from model.effects import ExactTendons, Extension, PointLoad, Shear, TipLoad
+from octoplan.model import Anchorage, Arm, Linear, Scene, Shape, settle
+from octoplan.model.effects import ExactTendons, Extension, PointLoad, Shear, TipLoad
 from tests.effects.bars import NO_PULL, Bar
 from tests.effects.cases import DATA, RODS, fem_arm
 from tests.oracles import balance, paper_rod

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
-from model import (
+from octoplan.model import (
     Anchorage,
     Arm,
     Linear,
@@ -18,9 +18,9 @@ from model import (
     settle,
     settle_many,
 )
-from model.effects import Effect, ExactTendons, Extension, Friction, TipLoad, Weight
-from model.stations import stations, tendon_paths
-from model.winches import rest_lengths
+from octoplan.model.effects import Effect, ExactTendons, Extension, Friction, TipLoad, Weight
+from octoplan.model.stations import stations, tendon_paths
+from octoplan.model.winches import rest_lengths
 
 L, R, Y, E, NU = 0.2, 0.01, 0.006, 150e3, 0.5
 ANGLE, TURN = 0.4, 1.1

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_bvp
 
-from model import Arm, Scene, settle
-from model.effects import TipLoad
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.effects import TipLoad
 from tests.effects.cases import Array
 
 ARM, L = Arm.from_paper("table-4"), 0.45

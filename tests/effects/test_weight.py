@@ -10,8 +10,8 @@ from scipy.integrate import quad, solve_bvp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
-from model import Anchorage, Arm, Linear, Material, Sampled, Scene, settle
-from model.effects import (
+from octoplan.model import Anchorage, Arm, Linear, Material, Sampled, Scene, settle
+from octoplan.model.effects import (
     Buoyancy,
     Current,
     ExactTendons,
@@ -23,8 +23,8 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from planner import plan, stiffness
-from planner.targets import TipPosition
+from octoplan.planner import plan, stiffness
+from octoplan.planner.targets import TipPosition
 from tests.effects.bars import NO_PULL, Bar, elastica
 from tests.effects.cases import Array
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, RestCurvature, Sampled, Scene
-from model.effects import ExactTendons, Extension
+from octoplan.model import Anchorage, Arm, Linear, RestCurvature, Sampled, Scene
+from octoplan.model.effects import ExactTendons, Extension
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 NO_DOUBLE = ("-Wdouble-promotion", "-Wfloat-conversion")

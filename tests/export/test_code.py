@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model import settle, tip_jacobian
-from model.forward import explicit_map
-from model.stiffness import tip_jacobian_function
-from planner import export
+from octoplan.model import settle, tip_jacobian
+from octoplan.model.forward import explicit_map
+from octoplan.model.stiffness import tip_jacobian_function
+from octoplan.planner import export
 from tests.commands import study
 from tests.export.cases import BENT, NO_DOUBLE, SCENES, SETTLING, TABLE_4, Library, compiled
 

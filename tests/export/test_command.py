@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import InputError, Scene
-from model.effects import ExactTendons, Extension, Friction, Shear, TipLoad, Weight
-from planner import export
-from planner.cli import main
-from planner.commands.scenes import c_name
+from octoplan.model import InputError, Scene
+from octoplan.model.effects import ExactTendons, Extension, Friction, Shear, TipLoad, Weight
+from octoplan.planner import export
+from octoplan.planner.cli import main
+from octoplan.planner.commands.scenes import c_name
 from tests.export.cases import BENT, CURVED, SECTION_52, TABLE_4, gcc
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"

@@ -13,13 +13,13 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, settle
-from model.effects import ExactTendons, Extension, TipLoad
-from model.forward import explicit_map
-from model.obstacles import Sphere
-from planner import export_plan, plan
-from planner.cli import main
-from planner.targets import TipPose, TipPosition
+from octoplan.model import Arm, InputError, Scene, settle
+from octoplan.model.effects import ExactTendons, Extension, TipLoad
+from octoplan.model.forward import explicit_map
+from octoplan.model.obstacles import Sphere
+from octoplan.planner import export_plan, plan
+from octoplan.planner.cli import main
+from octoplan.planner.targets import TipPose, TipPosition
 from tests.export.cases import (
     CURVED,
     NO_DOUBLE,

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from model import Arm, Scene
-from model.effects import Extension
-from planner import plan
-from planner.io.files import to_json
-from planner.io.saved_records import plan_record
-from planner.targets import TipPosition
+from octoplan.model import Arm, Scene
+from octoplan.model.effects import Extension
+from octoplan.planner import plan
+from octoplan.planner.io.files import to_json
+from octoplan.planner.io.saved_records import plan_record
+from octoplan.planner.targets import TipPosition
 
 SCENES = sorted((Path(__file__).parents[2] / "studies" / "scenes").glob("*.toml"))
 NUMBERS = (

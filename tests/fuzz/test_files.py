@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from model import OctoplanError
-from model.progress import OutOfTime, time_limit
-from planner import load_plan
-from planner.cli import main
+from octoplan.model import OctoplanError
+from octoplan.model.progress import OutOfTime, time_limit
+from octoplan.planner import load_plan
+from octoplan.planner.cli import main
 from tests.fuzz.mutations import WRITTEN
 
 LIMIT = 0.5

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, settle
-from model.effects import Effect, ExactTendons, Extension, NeoHookean, TipLoad, Weight
-from model.progress import OutOfTime, time_limit
-from planner import plan, stiffness
-from planner.targets import Backbone, BendingPlane, Target, TipPosition
+from octoplan.model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, settle
+from octoplan.model.effects import Effect, ExactTendons, Extension, NeoHookean, TipLoad, Weight
+from octoplan.model.progress import OutOfTime, time_limit
+from octoplan.planner import plan, stiffness
+from octoplan.planner.targets import Backbone, BendingPlane, Target, TipPosition
 
 # Numbers as users have them, and as no user has them.
 ANY = st.one_of(

@@ -9,11 +9,19 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from model import Arm, OctoplanError, Scene, Shape, settle
-from model.effects import Buoyancy, Current, Effect, ExactTendons, Extension, TipLoad, Weight
-from planner import Plan, plan
-from planner.targets import Backbone, BendingPlane, Fetch, Target, TipPosition
-from planner.targets.fetch import Bend, stretches
+from octoplan.model import Arm, OctoplanError, Scene, Shape, settle
+from octoplan.model.effects import (
+    Buoyancy,
+    Current,
+    Effect,
+    ExactTendons,
+    Extension,
+    TipLoad,
+    Weight,
+)
+from octoplan.planner import Plan, plan
+from octoplan.planner.targets import Backbone, BendingPlane, Fetch, Target, TipPosition
+from octoplan.planner.targets.fetch import Bend, stretches
 from tests.effects.spatial import EnergyRod, LoadedRod, Loads
 from tests.oracles import Array, Rod
 from tests.planner.cases import bend_and_plane, read

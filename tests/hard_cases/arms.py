@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from model import Scene, settle
-from model.effects import Extension
+from octoplan.model import Scene, settle
+from octoplan.model.effects import Extension
 from tests.hard_cases.family import Array, Family, relative
 from tests.model.cases import arm_of, mild_tensions
 from tests.oracles import Rod, RodSection, linear, poses, strain

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from model import Arm, Material, Scene, conical, settle, tip_jacobian
-from model.effects import TipLoad
-from planner import plan, stiffness
-from planner.targets import TipPosition
+from octoplan.model import Arm, Material, Scene, conical, settle, tip_jacobian
+from octoplan.model.effects import TipLoad
+from octoplan.planner import plan, stiffness
+from octoplan.planner.targets import TipPosition
 from tests.hard_cases.family import Array, Family, RefusedError
 from tests.hard_cases.pulls import STATICS
 from tests.random_arms import log_uniform

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from model import Scene, SnapError, settle
-from model.effects import Extension, Friction, TipLoad
+from octoplan.model import Scene, SnapError, settle
+from octoplan.model.effects import Extension, Friction, TipLoad
 from tests.effects.bars import (
     NO_PULL,
     Bar,

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from model import Arm, Scene, settle
-from model.effects import Extension
-from planner import plan
-from planner.targets import TipPosition
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.effects import Extension
+from octoplan.planner import plan
+from octoplan.planner.targets import TipPosition
 from tests.hard_cases.family import Array, Family, RefusedError, WrongAnswerError
 from tests.oracles import paper_rod, poses
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import brentq
 
-from model import Anchorage, Arm, CollapsedError, Linear, Scene, settle
-from model.effects import ExactTendons, Extension
+from octoplan.model import Anchorage, Arm, CollapsedError, Linear, Scene, settle
+from octoplan.model.effects import ExactTendons, Extension
 from tests.hard_cases.family import Array, Family, WrongAnswerError, relative
 from tests.hard_cases.sections import CrossSection
 from tests.model.cases import arm_of

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_bvp
 
-from model import Arm, Scene, Shape, settle
-from model.effects import Effect, ExactTendons, Extension, TipLoad
+from octoplan.model import Arm, Scene, Shape, settle
+from octoplan.model.effects import Effect, ExactTendons, Extension, TipLoad
 from tests.effects.spatial import EnergyRod, LoadedRod, Loads
 from tests.oracles import Array, paper_rod
 

@@ -7,10 +7,10 @@ import pickle
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, CollapsedError, Linear, Scene, settle, settle_many
-from model.effects import Buoyancy, ExactTendons, Extension, Friction, Weight
-from model.errors import UnsettledSectionError
-from model.transcription.system import system
+from octoplan.model import Anchorage, Arm, CollapsedError, Linear, Scene, settle, settle_many
+from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Friction, Weight
+from octoplan.model.errors import UnsettledSectionError
+from octoplan.model.transcription.system import system
 from tests.effects.bars import capstan, one_tendon
 from tests.hard_cases.loads import check_rubbed
 
@@ -87,7 +87,9 @@ def test_loads_on_sections_without_a_tendons_length_are_not_followed_for_minutes
     """Used to take thousands of load steps, each as long as a tendon is that has no length left."""
     steps, T = [], np.zeros((3, 4))
     T[place], T[2, 2] = 16.0, 20.0
-    monkeypatch.setattr("model.equilibrium.load_steps.tell", lambda *said: steps.append(said))
+    monkeypatch.setattr(
+        "octoplan.model.equilibrium.load_steps.tell", lambda *said: steps.append(said)
+    )
     with pytest.raises(UnsettledSectionError, match="lower the tensions that cross it"):
         settle(ARM, T, Scene.silicone(Weight(), Buoyancy(1000.0)))
     assert 0 < len(steps) < 100

@@ -14,18 +14,18 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from model import Arm, InputError, Scene
-from model.effects import Effect, PrintedStatics
-from model.obstacles import Moving
-from planner.commands.files import schema_of
-from planner.io.codec import identity, in_si, number_in, plain, table_of, value_of
-from planner.io.files import to_json
-from planner.io.mistakes import checked
-from planner.io.object_tables import ObstacleTable
-from planner.io.scene_file import question_of, scene_table
-from planner.io.tables import exact
-from planner.sweeps.definition import sweep_of
-from planner.targets import TipPosition
+from octoplan.model import Arm, InputError, Scene
+from octoplan.model.effects import Effect, PrintedStatics
+from octoplan.model.obstacles import Moving
+from octoplan.planner.commands.files import schema_of
+from octoplan.planner.io.codec import identity, in_si, number_in, plain, table_of, value_of
+from octoplan.planner.io.files import to_json
+from octoplan.planner.io.mistakes import checked
+from octoplan.planner.io.object_tables import ObstacleTable
+from octoplan.planner.io.scene_file import question_of, scene_table
+from octoplan.planner.io.tables import exact
+from octoplan.planner.sweeps.definition import sweep_of
+from octoplan.planner.targets import TipPosition
 from tests.io.values import EFFECTS, OBSTACLES, TARGETS, arms, scenes, values_of
 
 ARM, ROOT = Arm.from_paper("table-4"), Path(__file__).parents[2]
@@ -170,7 +170,7 @@ def test_an_arm_is_written_and_read_again(arm: Arm) -> None:
 
 
 NEW = """
-import model.effects, model.obstacles, planner.targets
+import octoplan.model.effects, octoplan.model.obstacles, octoplan.planner.targets
 class Magnet({base}):
     "A value that nobody said how to write."
     field: complex
@@ -178,22 +178,22 @@ class Magnet({base}):
     def terms(self): ...
 {package}.Magnet = Magnet
 {package}.__all__.append("Magnet")
-import planner.io.scene_tables
+import octoplan.planner.io.scene_tables
 """
 # What is public in each package, and what it derives from, if from anything.
 PUBLIC = {
-    "model.effects": "model.effects.Effect",
-    "model.obstacles": "model.obstacles.Obstacle",
-    "planner.targets": "object",
+    "octoplan.model.effects": "octoplan.model.effects.Effect",
+    "octoplan.model.obstacles": "octoplan.model.obstacles.Obstacle",
+    "octoplan.planner.targets": "object",
 }
 
 
-@pytest.mark.quick("model.effects")
+@pytest.mark.quick("octoplan.model.effects")
 @pytest.mark.parametrize("package", PUBLIC)
 def test_a_public_value_that_cannot_be_written_is_an_error_at_import(package: str) -> None:
     """The packages export it before the tables are made, which are then refused."""
-    first = "import sys, types; root = types.ModuleType('planner'); "
-    first += f"root.__path__ = [{str(ROOT / 'planner')!r}]; sys.modules['planner'] = root"
+    first = "import sys, types; root = types.ModuleType('octoplan.planner'); "
+    first += f"root.__path__ = [{str(ROOT / 'planner')!r}]; sys.modules['octoplan.planner'] = root"
     code = f"{first}\n{NEW.format(base=PUBLIC[package], package=package)}"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 1

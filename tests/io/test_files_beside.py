@@ -10,16 +10,16 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene
-from model.effects import Extension, SelfContact
-from model.obstacles import Box, Mesh, Moving, Sphere
-from planner import plan, sweep
-from planner.cli import main
-from planner.commands.files import Kind
-from planner.io.csv_files import plan_csv
-from planner.io.scene_file import filled, load, question_of, scene_table
-from planner.sweeps.definition import load_sweep
-from planner.targets import TipPosition
+from octoplan.model import Arm, InputError, Scene
+from octoplan.model.effects import Extension, SelfContact
+from octoplan.model.obstacles import Box, Mesh, Moving, Sphere
+from octoplan.planner import plan, sweep
+from octoplan.planner.cli import main
+from octoplan.planner.commands.files import Kind
+from octoplan.planner.io.csv_files import plan_csv
+from octoplan.planner.io.scene_file import filled, load, question_of, scene_table
+from octoplan.planner.sweeps.definition import load_sweep
+from octoplan.planner.targets import TipPosition
 
 ARM = Arm.from_paper("table-2")
 TETRAHEDRON = Mesh(

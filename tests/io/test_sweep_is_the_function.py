@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, InputError, OctoplanError, Scene, settle
-from model.effects import (
+from octoplan.model import Arm, InputError, OctoplanError, Scene, settle
+from octoplan.model.effects import (
     Buoyancy,
     Contact,
     Current,
@@ -24,10 +24,10 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.errors import FileError
-from model.obstacles import Sphere
-from planner import plan, stiffness, sweep
-from planner.targets import TipPosition
+from octoplan.model.errors import FileError
+from octoplan.model.obstacles import Sphere
+from octoplan.planner import plan, stiffness, sweep
+from octoplan.planner.targets import TipPosition
 
 ARM = Arm.from_paper("table-2")
 

@@ -15,12 +15,21 @@ import scipy
 from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 
-import model.effects
-import model.obstacles
-import planner.targets
-from model import Anchorage, Arm, InputError, Linear, Material, RestCurvature, Sampled, Scene
-from model.effects import Effect
-from model.obstacles import Obstacle
+import octoplan.model.effects
+import octoplan.model.obstacles
+import octoplan.planner.targets
+from octoplan.model import (
+    Anchorage,
+    Arm,
+    InputError,
+    Linear,
+    Material,
+    RestCurvature,
+    Sampled,
+    Scene,
+)
+from octoplan.model.effects import Effect
+from octoplan.model.obstacles import Obstacle
 
 PARTS = ("Bend", "Target", "Terms", "View")
 
@@ -29,9 +38,9 @@ def _public(module: Any) -> list[type]:
     return [own for own in map(vars(module).get, module.__all__) if isinstance(own, type)]
 
 
-EFFECTS = [own for own in _public(model.effects) if own is not Effect]
-OBSTACLES = [own for own in _public(model.obstacles) if own is not Obstacle]
-TARGETS = [own for own in _public(planner.targets) if own.__name__ not in PARTS]
+EFFECTS = [own for own in _public(octoplan.model.effects) if own is not Effect]
+OBSTACLES = [own for own in _public(octoplan.model.obstacles) if own is not Obstacle]
+TARGETS = [own for own in _public(octoplan.planner.targets) if own.__name__ not in PARTS]
 
 
 def _numbers(low: float, high: float) -> SearchStrategy[float]:
@@ -88,7 +97,7 @@ def _by_type(name: str, hint: Any) -> SearchStrategy[Any]:
     if isinstance(hint, type) and issubclass(hint, Obstacle):
         kinds = [own for own in OBSTACLES if issubclass(own, hint)]
         return st.one_of(*map(values_of, kinds))
-    if hint is planner.targets.Bend:
+    if hint is octoplan.planner.targets.Bend:
         return st.tuples(_POSITIVE, _numbers(-3, 3))
     raise TypeError(f"how is {name}: {hint} to be drawn? Say so in BY_NAME")
 

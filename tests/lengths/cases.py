@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, Shape, settle
-from model.effects import (
+from octoplan.model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, Shape, settle
+from octoplan.model.effects import (
     Buoyancy,
     Current,
     ExactTendons,
@@ -17,7 +17,7 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.paths import Array
+from octoplan.model.paths import Array
 from tests.model.cases import arm_of, random_rod
 
 EXACT = Scene(Extension(), ExactTendons())

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, UnitWarning, settle, settle_many
-from model.effects import Buoyancy, Effect, ExactTendons, Extension, Weight
-from model.stiffness import stiffness
-from model.winches import rest_lengths
-from planner import plan
-from planner.targets import TipPosition
+from octoplan.model import Arm, InputError, Scene, UnitWarning, settle, settle_many
+from octoplan.model.effects import Buoyancy, Effect, ExactTendons, Extension, Weight
+from octoplan.model.stiffness import stiffness
+from octoplan.model.winches import rest_lengths
+from octoplan.planner import plan
+from octoplan.planner.targets import TipPosition
 from tests.lengths.cases import EXACT, cylinder
 from tests.refusals import Refused, check_refusal
 from tests.warned import detailed

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, Material, Scene, settle
-from model.effects import ExactTendons, Extension, Friction, TipLoad
-from model.winches import rest_lengths
+from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
+from octoplan.model.effects import ExactTendons, Extension, Friction, TipLoad
+from octoplan.model.winches import rest_lengths
 from tests.lengths.cases import EXACT, check_complementary, cylinder
 
 R, Y, L, E = 8e-3, 4e-3, 0.2, 2e5

@@ -16,9 +16,9 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from model import Anchorage, Arm, Linear, Material, Scene, settle
-from model.effects import ExactTendons, Extension, TipLoad
-from model.winches import rest_lengths
+from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
+from octoplan.model.effects import ExactTendons, Extension, TipLoad
+from octoplan.model.winches import rest_lengths
 from tests.oracles import Array
 
 _DEGREE, _STEPS = 5, 12

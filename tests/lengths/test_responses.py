@@ -5,10 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, Material, Scene, length_response, settle, settle_many
-from model.effects import Buoyancy, ExactTendons, Extension, NeoHookean, Weight
-from model.stiffness import stiffness
-from model.unloaded.marched import tendon_lengths
+from octoplan.model import (
+    Anchorage,
+    Arm,
+    Linear,
+    Material,
+    Scene,
+    length_response,
+    settle,
+    settle_many,
+)
+from octoplan.model.effects import Buoyancy, ExactTendons, Extension, NeoHookean, Weight
+from octoplan.model.stiffness import stiffness
+from octoplan.model.unloaded.marched import tendon_lengths
 from tests.lengths.cases import EXACT, PAPER, SCENES, check_complementary
 
 ARM = Arm.from_paper("table-2")

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, CollapsedError, InputError, Scene, Shape, settle
-from model.effects import Extension
-from model.loads import is_loaded
-from model.winches import rest_lengths
+from octoplan.model import Arm, CollapsedError, InputError, Scene, Shape, settle
+from octoplan.model.effects import Extension
+from octoplan.model.loads import is_loaded
+from octoplan.model.winches import rest_lengths
 from tests.lengths.cases import EXACT, PAPER, SCENES, check_complementary, pulled, round_trip
 
 _ARMS = ("table-2", "table-4", "random")
@@ -171,7 +171,9 @@ def test_weakly_felt_tensions_do_not_drift_under_loads(
     T = [6.1e-4, 0.0586, 0.0837, 0.0736, 0.553, 0.0148, 0.109, 0.107, 1.69, 0, 0.541, 0.947]
     given = settle(arm, (1 + more) * np.array(T), scene)
     steps: list[Any] = []
-    monkeypatch.setattr("model.equilibrium.load_steps.tell", lambda *said: steps.append(said))
+    monkeypatch.setattr(
+        "octoplan.model.equilibrium.load_steps.tell", lambda *said: steps.append(said)
+    )
     back = settle(arm, scene=scene, lengths=given.tendon_lengths + 1e-3 * (np.array(T) == 0))
     assert len(steps) <= 4
     # Lengths to rounding tell these tensions to some 1e-3 N, which moves the tip by 3e-6 L.

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
-from model.effects import ExactTendons, Extension
-from planner import Plan, load_plan, plan
-from planner.answer import sentence
-from planner.io.scene_file import read
-from planner.targets import BendingPlane, TipPosition
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.effects import ExactTendons, Extension
+from octoplan.planner import Plan, load_plan, plan
+from octoplan.planner.answer import sentence
+from octoplan.planner.io.scene_file import read
+from octoplan.planner.targets import BendingPlane, TipPosition
 from tests.lengths.cases import EXACT, cylinder
 
 ARM = Arm.from_paper("table-4")

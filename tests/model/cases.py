@@ -6,8 +6,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
 from scipy.spatial.transform import Rotation
 
-from model import Anchorage, Arm, Linear, Material, Sampled
-from model.paths import Path
+from octoplan.model import Anchorage, Arm, Linear, Material, Sampled
+from octoplan.model.paths import Path
 from tests.oracles import Array, Rod, RodSection, least_stretch, linear, paper_rod, sampled
 
 MOST = {"table-2": (2.0, 4.0, 10.0), "table-4": (0.4, 3.0, 8.0)}

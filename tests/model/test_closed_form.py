@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model import Scene, Shape, settle
-from model.effects import Extension
+from octoplan.model import Scene, Shape, settle
+from octoplan.model.effects import Extension
 from tests.model.cases import arm_of, mild_tensions, random_rod
 from tests.oracles import Array, Rod, poses, strain, tendon_length
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, OctoplanError, Scene, settle, settle_many, tip_jacobian
-from model.effects import (
+from octoplan.model import Arm, OctoplanError, Scene, settle, settle_many, tip_jacobian
+from octoplan.model.effects import (
     Current,
     Effect,
     ExactTendons,
@@ -21,10 +21,10 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.errors import CompilerError
-from model.stiffness import stiffness
-from planner import plan
-from planner.targets import TipPosition
+from octoplan.model.errors import CompilerError
+from octoplan.model.stiffness import stiffness
+from octoplan.planner import plan
+from octoplan.planner.targets import TipPosition
 
 ARM = Arm.from_paper("table-4")
 SETS = np.random.default_rng(0).uniform(size=(20, 3, 4)) * np.array([0.1, 1.0, 4.0])[:, None]
@@ -94,7 +94,7 @@ def test_compiled_plans_have_the_digits_of_interpreted_ones(scene: Scene) -> Non
 def no_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
-    monkeypatch.setattr("model.machine.compiled.find_spec", lambda _: None)
+    monkeypatch.setattr("octoplan.model.machine.compiled.find_spec", lambda _: None)
 
 
 def test_a_missing_compiler_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
-from model.effects import Extension
-from model.forward import maps_of
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.effects import Extension
+from octoplan.model.forward import maps_of
 from tests.model.cases import MOST, paper_tensions
 
 SCENES = {"bare": Scene(), "extension": Scene(Extension()), "as_printed": Scene.as_printed()}

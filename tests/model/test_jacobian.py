@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, Sampled, Scene, settle, tip_jacobian
-from model.effects import ExactTendons, Extension, Weight
+from octoplan.model import Anchorage, Arm, Linear, Sampled, Scene, settle, tip_jacobian
+from octoplan.model.effects import ExactTendons, Extension, Weight
 from tests.oracles import Array
 
 TABLE4 = Arm.from_paper("table-4")

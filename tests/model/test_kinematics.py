@@ -11,8 +11,8 @@ from hypothesis.extra.numpy import arrays
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from model.integrators import MAGNUS2, MAGNUS4, MAGNUS6, Magnus
-from model.rotations import (
+from octoplan.model.integrators import MAGNUS2, MAGNUS4, MAGNUS6, Magnus
+from octoplan.model.rotations import (
     compose,
     exponential,
     from_matrix,

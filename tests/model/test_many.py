@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-import model.many as many_module
-from model import Anchorage, Arm, Linear, Material, Scene, settle, settle_many
-from model.effects import (
+import octoplan.model.many as many_module
+from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle, settle_many
+from octoplan.model.effects import (
     Buoyancy,
     Contact,
     Current,
@@ -24,9 +24,9 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.equilibrium.linearised import Linearised
-from model.equilibrium.load_steps import Collocation
-from model.errors import (
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.errors import (
     CollapsedError,
     ConvergenceError,
     InputError,
@@ -36,11 +36,11 @@ from model.errors import (
     UnsettledContactError,
     UnsettledSectionError,
 )
-from model.forward import Maps, maps_of
-from model.obstacles import Sphere
-from model.paths import Array
-from model.progress import check_time
-from model.winches import rest_lengths
+from octoplan.model.forward import Maps, maps_of
+from octoplan.model.obstacles import Sphere
+from octoplan.model.paths import Array
+from octoplan.model.progress import check_time
+from octoplan.model.winches import rest_lengths
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 

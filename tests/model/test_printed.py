@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
-from model.effects import PrintedStatics
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.effects import PrintedStatics
 from tests.model.cases import paper_tensions
 from tests.oracles import (
     Array,

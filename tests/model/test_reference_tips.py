@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, ConvergenceError, Scene, settle
-from model.effects import ExactTendons, Extension
-from model.forward import schemes_of
+from octoplan.model import Arm, ConvergenceError, Scene, settle
+from octoplan.model.effects import ExactTendons, Extension
+from octoplan.model.forward import schemes_of
 
 CASES = json.loads((Path(__file__).parents[1] / "data" / "reference_cases.json").read_text())
 SCENES = {

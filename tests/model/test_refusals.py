@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import (
+from octoplan.model import (
     Anchorage,
     Arm,
     CollapsedError,
@@ -26,8 +26,8 @@ from model import (
     settle,
     settle_many,
 )
-from model.clearance import clearance
-from model.effects import Extension, Weight
+from octoplan.model.clearance import clearance
+from octoplan.model.effects import Extension, Weight
 from tests.oracles import Array, paper_rod, strain
 from tests.refusals import Refused, check_refusal
 

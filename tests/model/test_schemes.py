@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, settle
-from model.effects import Extension, Weight
-from model.forward import check_scheme, maps_of, schemes_of
-from model.unloaded.marched import Marched
+from octoplan.model import Arm, InputError, Scene, settle
+from octoplan.model.effects import Extension, Weight
+from octoplan.model.forward import check_scheme, maps_of, schemes_of
+from octoplan.model.unloaded.marched import Marched
 from tests.effects.cases import RODS, fem_arm, fem_cases, name_of
 from tests.oracles import Array
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import octoplan
-from model import Arm, Material, Scene, ShapeWarning, conical, settle, settle_many
-from model.effects import (
+from octoplan.model import Arm, Material, Scene, ShapeWarning, conical, settle, settle_many
+from octoplan.model.effects import (
     Buoyancy,
     ExactTendons,
     Extension,
@@ -19,8 +19,8 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from planner import plan
-from planner.targets import TipPosition
+from octoplan.planner import plan
+from octoplan.planner.targets import TipPosition
 from tests.warned import detailed
 
 ARM = Arm.from_paper("table-4")
@@ -90,7 +90,7 @@ def test_a_shape_tells_tensions_lengths_and_tip(scene: Scene) -> None:
 
 
 def test_an_arm_with_many_tendons_at_a_place_has_lines_that_fit() -> None:
-    from model import Anchorage, Linear
+    from octoplan.model import Anchorage, Linear
 
     angles = tuple(np.linspace(0, 6, 13))
     arm = Arm(0.3, Linear(0.01, 0.01), (Anchorage(0.3, Linear(0.005, 0.005), angles),))
@@ -122,7 +122,7 @@ def pulled(tension: float) -> np.ndarray:
     return T
 
 
-@pytest.mark.filterwarnings("default::model.errors.ShapeWarning")
+@pytest.mark.filterwarnings("default::octoplan.model.errors.ShapeWarning")
 def test_a_hundred_newtons_on_one_tendon_are_told_with_numbers() -> None:
     with pytest.warns(ShapeWarning, match="bends sharper than its own radius") as seen:
         shape = settle(TABLE_2, pulled(100.0), Scene())
@@ -145,7 +145,7 @@ def test_a_hundred_newtons_on_one_tendon_are_told_with_numbers() -> None:
     assert "beware: " + sharp in repr(shape)
 
 
-@pytest.mark.filterwarnings("error::model.errors.ShapeWarning")
+@pytest.mark.filterwarnings("error::octoplan.model.errors.ShapeWarning")
 @pytest.mark.parametrize("scene", [Scene(), Scene(Extension()), Scene.silicone()])
 def test_what_arms_do_is_told_without_a_remark(scene: Scene) -> None:
     shapes = [settle(TABLE_2, pulled(2.0), scene), settle(Arm.from_paper("table-4"), FETCH, scene)]
@@ -154,7 +154,7 @@ def test_what_arms_do_is_told_without_a_remark(scene: Scene) -> None:
     assert all(shape.remarks == () for shape in shapes)
 
 
-@pytest.mark.filterwarnings("default::model.errors.ShapeWarning")
+@pytest.mark.filterwarnings("default::octoplan.model.errors.ShapeWarning")
 def test_loads_that_bend_the_arm_too_sharply_are_told() -> None:
     thick = conical(0.1, (0.02, 0.02), [(0.1, 0.01, 0.01)], material=Material(1e5))
     moment = thick.material.E * np.pi * 0.02**4 / 4 * 60.0
@@ -162,16 +162,16 @@ def test_loads_that_bend_the_arm_too_sharply_are_told() -> None:
         settle(thick, np.zeros(thick.n_tendons), Scene(TipLoad(moment=(0, 0, moment))))
 
 
-@pytest.mark.filterwarnings("default::model.errors.ShapeWarning")
+@pytest.mark.filterwarnings("default::octoplan.model.errors.ShapeWarning")
 def test_a_call_inside_of_another_does_not_warn() -> None:
-    from model.stiffness import stiffness
+    from octoplan.model.stiffness import stiffness
 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         stiffness(TABLE_2, pulled(100.0), Scene(), accuracy=1e-3)
 
 
-@pytest.mark.filterwarnings("default::model.errors.ShapeWarning")
+@pytest.mark.filterwarnings("default::octoplan.model.errors.ShapeWarning")
 def test_a_loop_over_sharp_shapes_warns_once() -> None:
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("default")
@@ -180,7 +180,7 @@ def test_a_loop_over_sharp_shapes_warns_once() -> None:
     assert [own.category for own in told] == [ShapeWarning]
 
 
-@pytest.mark.filterwarnings("default::model.errors.ShapeWarning")
+@pytest.mark.filterwarnings("default::octoplan.model.errors.ShapeWarning")
 def test_a_load_that_doubles_the_length_is_told() -> None:
     bar = conical(0.1, (0.01, 0.01), [(0.1, 0.005, 0.005)], material=Material(1e5))
     EA = 1e5 * np.pi * 0.01**2

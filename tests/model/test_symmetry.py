@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from model import Arm, Scene, Shape, conical, settle
-from model.effects import Extension
+from octoplan.model import Arm, Scene, Shape, conical, settle
+from octoplan.model.effects import Extension
 from tests.model.cases import arm_of, mild_tensions, paper_tensions, random_rod
 from tests.oracles import Array
 

@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from model import Arm, Scene, Shape, settle
-from model.effects import Extension
+from octoplan.model import Arm, Scene, Shape, settle
+from octoplan.model.effects import Extension
 from tests.model.cases import paper_tensions
 from tests.oracles import Array, Rod, balance, paper_rod, poses, strain
 

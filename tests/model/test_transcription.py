@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from model import Arm, ConvergenceError, Scene, settle
-from model.effects import (
+from octoplan.model import Arm, ConvergenceError, Scene, settle
+from octoplan.model.effects import (
     Buoyancy,
     Current,
     Effect,
@@ -19,9 +19,9 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.equilibrium.load_steps import Collocation
-from model.equilibrium.verification import verified
-from model.transcription.system import System, system
+from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.equilibrium.verification import verified
+from octoplan.model.transcription.system import System, system
 from tests.differences import Array, check_rows, fourth_order
 from tests.planner.cases import moderate
 

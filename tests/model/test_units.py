@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, InputError, Linear, Material, Scene, UnitWarning, conical
-from model.effects import Buoyancy, Current, Weight
-from model.errors import FileError
-from planner.cli import main
-from planner.fit.unknowns import Parameters, Unknown
-from planner.io.scene_file import read
-from planner.question import Limits, check_targets
-from planner.sweeps.definition import sweep_of
-from planner.targets import Backbone, Bend, BendingPlane, Fetch, FetchReach, TipPosition
+from octoplan.model import Anchorage, Arm, InputError, Linear, Material, Scene, UnitWarning, conical
+from octoplan.model.effects import Buoyancy, Current, Weight
+from octoplan.model.errors import FileError
+from octoplan.planner.cli import main
+from octoplan.planner.fit.unknowns import Parameters, Unknown
+from octoplan.planner.io.scene_file import read
+from octoplan.planner.question import Limits, check_targets
+from octoplan.planner.sweeps.definition import sweep_of
+from octoplan.planner.targets import Backbone, Bend, BendingPlane, Fetch, FetchReach, TipPosition
 from tests.warned import detailed
 
 ARM = Arm.from_paper("table-4")
@@ -161,7 +161,7 @@ def test_radians_in_a_key_in_degrees_are_told_by_the_command(
 def test_degrees_are_no_radians(
     angle: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from planner.io.scene_file import load
+    from octoplan.planner.io.scene_file import load
 
     (tmp_path / "scene.toml").write_text(SCENE.format(angle=angle))
     with warnings.catch_warnings():

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import scipy
 
-from model.anchorage import Anchorage, Material
-from model.arm import Arm
-from model.cross_section import cross_section_of
-from model.cross_section.sections import Sections
-from model.effects import ExactTendons, Extension, NeoHookean, Shear, Weight
-from model.paths import Linear
-from model.scene import Scene
+from octoplan.model.anchorage import Anchorage, Material
+from octoplan.model.arm import Arm
+from octoplan.model.cross_section import cross_section_of
+from octoplan.model.cross_section.sections import Sections
+from octoplan.model.effects import ExactTendons, Extension, NeoHookean, Shear, Weight
+from octoplan.model.paths import Linear
+from octoplan.model.scene import Scene
 
 L, ANGLES, TURN, K_S = 0.3, (0.2, 2.0, 4.1), 3.0, 0.8
 MATERIAL = Material(0.5e6, 0.45)

@@ -7,8 +7,8 @@ import pickle
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, Material, Sampled, Scene, settle, settle_many
-from model.effects import Extension
+from octoplan.model import Anchorage, Arm, Linear, Material, Sampled, Scene, settle, settle_many
+from octoplan.model.effects import Extension
 from tests.model.cases import paper_tensions
 
 SCENES = {"bare": Scene(), "extension": Scene(Extension()), "as_printed": Scene.as_printed()}

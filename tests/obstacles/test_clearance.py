@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model import Arm, Scene, conical, settle
-from model.centreline import Centreline
-from model.clearance import clearance
-from model.clearance.nearest import BASE, ITSELF, clearances
-from model.effects import Buoyancy, Extension, TipLoad, Weight
-from model.equilibrium.load_steps import Collocation
-from model.equilibrium.newton import STAGES
-from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
-from model.transcription.system import system
+from octoplan.model import Arm, Scene, conical, settle
+from octoplan.model.centreline import Centreline
+from octoplan.model.clearance import clearance
+from octoplan.model.clearance.nearest import BASE, ITSELF, clearances
+from octoplan.model.effects import Buoyancy, Extension, TipLoad, Weight
+from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from octoplan.model.transcription.system import system
 from tests.model.cases import paper_tensions
 from tests.oracles import Array
 

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
-from model.clearance import clearance
-from model.effects import Extension
-from model.obstacles import Box, Mesh, Moving, Sphere
-from planner import plan, trajectory
-from planner.bodies.surface import outline
-from planner.io.saved_files import load_plan
-from planner.io.scene_file import load
-from planner.targets import TipPosition
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.clearance import clearance
+from octoplan.model.effects import Extension
+from octoplan.model.obstacles import Box, Mesh, Moving, Sphere
+from octoplan.planner import plan, trajectory
+from octoplan.planner.bodies.surface import outline
+from octoplan.planner.io.saved_files import load_plan
+from octoplan.planner.io.scene_file import load
+from octoplan.planner.targets import TipPosition
 from tests.model.cases import paper_tensions
 
 trimesh = pytest.importorskip("trimesh")

@@ -9,20 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, Material, Scene, settle
-from model.clearance import Clearance
-from model.effects import Buoyancy, ExactTendons, Extension, Weight
-from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
-from model.rotations import matrices
-from model.shape import Shape
-from planner import Plan, load_plan, plan
-from planner.avoidance.around import line_of
-from planner.avoidance.rows import avoiding, cubic, element_of, grid
-from planner.avoidance.surroundings import Surroundings
-from planner.io.scene_file import read
-from planner.question import Limits, Statement
-from planner.targets import BendingPlane, TipPosition
-from planner.task import Task
+from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
+from octoplan.model.clearance import Clearance
+from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
+from octoplan.model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from octoplan.model.rotations import matrices
+from octoplan.model.shape import Shape
+from octoplan.planner import Plan, load_plan, plan
+from octoplan.planner.avoidance.around import line_of
+from octoplan.planner.avoidance.rows import avoiding, cubic, element_of, grid
+from octoplan.planner.avoidance.surroundings import Surroundings
+from octoplan.planner.io.scene_file import read
+from octoplan.planner.question import Limits, Statement
+from octoplan.planner.targets import BendingPlane, TipPosition
+from octoplan.planner.task import Task
 from tests.oracles import Array
 
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())

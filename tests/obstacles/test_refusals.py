@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, Linear, Scene
-from model.effects import Contact, Extension
-from model.obstacles import Box, Capsule, HalfSpace, Mesh, Sphere
-from model.units import UnitWarning
-from planner import plan
-from planner.io.scene_file import read
-from planner.targets import TipPosition
+from octoplan.model import Arm, Linear, Scene
+from octoplan.model.effects import Contact, Extension
+from octoplan.model.obstacles import Box, Capsule, HalfSpace, Mesh, Sphere
+from octoplan.model.units import UnitWarning
+from octoplan.planner import plan
+from octoplan.planner.io.scene_file import read
+from octoplan.planner.targets import TipPosition
 from tests.obstacles.test_plans_around import FILE
 from tests.refusals import Refused, check_refusal
 

@@ -5,8 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere, distances, numbers_of
-from planner.bodies.surface import outline
+from octoplan.model.obstacles import (
+    Box,
+    Capsule,
+    HalfSpace,
+    Obstacle,
+    Sphere,
+    distances,
+    numbers_of,
+)
+from octoplan.planner.bodies.surface import outline
 from tests.oracles import Array
 
 coal = pytest.importorskip("coal")

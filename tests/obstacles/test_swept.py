@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from model import Arm, Scene
-from model.centreline import Centreline
-from model.clearance.bisection import Around, closest
-from model.clearance.nearest import BASE, ITSELF, around
-from model.effects import Buoyancy, ExactTendons, Extension, Weight
-from model.loads import is_loaded
-from model.obstacles import Box, Capsule, Obstacle, Sphere
-from planner.avoidance.lines import Lines, Moving
+from octoplan.model import Arm, Scene
+from octoplan.model.centreline import Centreline
+from octoplan.model.clearance.bisection import Around, closest
+from octoplan.model.clearance.nearest import BASE, ITSELF, around
+from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
+from octoplan.model.loads import is_loaded
+from octoplan.model.obstacles import Box, Capsule, Obstacle, Sphere
+from octoplan.planner.avoidance.lines import Lines, Moving
 from tests.model.cases import paper_tensions
 from tests.oracles import Array
 

@@ -9,9 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from model import Anchorage, Arm, Linear, Sampled, Scene, Shape, settle
-from model.effects import Extension
-from planner.targets import Backbone, Bend, BendingPlane, Fetch, Target, TipPose, TipPosition
+from octoplan.model import Anchorage, Arm, Linear, Sampled, Scene, Shape, settle
+from octoplan.model.effects import Extension
+from octoplan.planner.targets import (
+    Backbone,
+    Bend,
+    BendingPlane,
+    Fetch,
+    Target,
+    TipPose,
+    TipPosition,
+)
 from tests.oracles import Array
 
 PAPER = Scene(Extension())

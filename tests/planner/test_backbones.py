@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from model import Anchorage, Arm, Linear, Material, Scene, settle
-from model.effects import Extension
-from planner import plan
-from planner.question import natural_tensions
-from planner.targets import Backbone
+from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
+from octoplan.model.effects import Extension
+from octoplan.planner import plan
+from octoplan.planner.question import natural_tensions
+from octoplan.planner.targets import Backbone
 from tests.planner.cases import Array
 
 SIX = Arm(

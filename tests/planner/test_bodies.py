@@ -12,12 +12,20 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from model import Anchorage, Arm, InputError, Linear, Scene, Shape, settle
-from model.effects import Buoyancy, Extension, NeoHookean, Weight
-from planner import export_plan, export_shape, mjcf, ros_messages, save_mesh, save_shape, urdf
-from planner.cli import main
+from octoplan.model import Anchorage, Arm, InputError, Linear, Scene, Shape, settle
+from octoplan.model.effects import Buoyancy, Extension, NeoHookean, Weight
+from octoplan.planner import (
+    export_plan,
+    export_shape,
+    mjcf,
+    ros_messages,
+    save_mesh,
+    save_shape,
+    urdf,
+)
+from octoplan.planner.cli import main
 
-pytestmark = pytest.mark.filterwarnings("ignore::planner.bodies.forces.ExportWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::octoplan.planner.bodies.forces.ExportWarning")
 
 PAPER = Scene(Extension())
 TURNED = Rotation.from_rotvec([0.3, -1.2, 0.5]).as_matrix()

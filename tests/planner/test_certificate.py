@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model import Arm, OctoplanError, Shape, settle
-from planner import Limits, plan
-from planner.certificate import certify
-from planner.targets import TipPosition
+from octoplan.model import Arm, OctoplanError, Shape, settle
+from octoplan.planner import Limits, plan
+from octoplan.planner.certificate import certify
+from octoplan.planner.targets import TipPosition
 from tests.planner.cases import PAPER, moderate, paper_tip
 
 ARM = Arm.from_paper("table-4")

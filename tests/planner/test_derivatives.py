@@ -8,8 +8,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, Scene
-from model.effects import (
+from octoplan.model import Anchorage, Arm, Linear, Scene
+from octoplan.model.effects import (
     Buoyancy,
     Current,
     Effect,
@@ -22,10 +22,10 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.obstacles import Sphere
-from planner import Limits, Problem, Statement, plan
-from planner.targets import Backbone, TipPosition
-from planner.task import Task
+from octoplan.model.obstacles import Sphere
+from octoplan.planner import Limits, Problem, Statement, plan
+from octoplan.planner.targets import Backbone, TipPosition
+from octoplan.planner.task import Task
 from tests.differences import Array, all_of, check_derivatives, dense, whole
 
 ARM = Arm.from_paper("table-4")

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, OctoplanError, Scene, settle
-from model.effects import Buoyancy, ExactTendons, Extension, Weight
-from planner import FailedPlan, Plan, plan, plan_many
-from planner.targets import Bend, BendingPlane, Fetch, Target, TipPosition
+from octoplan.model import Arm, OctoplanError, Scene, settle
+from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
+from octoplan.planner import FailedPlan, Plan, plan, plan_many
+from octoplan.planner.targets import Bend, BendingPlane, Fetch, Target, TipPosition
 
 ARM, PAPER = Arm.from_paper("table-4"), Scene(Extension())
 FIRST = np.array([0, 0, 0.2, 0, 1, 0, 0, 0, 0, 2, 0, 0.0])
@@ -178,7 +178,7 @@ def test_an_unforeseen_error_is_that_of_its_target(monkeypatch: pytest.MonkeyPat
             raise ZeroDivisionError("division by zero")
         return plan(arm, target, *more, **others)
 
-    monkeypatch.setattr("planner.many.plan", fails)
+    monkeypatch.setattr("octoplan.planner.many.plan", fails)
     planes = [BendingPlane(2.0, bend) for bend in (0.9, 1.0)]
     found = plan_many(ARM, planes, PAPER, 20.0, accuracy=1e-5, errors="nan")
     assert [p.reached for p in found] == [True, False]

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
-from model.effects import Buoyancy, Extension, TipLoad, Weight
-from model.progress import OutOfTime
-from planner import cli, plan
-from planner.sweeps import points
-from planner.targets import TipPosition
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.effects import Buoyancy, Extension, TipLoad, Weight
+from octoplan.model.progress import OutOfTime
+from octoplan.planner import cli, plan
+from octoplan.planner.sweeps import points
+from octoplan.planner.targets import TipPosition
 
 ARM = Arm.from_paper("table-4")
 TARGET = TipPosition((0.2, 0.1, 0.1))
@@ -57,9 +57,9 @@ def test_a_limit_that_is_not_reached_changes_no_digit() -> None:
 
 INTERRUPTED = """
 import os, signal, sys, threading, time
-from model import Arm, Scene
-from planner import plan
-from planner.targets import TipPosition
+from octoplan.model import Arm, Scene
+from octoplan.planner import plan
+from octoplan.planner.targets import TipPosition
 
 arm, target, scene = Arm.from_paper("table-4"), TipPosition((0.2, 0.1, 0.1)), Scene.silicone()
 first = plan(arm, target, scene, 20.0)
@@ -188,10 +188,10 @@ def test_a_sweep_that_is_stopped_keeps_what_is_finished(
 TOGETHER = """
 import sys, threading, time
 import numpy as np
-from model import Arm, Scene, settle
-from model.effects import Buoyancy, Extension, Weight
-from planner import plan
-from planner.targets import Backbone, TipPosition
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.effects import Buoyancy, Extension, Weight
+from octoplan.planner import plan
+from octoplan.planner.targets import Backbone, TipPosition
 
 ARM, T = Arm.from_paper("table-4"), np.linspace(0, 1, 12)
 PAPER, WATER = Scene(Extension()), Scene(Extension(), Weight(), Buoyancy(1000.0))

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
-from planner import plan
-from planner.targets import BendingPlane, TipPosition
+from octoplan.model import Arm, Scene, settle
+from octoplan.planner import plan
+from octoplan.planner.targets import BendingPlane, TipPosition
 from tests.planner.cases import PAPER, moderate, paper_tip
 
 ARM = Arm.from_paper("table-4")

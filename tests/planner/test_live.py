@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Linear, Scene, settle
-from model.compliance import at_node
-from model.effects import Buoyancy, Extension, TipLoad, Weight
-from model.obstacles import Sphere
-from model.progress import OutOfTime, check_time
-from planner.cli import main
-from planner.live.handles import goal_of, handle_of
-from planner.live.page import Page
-from planner.live.session import Session
-from planner.live.words import following, places, planned, tendons
-from planner.targets import BendingPlane, TipPose, TipPosition
-from planner.targets.base import Target
+from octoplan.model import Arm, InputError, Linear, Scene, settle
+from octoplan.model.compliance import at_node
+from octoplan.model.effects import Buoyancy, Extension, TipLoad, Weight
+from octoplan.model.obstacles import Sphere
+from octoplan.model.progress import OutOfTime, check_time
+from octoplan.planner.cli import main
+from octoplan.planner.live.handles import goal_of, handle_of
+from octoplan.planner.live.page import Page
+from octoplan.planner.live.session import Session
+from octoplan.planner.live.words import following, places, planned, tendons
+from octoplan.planner.targets import BendingPlane, TipPose, TipPosition
+from octoplan.planner.targets.base import Target
 from tests.oracles import Array
 
 ARM = Arm.from_paper("table-4")

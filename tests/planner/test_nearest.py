@@ -8,16 +8,16 @@ from itertools import product
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, Material, Scene, settle
-from model.effects import ExactTendons, Extension, Shear, Weight
-from model.paths import Array
-from planner import Statement, plan
-from planner.program.problem import Problem
-from planner.question import Limits
-from planner.solve.samples import fitted, sample, spread
-from planner.solve.search import WIDE, attempt
-from planner.targets import TipPosition
-from planner.task import Task
+from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
+from octoplan.model.effects import ExactTendons, Extension, Shear, Weight
+from octoplan.model.paths import Array
+from octoplan.planner import Statement, plan
+from octoplan.planner.program.problem import Problem
+from octoplan.planner.question import Limits
+from octoplan.planner.solve.samples import fitted, sample, spread
+from octoplan.planner.solve.search import WIDE, attempt
+from octoplan.planner.targets import TipPosition
+from octoplan.planner.task import Task
 
 STRAIGHT = Linear(0.0, 0.0)
 HELICAL = Arm(

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from model import Arm, Scene, settle
-from model.effects import Extension
-from planner import Measured, Unknown, calibrate, plan, stiffness, trajectory
-from planner.targets import TipPosition
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.effects import Extension
+from octoplan.planner import Measured, Unknown, calibrate, plan, stiffness, trajectory
+from octoplan.planner.targets import TipPosition
 
 ARM = Arm.from_paper("table-4")
 SCENE = Scene(Extension())

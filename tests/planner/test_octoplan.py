@@ -17,12 +17,12 @@ import jsonschema
 import numpy as np
 import pytest
 
-from model import settle
 from octoplan.command_line import COMMANDS
-from planner import load_plan, stiffness
-from planner.cli import main
-from planner.commands.files import TEMPLATES, schema_of
-from planner.io.scene_file import load, read
+from octoplan.model import settle
+from octoplan.planner import load_plan, stiffness
+from octoplan.planner.cli import main
+from octoplan.planner.commands.files import TEMPLATES, schema_of
+from octoplan.planner.io.scene_file import load, read
 
 TEMPLATE = (TEMPLATES / "plan.toml").read_text()
 
@@ -143,7 +143,7 @@ def test_an_interrupt_ends_it_quietly_in_the_midst_of_the_solver() -> None:
     process = _octoplan("plan", LONG, "-v")
     assert process.stderr is not None
     assert process.stdout is not None
-    assert any(line.startswith("planner.solve.ipopt: ") for line in process.stderr)
+    assert any(line.startswith("octoplan.planner.solve.ipopt: ") for line in process.stderr)
     process.send_signal(signal.SIGINT)
     shown, told = process.communicate()
     assert process.returncode == 130
@@ -158,8 +158,8 @@ def test_the_solver_speaks_on_stderr_if_asked_and_stdout_is_json(
     assert main(["plan", BENDING, "--json", "-v"]) == 0
     captured = capsys.readouterr()
     assert json.loads(captured.out)["certified"]
-    assert "planner.solve.ipopt: met after" in captured.err
-    assert "model.progress: verifying" in captured.err
+    assert "octoplan.planner.solve.ipopt: met after" in captured.err
+    assert "octoplan.model.progress: verifying" in captured.err
     assert main(["plan", BENDING, "--json"]) == 0
     assert capsys.readouterr().err == ""
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from model import Arm, Scene, conical, settle
-from model.effects import Buoyancy, ExactTendons, Extension, TipLoad, Weight
-from planner import Plan, load_plan, plan
-from planner.program.problem import Candidate
-from planner.solve import search
-from planner.solve.refine import refine
-from planner.targets import Backbone, Bend, Fetch, TipPose, TipPosition
+from octoplan.model import Arm, Scene, conical, settle
+from octoplan.model.effects import Buoyancy, ExactTendons, Extension, TipLoad, Weight
+from octoplan.planner import Plan, load_plan, plan
+from octoplan.planner.program.problem import Candidate
+from octoplan.planner.solve import search
+from octoplan.planner.solve.refine import refine
+from octoplan.planner.targets import Backbone, Bend, Fetch, TipPose, TipPosition
 from tests.planner.cases import PAPER, Array, off, read
 
 ARM = Arm.from_paper("table-4")

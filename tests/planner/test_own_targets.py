@@ -11,12 +11,12 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from model import Arm, InputError, settle
-from planner import export_plan, plan, plan_many
-from planner.program import problem, terms
-from planner.program.problem import Problem
-from planner.program.terms import Targets
-from planner.targets import Target, Terms, TipPosition, View
+from octoplan.model import Arm, InputError, settle
+from octoplan.planner import export_plan, plan, plan_many
+from octoplan.planner.program import problem, terms
+from octoplan.planner.program.problem import Problem
+from octoplan.planner.program.terms import Targets
+from octoplan.planner.targets import Target, Terms, TipPosition, View
 from tests.planner.cases import PAPER, Array, moderate
 
 ARM = Arm.from_paper("table-4")

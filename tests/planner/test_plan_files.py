@@ -16,7 +16,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from model import (
+from octoplan.model import (
     Anchorage,
     Arm,
     InputError,
@@ -26,14 +26,14 @@ from model import (
     Scene,
     settle,
 )
-from model.effects import (
+from octoplan.model.effects import (
     Extension,
 )
-from model.errors import FileError
-from planner import Plan, load_plan, plan, save_shape
-from planner.commands.files import schema_of
-from planner.io.csv_files import shape_csv
-from planner.targets import BendingPlane, TipPosition
+from octoplan.model.errors import FileError
+from octoplan.planner import Plan, load_plan, plan, save_shape
+from octoplan.planner.commands.files import schema_of
+from octoplan.planner.io.csv_files import shape_csv
+from octoplan.planner.targets import BendingPlane, TipPosition
 
 OWN = Arm(
     0.3,

@@ -12,16 +12,24 @@ from matplotlib import pyplot
 from matplotlib.figure import Figure
 from PIL import Image, ImageChops
 
-from model import Arm, Scene, Shape, settle
-from model.clearance import clearance
-from model.effects import Contact, ExactTendons, Extension
-from model.obstacles import Capsule
-from planner import Plan, plan, plan_many
-from planner.certificate import COMPLEMENTARY
-from planner.plots.arm import draw_arm
-from planner.plots.motion import plot_motion, save_motion
-from planner.plots.plan import plot_plan, plot_shape, plot_strains, save
-from planner.targets import Backbone, BendingPlane, Fetch, Target, TipPointing, TipPose, TipPosition
+from octoplan.model import Arm, Scene, Shape, settle
+from octoplan.model.clearance import clearance
+from octoplan.model.effects import Contact, ExactTendons, Extension
+from octoplan.model.obstacles import Capsule
+from octoplan.planner import Plan, plan, plan_many
+from octoplan.planner.certificate import COMPLEMENTARY
+from octoplan.planner.plots.arm import draw_arm
+from octoplan.planner.plots.motion import plot_motion, save_motion
+from octoplan.planner.plots.plan import plot_plan, plot_shape, plot_strains, save
+from octoplan.planner.targets import (
+    Backbone,
+    BendingPlane,
+    Fetch,
+    Target,
+    TipPointing,
+    TipPose,
+    TipPosition,
+)
 from tests.planner.cases import PAPER, barrel_arm, figure_15
 
 MARKED = {

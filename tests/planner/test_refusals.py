@@ -13,14 +13,14 @@ import pytest
 from matplotlib.animation import FuncAnimation
 from matplotlib.figure import Figure
 
-from model import Arm, Scene
-from model.effects import Extension, Weight
-from planner import export, load_plan, plan, plan_many, trajectory
-from planner.live.handles import handle_of
-from planner.plots.motion import plot_motion, save_motion
-from planner.plots.plan import plot_plan, plot_shape, plot_strains, save
-from planner.plots.results import plot_ellipsoids
-from planner.targets import (
+from octoplan.model import Arm, Scene
+from octoplan.model.effects import Extension, Weight
+from octoplan.planner import export, load_plan, plan, plan_many, trajectory
+from octoplan.planner.live.handles import handle_of
+from octoplan.planner.plots.motion import plot_motion, save_motion
+from octoplan.planner.plots.plan import plot_plan, plot_shape, plot_strains, save
+from octoplan.planner.plots.results import plot_ellipsoids
+from octoplan.planner.targets import (
     Backbone,
     Bend,
     BendingPlane,

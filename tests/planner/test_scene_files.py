@@ -12,9 +12,9 @@ import jsonschema
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, Material, RestCurvature, Sampled, Scene, settle
-from model.arm import PAPER_ARMS
-from model.effects import (
+from octoplan.model import Anchorage, Arm, Linear, Material, RestCurvature, Sampled, Scene, settle
+from octoplan.model.arm import PAPER_ARMS
+from octoplan.model.effects import (
     Buoyancy,
     Current,
     Effect,
@@ -29,14 +29,14 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.errors import FileError
-from model.obstacles import Sphere
-from planner import plan
-from planner.commands.files import schema_of
-from planner.io.object_tables import ArmTable
-from planner.io.scene_file import load, read
-from planner.io.scene_tables import SceneTable
-from planner.targets import (
+from octoplan.model.errors import FileError
+from octoplan.model.obstacles import Sphere
+from octoplan.planner import plan
+from octoplan.planner.commands.files import schema_of
+from octoplan.planner.io.object_tables import ArmTable
+from octoplan.planner.io.scene_file import load, read
+from octoplan.planner.io.scene_tables import SceneTable
+from octoplan.planner.targets import (
     Backbone,
     Bend,
     BendingPlane,

@@ -57,9 +57,10 @@ def ended(command: str, number: signal.Signals, after: float, folder: Path) -> i
         (folder / "out").mkdir(exist_ok=True)
     argv, files = COMMANDS[command]
     begun = folder / "begun"
-    # It has begun when signals are heard: what comes next is that its own packages are looked for.
+    # It has begun when signals are handled: the next step is the import of the command line.
     begin = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import octoplan; "
-    begin += f"octoplan.check_own = lambda *_: open({str(begun)!r}, 'w').close(); "
+    begin += "sys.addaudithook(lambda event, of: event == 'import' "
+    begin += f"and of[0] == 'octoplan.planner.cli' and open({str(begun)!r}, 'w').close()); "
     process = subprocess.Popen(
         [sys.executable, "-c", begin + "sys.exit(octoplan.main())", command, *argv],
         cwd=folder,
@@ -69,6 +70,7 @@ def ended(command: str, number: signal.Signals, after: float, folder: Path) -> i
     )
     # A busy machine takes seconds to begin; until then a signal ends Python and no command.
     while not begun.exists():
+        assert process.poll() is None, process.communicate()
         time.sleep(0.01)
     time.sleep(after)
     process.send_signal(number)
@@ -101,9 +103,9 @@ def test_a_command_that_is_ended_leaves_all_or_nothing(
 
 LAST = """
 import os, signal, sys
-import octoplan, planner.cli
-run = planner.cli.main
-planner.cli.main = lambda: (run(), os.kill(os.getpid(), signal.SIGTERM))
+import octoplan, octoplan.planner.cli
+run = octoplan.planner.cli.main
+octoplan.planner.cli.main = lambda: (run(), os.kill(os.getpid(), signal.SIGTERM))
 sys.exit(octoplan.main())
 """
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
-from model.effects import Extension, TipLoad, Weight
-from planner import Limits, Plan, Problem, Statement, load_plan, plan
-from planner.targets import TipPosition
-from planner.task import Task
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.effects import Extension, TipLoad, Weight
+from octoplan.planner import Limits, Plan, Problem, Statement, load_plan, plan
+from octoplan.planner.targets import TipPosition
+from octoplan.planner.task import Task
 from tests.differences import check_derivatives, whole
 
 ARM = Arm.from_paper("table-4")

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, Material, Scene, conical
-from model.effects import Extension, Weight
-from model.machine.functions import Buffered
-from model.obstacles import Box
-from planner import plan, trajectory
-from planner.answer import sentence
-from planner.avoidance.rows import Avoidance
-from planner.certificate import Certificate
-from planner.program.program import Program
-from planner.solve import ipopt
-from planner.targets import BendingPlane, TipPosition
+from octoplan.model import Arm, Material, Scene, conical
+from octoplan.model.effects import Extension, Weight
+from octoplan.model.machine.functions import Buffered
+from octoplan.model.obstacles import Box
+from octoplan.planner import plan, trajectory
+from octoplan.planner.answer import sentence
+from octoplan.planner.avoidance.rows import Avoidance
+from octoplan.planner.certificate import Certificate
+from octoplan.planner.program.program import Program
+from octoplan.planner.solve import ipopt
+from octoplan.planner.targets import BendingPlane, TipPosition
 
 ARM, PAPER = Arm.from_paper("table-4"), Scene(Extension())
 TARGET = TipPosition((0.28, 0.12, -0.12))

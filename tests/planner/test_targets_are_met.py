@@ -8,8 +8,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from model import Anchorage, Arm, Linear, Material, Scene, settle
-from model.effects import (
+from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
+from octoplan.model.effects import (
     Buoyancy,
     Current,
     Effect,
@@ -21,9 +21,9 @@ from model.effects import (
     TipLoad,
     Weight,
 )
-from model.loads import is_loaded
-from planner import Plan, plan
-from planner.targets import (
+from octoplan.model.loads import is_loaded
+from octoplan.planner import Plan, plan
+from octoplan.planner.targets import (
     Backbone,
     BendingPlane,
     Fetch,
@@ -32,7 +32,7 @@ from planner.targets import (
     TipPose,
     TipPosition,
 )
-from planner.targets.base import View
+from octoplan.planner.targets.base import View
 from tests.planner.cases import (
     PAPER,
     Array,

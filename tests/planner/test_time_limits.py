@@ -14,18 +14,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, settle
-from model.effects import Buoyancy, Contact, ExactTendons, Extension, Weight
-from model.errors import UncertifiedError
-from model.obstacles import Capsule, Sphere
-from model.progress import GRACE, OUT_OF_TIME, check_time, reserve, seconds_left, time_limit
-from planner import Plan, load_plan, plan
-from planner.answer import Answer
-from planner.fit.calibrate import calibrate
-from planner.fit.measured import Measured
-from planner.fit.unknowns import Unknown
-from planner.targets import BendingPlane, TipPosition, Wrap
-from planner.trajectory.motion import trajectory
+from octoplan.model import Arm, InputError, Scene, settle
+from octoplan.model.effects import Buoyancy, Contact, ExactTendons, Extension, Weight
+from octoplan.model.errors import UncertifiedError
+from octoplan.model.obstacles import Capsule, Sphere
+from octoplan.model.progress import (
+    GRACE,
+    OUT_OF_TIME,
+    check_time,
+    reserve,
+    seconds_left,
+    time_limit,
+)
+from octoplan.planner import Plan, load_plan, plan
+from octoplan.planner.answer import Answer
+from octoplan.planner.fit.calibrate import calibrate
+from octoplan.planner.fit.measured import Measured
+from octoplan.planner.fit.unknowns import Unknown
+from octoplan.planner.targets import BendingPlane, TipPosition, Wrap
+from octoplan.planner.trajectory.motion import trajectory
 from tests.contact.cases import bar
 
 ARM = Arm.from_paper("table-4")
@@ -83,8 +90,8 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
         return float(now.seconds)
 
     slow = SimpleNamespace(monotonic=monotonic, process_time=lambda: 0.0)
-    monkeypatch.setattr("model.progress.time", slow)
-    monkeypatch.setattr("planner.contact.search.time", slow)
+    monkeypatch.setattr("octoplan.model.progress.time", slow)
+    monkeypatch.setattr("octoplan.planner.contact.search.time", slow)
     return now
 
 
@@ -129,7 +136,7 @@ def test_a_slow_certificate_is_told_as_not_certified(
     what: str, monkeypatch: pytest.MonkeyPatch, clock: SimpleNamespace
 ) -> None:
     with monkeypatch.context() as patched:
-        patched.setattr(f"planner.certificate.{what}", endless)
+        patched.setattr(f"octoplan.planner.certificate.{what}", endless)
         p = plan(ARM, TIP, PAPER, 20.0, time_limit=1e4)
     assert clock.seconds <= 1e4 + GRACE + 20
     assert not p.stopped and not p.reached
@@ -144,7 +151,7 @@ def test_a_slow_certificate_is_told_as_not_certified(
 def test_a_slow_load_factor_is_left_out(
     monkeypatch: pytest.MonkeyPatch, clock: SimpleNamespace
 ) -> None:
-    monkeypatch.setattr("planner.certificate._load_factor", endless)
+    monkeypatch.setattr("octoplan.planner.certificate._load_factor", endless)
     p = plan(ARM, TIP, WATER, 20.0, time_limit=1e4)
     assert p.reached
     assert p.certificate.load_factor is None
@@ -171,7 +178,7 @@ def test_a_loaded_plan_is_certified_within_its_limit(
     monkeypatch: pytest.MonkeyPatch, clock: SimpleNamespace, tmp_path: Path
 ) -> None:
     path = PLANS["paper"]().save(tmp_path / "plan.json")
-    monkeypatch.setattr("planner.certificate._integrated", endless)
+    monkeypatch.setattr("octoplan.planner.certificate._integrated", endless)
     p = load_plan(path, time_limit=100)
     assert clock.seconds <= 120
     assert p.certificate.problem == OUT_OF_TIME
@@ -193,7 +200,7 @@ def test_a_plan_in_contact_leaves_time_for_its_certificate(
         complete(self)
 
     monkeypatch.setattr(Answer, "complete", looked)
-    monkeypatch.setattr("planner.contact.search.optimum", endless)
+    monkeypatch.setattr("octoplan.planner.contact.search.optimum", endless)
     leaning(time_limit=1000)
     assert left[0] >= 200
 
@@ -241,7 +248,7 @@ def test_a_slow_certificate_of_a_motion_is_told(
     what: str, monkeypatch: pytest.MonkeyPatch, clock: SimpleNamespace
 ) -> None:
     """Targets that were not verified counted as reached: all(()) is True."""
-    monkeypatch.setattr(import_module("planner.trajectory.certificate"), what, endless)
+    monkeypatch.setattr(import_module("octoplan.planner.trajectory.certificate"), what, endless)
     motion = trajectory(ARM, TARGETS, PAPER, 20.0, rate_max=1.0, time_limit=1e5)
     assert clock.seconds <= 1e5 + GRACE + 20
     assert motion.reached == (False, False)
@@ -254,7 +261,7 @@ def test_a_slow_certificate_of_a_motion_is_told(
 def test_a_slow_estimate_of_a_motions_pace_is_left_out(
     monkeypatch: pytest.MonkeyPatch, clock: SimpleNamespace
 ) -> None:
-    result = import_module("planner.trajectory.result")
+    result = import_module("octoplan.planner.trajectory.result")
     monkeypatch.setattr(result, "slowest_period", endless)
     motion = trajectory(ARM, TARGETS, PAPER, 20.0, rate_max=1.0, time_limit=1e5)
     assert motion.reached == (True, True)

@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, UnitWarning, settle, settle_many
-from model.effects import Buoyancy, ExactTendons, Extension, Weight
-from model.errors import FileError
-from model.winches import rest_lengths
-from planner import load_plan, plan, stiffness
-from planner.cli import main
-from planner.io.scene_file import load
-from planner.measure import length_error
-from planner.question import Limits
-from planner.targets import TipPosition
-from planner.trajectory.question import Rates
+from octoplan.model import Arm, InputError, Scene, UnitWarning, settle, settle_many
+from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
+from octoplan.model.errors import FileError
+from octoplan.model.winches import rest_lengths
+from octoplan.planner import load_plan, plan, stiffness
+from octoplan.planner.cli import main
+from octoplan.planner.io.scene_file import load
+from octoplan.planner.measure import length_error
+from octoplan.planner.question import Limits
+from octoplan.planner.targets import TipPosition
+from octoplan.planner.trajectory.question import Rates
 from tests.warned import detailed
 
 ARM = Arm.from_paper("table-2")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from model import Arm, Scene, Shape
-from model.effects import Buoyancy, ExactTendons, Extension, NeoHookean, TipLoad, Weight
+from octoplan.model import Arm, Scene, Shape
+from octoplan.model.effects import Buoyancy, ExactTendons, Extension, NeoHookean, TipLoad, Weight
 from tests.model.cases import MOST
 from tests.oracles import Array
 

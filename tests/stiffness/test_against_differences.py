@@ -8,10 +8,10 @@ from itertools import product
 import numpy as np
 import pytest
 
-from model import Arm, Scene, Shape, settle
-from model.compliance import compliance_of, sensitivities
-from model.effects import Current, Extension, PointLoad, Shear, TipLoad, Weight
-from planner import stiffness
+from octoplan.model import Arm, Scene, Shape, settle
+from octoplan.model.compliance import compliance_of, sensitivities
+from octoplan.model.effects import Current, Extension, PointLoad, Shear, TipLoad, Weight
+from octoplan.planner import stiffness
 from tests.differences import fourth_order
 from tests.stiffness.cases import (
     IN_WATER,

@@ -9,10 +9,10 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from model import Anchorage, Arm, Linear, Scene, settle
-from model.critical_load import critical_load_factor
-from model.effects import ExactTendons, Extension, NeoHookean, TipLoad
-from planner import stiffness
+from octoplan.model import Anchorage, Arm, Linear, Scene, settle
+from octoplan.model.critical_load import critical_load_factor
+from octoplan.model.effects import ExactTendons, Extension, NeoHookean, TipLoad
+from octoplan.planner import stiffness
 from tests.effects.bars import NO_PULL, Bar, euler
 from tests.stiffness.cases import STATICS, Array, pulling, scaled
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model import Arm, Scene
-from model.effects import Current, Effect, Extension, Friction, Shear, TipLoad
-from planner import Limits, Statement
-from planner.program.problem import Problem
-from planner.targets import MinimumStiffness, Softest, Stiffest, Target, TipPosition
-from planner.task import Task
+from octoplan.model import Arm, Scene
+from octoplan.model.effects import Current, Effect, Extension, Friction, Shear, TipLoad
+from octoplan.planner import Limits, Statement
+from octoplan.planner.program.problem import Problem
+from octoplan.planner.targets import MinimumStiffness, Softest, Stiffest, Target, TipPosition
+from octoplan.planner.task import Task
 from tests.differences import check_derivatives, whole
 from tests.stiffness.cases import IN_WATER, Array, pulling
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
-from model.effects import Extension
-from planner import Plan, plan, stiffness
-from planner.program.terms import Targets
-from planner.targets import MinimumStiffness, Softest, Stiffest, TipPosition
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.effects import Extension
+from octoplan.planner import Plan, plan, stiffness
+from octoplan.planner.program.terms import Targets
+from octoplan.planner.targets import MinimumStiffness, Softest, Stiffest, TipPosition
 from tests.stiffness.cases import STATICS, Array
 
 ARM, MOST = Arm.from_paper("table-2"), 10.0

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
-from model.effects import Extension, TipLoad
-from planner import Plan, plan, stiffness
-from planner.targets import MinimumStiffness, Softest, Stiffest, TipPosition
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.effects import Extension, TipLoad
+from octoplan.planner import Plan, plan, stiffness
+from octoplan.planner.targets import MinimumStiffness, Softest, Stiffest, TipPosition
 from tests.differences import fourth_order
 from tests.stiffness.cases import IN_WATER, STATICS, Array, moved, pushed, with_effects
 from tests.stiffness.test_against_differences import STEP, TENDON_EA, with_lengths_held

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from model import Anchorage, Arm, Linear, Material, Scene
-from model.arm import PAPER_FRAME
-from model.effects import TipLoad, Weight
-from model.errors import SingularError
-from planner import stiffness
+from octoplan.model import Anchorage, Arm, Linear, Material, Scene
+from octoplan.model.arm import PAPER_FRAME
+from octoplan.model.effects import TipLoad, Weight
+from octoplan.model.errors import SingularError
+from octoplan.planner import stiffness
 from tests.effects.cases import DATA, RODS
 from tests.stiffness.cases import IN_WATER, STATICS, Array, gap, pulling, scaled, with_effects
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, Scene
-from model.critical_load import critical_load_factor
-from model.effects import Extension
-from planner import plan, stiffness
-from planner.targets import MinimumStiffness, Softest, Stiffest, TipPosition
+from octoplan.model import Arm, Scene
+from octoplan.model.critical_load import critical_load_factor
+from octoplan.model.effects import Extension
+from octoplan.planner import plan, stiffness
+from octoplan.planner.targets import MinimumStiffness, Softest, Stiffest, TipPosition
 from tests.refusals import Refused, check_refusal
 from tests.stiffness.cases import STATICS, pulling
 

@@ -9,13 +9,22 @@ import pytest
 from scipy.linalg import eigvals
 from scipy.sparse.linalg import ArpackNoConvergence, eigs
 
-from model import Anchorage, Arm, Linear, Scene, SnapError, settle
-from model.effects import Buoyancy, Contact, Current, Effect, Extension, PointLoad, TipLoad, Weight
-from model.equilibrium.linearised import Linearised
-from model.equilibrium.stability import rest_stiffness, stability, stability_slope, stands
-from model.obstacles import Sphere
-from model.transcription.system import system
-from planner import stiffness
+from octoplan.model import Anchorage, Arm, Linear, Scene, SnapError, settle
+from octoplan.model.effects import (
+    Buoyancy,
+    Contact,
+    Current,
+    Effect,
+    Extension,
+    PointLoad,
+    TipLoad,
+    Weight,
+)
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.stability import rest_stiffness, stability, stability_slope, stands
+from octoplan.model.obstacles import Sphere
+from octoplan.model.transcription.system import system
+from octoplan.planner import stiffness
 from tests.stiffness.cases import STATICS, with_effects
 
 # Two tendons against each other, outside of the body, held by discs.
@@ -94,7 +103,7 @@ def test_a_stability_beside_a_cluster_of_others_takes_no_eigenvalues_of_the_whol
     arm, scene = Arm.from_paper("table-4"), Scene.silicone(Current((0.0, 0.05, 0.0)))
     T = [0, 0.05, 0, 0.1, 0, 0, 0.3, 1.0, 0, 0, 0.5, 0.9]
     whole = settle(arm, T, scene, 1e-7).stability
-    monkeypatch.setattr("model.equilibrium.stability.eigs", counted)
+    monkeypatch.setattr("octoplan.model.equilibrium.stability.eigs", counted)
     assert settle(arm, T, scene, 1e-7).stability == pytest.approx(whole, rel=1e-6)
     assert len(tries) == 1
 

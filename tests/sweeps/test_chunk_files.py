@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import InputError
-from planner import sweep
-from planner.cli import main
-from planner.sweeps.definition import load_sweep
-from planner.sweeps.points import Rows, blank
-from planner.sweeps.store import ChunkFiles, FullDiskError, folder_of
+from octoplan.model import InputError
+from octoplan.planner import sweep
+from octoplan.planner.cli import main
+from octoplan.planner.sweeps.definition import load_sweep
+from octoplan.planner.sweeps.points import Rows, blank
+from octoplan.planner.sweeps.store import ChunkFiles, FullDiskError, folder_of
 from tests.sweeps.cases import GRID, written
 
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-import planner
-from planner.sweeps.definition import load_sweep
-from planner.sweeps.sweep import VersionsError, WorkersLostError, _one, on_cluster
+from octoplan import planner
+from octoplan.planner.sweeps.definition import load_sweep
+from octoplan.planner.sweeps.sweep import VersionsError, WorkersLostError, _one, on_cluster
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
 ROOT = Path(__file__).parents[2]

@@ -13,11 +13,11 @@ import psutil
 import pytest
 import xarray
 
-import planner
-from model import InputError
-from planner.sweeps.definition import Sweep
-from planner.sweeps.store import folder_of
-from planner.sweeps.sweep import WorkersLostError
+from octoplan import planner
+from octoplan.model import InputError
+from octoplan.planner.sweeps.definition import Sweep
+from octoplan.planner.sweeps.store import folder_of
+from octoplan.planner.sweeps.sweep import WorkersLostError
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
 ROOT = Path(__file__).parents[2]

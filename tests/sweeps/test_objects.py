@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene
-from model.effects import (
+from octoplan.model import Arm, InputError, Scene
+from octoplan.model.effects import (
     Extension,
     Weight,
 )
-from planner import sweep
-from planner.cli import main
-from planner.targets import (
+from octoplan.planner import sweep
+from octoplan.planner.cli import main
+from octoplan.planner.targets import (
     BendingPlane,
 )
 from tests.sweeps.cases import GRID, tensions, written
@@ -79,12 +79,12 @@ def test_a_finished_sweep_is_not_run_again_and_says_so(
         raise AssertionError("run again")
 
     with monkeypatch.context() as patch:
-        patch.setattr("planner.sweeps.sweep.computed", never)
+        patch.setattr("octoplan.planner.sweeps.sweep.computed", never)
         assert main(argv) == 0
         assert json.loads(capsys.readouterr().out) == first | {"earlier": True}
         assert main(argv[:-1]) == 0
         assert "finished by an earlier run, not run again" in capsys.readouterr().out
-        with caplog.at_level(logging.INFO, "planner.sweeps"):
+        with caplog.at_level(logging.INFO, "octoplan.planner.sweeps"):
             found = sweep(path, out)
         assert found.settled.values.all()
         assert f"{out} holds this sweep already" in caplog.text

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-import planner
+from octoplan import planner
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
 ROOT = Path(__file__).parents[2]
@@ -37,7 +37,7 @@ def test_whole_numbers_and_mixed_ones_are_saved_as_what_they_are(tmp_path: Path)
 
 _PEAK = """
 import resource, sys
-from planner.cli import main
+from octoplan.planner.cli import main
 assert main(["sweep", *sys.argv[1:]]) == 0
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import xarray
 
-import planner
-from model import Arm, InputError, OctoplanError, Scene, settle
-from model.effects import Extension
-from model.errors import MissingExtraError
-from planner.cli import main
-from planner.sweeps.definition import load_sweep
+from octoplan import planner
+from octoplan.model import Arm, InputError, OctoplanError, Scene, settle
+from octoplan.model.effects import Extension
+from octoplan.model.errors import MissingExtraError
+from octoplan.planner.cli import main
+from octoplan.planner.sweeps.definition import load_sweep
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, tensions, written
 
 ARM = Arm.from_paper("table-4")

@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from model import Arm, Scene, settle
-from model.effects import Extension
-from model.errors import ConvergenceError
-from planner import trajectory
-from planner.targets import TipPosition
-from planner.trajectory.question import Rates
-from planner.trajectory.time_law import Stretch, fastest, fastest_pace
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.effects import Extension
+from octoplan.model.errors import ConvergenceError
+from octoplan.planner import trajectory
+from octoplan.planner.targets import TipPosition
+from octoplan.planner.trajectory.question import Rates
+from octoplan.planner.trajectory.time_law import Stretch, fastest, fastest_pace
 from tests.oracles import Array
 
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.interpolate import PPoly
 
-from model import Arm, Scene, settle
-from model.effects import ExactTendons, TipLoad
-from model.winches import rest_lengths
-from planner import trajectory
-from planner.targets import TipPosition
-from planner.trajectory.time_law import Timed
+from octoplan.model import Arm, Scene, settle
+from octoplan.model.effects import ExactTendons, TipLoad
+from octoplan.model.winches import rest_lengths
+from octoplan.planner import trajectory
+from octoplan.planner.targets import TipPosition
+from octoplan.planner.trajectory.time_law import Timed
 from tests.lengths.cases import cylinder
 
 ARM = Arm.from_paper("table-4")

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model import Arm, InputError, Scene, settle
-from model.effects import Extension
-from model.obstacles import Moving, Sphere
-from planner import Trajectory, plan, trajectory
-from planner.io.scene_file import load
-from planner.targets import TipPosition
+from octoplan.model import Arm, InputError, Scene, settle
+from octoplan.model.effects import Extension
+from octoplan.model.obstacles import Moving, Sphere
+from octoplan.planner import Trajectory, plan, trajectory
+from octoplan.planner.io.scene_file import load
+from octoplan.planner.targets import TipPosition
 
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())
 TARGETS = [TipPosition((0.32, 0.08, -0.1)), TipPosition((0.3, 0.12, -0.12))]
