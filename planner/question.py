@@ -108,7 +108,8 @@ class Limits:
         high, low = each_tendon(arm, "tension_max", upper), each_tendon(arm, "tension_min", lower)
         if np.isinf(low).any():
             raise InputError("tension_min", lower, "finite numbers")
-        shares = np.minimum(high, LARGEST) / natural_tensions(arm)
+        with np.errstate(over="ignore"):
+            shares = high / natural_tensions(arm)
         warn_unusual("tension_max", [float(shares.max())], LARGEST_LIMIT)
         warn_unusual("tension_max", [float(shares.min())], SMALLEST_LIMIT)
         # Minima above a million times what bends the arm crush any arm, and digits are lost.

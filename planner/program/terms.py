@@ -207,9 +207,11 @@ class TargetTerms:
         by_kind = [
             _by_kind(term, {name: 1 - x for name, x in term.reciprocal.items()}) for term in terms
         ]
+        # Without targets, a kind has no terms.
+        kinds = [[values[k] for values in by_kind] for k in range(len(KINDS))]
         stacks = [
             ca.vertcat(ca.MX(0, 1), *(value for values in kind for value in values.values()))
-            for kind in zip(*by_kind, strict=True)
+            for kind in kinds
         ]
         flat = ca.vertcat(*(ca.vec(C) for C in compliances if C is not None))
         p = ca.vertcat(*numbers)
@@ -225,7 +227,7 @@ class TargetTerms:
                 for name, value in values.items()
                 for _ in range(value.numel())
             ]
-            for kind in zip(*by_kind, strict=True)
+            for kind in kinds
         )
         self.count = len(self.names[0]) + len(self.names[1])
         factors = dict[str, float]()

@@ -180,8 +180,12 @@ def test_a_shape_that_topples_is_held_by_tendons_against_each_other() -> None:
 
 
 def test_a_pose_whose_constraints_are_nearly_dependent_is_not_overpaid() -> None:
-    """It took 17 % more: quadratic programs crept towards this optimum, and were given up."""
+    """Quadratic programs crept towards this optimum and ended with 17 % more effort.
+
+    The constraints are nearly dependent, so that residuals save effort: 5.7e-8 saves 3.7 %, 3.0e-8
+    saves 2.0 %. Extrapolated to residuals of 0 the least effort is 6.70 N.
+    """
     asked = question(744)
     found = plan(asked.arm, asked.target, asked.scene)
     assert found.reached
-    assert found.effort < 6.47
+    assert found.effort < 6.71
