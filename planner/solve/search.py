@@ -56,6 +56,11 @@ ATTAINABLE = 1e3 * REGULARISATION
 # Sampled shapes that are tried before targets are said to be missed. Local optima of the distance
 # are many where limits hold: of 25 tips of an arm with a helical tendon four find the best of 22.
 WIDE = 8
+# Stabilities to which optima are held if the arm takes another shape under their tensions: 1 is an
+# arm at rest.
+STIFFER = (0.3, 0.5)
+# Largest number of optima that are held to a stability.
+MOST_HELD = 4
 _PHASES: dict[Mode, str] = {
     "exact": "trials that meet the targets",
     "closest": "trials for the nearest shape, equalities met",
@@ -233,7 +238,7 @@ class Reading:
         Unstable ones are held to stability, which makes them dearer, when no other is cheaper.
         """
         lost, unstable = np.inf, {float(f"{each.f:.3g}"): each for each in self.unstable}
-        streams = [self._held(unstable[f]) for f in sorted(unstable)[:4]]
+        streams = [self._held(unstable[f]) for f in sorted(unstable)[:MOST_HELD]]
         stable = sorted(((each.f, each) for each in self.met), key=itemgetter(0))
         for f, optimum in merge(stable, *streams, key=itemgetter(0)):
             if f > limit:
@@ -248,17 +253,36 @@ class Reading:
                 lost = min(lost, f)
         return None
 
-    def _held(self, optimum: Candidate) -> Iterator[tuple[float, Candidate | None]]:
-        """Yield the optimum near an unstable one that is as stable as it has to be, if any is.
+    def stiffer(self) -> SearchResult | None:
+        """Return a result near rejected optima that is more stable; None if none is found.
 
-        With its objective; first, as no more than that, the objective of the unstable one alone.
-        Where another mode is less stable then, that one is held next.
+        Under strong loads the arm may have other shapes under the tensions of an optimum, and take
+        one of them. Shapes that are more stable are more often the ones that it takes.
+        """
+        if has_unique_equilibrium(self.task.arm, self.task.scene):
+            return None
+        for floor in STIFFER:
+            for optimum in self.optima[:MOST_HELD]:
+                for _, held in self._held(optimum, floor):
+                    fine = None if held is None else refine(held)
+                    if fine is not None:
+                        return fine.result(self.trials)
+        return None
+
+    def _held(
+        self, optimum: Candidate, floor: float = 0.0
+    ) -> Iterator[tuple[float, Candidate | None]]:
+        """Yield the optimum near another one that is as stable as it has to be, if any is.
+
+        With its objective; first, as no more than that, the objective of the other one alone. The
+        stability is at least that of the statement, and at least `floor`. If another mode is less
+        stable then, that one is held next.
         """
         yield optimum.f, None
-        near, least = optimum, self.task.statement.least
+        near, least = optimum, max(self.task.statement.least, floor)
         with suppress(OctoplanError, np.linalg.LinAlgError):
             for _ in range(CORRECTIONS):
-                problem = near.problem.but(modes=1)
+                problem = near.problem.but(modes=1, floor=least)
                 x = problem.closed(near.tensions, near.problem.linearised(near.x).states)
                 near = solve(problem, x, problem.parameters(SEARCHED))
                 check_time()
@@ -364,6 +388,8 @@ class Search:
                 each.f <= KKT_TOLERANCE for each in reading.unstable
             )
             result = reading.best(KKT_TOLERANCE if near and self.task.best_margin else np.inf)
+            if result is None and reading.mode == "exact":
+                result = reading.stiffer()
             if result is not None or near or not reading.met:
                 break
             reading.reject()

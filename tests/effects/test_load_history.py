@@ -23,6 +23,7 @@ from octoplan import (
     Scene,
     SnapError,
     TipLoad,
+    TipPosition,
     Weight,
     plan,
     settle,
@@ -162,3 +163,19 @@ def test_unique_equilibrium_below_the_load_of_a_column(tapered: bool) -> None:
         material = Material(E, 0.0, density)
         arm = Arm(L, Linear(R, tip), (section,), material)
         assert has_unique_equilibrium(arm, Scene(ExactTendons(), Weight())) is is_unique
+
+
+def test_plan_takes_a_shape_that_the_arm_reaches_from_rest() -> None:
+    """The cheapest shapes at this tip are stable, but not those that the arm takes."""
+    t = np.array([0.3347, -0.0268, -0.942]) / np.linalg.norm([0.3347, -0.0268, -0.942])
+    across = np.cross(np.cross(t, [-0.8559, 0.4096, -0.3158]), t)
+    n = across / np.linalg.norm(across)
+    frame = np.column_stack([t, n, np.cross(t, n)]).tolist()
+    arm = replace(Arm.from_paper("table-4"), base_frame=frame)
+    scene = Scene.silicone(Weight(), Buoyancy(), TipLoad((0, 0, -0.03)))
+    tensions = [0, 0.177, 0, 0, 0, 0, 1.12, 0, 3.689, 2.65, 2.781, 0]
+    shape = settle(arm, tensions, scene)
+    p = plan(arm, TipPosition(tuple(shape.tip)), scene, tension_max=5.5)
+    assert p.reached, p.outcome
+    assert p.effort < np.linalg.norm(tensions)
+    assert settle(arm, p.tensions, scene).tip == pytest.approx(shape.tip, abs=2e-6 * arm.length)
