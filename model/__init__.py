@@ -3,7 +3,13 @@
 from octoplan.model.anchorage import Anchorage, Material, RestCurvature
 from octoplan.model.arm import Arm, conical
 from octoplan.model.compliance import LengthResponse, length_response
-from octoplan.model.errors import (
+from octoplan.model.extensions.batches import Shapes, settle_many
+from octoplan.model.paths import Linear, Sampled
+from octoplan.model.scene import Scene
+from octoplan.model.settle import settle
+from octoplan.model.shape import Shape
+from octoplan.model.stiffness import tip_jacobian
+from octoplan.model.support.errors import (
     CollapsedError,
     ConvergenceError,
     InputError,
@@ -11,13 +17,7 @@ from octoplan.model.errors import (
     ShapeWarning,
     SnapError,
 )
-from octoplan.model.many import Shapes, settle_many
-from octoplan.model.paths import Linear, Sampled
-from octoplan.model.scene import Scene
-from octoplan.model.settle import settle
-from octoplan.model.shape import Shape
-from octoplan.model.stiffness import tip_jacobian
-from octoplan.model.units import UnitWarning
+from octoplan.model.support.units import UnitWarning
 
 __all__ = [
     "Anchorage",

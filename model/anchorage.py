@@ -8,9 +8,9 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from octoplan.model.errors import InputError
 from octoplan.model.paths import Linear, Path
-from octoplan.model.quantities import (
+from octoplan.model.support.errors import InputError
+from octoplan.model.support.quantities import (
     Angle,
     AnglePaths,
     CurvaturePath,
@@ -19,8 +19,8 @@ from octoplan.model.quantities import (
     Positive,
     unit,
 )
-from octoplan.model.units import ANGLE_AROUND, DENSITY, MODULUS, TURN, warn_unusual
-from octoplan.model.value import value
+from octoplan.model.support.units import ANGLE_AROUND, DENSITY, MODULUS, TURN, warn_unusual
+from octoplan.model.support.value import value
 
 QUARTERS = (0.0, np.pi / 2, np.pi, 3 * np.pi / 2)
 

@@ -13,12 +13,12 @@ import numpy as np
 from msgspec import Meta
 
 from octoplan.model.anchorage import Anchorage, Material, RestCurvature
-from octoplan.model.checks import LARGEST, SMALLEST, finite_array, is_several, numbers
-from octoplan.model.errors import InputError
 from octoplan.model.paths import Array, Linear, Path
-from octoplan.model.quantities import Frame, Length, LengthPath, Place
-from octoplan.model.text import Shown, columns, ends_text, shortened_lines
-from octoplan.model.units import (
+from octoplan.model.support.checks import LARGEST, SMALLEST, finite_array, is_several, numbers
+from octoplan.model.support.errors import InputError
+from octoplan.model.support.quantities import Frame, Length, LengthPath, Place
+from octoplan.model.support.text import Shown, columns, ends_text, shortened_lines
+from octoplan.model.support.units import (
     LENGTH,
     PLASTICS,
     RADIUS,
@@ -28,7 +28,7 @@ from octoplan.model.units import (
     stiff_text,
     warn_unusual,
 )
-from octoplan.model.value import value
+from octoplan.model.support.value import value
 
 Row = tuple[float, float, float]
 

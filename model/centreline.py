@@ -1,7 +1,7 @@
 """The centreline between the nodes: where it is, how long, and how far it has turned.
 
 Inside an element the strains are the polynomial through its stages; a part of an element is an
-element itself, and its end is where the equations of octoplan.model.transcription.element put it.
+element itself, and its end is where the equations of octoplan.model.rod.element put it.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from octoplan.model.cross_section.law import CrossSection
 from octoplan.model.cross_section.sections import kinematics
 from octoplan.model.effects import NeoHookean
 from octoplan.model.equilibrium.newton import STAGES
-from octoplan.model.machine.functions import Mapped, built
 from octoplan.model.paths import SAME, Array
+from octoplan.model.rod.collocation import gauss, rotation_vectors
+from octoplan.model.rod.system import System
 from octoplan.model.rotations import half_turn, multiply, unit_matrix
 from octoplan.model.scene import Scene
-from octoplan.model.transcription.collocation import gauss, rotation_vectors
-from octoplan.model.transcription.system import System
+from octoplan.model.support.machine.functions import Mapped, built
 
 Counts = NDArray[np.int64]
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from octoplan.model.checks import kind
 from octoplan.model.cross_section import cross_section_of
 from octoplan.model.cross_section.sections import Sections, strains_of
 from octoplan.model.equilibrium.linearised import Equilibrium, Index, Linearised
@@ -17,6 +16,7 @@ from octoplan.model.forward import FINEST, maps_of, pair_for, refined
 from octoplan.model.loads import check_not_printed, convergence_order
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
+from octoplan.model.support.checks import kind
 from octoplan.model.unloaded.march_derivative import MarchDerivative
 from octoplan.model.unloaded.marched import Marched
 from octoplan.model.winches import least_compliance, pulls

@@ -16,19 +16,19 @@ from typing import Any, TypeVar
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.checks import within
-from octoplan.model.contact.forward import TouchingMap
 from octoplan.model.effects import PrintedStatics
 from octoplan.model.equilibrium.load_steps import Collocation
-from octoplan.model.errors import ConvergenceError, InputError
+from octoplan.model.extensions.contact.forward import TouchingMap
+from octoplan.model.extensions.printed import PrintedMap
 from octoplan.model.integrators import MAGNUS2, MAGNUS4, MAGNUS6, RK4, RK6, RK8
 from octoplan.model.loads import check_loads, contacts, convergence_order, is_loaded
-from octoplan.model.progress import check_time
+from octoplan.model.rod.system import system
 from octoplan.model.scene import Scene
-from octoplan.model.transcription.system import system
+from octoplan.model.support.checks import within
+from octoplan.model.support.errors import ConvergenceError, InputError
+from octoplan.model.support.progress import check_time
 from octoplan.model.unloaded.closed_form import ClosedForm
 from octoplan.model.unloaded.marched import March
-from octoplan.model.unloaded.printed import PrintedMap
 
 T = TypeVar("T")
 LOOSEST, FINEST_ACCURACY = 0.1, 1e-12

@@ -9,7 +9,6 @@ import numpy as np
 import scipy
 
 from octoplan.model.arm import Arm
-from octoplan.model.checks import LARGEST
 from octoplan.model.effects import (
     Buoyancy,
     Contact,
@@ -24,11 +23,12 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
-from octoplan.model.errors import InputError
-from octoplan.model.obstacles import numbers_of
+from octoplan.model.extensions.obstacles import numbers_of
 from octoplan.model.paths import SAME, Array, Path
 from octoplan.model.scene import Scene
-from octoplan.model.units import length_text
+from octoplan.model.support.checks import LARGEST
+from octoplan.model.support.errors import InputError
+from octoplan.model.support.units import length_text
 
 _LOADS = (Contact, Current, Friction, PointLoad, PointMass, Shear, TipLoad, Weight)
 _NAMES = tuple(kind.__name__ for kind in _LOADS)

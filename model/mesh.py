@@ -10,8 +10,8 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.paths import SAME, Array, Path
+from octoplan.model.rod.collocation import gauss
 from octoplan.model.stations import Counts
-from octoplan.model.transcription.collocation import gauss
 
 _FINE = 64
 # Growth, as an exponent, that costs half an element, and the most halves that a stretch may cost.

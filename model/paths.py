@@ -10,10 +10,10 @@ import scipy
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from octoplan.model.checks import SUCH, finite_array
-from octoplan.model.errors import InputError
-from octoplan.model.units import length_text
-from octoplan.model.value import value
+from octoplan.model.support.checks import SUCH, finite_array
+from octoplan.model.support.errors import InputError
+from octoplan.model.support.units import length_text
+from octoplan.model.support.value import value
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

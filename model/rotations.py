@@ -13,8 +13,8 @@ import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from octoplan.model.checks import SMALLEST
 from octoplan.model.paths import Array
+from octoplan.model.support.checks import SMALLEST
 
 _DOUBLINGS, _TERMS = 3, 7
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any, TypeVar
 
-from octoplan.model.checks import kind
 from octoplan.model.effects import Effect, ExactTendons, Extension, NeoHookean, PrintedStatics
-from octoplan.model.errors import InputError
-from octoplan.model.text import Shown
-from octoplan.model.value import value
+from octoplan.model.support.checks import kind
+from octoplan.model.support.errors import InputError
+from octoplan.model.support.text import Shown
+from octoplan.model.support.value import value
 
 E = TypeVar("E", bound=Effect)
 # Of a line, in characters.

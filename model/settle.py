@@ -13,25 +13,16 @@ from typing import Any
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.by_lengths import GivenLengths
-from octoplan.model.checks import finite, kind
-from octoplan.model.contact.gaps import THROUGH
-from octoplan.model.contact.path import Touching
-from octoplan.model.contact.self_contact import pressed_on_itself
 from octoplan.model.effects import PrintedStatics, SelfContact
 from octoplan.model.equilibrium.linearised import Equilibrium, Linearised, check_stretch
 from octoplan.model.equilibrium.load_changes import with_loads_of
 from octoplan.model.equilibrium.load_steps import ROUGHEST
 from octoplan.model.equilibrium.newton import SETTLED
-from octoplan.model.errors import (
-    CollapsedError,
-    ConvergenceError,
-    InputError,
-    ShapeWarning,
-    SnapError,
-    UnsettledContactError,
-    UnsettledSectionError,
-)
+from octoplan.model.extensions.contact.gaps import THROUGH
+from octoplan.model.extensions.contact.path import Touching
+from octoplan.model.extensions.contact.self_contact import pressed_on_itself
+from octoplan.model.extensions.lengths.by_lengths import GivenLengths
+from octoplan.model.extensions.lengths.shortest import UnknownLeastError, too_short
 from octoplan.model.forward import (
     COARSE,
     FINEST,
@@ -45,13 +36,28 @@ from octoplan.model.forward import (
     no_estimate,
 )
 from octoplan.model.loads import check_loads, contacts, is_loaded, without_friction
-from octoplan.model.machine.compiled import Compile, checked_compile
 from octoplan.model.paths import Array
-from octoplan.model.progress import PATIENCE, before_long, check_time, limited, with_progress
 from octoplan.model.scene import Scene
 from octoplan.model.shape import Shape, sharp, stretched
-from octoplan.model.shortest import UnknownLeastError, too_short
-from octoplan.model.units import TENDONS, called_by_a_script, warn, warn_unusual
+from octoplan.model.support.checks import finite, kind
+from octoplan.model.support.errors import (
+    CollapsedError,
+    ConvergenceError,
+    InputError,
+    ShapeWarning,
+    SnapError,
+    UnsettledContactError,
+    UnsettledSectionError,
+)
+from octoplan.model.support.machine.compiled import Compile, checked_compile
+from octoplan.model.support.progress import (
+    PATIENCE,
+    before_long,
+    check_time,
+    limited,
+    with_progress,
+)
+from octoplan.model.support.units import TENDONS, called_by_a_script, warn, warn_unusual
 from octoplan.model.winches import Winches
 
 LOG = logging.getLogger(__name__)

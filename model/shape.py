@@ -11,10 +11,6 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.centreline import Centreline
-from octoplan.model.checks import arc_lengths, finite_array
-from octoplan.model.clearance.nearest import from_itself
-from octoplan.model.contact.path import Touching
-from octoplan.model.contact.touches import Touch, touches_of
 from octoplan.model.cross_section import cross_section_of
 from octoplan.model.cross_section.sections import Sections, strains_of
 from octoplan.model.effects import ExactTendons, NeoHookean
@@ -22,15 +18,19 @@ from octoplan.model.equilibrium.integration import sliding_tensions
 from octoplan.model.equilibrium.linearised import Equilibrium, History, Linearised
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.equilibrium.stability import stability
-from octoplan.model.errors import InputError
+from octoplan.model.extensions.clearance.nearest import from_itself
+from octoplan.model.extensions.contact.path import Touching
+from octoplan.model.extensions.contact.touches import Touch, touches_of
 from octoplan.model.forward import by_collocation
 from octoplan.model.loads import check_not_printed, is_loaded
 from octoplan.model.mesh import Mesh
 from octoplan.model.paths import SAME, Array, Mask
+from octoplan.model.rod.collocation import gauss
 from octoplan.model.rotations import matrices
 from octoplan.model.scene import Scene
-from octoplan.model.text import Shown, plotted, shape_text, tendon_table
-from octoplan.model.transcription.collocation import gauss
+from octoplan.model.support.checks import arc_lengths, finite_array
+from octoplan.model.support.errors import InputError
+from octoplan.model.support.text import Shown, plotted, shape_text, tendon_table
 from octoplan.model.winches import Winches, pulls, rest_lengths, unfelt
 
 # What is left of a tendon, over the arm's length, from which on it is slack.

@@ -10,7 +10,6 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.checks import arc_lengths, kind, literal, within
 from octoplan.model.compliance import (
     Response,
     by_lengths,
@@ -18,17 +17,18 @@ from octoplan.model.compliance import (
     section_stiffness,
     sensitivities,
 )
-from octoplan.model.errors import InputError, SingularError
 from octoplan.model.forward import explicit_map
 from octoplan.model.loads import check_not_printed, is_loaded
-from octoplan.model.machine.compiled import Compile
 from octoplan.model.paths import Array
-from octoplan.model.progress import limited
 from octoplan.model.rotations import conjugate, multiply
 from octoplan.model.scene import Scene
 from octoplan.model.settle import ACCURACY, checked_scene, settle
 from octoplan.model.shape import Shape
-from octoplan.model.text import Shown, columns, tendon_table
+from octoplan.model.support.checks import arc_lengths, kind, literal, within
+from octoplan.model.support.errors import InputError, SingularError
+from octoplan.model.support.machine.compiled import Compile
+from octoplan.model.support.progress import limited
+from octoplan.model.support.text import Shown, columns, tendon_table
 from octoplan.model.unloaded.closed_form import ClosedForm
 from octoplan.model.unloaded.march_derivative import MarchDerivative
 from octoplan.model.unloaded.marched import Marched

@@ -14,11 +14,11 @@ import scipy
 from scipy.linalg.lapack import dgesdd
 
 from octoplan.model.arm import Arm
-from octoplan.model.checks import LARGEST, SMALLEST, not_negative
 from octoplan.model.effects import Extension
-from octoplan.model.errors import InputError
 from octoplan.model.paths import Array, Mask
 from octoplan.model.scene import Scene
+from octoplan.model.support.checks import LARGEST, SMALLEST, not_negative
+from octoplan.model.support.errors import InputError
 from octoplan.model.unloaded.marched import Lengths, tendon_lengths
 
 # Compliance of held tendons as a share of the arm's own, so that combinations of lengths that no

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
     from octoplan.model import *
     from octoplan.model.effects import *
-    from octoplan.model.obstacles import *
+    from octoplan.model.extensions.obstacles import *
     from octoplan.planner import *
-    from octoplan.planner.plots import *
+    from octoplan.planner.frontends.plots import *
     from octoplan.planner.targets import *
 
     __version__: str
@@ -28,16 +28,16 @@ if TYPE_CHECKING:
 _MODULES = (
     "octoplan.model",
     "octoplan.model.effects",
-    "octoplan.model.obstacles",
+    "octoplan.model.extensions.obstacles",
     "octoplan.planner",
     "octoplan.planner.targets",
-    "octoplan.planner.plots",
+    "octoplan.planner.frontends.plots",
 )
 _ENDINGS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 
 
 def main() -> int:
-    """Run the command line and return its exit code; see octoplan.planner.cli.
+    """Run the command line and return its exit code; see octoplan.planner.frontends.cli.
 
     Ctrl-C and SIGTERM end it at once, while it is being loaded too. A KeyboardInterrupt would not:
     CasADi makes a warning of it in the middle of ipopt, which goes on.
@@ -47,7 +47,7 @@ def main() -> int:
             signal.signal(number, _end)
     if sys.argv[1:] in (["--help"], ["-h"], ["--version"]) and _print_help():
         return 0
-    from octoplan.planner.cli import main as run
+    from octoplan.planner.frontends.cli import main as run
 
     code = run()
     # All is written and told: what is left is the interpreter's own end.
@@ -73,7 +73,7 @@ def _print_help() -> bool:
 
 def _end(number: int, _: object) -> None:
     """End at once; what is being written is removed, what is written is told."""
-    end = getattr(sys.modules.get("octoplan.planner.io.files"), "end", None)
+    end = getattr(sys.modules.get("octoplan.planner.frontends.io.files"), "end", None)
     kept = "nothing was written" if end is None else end()
     try:
         os.write(2, f"octoplan: {_ENDINGS[signal.Signals(number)]}; {kept}\n".encode())
@@ -94,8 +94,8 @@ def __getattr__(name: str) -> Any:
         return import_module(f"octoplan.{name}")
     if not name.startswith("_"):
         # Figures of arms and shapes are the planner's, which is loaded where one is drawn.
-        import_module("octoplan.model.text").shown_later(
-            partial(import_module, "octoplan.planner.report")
+        import_module("octoplan.model.support.text").shown_later(
+            partial(import_module, "octoplan.planner.frontends.report")
         )
         for module in map(import_module, _MODULES):
             if name in module.__all__:

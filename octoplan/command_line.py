@@ -31,7 +31,7 @@ COMMANDS = {
     "mesh or links.",
     "schema": "Print the JSON Schema of scene files, or of what a command prints.",
 }
-"""Each command with what it does: the function of its name in planner/commands."""
+"""Each command with what it does: the function of its name in planner/frontends/commands."""
 # The module of each, but for those in `scenes`.
 _MODULES = dict.fromkeys(("new", "sweep", "calibrate", "design", "schema"), "files")
 EXIT_CODES = """\
@@ -60,7 +60,7 @@ def app() -> App:
         default_parameter=Parameter(negative=(), show_default=False),
     )
     for place, (name, sentence) in enumerate(COMMANDS.items()):
-        path = f"octoplan.planner.commands.{_MODULES.get(name, 'scenes')}:{name}"
+        path = f"octoplan.planner.frontends.commands.{_MODULES.get(name, 'scenes')}:{name}"
         line.command(path, name=name, help=sentence, sort_key=place)
     line.register_install_completion_command(help="Install completion for the shell that is used.")
     return line

@@ -14,16 +14,16 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from octoplan.model.errors import OctoplanError, UncertifiedError
 from octoplan.model.loads import contacts
 from octoplan.model.paths import Array
-from octoplan.model.progress import OUT_OF_TIME, OutOfTime, tell
 from octoplan.model.shape import Shape
-from octoplan.planner.avoidance.surroundings import NOTHING, Surroundings
+from octoplan.model.support.errors import OctoplanError, UncertifiedError
+from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, tell
 from octoplan.planner.certificate import Certificate, certify
-from octoplan.planner.contact.remarks import remarks
+from octoplan.planner.extensions.avoidance.surroundings import NOTHING, Surroundings
+from octoplan.planner.extensions.contact.remarks import remarks
+from octoplan.planner.extensions.mirror import mirror_images
 from octoplan.planner.measure import remark_on_slack, strokes
-from octoplan.planner.mirror import mirror_images
 from octoplan.planner.program.problem import (
     RESOLVED,
     STABILITY_TOLERANCE,

@@ -11,7 +11,6 @@ from functools import partial
 import numpy as np
 
 from octoplan.model.centreline import Centreline
-from octoplan.model.clearance import KINDS, Clearance, clearances
 from octoplan.model.equilibrium.integration import SCHEME
 from octoplan.model.equilibrium.load_steps import (
     LEAST_STEP,
@@ -22,17 +21,18 @@ from octoplan.model.equilibrium.load_steps import (
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.equilibrium.stability import stability
 from octoplan.model.equilibrium.verification import verified
-from octoplan.model.errors import OctoplanError
+from octoplan.model.extensions.clearance import KINDS, Clearance, clearances
+from octoplan.model.extensions.obstacles import distances
 from octoplan.model.forward import by_collocation
 from octoplan.model.loads import bodies_of, contacts, is_loaded
-from octoplan.model.obstacles import distances
 from octoplan.model.paths import Array
-from octoplan.model.progress import OUT_OF_TIME, OutOfTime, tell
+from octoplan.model.rod.system import system
 from octoplan.model.shape import Shape, sharp, stretched
-from octoplan.model.text import Shown, told
-from octoplan.model.transcription.system import system
-from octoplan.planner.avoidance.surroundings import NOTHING, Surroundings
-from octoplan.planner.contact.grasp import Grasp
+from octoplan.model.support.errors import OctoplanError
+from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, tell
+from octoplan.model.support.text import Shown, told
+from octoplan.planner.extensions.avoidance.surroundings import NOTHING, Surroundings
+from octoplan.planner.extensions.contact.grasp import Grasp
 from octoplan.planner.measure import strokes
 from octoplan.planner.program.problem import KKT_TOLERANCE, STABILITY_TOLERANCE
 from octoplan.planner.question import Limits
@@ -71,8 +71,8 @@ class Certificate(Shown):
     gaps_asked : least distance of the arm's surface from each body with a required clearance [m]
     least_gaps : the required clearances [m]
     clearances : how clear the arm is of each thing it can meet, by name; see
-    octoplan.model.clearance load_factor : times its loads at which the arm yields, tensions held;
-    infinite if that is more
+        octoplan.model.extensions.clearance
+    load_factor : times its loads at which the arm yields, tensions held; infinite if that is more
         than MOST_LOADS, None without loads, in contact, and if the time limit was reached
     units : of these by name: "L" of lengths over the arm's, "rad"
     bends : where the arm bends sharper than its own radius, in words

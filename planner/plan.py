@@ -13,34 +13,35 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.centreline import Centreline
-from octoplan.model.checks import kind, not_negative, positive, within
-from octoplan.model.errors import InputError, OctoplanError
+from octoplan.model.extensions.obstacles import check_obstacles
 from octoplan.model.forward import checked_accuracy
 from octoplan.model.loads import contacts, is_loaded, without_contacts
-from octoplan.model.machine.compiled import Compile, checked_compile
-from octoplan.model.obstacles import check_obstacles
 from octoplan.model.paths import Array
-from octoplan.model.progress import GRACE, OutOfTime, reserve, seconds_left, with_progress
-from octoplan.model.progress import time_limit as limited_to
 from octoplan.model.scene import Scene
 from octoplan.model.shape import Shape
-from octoplan.model.text import Told, plotted
+from octoplan.model.support.checks import kind, not_negative, positive, within
+from octoplan.model.support.errors import InputError, OctoplanError
+from octoplan.model.support.machine.compiled import Compile, checked_compile
+from octoplan.model.support.progress import GRACE, OutOfTime, reserve, seconds_left, with_progress
+from octoplan.model.support.progress import time_limit as limited_to
+from octoplan.model.support.text import Told, plotted
 from octoplan.planner.answer import Answer
-from octoplan.planner.avoidance.around import Around, line_of
-from octoplan.planner.avoidance.surroundings import Surroundings, surroundings
 from octoplan.planner.certificate import BRINK
-from octoplan.planner.contact.grasp import Grip, grips_of
-from octoplan.planner.contact.load_path import is_same, rubs, settled_along
-from octoplan.planner.contact.search import ContactSearch, check_contact, optimality_of
-from octoplan.planner.contact.wrapping import (
+from octoplan.planner.extensions.avoidance.around import Around, line_of
+from octoplan.planner.extensions.avoidance.surroundings import Surroundings, surroundings
+from octoplan.planner.extensions.contact.grasp import Grip, grips_of
+from octoplan.planner.extensions.contact.load_path import is_same, rubs, settled_along
+from octoplan.planner.extensions.contact.search import ContactSearch, check_contact, optimality_of
+from octoplan.planner.extensions.contact.wrapping import (
     beside,
     beside_contacts,
     open_wrap,
     with_places_of,
     with_turns,
 )
-from octoplan.planner.io.files import to_json, write_named
-from octoplan.planner.io.saved_records import plan_record
+from octoplan.planner.extensions.warm_start import jump, warm_start
+from octoplan.planner.frontends.io.files import to_json, write_named
+from octoplan.planner.frontends.io.saved_records import plan_record
 from octoplan.planner.program.problem import Problem
 from octoplan.planner.program.program import STABILITY
 from octoplan.planner.question import (
@@ -51,7 +52,6 @@ from octoplan.planner.question import (
 )
 from octoplan.planner.solve.refine import CORRECTIONS
 from octoplan.planner.solve.search import Search
-from octoplan.planner.solve.warm_start import jump, warm_start
 from octoplan.planner.targets.base import Target
 from octoplan.planner.targets.hold import Hold
 from octoplan.planner.targets.wrap import Wrap
@@ -112,14 +112,14 @@ class Plan(Told, Answer):
     def plot(self, ax: Any = None) -> Any:
         """Draw the arm in 3-D with its tendons, tensions and target.
 
-        See octoplan.planner.plots.plan.
+        See octoplan.planner.frontends.plots.plan.
         """
         return plotted(self, ax)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class HeldPlan(Plan):
-    """A plan for an arm in contact; see octoplan.planner.contact.
+    """A plan for an arm in contact; see octoplan.planner.extensions.contact.
 
     SearchResult has its load path; `shape.snaps` tells where the arm jumps at last. With
     surroundings it is that of an arm which keeps clear of what it may lean on, and optimal among
@@ -242,7 +242,7 @@ def plan(
         Whether to work by machine code, see settle; the plan's shape and certificate are found by
         it too. In a scene as printed, and of curved tendons without loads, only these are.
     obstacles : sequence of Obstacle
-        What the arm keeps clear of, all along; see octoplan.model.obstacles.
+        What the arm keeps clear of, all along; see octoplan.model.extensions.obstacles.
     clearance : float
         How far its surface stays from them [m].
     self_clearance : bool

@@ -12,16 +12,16 @@ import numpy as np
 from msgspec import Meta
 
 from octoplan.model.arm import Arm
-from octoplan.model.checks import LARGEST, finite_array, is_several, numbers
 from octoplan.model.effects import PrintedStatics
-from octoplan.model.errors import InputError
 from octoplan.model.forward import FINEST
 from octoplan.model.paths import Array
-from octoplan.model.quantities import Count
 from octoplan.model.scene import Scene
 from octoplan.model.settle import checked_scene, settle
 from octoplan.model.shape import Shape
-from octoplan.model.units import LARGEST_LIMIT, SMALLEST_LIMIT, STROKE, warn_unusual
+from octoplan.model.support.checks import LARGEST, finite_array, is_several, numbers
+from octoplan.model.support.errors import InputError
+from octoplan.model.support.quantities import Count
+from octoplan.model.support.units import LARGEST_LIMIT, SMALLEST_LIMIT, STROKE, warn_unusual
 from octoplan.planner.program.terms import Targets
 from octoplan.planner.targets.base import Target
 

@@ -13,11 +13,11 @@ from octoplan.model.arm import Arm
 from octoplan.model.effects import Extension
 from octoplan.model.forward import FINEST_ACCURACY
 from octoplan.model.paths import Array
-from octoplan.model.quantities import Count
 from octoplan.model.scene import Scene
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
-from octoplan.planner.avoidance.rows import Avoidance
+from octoplan.model.support.quantities import Count
+from octoplan.planner.extensions.avoidance.rows import Avoidance
 from octoplan.planner.program.terms import Targets
 from octoplan.planner.question import Limits, Mode, Statement
 from octoplan.planner.targets.base import Target

@@ -32,7 +32,7 @@ from octoplan.model.effects import ExactTendons, Extension, NeoHookean
 from octoplan.model.paths import Array
 from octoplan.model.stiffness import HOLDS
 from octoplan.planner import Limits, Plan, plan, stiffness
-from octoplan.planner.plots.results import plot_ellipsoids
+from octoplan.planner.frontends.plots.results import plot_ellipsoids
 from octoplan.planner.targets import (
     Bend,
     BendingPlane,

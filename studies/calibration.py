@@ -30,8 +30,8 @@ from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
 from octoplan.model.effects import ExactTendons, Extension, NeoHookean, Weight
 from octoplan.model.paths import Array
 from octoplan.planner import Calibration, Measured, Unknown, calibrate
-from octoplan.planner.fit.least_squares import Loss
-from octoplan.planner.fit.residuals import mean_distance
+from octoplan.planner.extensions.fit.least_squares import Loss
+from octoplan.planner.extensions.fit.residuals import mean_distance
 from studies.reporting import asked
 from studies.speed.timing import timed
 

@@ -25,7 +25,7 @@ from matplotlib.figure import Figure
 from octoplan.model import Arm, Scene, Shape, settle
 from octoplan.model.effects import Extension
 from octoplan.planner import Plan, plan
-from octoplan.planner.plots.plan import plot_shape
+from octoplan.planner.frontends.plots.plan import plot_shape
 from octoplan.planner.targets import Bend, Fetch, FetchReach
 from studies.reporting import asked
 

@@ -34,10 +34,10 @@ from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
 from octoplan.model import Arm, OctoplanError, Scene, settle
 from octoplan.model.effects import Contact
-from octoplan.model.obstacles import Capsule
+from octoplan.model.extensions.obstacles import Capsule
 from octoplan.model.paths import Array
 from octoplan.planner import Plan, plan
-from octoplan.planner.contact.remarks import curvature_along
+from octoplan.planner.extensions.contact.remarks import curvature_along
 from octoplan.planner.targets import Wrap
 from studies.reporting import asked, lettered
 

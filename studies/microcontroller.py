@@ -28,7 +28,7 @@ from typing import Any
 
 from octoplan.model import Arm, Scene
 from octoplan.planner import Plan, export, export_plan, plan
-from octoplan.planner.io.scene_file import load
+from octoplan.planner.frontends.io.scene_file import load
 from octoplan.planner.targets import TipPosition
 from studies.reporting import asked
 

@@ -27,10 +27,10 @@ import numpy as np
 
 from octoplan.model import Arm, Scene
 from octoplan.model.effects import Extension
-from octoplan.model.obstacles import Box, Capsule, Sphere
+from octoplan.model.extensions.obstacles import Box, Capsule, Sphere
 from octoplan.planner import Trajectory, trajectory
-from octoplan.planner.plots.motion import plot_trajectory
-from octoplan.planner.plots.plan import save
+from octoplan.planner.frontends.plots.motion import plot_trajectory
+from octoplan.planner.frontends.plots.plan import save
 from octoplan.planner.targets import Fetch, Target, TipPosition
 from studies.reporting import asked
 

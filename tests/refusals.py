@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from octoplan.model import InputError
-from octoplan.model.errors import FileError, as_given
+from octoplan.model.support.errors import FileError, as_given
 
 Refused = dict[str, tuple[Callable[[], object], str, str]]
 

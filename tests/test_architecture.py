@@ -41,7 +41,7 @@ def test_the_model_knows_neither_planner_nor_plots() -> None:
         if _name(path).startswith("octoplan.model"):
             names = _read(path)[0]
             assert not any(own.startswith("octoplan.planner") for own in names), path
-        if not _name(path).startswith("octoplan.planner.plots"):
+        if not _name(path).startswith("octoplan.planner.frontends.plots"):
             assert "matplotlib" not in roots, path
 
 
@@ -77,4 +77,4 @@ def test_no_imports_run_in_circles() -> None:
 def test_libraries_do_not_print() -> None:
     for path in FILES:
         prints = _read(path)[1]
-        assert not prints or _name(path) == "octoplan.planner.cli", (path, prints)
+        assert not prints or _name(path) == "octoplan.planner.frontends.cli", (path, prints)

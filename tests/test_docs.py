@@ -13,7 +13,7 @@ import pytest
 
 import octoplan
 from octoplan.command_line import COMMANDS as OWN
-from octoplan.planner.cli import parse
+from octoplan.planner.frontends.cli import parse
 from tests.commands import ALONE, ROOT, source
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

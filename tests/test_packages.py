@@ -24,14 +24,14 @@ def ran(folder: Path, *argv: str) -> subprocess.CompletedProcess[str]:
 def test_octoplan_has_the_public_names_of_its_packages() -> None:
     import octoplan.model
     import octoplan.model.effects
-    import octoplan.model.obstacles
+    import octoplan.model.extensions.obstacles
     import octoplan.planner
     import octoplan.planner.targets
 
     for module in (
         octoplan.model,
         octoplan.model.effects,
-        octoplan.model.obstacles,
+        octoplan.model.extensions.obstacles,
         octoplan.planner,
         octoplan.planner.targets,
     ):

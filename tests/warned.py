@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from octoplan.model.errors import DetailedWarning
+from octoplan.model.support.errors import DetailedWarning
 
 
 @contextmanager

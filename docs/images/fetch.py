@@ -10,8 +10,8 @@ from pathlib import Path
 from PIL import Image, ImageSequence
 
 from octoplan.planner import plan
-from octoplan.planner.io.scene_file import load
-from octoplan.planner.plots.motion import plot_motion, save_motion
+from octoplan.planner.frontends.io.scene_file import load
+from octoplan.planner.frontends.plots.motion import plot_motion, save_motion
 
 FILE = Path(__file__).with_name("fetch_3d.gif")
 

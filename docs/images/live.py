@@ -18,11 +18,11 @@ from playwright.sync_api import Page as Viewer
 from playwright.sync_api import sync_playwright
 
 from octoplan.planner import plan
-from octoplan.planner.io.scene_file import load
-from octoplan.planner.live.drawing import DARK, LIGHT, Colour
-from octoplan.planner.live.handles import handle_of
-from octoplan.planner.live.page import Page
-from octoplan.planner.live.session import Session
+from octoplan.planner.frontends.io.scene_file import load
+from octoplan.planner.frontends.live.drawing import DARK, LIGHT, Colour
+from octoplan.planner.frontends.live.handles import handle_of
+from octoplan.planner.frontends.live.page import Page
+from octoplan.planner.frontends.live.session import Session
 
 SCENE = Path(__file__).parents[2] / "studies" / "scenes" / "around_a_ball.toml"
 OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]

@@ -22,7 +22,7 @@ from octoplan.model.rotations import norm
 # of its square (1e-16) to be small beside it.
 TINY = 1e-24
 
-# Names a quantity that an expression is computed by; see octoplan.model.transcription.kernels.
+# Names a quantity that an expression is computed by; see octoplan.model.rod.kernels.
 Name = Callable[[ca.SX], ca.SX]
 
 

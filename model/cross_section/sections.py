@@ -14,8 +14,6 @@ from octoplan.model.arm import Arm
 from octoplan.model.cross_section.energy import EnergySection
 from octoplan.model.cross_section.law import CrossSection, body_size, components, size, turning_rate
 from octoplan.model.cross_section.statics import ClosedStatics, PaperStatics, closed_statics
-from octoplan.model.errors import CollapsedError, UnsettledSectionError
-from octoplan.model.machine.functions import Mapped, built
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.stations import (
@@ -25,6 +23,8 @@ from octoplan.model.stations import (
     stations,
     tendon_paths,
 )
+from octoplan.model.support.errors import CollapsedError, UnsettledSectionError
+from octoplan.model.support.machine.functions import Mapped, built
 
 # Exact tendons keep a crushed section from turning inside out: what is left of its length then is
 # the width that keeps their roots smooth (see octoplan.model.cross_section.law), and no shape.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from octoplan.model.checks import SUCH
-from octoplan.model.value import value
+from octoplan.model.support.checks import SUCH
+from octoplan.model.support.value import value
 
 
 @value

@@ -7,9 +7,9 @@ from typing import Annotated, Any
 from msgspec import Meta
 
 from octoplan.model.effects.base import Effect
-from octoplan.model.obstacles.base import Convex
-from octoplan.model.quantities import NotNegative, Sign
-from octoplan.model.value import value
+from octoplan.model.extensions.obstacles.base import Convex
+from octoplan.model.support.quantities import NotNegative, Sign
+from octoplan.model.support.value import value
 
 
 @value

@@ -6,7 +6,7 @@ import math
 from typing import Annotated, Any
 
 from octoplan.model.effects.base import Effect
-from octoplan.model.quantities import (
+from octoplan.model.support.quantities import (
     ArcLength,
     Density,
     Force,
@@ -15,8 +15,8 @@ from octoplan.model.quantities import (
     Vector,
     unit,
 )
-from octoplan.model.units import FLUID, GRAVITY, SPEED, warn_unusual
-from octoplan.model.value import value
+from octoplan.model.support.units import FLUID, GRAVITY, SPEED, warn_unusual
+from octoplan.model.support.value import value
 
 
 @value

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from octoplan.model.effects.base import Effect
-from octoplan.model.quantities import Positive
-from octoplan.model.value import value
+from octoplan.model.support.quantities import Positive
+from octoplan.model.support.value import value
 
 
 @value

@@ -22,19 +22,19 @@ import numpy as np
 from octoplan.model.cross_section.law import join
 from octoplan.model.cross_section.sections import Sections
 from octoplan.model.effects import Current
+from octoplan.model.extensions.obstacles import distances
 from octoplan.model.integrators import RK8
 from octoplan.model.loads import beyond, bodies_of
-from octoplan.model.machine.functions import Mapped, built
-from octoplan.model.obstacles import distances
 from octoplan.model.paths import Array
+from octoplan.model.rod.collocation import gauss
+from octoplan.model.rod.element import Form, drag_force
+from octoplan.model.rod.friction import hermite, turning_function
+from octoplan.model.rod.kernels import Places
+from octoplan.model.rod.layout import POSE
+from octoplan.model.rod.numbers import friction_coefficients
+from octoplan.model.rod.system import System
 from octoplan.model.rotations import multiply, unit_matrix
-from octoplan.model.transcription.collocation import gauss
-from octoplan.model.transcription.element import Form, drag_force
-from octoplan.model.transcription.friction import hermite, turning_function
-from octoplan.model.transcription.kernels import Places
-from octoplan.model.transcription.layout import POSE
-from octoplan.model.transcription.numbers import friction_coefficients
-from octoplan.model.transcription.system import System
+from octoplan.model.support.machine.functions import Mapped, built
 
 SCHEME = RK8
 # Strains that differ by less, relative to their size and 1, are linearised well enough: what that

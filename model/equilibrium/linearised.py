@@ -20,12 +20,12 @@ from scipy.linalg.lapack import dgbtrf, dgbtrs
 
 from octoplan.model.cross_section.sections import LEAST_STRETCH, Extremes, reported
 from octoplan.model.equilibrium.integration import poses_and_strains
-from octoplan.model.errors import CollapsedError, SingularError, UnsettledSectionError
 from octoplan.model.mesh import Mesh
 from octoplan.model.paths import Array
-from octoplan.model.transcription.collocation import gauss
-from octoplan.model.transcription.layout import POSE
-from octoplan.model.transcription.system import System
+from octoplan.model.rod.collocation import gauss
+from octoplan.model.rod.layout import POSE
+from octoplan.model.rod.system import System
+from octoplan.model.support.errors import CollapsedError, SingularError, UnsettledSectionError
 from octoplan.model.unloaded.marched import Marched
 
 Index = NDArray[np.int64]

@@ -13,9 +13,9 @@ from octoplan.model.equilibrium.linearised import Linearised
 from octoplan.model.equilibrium.newton import CLOSE, Start, newton
 from octoplan.model.equilibrium.stability import stands
 from octoplan.model.paths import Array
-from octoplan.model.progress import check_time
+from octoplan.model.rod.system import System
 from octoplan.model.scene import Scene
-from octoplan.model.transcription.system import System
+from octoplan.model.support.progress import check_time
 
 # Smallest change of the loads in one step, over the whole change.
 _LEAST_STEP = 1 / 1024

@@ -21,12 +21,17 @@ from octoplan.model.equilibrium.load_changes import change_loads
 from octoplan.model.equilibrium.newton import CLOSE, FOLLOWED, TURN, Start, newton, step_sizes
 from octoplan.model.equilibrium.stability import stands, stands_each
 from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
-from octoplan.model.errors import CollapsedError, OctoplanError, SnapError, UnsettledSectionError
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
-from octoplan.model.progress import check_time, tell
-from octoplan.model.transcription.collocation import gauss
-from octoplan.model.transcription.system import System
+from octoplan.model.rod.collocation import gauss
+from octoplan.model.rod.system import System
+from octoplan.model.support.errors import (
+    CollapsedError,
+    OctoplanError,
+    SnapError,
+    UnsettledSectionError,
+)
+from octoplan.model.support.progress import check_time, tell
 
 # Smallest step over the fraction of the line that is reached; before the first step, over itself.
 LEAST_STEP = 1 / 8192

@@ -14,8 +14,8 @@ import numpy as np
 
 from octoplan.model.equilibrium.linearised import History, Linearised, linearised
 from octoplan.model.paths import Array
-from octoplan.model.progress import check_time
-from octoplan.model.transcription.system import System
+from octoplan.model.rod.system import System
+from octoplan.model.support.progress import check_time
 
 # Of an element, unless a scheme asks for fewer.
 STAGES = 3

@@ -22,12 +22,12 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from octoplan.model.cross_section.law import CrossSection, components
 from octoplan.model.equilibrium.linearised import Index, Linearised
-from octoplan.model.errors import SingularError
 from octoplan.model.loads import is_conservative, is_loaded
 from octoplan.model.paths import Array
-from octoplan.model.transcription.collocation import gauss
-from octoplan.model.transcription.layout import POSE, Layout
-from octoplan.model.transcription.system import System
+from octoplan.model.rod.collocation import gauss
+from octoplan.model.rod.layout import POSE, Layout
+from octoplan.model.rod.system import System
+from octoplan.model.support.errors import SingularError
 
 # Of Arnoldi's method, vectors for each mode and restarts; the tolerance of an eigenvalue alone,
 # whose error is the square of that where the Hessian is symmetric, and of one whose sign matters.

@@ -14,11 +14,11 @@ import numpy as np
 
 from octoplan.model.equilibrium.integration import SCHEME, Integration
 from octoplan.model.equilibrium.linearised import Linearised
-from octoplan.model.errors import ConvergenceError
 from octoplan.model.forward import estimate
 from octoplan.model.paths import Array
-from octoplan.model.progress import check_time
-from octoplan.model.transcription.layout import POSE
+from octoplan.model.rod.layout import POSE
+from octoplan.model.support.errors import ConvergenceError
+from octoplan.model.support.progress import check_time
 
 SUBSTEPS = (1, 2, 4, 8, 16)
 

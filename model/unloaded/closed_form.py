@@ -23,13 +23,13 @@ from octoplan.model.cross_section.law import size
 from octoplan.model.cross_section.sections import Sections, reported, settled
 from octoplan.model.cross_section.statics import ClosedStatics, closed_statics
 from octoplan.model.integrators import Magnus
-from octoplan.model.machine.compiled import kernel
-from octoplan.model.machine.functions import FEW, Buffered, Columns, Mapped, built
 from octoplan.model.mesh import Mesh, graded
 from octoplan.model.paths import Array, Linear, Path
 from octoplan.model.rotations import compose
 from octoplan.model.scene import Scene
 from octoplan.model.stations import Counts, Stations, base_pose, stations
+from octoplan.model.support.machine.compiled import kernel
+from octoplan.model.support.machine.functions import FEW, Buffered, Columns, Mapped, built
 from octoplan.model.unloaded.marched import March
 
 # Arms at a time, interpreted and by machine code: their numbers stay in the processor's cache.

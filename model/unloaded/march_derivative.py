@@ -21,10 +21,10 @@ import numpy as np
 from octoplan.model.cross_section.law import CrossSection, components, size
 from octoplan.model.cross_section.sections import strains_of
 from octoplan.model.integrators import Magnus
-from octoplan.model.machine.compiled import kernel
-from octoplan.model.machine.functions import Buffered, built
 from octoplan.model.paths import Array
 from octoplan.model.rotations import conjugate, exponential, matrix, multiply
+from octoplan.model.support.machine.compiled import kernel
+from octoplan.model.support.machine.functions import Buffered, built
 from octoplan.model.unloaded.closed_form import ClosedForm
 from octoplan.model.unloaded.marched import Marched
 

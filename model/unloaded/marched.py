@@ -18,12 +18,12 @@ from octoplan.model.arm import Arm
 from octoplan.model.cross_section import cross_section_of
 from octoplan.model.cross_section.sections import Extremes, Sections, strains_of
 from octoplan.model.effects import PrintedStatics
-from octoplan.model.errors import CollapsedError
 from octoplan.model.integrators import Magnus, RungeKutta
-from octoplan.model.machine.functions import built
 from octoplan.model.mesh import Mesh, graded
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
+from octoplan.model.support.errors import CollapsedError
+from octoplan.model.support.machine.functions import built
 
 # Strains are analytic between nodes: so many Gauss points on the coarsest mesh leave rounding only,
 # whatever mesh poses have. Measured on the paper's arms and random ones at thrice their tensions.

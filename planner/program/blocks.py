@@ -22,14 +22,14 @@ import numpy as np
 from octoplan.model.cross_section.law import CrossSection, size
 from octoplan.model.equilibrium.linearised import Linearised
 from octoplan.model.equilibrium.stability import least_modes, rest_stiffness
-from octoplan.model.machine.functions import built
 from octoplan.model.paths import Array
-from octoplan.model.transcription.collocation import gauss
-from octoplan.model.transcription.element import run
-from octoplan.model.transcription.equations import Term
-from octoplan.model.transcription.kernels import Kernel, Places, What
-from octoplan.model.transcription.layout import POSE, Layout
-from octoplan.model.transcription.system import System
+from octoplan.model.rod.collocation import gauss
+from octoplan.model.rod.element import run
+from octoplan.model.rod.equations import Term
+from octoplan.model.rod.kernels import Kernel, Places, What
+from octoplan.model.rod.layout import POSE, Layout
+from octoplan.model.rod.system import System
+from octoplan.model.support.machine.functions import built
 from octoplan.model.winches import least_compliance
 from octoplan.planner.targets.base import ComplianceRequest
 
@@ -38,7 +38,7 @@ from octoplan.planner.targets.base import ComplianceRequest
 class States:
     """The states of an arm, with the equations of equilibrium.
 
-    They are those of octoplan.model.transcription.layout: poses, moments and forces at the nodes,
+    They are those of octoplan.model.rod.layout: poses, moments and forces at the nodes,
     strains at the stages of each element, and what friction adds; the tensions change at the
     anchorages.
 

@@ -28,13 +28,13 @@ from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.equilibrium.stability import stands
 from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
-from octoplan.model.errors import OctoplanError
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
+from octoplan.model.rod.system import system
 from octoplan.model.scene import Scene
 from octoplan.model.settle import ACCURACY
 from octoplan.model.stations import base_pose
-from octoplan.model.transcription.system import system
+from octoplan.model.support.errors import OctoplanError
 from octoplan.model.winches import rest_lengths
 from octoplan.planner.program.blocks import States
 from octoplan.planner.program.program import STABILITY, STROKES, Program, Structure, factorised

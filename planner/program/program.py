@@ -30,12 +30,12 @@ import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import SuperLU, splu
 
-from octoplan.model.errors import SingularError
-from octoplan.model.machine.functions import Buffered
 from octoplan.model.paths import Array
-from octoplan.model.transcription.equations import Equations
-from octoplan.model.transcription.layout import POSE
-from octoplan.model.transcription.system import System
+from octoplan.model.rod.equations import Equations
+from octoplan.model.rod.layout import POSE
+from octoplan.model.rod.system import System
+from octoplan.model.support.errors import SingularError
+from octoplan.model.support.machine.functions import Buffered
 from octoplan.planner.program.blocks import Block, LeastMode, Responses, States, TendonLengths
 from octoplan.planner.program.terms import HIGH_PRIORITY, LOW_PRIORITY, TargetStructure
 from octoplan.planner.question import Statement

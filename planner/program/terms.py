@@ -12,12 +12,12 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.errors import InputError
-from octoplan.model.machine.functions import Buffered
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.stiffness import stiffness
-from octoplan.planner.avoidance.rows import Avoidance, AvoidanceStructure
+from octoplan.model.support.errors import InputError
+from octoplan.model.support.machine.functions import Buffered
+from octoplan.planner.extensions.avoidance.rows import Avoidance, AvoidanceStructure
 from octoplan.planner.targets.base import Target, Terms, View
 
 HIGH_PRIORITY, LOW_PRIORITY = 1e2, 2e-4

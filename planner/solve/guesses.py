@@ -20,9 +20,9 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.effects import Extension
 from octoplan.model.forward import explicit_map
-from octoplan.model.machine.functions import Mapped
 from octoplan.model.paths import Array
-from octoplan.model.progress import check_time
+from octoplan.model.support.machine.functions import Mapped
+from octoplan.model.support.progress import check_time
 from octoplan.planner.program.problem import Candidate, units
 from octoplan.planner.program.program import factorised
 from octoplan.planner.program.terms import TargetTerms

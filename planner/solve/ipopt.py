@@ -19,9 +19,9 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
-from octoplan.model.machine.functions import Buffered
 from octoplan.model.paths import Array
-from octoplan.model.progress import OutOfTime, check_time
+from octoplan.model.support.machine.functions import Buffered
+from octoplan.model.support.progress import OutOfTime, check_time
 from octoplan.planner.program.problem import KKT_TOLERANCE, Bounds, Candidate, Problem, Solution
 from octoplan.planner.program.program import Program
 from octoplan.planner.question import Mode

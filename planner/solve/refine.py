@@ -19,12 +19,12 @@ from dataclasses import replace
 import numpy as np
 
 from octoplan.model.equilibrium.newton import STAGES
-from octoplan.model.errors import CollapsedError, OctoplanError
 from octoplan.model.forward import FINEST_ACCURACY, next_refinement
 from octoplan.model.loads import convergence_order
 from octoplan.model.paths import Array
-from octoplan.model.progress import check_time
 from octoplan.model.shape import Shape
+from octoplan.model.support.errors import CollapsedError, OctoplanError
+from octoplan.model.support.progress import check_time
 from octoplan.planner.program.problem import KKT_TOLERANCE, Bounds, Candidate, Problem
 from octoplan.planner.solve.ipopt import MAGNIFIED, solve
 

@@ -16,11 +16,11 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from octoplan.model.equilibrium.linearised import Linearised
-from octoplan.model.errors import OctoplanError
 from octoplan.model.forward import REFINEMENTS
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
-from octoplan.model.progress import check_time, tell
+from octoplan.model.support.errors import OctoplanError
+from octoplan.model.support.progress import check_time, tell
 from octoplan.planner.program.problem import SEARCHED, Problem, units
 from octoplan.planner.question import Limits, natural_tensions
 from octoplan.planner.solve.guesses import FAR_APART, BendCoordinates, distinct, within_total

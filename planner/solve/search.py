@@ -23,10 +23,10 @@ from operator import attrgetter, itemgetter
 import numpy as np
 
 from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
-from octoplan.model.errors import OctoplanError
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
-from octoplan.model.progress import OutOfTime, check_time, tell
+from octoplan.model.support.errors import OctoplanError
+from octoplan.model.support.progress import OutOfTime, check_time, tell
 from octoplan.planner.program.problem import (
     KKT_TOLERANCE,
     REGULARISATION,

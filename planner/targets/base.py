@@ -12,12 +12,12 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.centreline import Centreline
-from octoplan.model.errors import InputError
-from octoplan.model.machine.functions import built
 from octoplan.model.paths import Array
 from octoplan.model.rotations import conjugate, matrix, multiply
 from octoplan.model.stiffness import Hold
-from octoplan.model.units import DISTANCE, warn_unusual
+from octoplan.model.support.errors import InputError
+from octoplan.model.support.machine.functions import built
+from octoplan.model.support.units import DISTANCE, warn_unusual
 
 # How the name of an inequality ends that is a share of what is wanted.
 OVER_WANTED = " over that wanted, less 1"

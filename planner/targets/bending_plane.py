@@ -11,9 +11,9 @@ from msgspec import Meta
 
 from octoplan.model.arm import Arm
 from octoplan.model.paths import Array
-from octoplan.model.quantities import Angle, unit
-from octoplan.model.units import ANGLE, warn_unusual
-from octoplan.model.value import value
+from octoplan.model.support.quantities import Angle, unit
+from octoplan.model.support.units import ANGLE, warn_unusual
+from octoplan.model.support.value import value
 from octoplan.planner.targets.base import Target, Terms, View, toward
 
 

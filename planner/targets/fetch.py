@@ -10,11 +10,11 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.errors import InputError
 from octoplan.model.paths import Array
-from octoplan.model.quantities import Angle, Place, unit
-from octoplan.model.units import ANGLE, warn_unusual
-from octoplan.model.value import value
+from octoplan.model.support.errors import InputError
+from octoplan.model.support.quantities import Angle, Place, unit
+from octoplan.model.support.units import ANGLE, warn_unusual
+from octoplan.model.support.value import value
 from octoplan.planner.targets.base import Target, Terms, View, check_near, toward
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.errors import InputError
-from octoplan.model.obstacles.base import Convex
-from octoplan.model.quantities import NotNegative
-from octoplan.model.value import value
+from octoplan.model.extensions.obstacles.base import Convex
+from octoplan.model.support.errors import InputError
+from octoplan.model.support.quantities import NotNegative
+from octoplan.model.support.value import value
 from octoplan.planner.targets.base import Target
 
 WRENCH = "balance of the held wrench"

@@ -10,13 +10,13 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.checks import finite_array, unit_vector
-from octoplan.model.errors import InputError
-from octoplan.model.machine.functions import built
 from octoplan.model.paths import Array
-from octoplan.model.quantities import Direction, Stiffness, Tension
 from octoplan.model.stiffness import Hold
-from octoplan.model.value import Rule, value
+from octoplan.model.support.checks import finite_array, unit_vector
+from octoplan.model.support.errors import InputError
+from octoplan.model.support.machine.functions import built
+from octoplan.model.support.quantities import Direction, Stiffness, Tension
+from octoplan.model.support.value import Rule, value
 from octoplan.planner.targets.base import OVER_WANTED, ComplianceRequest, Target, Terms, View
 
 SHARE = f"stiffness{OVER_WANTED}"

@@ -10,11 +10,11 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.checks import orthonormal
 from octoplan.model.paths import Array
-from octoplan.model.quantities import Direction, Matrix, Place, Positive
 from octoplan.model.rotations import from_matrix
-from octoplan.model.value import Rule, value
+from octoplan.model.support.checks import orthonormal
+from octoplan.model.support.quantities import Direction, Matrix, Place, Positive
+from octoplan.model.support.value import Rule, value
 from octoplan.planner.targets.base import Target, Terms, View, check_near
 
 POSITION, DIRECTION, ROTATION = "tip position", "tip direction", "tip rotation"

@@ -11,14 +11,14 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.centreline import Centreline
-from octoplan.model.clearance.farthest import largest_excess, maxima
-from octoplan.model.errors import InputError
-from octoplan.model.obstacles import HalfSpace
-from octoplan.model.obstacles.base import SIZE, Convex, signed_distance
+from octoplan.model.extensions.clearance.farthest import largest_excess, maxima
+from octoplan.model.extensions.obstacles import HalfSpace
+from octoplan.model.extensions.obstacles.base import SIZE, Convex, signed_distance
 from octoplan.model.paths import Array
-from octoplan.model.quantities import ArcLength, Length, Positive
-from octoplan.model.units import length_text
-from octoplan.model.value import value
+from octoplan.model.support.errors import InputError
+from octoplan.model.support.quantities import ArcLength, Length, Positive
+from octoplan.model.support.units import length_text
+from octoplan.model.support.value import value
 from octoplan.planner.targets.base import OVER_WANTED, Target, Terms, View
 
 NEAR, CLEAR, TURNS = "nearness along the obstacle", "gap to the obstacle", f"turns{OVER_WANTED}"

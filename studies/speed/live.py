@@ -29,10 +29,10 @@ import numpy as np
 from octoplan.model.effects import Buoyancy, Extension, Weight
 from octoplan.model.scene import Scene
 from octoplan.planner import plan
-from octoplan.planner.io.scene_file import load
-from octoplan.planner.live.handles import handle_of
-from octoplan.planner.live.page import Page
-from octoplan.planner.live.session import Session
+from octoplan.planner.frontends.io.scene_file import load
+from octoplan.planner.frontends.live.handles import handle_of
+from octoplan.planner.frontends.live.page import Page
+from octoplan.planner.frontends.live.session import Session
 from studies.reporting import asked
 
 _SCENE = Path(__file__).parents[1] / "scenes" / "around_a_ball.toml"

@@ -41,7 +41,7 @@ from octoplan.model.effects import (
     Weight,
 )
 from octoplan.model.paths import Array
-from octoplan.planner.effect_ablation import Switch, switch_effect
+from octoplan.planner.frontends.effect_ablation import Switch, switch_effect
 from studies import draws
 from studies.baselines import ScipyArm, ScipyLoadedArm
 from studies.reporting import asked, lettered

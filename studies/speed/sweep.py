@@ -31,7 +31,7 @@ from studies.reporting import asked
 ROOT = Path(__file__).parents[2]
 _BOX = {"x": (150.0, 350.0), "y": (-150.0, 150.0), "z": (-150.0, 150.0)}
 _PEAK = (
-    "import resource, sys; from octoplan.planner.cli import main; main(sys.argv[1:]); "
+    "import resource, sys; from octoplan.planner.frontends.cli import main; main(sys.argv[1:]); "
     "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
 )
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from octoplan.model import InputError, OctoplanError, Scene, settle
-from octoplan.model.critical_load import critical_load_factor
 from octoplan.model.effects import Contact, Extension
-from octoplan.model.obstacles import Sphere
+from octoplan.model.extensions.critical_load import critical_load_factor
+from octoplan.model.extensions.obstacles import Sphere
 from octoplan.planner import Measured, Unknown, calibrate
 from tests.calibrate.cases import HANGING, small_arm
 

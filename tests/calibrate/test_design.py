@@ -13,12 +13,12 @@ import pytest
 
 from octoplan.model import Anchorage, Arm, InputError, Linear, Scene, settle
 from octoplan.model.effects import Extension, Weight
-from octoplan.model.progress import OutOfTime, time_limit
+from octoplan.model.support.progress import OutOfTime, time_limit
 from octoplan.planner import Making, Reach, Unknown, design, plan, stiffness
-from octoplan.planner.cli import main
-from octoplan.planner.fit.design_program import DesignProgram, Targets
-from octoplan.planner.fit.making import Objective
-from octoplan.planner.fit.unknowns import Parameters
+from octoplan.planner.extensions.fit.design_program import DesignProgram, Targets
+from octoplan.planner.extensions.fit.making import Objective
+from octoplan.planner.extensions.fit.unknowns import Parameters
+from octoplan.planner.frontends.cli import main
 from octoplan.planner.question import Limits
 from octoplan.planner.targets import Backbone, Stiffest, TipPosition
 from tests.differences import fourth_order

@@ -20,10 +20,10 @@ from octoplan.model.effects import (
 )
 from octoplan.model.winches import rest_lengths
 from octoplan.planner import Measured, Unknown, calibrate
-from octoplan.planner.fit.calibration import Calibration
-from octoplan.planner.fit.experiment import Experiment
-from octoplan.planner.fit.residuals import Evaluation, from_rest
-from octoplan.planner.fit.unknowns import Parameters
+from octoplan.planner.extensions.fit.calibration import Calibration
+from octoplan.planner.extensions.fit.experiment import Experiment
+from octoplan.planner.extensions.fit.residuals import Evaluation, from_rest
+from octoplan.planner.extensions.fit.unknowns import Parameters
 from octoplan.planner.targets import TipPosition
 from tests.calibrate.cases import HANGING, PULLS, small_arm, synthetic
 from tests.differences import fourth_order
@@ -253,8 +253,8 @@ def test_a_shape_that_stops_settling_on_the_way_is_left_out_and_named() -> None:
 def test_the_best_values_so_far_are_returned_at_the_time_limit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from octoplan.model.progress import OutOfTime
-    from octoplan.planner.fit import calibrate as module
+    from octoplan.model.support.progress import OutOfTime
+    from octoplan.planner.extensions.fit import calibrate as module
 
     def late(*_: object) -> None:
         raise OutOfTime

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from octoplan.model.errors import FileError
+from octoplan.model.support.errors import FileError
 from octoplan.planner import Unknown, calibrate, load_calibration
-from octoplan.planner.cli import main
-from octoplan.planner.io.fit_files import load_asked
+from octoplan.planner.frontends.cli import main
+from octoplan.planner.frontends.io.fit_files import load_asked
 from tests.calibrate.cases import HANGING, MARKERS, PULLS, small_arm, synthetic
 
 SCENE = """

@@ -12,7 +12,7 @@ from octoplan.model import Anchorage, Arm, Linear, Material, RestCurvature, Scen
 from octoplan.model.effects import PointMass
 from octoplan.model.winches import rest_lengths
 from octoplan.planner import Calibration, Measured, Unknown, calibrate
-from octoplan.planner.fit.residuals import mean_distance
+from octoplan.planner.extensions.fit.residuals import mean_distance
 from tests.calibrate.cases import HANGING, PULLS, small_arm, synthetic, tentacle, tentacle_shapes
 
 # Of the standard errors, by which optima may differ that are found by other steps.

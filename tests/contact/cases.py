@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from octoplan.model import Anchorage, Arm, Material
-from octoplan.model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from octoplan.model.paths import Linear
 from tests.oracles import Array
 

@@ -18,8 +18,8 @@ from octoplan.model.effects import (
     NeoHookean,
     Weight,
 )
-from octoplan.model.errors import OctoplanError
-from octoplan.model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from octoplan.model.support.errors import OctoplanError
 from tests.contact.cases import distance
 from tests.effects.spatial import EnergyRod, LoadedRod, Loads
 from tests.oracles import Array, Rod, paper_rod

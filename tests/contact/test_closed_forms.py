@@ -9,7 +9,7 @@ from scipy.optimize import root
 
 from octoplan.model import Scene, settle
 from octoplan.model.effects import Contact, ExactTendons, TipLoad, Weight
-from octoplan.model.obstacles import Capsule, HalfSpace
+from octoplan.model.extensions.obstacles import Capsule, HalfSpace
 from tests.contact.cases import bar, stiffness
 
 NONE = np.zeros(4)

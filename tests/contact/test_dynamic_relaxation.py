@@ -20,7 +20,7 @@ import pytest
 
 from octoplan.model import Scene, Shape, settle
 from octoplan.model.effects import Contact, ExactTendons, Extension, TipLoad
-from octoplan.model.obstacles import Capsule
+from octoplan.model.extensions.obstacles import Capsule
 from tests.contact.cases import bar, stiffness
 from tests.oracles import Array
 

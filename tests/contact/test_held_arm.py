@@ -13,7 +13,7 @@ from octoplan.model.effects import (
     NeoHookean,
     TipLoad,
 )
-from octoplan.model.obstacles import Box, Capsule, HalfSpace, Sphere
+from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Sphere
 from octoplan.model.stiffness import stiffness
 from tests.contact.cases import bar, distance
 

@@ -7,10 +7,10 @@ import pytest
 
 from octoplan.model import Scene, settle
 from octoplan.model.effects import Contact, ExactTendons, Extension
-from octoplan.model.obstacles import Box, Capsule
+from octoplan.model.extensions.obstacles import Box, Capsule
 from octoplan.planner import plan
-from octoplan.planner.contact.grasp import Grasp, grips_of
-from octoplan.planner.io.saved_files import load_plan
+from octoplan.planner.extensions.contact.grasp import Grasp, grips_of
+from octoplan.planner.frontends.io.saved_files import load_plan
 from octoplan.planner.plan import HeldPlan
 from octoplan.planner.targets import Hold
 from octoplan.planner.targets.hold import WRENCH

@@ -7,8 +7,8 @@ from scipy.optimize import fsolve
 
 from octoplan.model import Anchorage, Arm, Material, Scene, settle
 from octoplan.model.effects import SelfContact
-from octoplan.model.errors import UnsettledContactError
 from octoplan.model.paths import Linear
+from octoplan.model.support.errors import UnsettledContactError
 
 L, R, E = 0.3, 0.006, 2e5
 EJ, OFF = E * np.pi * R**4 / 4, R / 2
@@ -68,7 +68,7 @@ def test_what_would_slip_past_itself_sideways_is_refused() -> None:
 
 
 def test_what_makes_no_progress_ends_with_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("octoplan.model.progress.PATIENCE", -1.0)
+    monkeypatch.setattr("octoplan.model.support.progress.PATIENCE", -1.0)
     with pytest.raises(UnsettledContactError, match="is found within"):
         settle(ARM, curled(3.0), SCENE)
 

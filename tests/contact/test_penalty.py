@@ -15,7 +15,7 @@ from scipy.integrate import solve_bvp
 
 from octoplan.model import Scene, settle
 from octoplan.model.effects import Contact, TipLoad
-from octoplan.model.obstacles import HalfSpace, Sphere
+from octoplan.model.extensions.obstacles import HalfSpace, Sphere
 from tests.contact.cases import bar
 from tests.oracles import Array
 

@@ -7,10 +7,10 @@ import pytest
 
 from octoplan.model import Scene, settle
 from octoplan.model.effects import Contact, ExactTendons, Extension
-from octoplan.model.obstacles import Capsule
-from octoplan.planner.contact.optimum import steered
-from octoplan.planner.contact.program import TensionProgram
-from octoplan.planner.contact.search import FINE
+from octoplan.model.extensions.obstacles import Capsule
+from octoplan.planner.extensions.contact.optimum import steered
+from octoplan.planner.extensions.contact.program import TensionProgram
+from octoplan.planner.extensions.contact.search import FINE
 from octoplan.planner.question import Limits, Statement
 from octoplan.planner.targets import Hold, TipPosition
 from octoplan.planner.task import Task

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from octoplan.model import OctoplanError, Scene, settle
-from octoplan.model.contact.forward import TouchingMap
-from octoplan.model.contact.touches import touches_of
 from octoplan.model.effects import Contact, TipLoad
-from octoplan.model.obstacles import Capsule
+from octoplan.model.extensions.contact.forward import TouchingMap
+from octoplan.model.extensions.contact.touches import touches_of
+from octoplan.model.extensions.obstacles import Capsule
 from tests.contact.cases import bar
 from tests.contact.queries import complementarity, imbalance, query
 from tests.lengths.cases import check_complementary

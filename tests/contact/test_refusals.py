@@ -19,7 +19,7 @@ from octoplan.model.effects import (
     SelfContact,
     Weight,
 )
-from octoplan.model.obstacles import Capsule, HalfSpace, Sphere
+from octoplan.model.extensions.obstacles import Capsule, HalfSpace, Sphere
 from octoplan.model.stiffness import stiffness
 from octoplan.planner import plan, trajectory
 from octoplan.planner.targets import Hold, TipPosition, Wrap

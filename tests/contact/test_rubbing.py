@@ -9,15 +9,15 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 from octoplan.model import Arm, Scene, Shape, settle
-from octoplan.model.contact.forward import TouchingMap
-from octoplan.model.contact.path import Touching
-from octoplan.model.contact.touches import Touches, forces, frictions, resultants
 from octoplan.model.effects import Contact, Effect, ExactTendons, Extension, NeoHookean, TipLoad
 from octoplan.model.equilibrium.linearised import Linearised
 from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.extensions.contact.forward import TouchingMap
+from octoplan.model.extensions.contact.path import Touching
+from octoplan.model.extensions.contact.touches import Touches, forces, frictions, resultants
+from octoplan.model.extensions.obstacles import Capsule, HalfSpace, Sphere
 from octoplan.model.loads import without_friction
-from octoplan.model.obstacles import Capsule, HalfSpace, Sphere
-from octoplan.planner.contact.load_path import path_sensitivities
+from octoplan.planner.extensions.contact.load_path import path_sensitivities
 from tests.contact.cases import bar, stiffness
 
 NONE = np.zeros(4)

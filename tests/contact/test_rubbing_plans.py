@@ -5,8 +5,8 @@ import pytest
 
 from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import Contact, ExactTendons, Extension, Weight
-from octoplan.model.errors import TimeLimitError
-from octoplan.model.obstacles import Capsule, HalfSpace
+from octoplan.model.extensions.obstacles import Capsule, HalfSpace
+from octoplan.model.support.errors import TimeLimitError
 from octoplan.planner import plan, trajectory
 from octoplan.planner.targets import TipPosition
 from tests.contact.cases import bar

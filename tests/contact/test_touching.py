@@ -15,7 +15,7 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
-from octoplan.model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from tests.contact.cases import bar, distance, stiffness
 from tests.contact.queries import Query, imbalance
 from tests.lengths.cases import check_complementary

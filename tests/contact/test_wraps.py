@@ -8,9 +8,9 @@ import pytest
 from scipy.optimize import brentq
 
 from octoplan.model import Arm, Scene, settle
-from octoplan.model.clearance.farthest import largest_excess
 from octoplan.model.effects import Contact, ExactTendons, Extension
-from octoplan.model.obstacles import Capsule
+from octoplan.model.extensions.clearance.farthest import largest_excess
+from octoplan.model.extensions.obstacles import Capsule
 from octoplan.model.paths import Array
 from octoplan.planner import load_plan, plan
 from octoplan.planner.question import natural_tensions

@@ -18,7 +18,7 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
-from octoplan.planner.effect_ablation import Switch, switch_effect, switch_effects
+from octoplan.planner.frontends.effect_ablation import Switch, switch_effect, switch_effects
 from tests.effects.cases import EXACT, SILICONE
 
 ARM = Arm.from_paper("table-4")

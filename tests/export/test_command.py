@@ -14,8 +14,8 @@ import pytest
 from octoplan.model import InputError, Scene
 from octoplan.model.effects import ExactTendons, Extension, Friction, Shear, TipLoad, Weight
 from octoplan.planner import export
-from octoplan.planner.cli import main
-from octoplan.planner.commands.scenes import c_name
+from octoplan.planner.frontends.cli import main
+from octoplan.planner.frontends.commands.scenes import c_name
 from tests.export.cases import BENT, CURVED, SECTION_52, TABLE_4, gcc
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"

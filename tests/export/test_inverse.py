@@ -15,10 +15,10 @@ import pytest
 
 from octoplan.model import Arm, InputError, Scene, settle
 from octoplan.model.effects import ExactTendons, Extension, TipLoad
+from octoplan.model.extensions.obstacles import Sphere
 from octoplan.model.forward import explicit_map
-from octoplan.model.obstacles import Sphere
 from octoplan.planner import export_plan, plan
-from octoplan.planner.cli import main
+from octoplan.planner.frontends.cli import main
 from octoplan.planner.targets import TipPose, TipPosition
 from tests.export.cases import (
     CURVED,

@@ -15,8 +15,8 @@ import numpy as np
 from octoplan.model import Arm, Scene
 from octoplan.model.effects import Extension
 from octoplan.planner import plan
-from octoplan.planner.io.files import to_json
-from octoplan.planner.io.saved_records import plan_record
+from octoplan.planner.frontends.io.files import to_json
+from octoplan.planner.frontends.io.saved_records import plan_record
 from octoplan.planner.targets import TipPosition
 
 SCENES = sorted((Path(__file__).parents[2] / "studies" / "scenes").glob("*.toml"))

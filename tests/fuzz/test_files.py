@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from octoplan.model import OctoplanError
-from octoplan.model.progress import OutOfTime, time_limit
+from octoplan.model.support.progress import OutOfTime, time_limit
 from octoplan.planner import load_plan
-from octoplan.planner.cli import main
+from octoplan.planner.frontends.cli import main
 from tests.fuzz.mutations import WRITTEN
 
 LIMIT = 0.5

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from octoplan.model.errors import OctoplanError
+from octoplan.model.support.errors import OctoplanError
 from tests.oracles import Array
 
 

@@ -9,8 +9,8 @@ import pytest
 
 from octoplan.model import Anchorage, Arm, CollapsedError, Linear, Scene, settle, settle_many
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Friction, Weight
-from octoplan.model.errors import UnsettledSectionError
-from octoplan.model.transcription.system import system
+from octoplan.model.rod.system import system
+from octoplan.model.support.errors import UnsettledSectionError
 from tests.effects.bars import capstan, one_tendon
 from tests.hard_cases.loads import check_rubbed
 

@@ -16,15 +16,22 @@ from hypothesis import strategies as st
 
 from octoplan.model import Arm, InputError, Scene
 from octoplan.model.effects import Effect, PrintedStatics
-from octoplan.model.obstacles import Moving
-from octoplan.planner.commands.files import schema_of
-from octoplan.planner.io.codec import identity, in_si, number_in, plain, table_of, value_of
-from octoplan.planner.io.files import to_json
-from octoplan.planner.io.mistakes import checked
-from octoplan.planner.io.object_tables import ObstacleTable
-from octoplan.planner.io.scene_file import question_of, scene_table
-from octoplan.planner.io.tables import exact
-from octoplan.planner.sweeps.definition import sweep_of
+from octoplan.model.extensions.obstacles import Moving
+from octoplan.planner.frontends.commands.files import schema_of
+from octoplan.planner.frontends.io.codec import (
+    identity,
+    in_si,
+    number_in,
+    plain,
+    table_of,
+    value_of,
+)
+from octoplan.planner.frontends.io.files import to_json
+from octoplan.planner.frontends.io.mistakes import checked
+from octoplan.planner.frontends.io.object_tables import ObstacleTable
+from octoplan.planner.frontends.io.scene_file import question_of, scene_table
+from octoplan.planner.frontends.io.tables import exact
+from octoplan.planner.frontends.sweeps.definition import sweep_of
 from octoplan.planner.targets import TipPosition
 from tests.io.values import EFFECTS, OBSTACLES, TARGETS, arms, scenes, values_of
 
@@ -170,7 +177,7 @@ def test_an_arm_is_written_and_read_again(arm: Arm) -> None:
 
 
 NEW = """
-import octoplan.model.effects, octoplan.model.obstacles, octoplan.planner.targets
+import octoplan.model.effects, octoplan.model.extensions.obstacles, octoplan.planner.targets
 class Magnet({base}):
     "A value that nobody said how to write."
     field: complex
@@ -178,12 +185,12 @@ class Magnet({base}):
     def terms(self): ...
 {package}.Magnet = Magnet
 {package}.__all__.append("Magnet")
-import octoplan.planner.io.scene_tables
+import octoplan.planner.frontends.io.scene_tables
 """
 # What is public in each package, and what it derives from, if from anything.
 PUBLIC = {
     "octoplan.model.effects": "octoplan.model.effects.Effect",
-    "octoplan.model.obstacles": "octoplan.model.obstacles.Obstacle",
+    "octoplan.model.extensions.obstacles": "octoplan.model.extensions.obstacles.Obstacle",
     "octoplan.planner.targets": "object",
 }
 

@@ -12,13 +12,13 @@ import pytest
 
 from octoplan.model import Arm, InputError, Scene
 from octoplan.model.effects import Extension, SelfContact
-from octoplan.model.obstacles import Box, Mesh, Moving, Sphere
+from octoplan.model.extensions.obstacles import Box, Mesh, Moving, Sphere
 from octoplan.planner import plan, sweep
-from octoplan.planner.cli import main
-from octoplan.planner.commands.files import Kind
-from octoplan.planner.io.csv_files import plan_csv
-from octoplan.planner.io.scene_file import filled, load, question_of, scene_table
-from octoplan.planner.sweeps.definition import load_sweep
+from octoplan.planner.frontends.cli import main
+from octoplan.planner.frontends.commands.files import Kind
+from octoplan.planner.frontends.io.csv_files import plan_csv
+from octoplan.planner.frontends.io.scene_file import filled, load, question_of, scene_table
+from octoplan.planner.frontends.sweeps.definition import load_sweep
 from octoplan.planner.targets import TipPosition
 
 ARM = Arm.from_paper("table-2")

@@ -24,8 +24,8 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
-from octoplan.model.errors import FileError
-from octoplan.model.obstacles import Sphere
+from octoplan.model.extensions.obstacles import Sphere
+from octoplan.model.support.errors import FileError
 from octoplan.planner import plan, stiffness, sweep
 from octoplan.planner.targets import TipPosition
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 
 import octoplan.model.effects
-import octoplan.model.obstacles
+import octoplan.model.extensions.obstacles
 import octoplan.planner.targets
 from octoplan.model import (
     Anchorage,
@@ -29,7 +29,7 @@ from octoplan.model import (
     Scene,
 )
 from octoplan.model.effects import Effect
-from octoplan.model.obstacles import Obstacle
+from octoplan.model.extensions.obstacles import Obstacle
 
 PARTS = ("Bend", "Target", "Terms", "View")
 
@@ -39,7 +39,7 @@ def _public(module: Any) -> list[type]:
 
 
 EFFECTS = [own for own in _public(octoplan.model.effects) if own is not Effect]
-OBSTACLES = [own for own in _public(octoplan.model.obstacles) if own is not Obstacle]
+OBSTACLES = [own for own in _public(octoplan.model.extensions.obstacles) if own is not Obstacle]
 TARGETS = [own for own in _public(octoplan.planner.targets) if own.__name__ not in PARTS]
 
 

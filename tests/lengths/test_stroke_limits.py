@@ -13,7 +13,7 @@ from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import ExactTendons, Extension
 from octoplan.planner import Plan, load_plan, plan
 from octoplan.planner.answer import sentence
-from octoplan.planner.io.scene_file import read
+from octoplan.planner.frontends.io.scene_file import read
 from octoplan.planner.targets import BendingPlane, TipPosition
 from tests.lengths.cases import EXACT, cylinder
 

@@ -21,8 +21,8 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
-from octoplan.model.errors import CompilerError
 from octoplan.model.stiffness import stiffness
+from octoplan.model.support.errors import CompilerError
 from octoplan.planner import plan
 from octoplan.planner.targets import TipPosition
 
@@ -94,7 +94,7 @@ def test_compiled_plans_have_the_digits_of_interpreted_ones(scene: Scene) -> Non
 def no_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
-    monkeypatch.setattr("octoplan.model.machine.compiled.find_spec", lambda _: None)
+    monkeypatch.setattr("octoplan.model.support.machine.compiled.find_spec", lambda _: None)
 
 
 def test_a_missing_compiler_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from octoplan.model.errors import CompilerError
-from octoplan.model.machine.compiled import _command, cache_folder, library
+from octoplan.model.support.errors import CompilerError
+from octoplan.model.support.machine.compiled import _command, cache_folder, library
 
 pytestmark = [
     pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler"),
@@ -79,7 +79,7 @@ def test_without_a_folder_that_can_be_written_it_works_and_warns(
 @pytest.mark.slow
 def test_a_compiler_installed_by_pip_does(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("ziglang")
-    monkeypatch.setattr("octoplan.model.machine.compiled._NAMES", ())
+    monkeypatch.setattr("octoplan.model.support.machine.compiled._NAMES", ())
     assert _command("") == (sys.executable, "-m", "ziglang", "cc")
     monkeypatch.setenv("CC", " ".join(_command("")))
     assert answer(library(SOURCE, "-O1")) == 42

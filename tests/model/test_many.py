@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import octoplan.model.many as many_module
+import octoplan.model.extensions.batches as many_module
 from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle, settle_many
 from octoplan.model.effects import (
     Buoyancy,
@@ -26,7 +26,10 @@ from octoplan.model.effects import (
 )
 from octoplan.model.equilibrium.linearised import Linearised
 from octoplan.model.equilibrium.load_steps import Collocation
-from octoplan.model.errors import (
+from octoplan.model.extensions.obstacles import Sphere
+from octoplan.model.forward import Maps, maps_of
+from octoplan.model.paths import Array
+from octoplan.model.support.errors import (
     CollapsedError,
     ConvergenceError,
     InputError,
@@ -36,10 +39,7 @@ from octoplan.model.errors import (
     UnsettledContactError,
     UnsettledSectionError,
 )
-from octoplan.model.forward import Maps, maps_of
-from octoplan.model.obstacles import Sphere
-from octoplan.model.paths import Array
-from octoplan.model.progress import check_time
+from octoplan.model.support.progress import check_time
 from octoplan.model.winches import rest_lengths
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")

@@ -15,8 +15,8 @@ import pytest
 
 from octoplan import calibrate, design, plan, sweep, trajectory
 from octoplan.model import InputError, settle
-from octoplan.model.progress import ProgressLine, reported, tell, with_progress
-from octoplan.planner.cli import main
+from octoplan.model.support.progress import ProgressLine, reported, tell, with_progress
+from octoplan.planner.frontends.cli import main
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
 
@@ -51,8 +51,8 @@ def screen(monkeypatch: pytest.MonkeyPatch) -> Any:
     def made(tty: bool, delay: float = 0.0) -> _Screen:
         found = _Screen(tty)
         monkeypatch.setattr("sys.stderr", found)
-        monkeypatch.setattr("octoplan.model.progress.DELAY", delay)
-        monkeypatch.setattr("octoplan.model.progress._EVERY", 0.001)
+        monkeypatch.setattr("octoplan.model.support.progress.DELAY", delay)
+        monkeypatch.setattr("octoplan.model.support.progress._EVERY", 0.001)
         monkeypatch.setenv("COLUMNS", "80")
         return found
 
@@ -99,7 +99,7 @@ def test_nothing_is_shown_where_nobody_looks_nor_soon_nor_if_unwanted(
 def test_a_line_is_shown_on_a_terminal_that_does_not_tell_its_size(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("octoplan.model.progress.DELAY", 0.0)
+    monkeypatch.setattr("octoplan.model.support.progress.DELAY", 0.0)
     reader, writer = os.openpty()  # of no rows and no columns
     with os.fdopen(writer, "w") as terminal, monkeypatch.context() as patch:
         patch.setattr("sys.stderr", terminal)
@@ -127,7 +127,7 @@ _NOTEBOOK = """
 import sys, types
 shell = types.SimpleNamespace(config={"IPKernelApp": {}})
 sys.modules["IPython"] = types.SimpleNamespace(get_ipython=lambda: shell)
-import octoplan.model.progress as progress, time
+import octoplan.model.support.progress as progress, time
 progress.DELAY = 0.0
 with progress.ProgressLine():
     progress.tell("seen in notebooks")

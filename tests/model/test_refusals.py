@@ -26,8 +26,8 @@ from octoplan.model import (
     settle,
     settle_many,
 )
-from octoplan.model.clearance import clearance
 from octoplan.model.effects import Extension, Weight
+from octoplan.model.extensions.clearance import clearance
 from tests.oracles import Array, paper_rod, strain
 from tests.refusals import Refused, check_refusal
 

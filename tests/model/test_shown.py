@@ -122,7 +122,7 @@ def pulled(tension: float) -> np.ndarray:
     return T
 
 
-@pytest.mark.filterwarnings("default::octoplan.model.errors.ShapeWarning")
+@pytest.mark.filterwarnings("default::octoplan.model.support.errors.ShapeWarning")
 def test_a_hundred_newtons_on_one_tendon_are_told_with_numbers() -> None:
     with pytest.warns(ShapeWarning, match="bends sharper than its own radius") as seen:
         shape = settle(TABLE_2, pulled(100.0), Scene())
@@ -145,7 +145,7 @@ def test_a_hundred_newtons_on_one_tendon_are_told_with_numbers() -> None:
     assert "beware: " + sharp in repr(shape)
 
 
-@pytest.mark.filterwarnings("error::octoplan.model.errors.ShapeWarning")
+@pytest.mark.filterwarnings("error::octoplan.model.support.errors.ShapeWarning")
 @pytest.mark.parametrize("scene", [Scene(), Scene(Extension()), Scene.silicone()])
 def test_what_arms_do_is_told_without_a_remark(scene: Scene) -> None:
     shapes = [settle(TABLE_2, pulled(2.0), scene), settle(Arm.from_paper("table-4"), FETCH, scene)]
@@ -154,7 +154,7 @@ def test_what_arms_do_is_told_without_a_remark(scene: Scene) -> None:
     assert all(shape.remarks == () for shape in shapes)
 
 
-@pytest.mark.filterwarnings("default::octoplan.model.errors.ShapeWarning")
+@pytest.mark.filterwarnings("default::octoplan.model.support.errors.ShapeWarning")
 def test_loads_that_bend_the_arm_too_sharply_are_told() -> None:
     thick = conical(0.1, (0.02, 0.02), [(0.1, 0.01, 0.01)], material=Material(1e5))
     moment = thick.material.E * np.pi * 0.02**4 / 4 * 60.0
@@ -162,7 +162,7 @@ def test_loads_that_bend_the_arm_too_sharply_are_told() -> None:
         settle(thick, np.zeros(thick.n_tendons), Scene(TipLoad(moment=(0, 0, moment))))
 
 
-@pytest.mark.filterwarnings("default::octoplan.model.errors.ShapeWarning")
+@pytest.mark.filterwarnings("default::octoplan.model.support.errors.ShapeWarning")
 def test_a_call_inside_of_another_does_not_warn() -> None:
     from octoplan.model.stiffness import stiffness
 
@@ -171,7 +171,7 @@ def test_a_call_inside_of_another_does_not_warn() -> None:
         stiffness(TABLE_2, pulled(100.0), Scene(), accuracy=1e-3)
 
 
-@pytest.mark.filterwarnings("default::octoplan.model.errors.ShapeWarning")
+@pytest.mark.filterwarnings("default::octoplan.model.support.errors.ShapeWarning")
 def test_a_loop_over_sharp_shapes_warns_once() -> None:
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("default")
@@ -180,7 +180,7 @@ def test_a_loop_over_sharp_shapes_warns_once() -> None:
     assert [own.category for own in told] == [ShapeWarning]
 
 
-@pytest.mark.filterwarnings("default::octoplan.model.errors.ShapeWarning")
+@pytest.mark.filterwarnings("default::octoplan.model.support.errors.ShapeWarning")
 def test_a_load_that_doubles_the_length_is_told() -> None:
     bar = conical(0.1, (0.01, 0.01), [(0.1, 0.005, 0.005)], material=Material(1e5))
     EA = 1e5 * np.pi * 0.01**2

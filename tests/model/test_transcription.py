@@ -21,7 +21,7 @@ from octoplan.model.effects import (
 )
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.verification import verified
-from octoplan.model.transcription.system import System, system
+from octoplan.model.rod.system import System, system
 from tests.differences import Array, check_rows, fourth_order
 from tests.planner.cases import moderate
 

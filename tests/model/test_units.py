@@ -13,12 +13,12 @@ import pytest
 
 from octoplan.model import Anchorage, Arm, InputError, Linear, Material, Scene, UnitWarning, conical
 from octoplan.model.effects import Buoyancy, Current, Weight
-from octoplan.model.errors import FileError
-from octoplan.planner.cli import main
-from octoplan.planner.fit.unknowns import Parameters, Unknown
-from octoplan.planner.io.scene_file import read
+from octoplan.model.support.errors import FileError
+from octoplan.planner.extensions.fit.unknowns import Parameters, Unknown
+from octoplan.planner.frontends.cli import main
+from octoplan.planner.frontends.io.scene_file import read
+from octoplan.planner.frontends.sweeps.definition import sweep_of
 from octoplan.planner.question import Limits, check_targets
-from octoplan.planner.sweeps.definition import sweep_of
 from octoplan.planner.targets import Backbone, Bend, BendingPlane, Fetch, FetchReach, TipPosition
 from tests.warned import detailed
 
@@ -161,7 +161,7 @@ def test_radians_in_a_key_in_degrees_are_told_by_the_command(
 def test_degrees_are_no_radians(
     angle: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from octoplan.planner.io.scene_file import load
+    from octoplan.planner.frontends.io.scene_file import load
 
     (tmp_path / "scene.toml").write_text(SCENE.format(angle=angle))
     with warnings.catch_warnings():

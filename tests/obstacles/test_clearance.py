@@ -7,13 +7,13 @@ import pytest
 
 from octoplan.model import Arm, Scene, conical, settle
 from octoplan.model.centreline import Centreline
-from octoplan.model.clearance import clearance
-from octoplan.model.clearance.nearest import BASE, ITSELF, clearances
 from octoplan.model.effects import Buoyancy, Extension, TipLoad, Weight
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import STAGES
-from octoplan.model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
-from octoplan.model.transcription.system import system
+from octoplan.model.extensions.clearance import clearance
+from octoplan.model.extensions.clearance.nearest import BASE, ITSELF, clearances
+from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from octoplan.model.rod.system import system
 from tests.model.cases import paper_tensions
 from tests.oracles import Array
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from octoplan.model import Arm, Scene, settle
-from octoplan.model.clearance import clearance
 from octoplan.model.effects import Extension
-from octoplan.model.obstacles import Box, Mesh, Moving, Sphere
+from octoplan.model.extensions.clearance import clearance
+from octoplan.model.extensions.obstacles import Box, Mesh, Moving, Sphere
 from octoplan.planner import plan, trajectory
-from octoplan.planner.bodies.surface import outline
-from octoplan.planner.io.saved_files import load_plan
-from octoplan.planner.io.scene_file import load
+from octoplan.planner.frontends.bodies.surface import outline
+from octoplan.planner.frontends.io.saved_files import load_plan
+from octoplan.planner.frontends.io.scene_file import load
 from octoplan.planner.targets import TipPosition
 from tests.model.cases import paper_tensions
 

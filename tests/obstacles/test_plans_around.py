@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
-from octoplan.model.clearance import Clearance
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
-from octoplan.model.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from octoplan.model.extensions.clearance import Clearance
+from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from octoplan.model.rotations import matrices
 from octoplan.model.shape import Shape
 from octoplan.planner import Plan, load_plan, plan
-from octoplan.planner.avoidance.around import line_of
-from octoplan.planner.avoidance.rows import avoiding, cubic, element_of, grid
-from octoplan.planner.avoidance.surroundings import Surroundings
-from octoplan.planner.io.scene_file import read
+from octoplan.planner.extensions.avoidance.around import line_of
+from octoplan.planner.extensions.avoidance.rows import avoiding, cubic, element_of, grid
+from octoplan.planner.extensions.avoidance.surroundings import Surroundings
+from octoplan.planner.frontends.io.scene_file import read
 from octoplan.planner.question import Limits, Statement
 from octoplan.planner.targets import BendingPlane, TipPosition
 from octoplan.planner.task import Task

@@ -13,10 +13,10 @@ import pytest
 
 from octoplan.model import Arm, Linear, Scene
 from octoplan.model.effects import Contact, Extension
-from octoplan.model.obstacles import Box, Capsule, HalfSpace, Mesh, Sphere
-from octoplan.model.units import UnitWarning
+from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Mesh, Sphere
+from octoplan.model.support.units import UnitWarning
 from octoplan.planner import plan
-from octoplan.planner.io.scene_file import read
+from octoplan.planner.frontends.io.scene_file import read
 from octoplan.planner.targets import TipPosition
 from tests.obstacles.test_plans_around import FILE
 from tests.refusals import Refused, check_refusal

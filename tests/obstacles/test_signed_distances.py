@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from octoplan.model.obstacles import (
+from octoplan.model.extensions.obstacles import (
     Box,
     Capsule,
     HalfSpace,
@@ -14,7 +14,7 @@ from octoplan.model.obstacles import (
     distances,
     numbers_of,
 )
-from octoplan.planner.bodies.surface import outline
+from octoplan.planner.frontends.bodies.surface import outline
 from tests.oracles import Array
 
 coal = pytest.importorskip("coal")

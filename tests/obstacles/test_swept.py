@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from octoplan.model import Arm, Scene
 from octoplan.model.centreline import Centreline
-from octoplan.model.clearance.bisection import Around, closest
-from octoplan.model.clearance.nearest import BASE, ITSELF, around
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
+from octoplan.model.extensions.clearance.bisection import Around, closest
+from octoplan.model.extensions.clearance.nearest import BASE, ITSELF, around
+from octoplan.model.extensions.obstacles import Box, Capsule, Obstacle, Sphere
 from octoplan.model.loads import is_loaded
-from octoplan.model.obstacles import Box, Capsule, Obstacle, Sphere
-from octoplan.planner.avoidance.lines import Lines, Moving
+from octoplan.planner.extensions.avoidance.lines import Lines, Moving
 from tests.model.cases import paper_tensions
 from tests.oracles import Array
 

@@ -23,9 +23,11 @@ from octoplan.planner import (
     save_shape,
     urdf,
 )
-from octoplan.planner.cli import main
+from octoplan.planner.frontends.cli import main
 
-pytestmark = pytest.mark.filterwarnings("ignore::octoplan.planner.bodies.forces.ExportWarning")
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::octoplan.planner.frontends.bodies.forces.ExportWarning"
+)
 
 PAPER = Scene(Extension())
 TURNED = Rotation.from_rotvec([0.3, -1.2, 0.5]).as_matrix()

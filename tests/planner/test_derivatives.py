@@ -22,7 +22,7 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
-from octoplan.model.obstacles import Sphere
+from octoplan.model.extensions.obstacles import Sphere
 from octoplan.planner import Limits, Problem, Statement, plan
 from octoplan.planner.targets import Backbone, TipPosition
 from octoplan.planner.task import Task

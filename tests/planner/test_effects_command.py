@@ -11,8 +11,8 @@ import pytest
 
 from octoplan.model import Arm, Scene
 from octoplan.model.effects import Buoyancy, Extension, Weight
-from octoplan.planner.cli import main
-from octoplan.planner.effect_ablation import ProblemSize, Switch, switch_effects
+from octoplan.planner.frontends.cli import main
+from octoplan.planner.frontends.effect_ablation import ProblemSize, Switch, switch_effects
 
 ARM = "[arm]\npreset = 'section-5.2'\n"
 BENT = "tensions = [[0.3, 0.2, 0.0, 0.1]]\naccuracy = 1e-5\n"

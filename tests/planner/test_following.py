@@ -178,7 +178,7 @@ def test_an_unforeseen_error_is_that_of_its_target(monkeypatch: pytest.MonkeyPat
             raise ZeroDivisionError("division by zero")
         return plan(arm, target, *more, **others)
 
-    monkeypatch.setattr("octoplan.planner.many.plan", fails)
+    monkeypatch.setattr("octoplan.planner.frontends.many.plan", fails)
     planes = [BendingPlane(2.0, bend) for bend in (0.9, 1.0)]
     found = plan_many(ARM, planes, PAPER, 20.0, accuracy=1e-5, errors="nan")
     assert [p.reached for p in found] == [True, False]

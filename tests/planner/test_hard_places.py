@@ -15,12 +15,12 @@ import pytest
 
 from octoplan.model import Arm, InputError, OctoplanError, Scene
 from octoplan.model.effects import Extension
-from octoplan.model.errors import FileError
+from octoplan.model.support.errors import FileError
 from octoplan.planner import export, load_plan
-from octoplan.planner.cli import main
-from octoplan.planner.io.files import staged, write_named, write_together
-from octoplan.planner.io.scene_file import load, read
-from octoplan.planner.sweeps.definition import load_sweep
+from octoplan.planner.frontends.cli import main
+from octoplan.planner.frontends.io.files import staged, write_named, write_together
+from octoplan.planner.frontends.io.scene_file import load, read
+from octoplan.planner.frontends.sweeps.definition import load_sweep
 
 SCENE = """
 tensions = [[0.5, 0, 0, 0], [0, 0, 1, 0], [2, 0, 0, 0]]
@@ -42,7 +42,8 @@ def inside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 def octoplan(*argv: str, **options: Any) -> subprocess.CompletedProcess[str]:
     root = Path(__file__).parents[2]
-    begin = f"import sys; sys.path.insert(0, {str(root)!r}); from octoplan.planner.cli import main"
+    begin = f"import sys; sys.path.insert(0, {str(root)!r}); "
+    begin += "from octoplan.planner.frontends.cli import main"
     command = [sys.executable, "-c", f"{begin}; sys.exit(main())", *argv]
     told = {"stderr": subprocess.PIPE, "text": True, "check": False}
     return subprocess.run(command, **{**told, **options})
@@ -188,7 +189,7 @@ def test_files_are_readable_for_those_whom_the_umask_lets(mask: int, mode: int) 
 KILLED = """
 import os, signal
 from pathlib import Path
-from octoplan.planner.io.files import staged
+from octoplan.planner.frontends.io.files import staged
 with staged(Path()) as folder:
     (folder / "half.png").write_text("half")
     os.kill(os.getpid(), signal.SIGKILL)

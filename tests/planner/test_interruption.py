@@ -13,9 +13,10 @@ import pytest
 
 from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import Buoyancy, Extension, TipLoad, Weight
-from octoplan.model.progress import OutOfTime
-from octoplan.planner import cli, plan
-from octoplan.planner.sweeps import points
+from octoplan.model.support.progress import OutOfTime
+from octoplan.planner import plan
+from octoplan.planner.frontends import cli
+from octoplan.planner.frontends.sweeps import points
 from octoplan.planner.targets import TipPosition
 
 ARM = Arm.from_paper("table-4")

@@ -14,13 +14,13 @@ import pytest
 from octoplan.model import Arm, InputError, Linear, Scene, settle
 from octoplan.model.compliance import at_node
 from octoplan.model.effects import Buoyancy, Extension, TipLoad, Weight
-from octoplan.model.obstacles import Sphere
-from octoplan.model.progress import OutOfTime, check_time
-from octoplan.planner.cli import main
-from octoplan.planner.live.handles import goal_of, handle_of
-from octoplan.planner.live.page import Page
-from octoplan.planner.live.session import Session
-from octoplan.planner.live.words import following, places, planned, tendons
+from octoplan.model.extensions.obstacles import Sphere
+from octoplan.model.support.progress import OutOfTime, check_time
+from octoplan.planner.frontends.cli import main
+from octoplan.planner.frontends.live.handles import goal_of, handle_of
+from octoplan.planner.frontends.live.page import Page
+from octoplan.planner.frontends.live.session import Session
+from octoplan.planner.frontends.live.words import following, places, planned, tendons
 from octoplan.planner.targets import BendingPlane, TipPose, TipPosition
 from octoplan.planner.targets.base import Target
 from tests.oracles import Array

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from octoplan.model.obstacles import Sphere
-from octoplan.planner.live.drawing import DARK, LIGHT, Colour
-from octoplan.planner.live.page import Page
+from octoplan.model.extensions.obstacles import Sphere
+from octoplan.planner.frontends.live.drawing import DARK, LIGHT, Colour
+from octoplan.planner.frontends.live.page import Page
 from tests.oracles import Array
 from tests.planner.test_live import ARM, free_port, session
 

@@ -29,14 +29,14 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
-from octoplan.model.obstacles import HalfSpace
+from octoplan.model.extensions.obstacles import HalfSpace
 from octoplan.planner import ExportWarning, export, mjcf, urdf
-from octoplan.planner.cli import main
+from octoplan.planner.frontends.cli import main
 from octoplan.planner.question import natural_tensions
 from tests.contact.cases import bar
 
 mujoco = pytest.importorskip("mujoco")
-quiet = pytest.mark.filterwarnings("ignore::octoplan.planner.bodies.forces.ExportWarning")
+quiet = pytest.mark.filterwarnings("ignore::octoplan.planner.frontends.bodies.forces.ExportWarning")
 
 EXACT = (Extension(), ExactTendons())
 STATICS = (EXACT, (*EXACT, NeoHookean()), (Extension(),), (*EXACT, Shear()))
@@ -187,7 +187,7 @@ def test_command_writes_a_keyframe_that_stays(tmp_path: Path) -> None:
     assert simulated(model, 6.0)[1] < 1e-6 * 0.31
 
 
-@pytest.mark.filterwarnings("always::octoplan.planner.bodies.forces.ExportWarning")
+@pytest.mark.filterwarnings("always::octoplan.planner.frontends.bodies.forces.ExportWarning")
 def test_command_names_loads_that_urdf_lacks(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from octoplan.planner.cli import main
+from octoplan.planner.frontends.cli import main
 
 ARM = "[arm]\npreset = 'table-4'\n"
 TARGET = "[target]\ntype = 'tip-position'\nposition_mm = [200, 150, -200]\n"

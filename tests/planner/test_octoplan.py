@@ -20,9 +20,9 @@ import pytest
 from octoplan.command_line import COMMANDS
 from octoplan.model import settle
 from octoplan.planner import load_plan, stiffness
-from octoplan.planner.cli import main
-from octoplan.planner.commands.files import TEMPLATES, schema_of
-from octoplan.planner.io.scene_file import load, read
+from octoplan.planner.frontends.cli import main
+from octoplan.planner.frontends.commands.files import TEMPLATES, schema_of
+from octoplan.planner.frontends.io.scene_file import load, read
 
 TEMPLATE = (TEMPLATES / "plan.toml").read_text()
 
@@ -159,7 +159,7 @@ def test_the_solver_speaks_on_stderr_if_asked_and_stdout_is_json(
     captured = capsys.readouterr()
     assert json.loads(captured.out)["certified"]
     assert "octoplan.planner.solve.ipopt: met after" in captured.err
-    assert "octoplan.model.progress: verifying" in captured.err
+    assert "octoplan.model.support.progress: verifying" in captured.err
     assert main(["plan", BENDING, "--json"]) == 0
     assert capsys.readouterr().err == ""
 

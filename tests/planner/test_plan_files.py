@@ -29,10 +29,10 @@ from octoplan.model import (
 from octoplan.model.effects import (
     Extension,
 )
-from octoplan.model.errors import FileError
+from octoplan.model.support.errors import FileError
 from octoplan.planner import Plan, load_plan, plan, save_shape
-from octoplan.planner.commands.files import schema_of
-from octoplan.planner.io.csv_files import shape_csv
+from octoplan.planner.frontends.commands.files import schema_of
+from octoplan.planner.frontends.io.csv_files import shape_csv
 from octoplan.planner.targets import BendingPlane, TipPosition
 
 OWN = Arm(

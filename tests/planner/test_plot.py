@@ -13,14 +13,14 @@ from matplotlib.figure import Figure
 from PIL import Image, ImageChops
 
 from octoplan.model import Arm, Scene, Shape, settle
-from octoplan.model.clearance import clearance
 from octoplan.model.effects import Contact, ExactTendons, Extension
-from octoplan.model.obstacles import Capsule
+from octoplan.model.extensions.clearance import clearance
+from octoplan.model.extensions.obstacles import Capsule
 from octoplan.planner import Plan, plan, plan_many
 from octoplan.planner.certificate import COMPLEMENTARY
-from octoplan.planner.plots.arm import draw_arm
-from octoplan.planner.plots.motion import plot_motion, save_motion
-from octoplan.planner.plots.plan import plot_plan, plot_shape, plot_strains, save
+from octoplan.planner.frontends.plots.arm import draw_arm
+from octoplan.planner.frontends.plots.motion import plot_motion, save_motion
+from octoplan.planner.frontends.plots.plan import plot_plan, plot_shape, plot_strains, save
 from octoplan.planner.targets import (
     Backbone,
     BendingPlane,

@@ -29,13 +29,13 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
-from octoplan.model.errors import FileError
-from octoplan.model.obstacles import Sphere
+from octoplan.model.extensions.obstacles import Sphere
+from octoplan.model.support.errors import FileError
 from octoplan.planner import plan
-from octoplan.planner.commands.files import schema_of
-from octoplan.planner.io.object_tables import ArmTable
-from octoplan.planner.io.scene_file import load, read
-from octoplan.planner.io.scene_tables import SceneTable
+from octoplan.planner.frontends.commands.files import schema_of
+from octoplan.planner.frontends.io.object_tables import ArmTable
+from octoplan.planner.frontends.io.scene_file import load, read
+from octoplan.planner.frontends.io.scene_tables import SceneTable
 from octoplan.planner.targets import (
     Backbone,
     Bend,

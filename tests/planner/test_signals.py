@@ -60,7 +60,9 @@ def ended(command: str, number: signal.Signals, after: float, folder: Path) -> i
     # It has begun when signals are handled: the next step is the import of the command line.
     begin = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import octoplan; "
     begin += "sys.addaudithook(lambda event, of: event == 'import' "
-    begin += f"and of[0] == 'octoplan.planner.cli' and open({str(begun)!r}, 'w').close()); "
+    begin += (
+        f"and of[0] == 'octoplan.planner.frontends.cli' and open({str(begun)!r}, 'w').close()); "
+    )
     process = subprocess.Popen(
         [sys.executable, "-c", begin + "sys.exit(octoplan.main())", command, *argv],
         cwd=folder,
@@ -103,9 +105,9 @@ def test_a_command_that_is_ended_leaves_all_or_nothing(
 
 LAST = """
 import os, signal, sys
-import octoplan, octoplan.planner.cli
-run = octoplan.planner.cli.main
-octoplan.planner.cli.main = lambda: (run(), os.kill(os.getpid(), signal.SIGTERM))
+import octoplan, octoplan.planner.frontends.cli
+run = octoplan.planner.frontends.cli.main
+octoplan.planner.frontends.cli.main = lambda: (run(), os.kill(os.getpid(), signal.SIGTERM))
 sys.exit(octoplan.main())
 """
 

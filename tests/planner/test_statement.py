@@ -11,12 +11,12 @@ import pytest
 
 from octoplan.model import Arm, Material, Scene, conical
 from octoplan.model.effects import Extension, Weight
-from octoplan.model.machine.functions import Buffered
-from octoplan.model.obstacles import Box
+from octoplan.model.extensions.obstacles import Box
+from octoplan.model.support.machine.functions import Buffered
 from octoplan.planner import plan, trajectory
 from octoplan.planner.answer import sentence
-from octoplan.planner.avoidance.rows import Avoidance
 from octoplan.planner.certificate import Certificate
+from octoplan.planner.extensions.avoidance.rows import Avoidance
 from octoplan.planner.program.program import Program
 from octoplan.planner.solve import ipopt
 from octoplan.planner.targets import BendingPlane, TipPosition

@@ -16,9 +16,9 @@ import pytest
 
 from octoplan.model import Arm, InputError, Scene, settle
 from octoplan.model.effects import Buoyancy, Contact, ExactTendons, Extension, Weight
-from octoplan.model.errors import UncertifiedError
-from octoplan.model.obstacles import Capsule, Sphere
-from octoplan.model.progress import (
+from octoplan.model.extensions.obstacles import Capsule, Sphere
+from octoplan.model.support.errors import UncertifiedError
+from octoplan.model.support.progress import (
     GRACE,
     OUT_OF_TIME,
     check_time,
@@ -28,11 +28,11 @@ from octoplan.model.progress import (
 )
 from octoplan.planner import Plan, load_plan, plan
 from octoplan.planner.answer import Answer
-from octoplan.planner.fit.calibrate import calibrate
-from octoplan.planner.fit.measured import Measured
-from octoplan.planner.fit.unknowns import Unknown
+from octoplan.planner.extensions.fit.calibrate import calibrate
+from octoplan.planner.extensions.fit.measured import Measured
+from octoplan.planner.extensions.fit.unknowns import Unknown
+from octoplan.planner.extensions.trajectory.motion import trajectory
 from octoplan.planner.targets import BendingPlane, TipPosition, Wrap
-from octoplan.planner.trajectory.motion import trajectory
 from tests.contact.cases import bar
 
 ARM = Arm.from_paper("table-4")
@@ -90,8 +90,8 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
         return float(now.seconds)
 
     slow = SimpleNamespace(monotonic=monotonic, process_time=lambda: 0.0)
-    monkeypatch.setattr("octoplan.model.progress.time", slow)
-    monkeypatch.setattr("octoplan.planner.contact.search.time", slow)
+    monkeypatch.setattr("octoplan.model.support.progress.time", slow)
+    monkeypatch.setattr("octoplan.planner.extensions.contact.search.time", slow)
     return now
 
 
@@ -200,7 +200,7 @@ def test_a_plan_in_contact_leaves_time_for_its_certificate(
         complete(self)
 
     monkeypatch.setattr(Answer, "complete", looked)
-    monkeypatch.setattr("octoplan.planner.contact.search.optimum", endless)
+    monkeypatch.setattr("octoplan.planner.extensions.contact.search.optimum", endless)
     leaning(time_limit=1000)
     assert left[0] >= 200
 
@@ -248,7 +248,9 @@ def test_a_slow_certificate_of_a_motion_is_told(
     what: str, monkeypatch: pytest.MonkeyPatch, clock: SimpleNamespace
 ) -> None:
     """Targets that were not verified counted as reached: all(()) is True."""
-    monkeypatch.setattr(import_module("octoplan.planner.trajectory.certificate"), what, endless)
+    monkeypatch.setattr(
+        import_module("octoplan.planner.extensions.trajectory.certificate"), what, endless
+    )
     motion = trajectory(ARM, TARGETS, PAPER, 20.0, rate_max=1.0, time_limit=1e5)
     assert clock.seconds <= 1e5 + GRACE + 20
     assert motion.reached == (False, False)
@@ -261,7 +263,7 @@ def test_a_slow_certificate_of_a_motion_is_told(
 def test_a_slow_estimate_of_a_motions_pace_is_left_out(
     monkeypatch: pytest.MonkeyPatch, clock: SimpleNamespace
 ) -> None:
-    result = import_module("octoplan.planner.trajectory.result")
+    result = import_module("octoplan.planner.extensions.trajectory.result")
     monkeypatch.setattr(result, "slowest_period", endless)
     motion = trajectory(ARM, TARGETS, PAPER, 20.0, rate_max=1.0, time_limit=1e5)
     assert motion.reached == (True, True)

@@ -10,15 +10,15 @@ import pytest
 
 from octoplan.model import Arm, InputError, Scene, UnitWarning, settle, settle_many
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
-from octoplan.model.errors import FileError
+from octoplan.model.support.errors import FileError
 from octoplan.model.winches import rest_lengths
 from octoplan.planner import load_plan, plan, stiffness
-from octoplan.planner.cli import main
-from octoplan.planner.io.scene_file import load
+from octoplan.planner.extensions.trajectory.question import Rates
+from octoplan.planner.frontends.cli import main
+from octoplan.planner.frontends.io.scene_file import load
 from octoplan.planner.measure import length_error
 from octoplan.planner.question import Limits
 from octoplan.planner.targets import TipPosition
-from octoplan.planner.trajectory.question import Rates
 from tests.warned import detailed
 
 ARM = Arm.from_paper("table-2")

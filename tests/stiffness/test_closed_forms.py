@@ -10,8 +10,8 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from octoplan.model import Anchorage, Arm, Linear, Scene, settle
-from octoplan.model.critical_load import critical_load_factor
 from octoplan.model.effects import ExactTendons, Extension, NeoHookean, TipLoad
+from octoplan.model.extensions.critical_load import critical_load_factor
 from octoplan.planner import stiffness
 from tests.effects.bars import NO_PULL, Bar, euler
 from tests.stiffness.cases import STATICS, Array, pulling, scaled

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from octoplan.model import Anchorage, Arm, Linear, Material, Scene
 from octoplan.model.arm import PAPER_FRAME
 from octoplan.model.effects import TipLoad, Weight
-from octoplan.model.errors import SingularError
+from octoplan.model.support.errors import SingularError
 from octoplan.planner import stiffness
 from tests.effects.cases import DATA, RODS
 from tests.stiffness.cases import IN_WATER, STATICS, Array, gap, pulling, scaled, with_effects

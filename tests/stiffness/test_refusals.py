@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from octoplan.model import Arm, Scene
-from octoplan.model.critical_load import critical_load_factor
 from octoplan.model.effects import Extension
+from octoplan.model.extensions.critical_load import critical_load_factor
 from octoplan.planner import plan, stiffness
 from octoplan.planner.targets import MinimumStiffness, Softest, Stiffest, TipPosition
 from tests.refusals import Refused, check_refusal

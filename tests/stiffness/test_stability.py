@@ -22,8 +22,8 @@ from octoplan.model.effects import (
 )
 from octoplan.model.equilibrium.linearised import Linearised
 from octoplan.model.equilibrium.stability import rest_stiffness, stability, stability_slope, stands
-from octoplan.model.obstacles import Sphere
-from octoplan.model.transcription.system import system
+from octoplan.model.extensions.obstacles import Sphere
+from octoplan.model.rod.system import system
 from octoplan.planner import stiffness
 from tests.stiffness.cases import STATICS, with_effects
 

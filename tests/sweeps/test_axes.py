@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from octoplan.model.errors import FileError
-from octoplan.planner.sweeps.definition import load_sweep
+from octoplan.model.support.errors import FileError
+from octoplan.planner.frontends.sweeps.definition import load_sweep
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
 

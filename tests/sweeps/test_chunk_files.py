@@ -10,10 +10,10 @@ import pytest
 
 from octoplan.model import InputError
 from octoplan.planner import sweep
-from octoplan.planner.cli import main
-from octoplan.planner.sweeps.definition import load_sweep
-from octoplan.planner.sweeps.points import Rows, blank
-from octoplan.planner.sweeps.store import ChunkFiles, FullDiskError, folder_of
+from octoplan.planner.frontends.cli import main
+from octoplan.planner.frontends.sweeps.definition import load_sweep
+from octoplan.planner.frontends.sweeps.points import Rows, blank
+from octoplan.planner.frontends.sweeps.store import ChunkFiles, FullDiskError, folder_of
 from tests.sweeps.cases import GRID, written
 
 

@@ -12,8 +12,13 @@ from pathlib import Path
 import pytest
 
 from octoplan import planner
-from octoplan.planner.sweeps.definition import load_sweep
-from octoplan.planner.sweeps.sweep import VersionsError, WorkersLostError, _one, on_cluster
+from octoplan.planner.frontends.sweeps.definition import load_sweep
+from octoplan.planner.frontends.sweeps.sweep import (
+    VersionsError,
+    WorkersLostError,
+    _one,
+    on_cluster,
+)
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
 ROOT = Path(__file__).parents[2]
@@ -80,7 +85,7 @@ def test_a_cluster_finds_what_one_process_finds_though_a_worker_is_killed(
 ) -> None:
     address, (_, first, second) = cluster
     path, found = written(tmp_path, AXES, "stiffness", more), []
-    monkeypatch.setattr(planner.sweeps.sweep, "on_cluster", _killing(first, found, after))
+    monkeypatch.setattr(planner.frontends.sweeps.sweep, "on_cluster", _killing(first, found, after))
     data = planner.sweep(path, scheduler=address)
     assert sorted(found) == list(range(chunks))
     assert first.wait() == -signal.SIGKILL
@@ -94,7 +99,7 @@ def test_a_cluster_that_loses_its_scheduler_is_told_and_the_sweep_goes_on_withou
 ) -> None:
     address, (scheduler, *_) = cluster
     path, out, found = written(tmp_path, AXES, "stiffness", MORE), tmp_path / "out.nc", []
-    monkeypatch.setattr(planner.sweeps.sweep, "on_cluster", _killing(scheduler, found))
+    monkeypatch.setattr(planner.frontends.sweeps.sweep, "on_cluster", _killing(scheduler, found))
     with pytest.raises(WorkersLostError, match="what is finished is kept"):
         planner.sweep(path, out, scheduler=address)
     assert 10 <= len(found) < 64

@@ -15,9 +15,9 @@ import xarray
 
 from octoplan import planner
 from octoplan.model import InputError
-from octoplan.planner.sweeps.definition import Sweep
-from octoplan.planner.sweeps.store import folder_of
-from octoplan.planner.sweeps.sweep import WorkersLostError
+from octoplan.planner.frontends.sweeps.definition import Sweep
+from octoplan.planner.frontends.sweeps.store import folder_of
+from octoplan.planner.frontends.sweeps.sweep import WorkersLostError
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
 ROOT = Path(__file__).parents[2]
@@ -137,9 +137,11 @@ def test_what_is_finished_is_not_found_again_and_resumes_no_other_sweep(
     assert _finished(out) == finished
     assert not out.exists()
     scene.write_text(text)
-    computed, chunks = planner.sweeps.sweep.computed, []
+    computed, chunks = planner.frontends.sweeps.sweep.computed, []
     monkeypatch.setattr(
-        planner.sweeps.sweep, "computed", lambda *asked: chunks.append(1) or computed(*asked)
+        planner.frontends.sweeps.sweep,
+        "computed",
+        lambda *asked: chunks.append(1) or computed(*asked),
     )
     planner.sweep(path, out)
     assert len(chunks) == 30 - finished

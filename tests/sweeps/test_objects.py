@@ -16,7 +16,7 @@ from octoplan.model.effects import (
     Weight,
 )
 from octoplan.planner import sweep
-from octoplan.planner.cli import main
+from octoplan.planner.frontends.cli import main
 from octoplan.planner.targets import (
     BendingPlane,
 )
@@ -79,12 +79,12 @@ def test_a_finished_sweep_is_not_run_again_and_says_so(
         raise AssertionError("run again")
 
     with monkeypatch.context() as patch:
-        patch.setattr("octoplan.planner.sweeps.sweep.computed", never)
+        patch.setattr("octoplan.planner.frontends.sweeps.sweep.computed", never)
         assert main(argv) == 0
         assert json.loads(capsys.readouterr().out) == first | {"earlier": True}
         assert main(argv[:-1]) == 0
         assert "finished by an earlier run, not run again" in capsys.readouterr().out
-        with caplog.at_level(logging.INFO, "octoplan.planner.sweeps"):
+        with caplog.at_level(logging.INFO, "octoplan.planner.frontends.sweeps"):
             found = sweep(path, out)
         assert found.settled.values.all()
         assert f"{out} holds this sweep already" in caplog.text

@@ -37,7 +37,7 @@ def test_whole_numbers_and_mixed_ones_are_saved_as_what_they_are(tmp_path: Path)
 
 _PEAK = """
 import resource, sys
-from octoplan.planner.cli import main
+from octoplan.planner.frontends.cli import main
 assert main(["sweep", *sys.argv[1:]]) == 0
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """

@@ -11,9 +11,9 @@ import xarray
 from octoplan import planner
 from octoplan.model import Arm, InputError, OctoplanError, Scene, settle
 from octoplan.model.effects import Extension
-from octoplan.model.errors import MissingExtraError
-from octoplan.planner.cli import main
-from octoplan.planner.sweeps.definition import load_sweep
+from octoplan.model.support.errors import MissingExtraError
+from octoplan.planner.frontends.cli import main
+from octoplan.planner.frontends.sweeps.definition import load_sweep
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, tensions, written
 
 ARM = Arm.from_paper("table-4")

@@ -9,11 +9,11 @@ import pytest
 
 from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import Extension
-from octoplan.model.errors import ConvergenceError
+from octoplan.model.support.errors import ConvergenceError
 from octoplan.planner import trajectory
+from octoplan.planner.extensions.trajectory.question import Rates
+from octoplan.planner.extensions.trajectory.time_law import Stretch, fastest, fastest_pace
 from octoplan.planner.targets import TipPosition
-from octoplan.planner.trajectory.question import Rates
-from octoplan.planner.trajectory.time_law import Stretch, fastest, fastest_pace
 from tests.oracles import Array
 
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())

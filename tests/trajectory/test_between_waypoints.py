@@ -12,8 +12,8 @@ from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import ExactTendons, TipLoad
 from octoplan.model.winches import rest_lengths
 from octoplan.planner import trajectory
+from octoplan.planner.extensions.trajectory.time_law import Timed
 from octoplan.planner.targets import TipPosition
-from octoplan.planner.trajectory.time_law import Timed
 from tests.lengths.cases import cylinder
 
 ARM = Arm.from_paper("table-4")

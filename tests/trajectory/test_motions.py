@@ -15,16 +15,16 @@ from PIL import Image
 
 from octoplan.model import Anchorage, Arm, InputError, Linear, Scene, settle
 from octoplan.model.effects import Extension
-from octoplan.model.errors import FileError, TimeLimitError
-from octoplan.model.obstacles import Moving, Sphere
+from octoplan.model.extensions.obstacles import Moving, Sphere
+from octoplan.model.support.errors import FileError, TimeLimitError
 from octoplan.planner import Trajectory, plan, trajectory
 from octoplan.planner.certificate import Certificate
-from octoplan.planner.cli import main
-from octoplan.planner.commands.files import schema_of
-from octoplan.planner.plots.motion import animate_trajectory, save_motion
+from octoplan.planner.extensions.trajectory.certificate import MotionCertificate
+from octoplan.planner.extensions.trajectory.question import waypoints_of
+from octoplan.planner.frontends.cli import main
+from octoplan.planner.frontends.commands.files import schema_of
+from octoplan.planner.frontends.plots.motion import animate_trajectory, save_motion
 from octoplan.planner.targets import Fetch, TipPosition
-from octoplan.planner.trajectory.certificate import MotionCertificate
-from octoplan.planner.trajectory.question import waypoints_of
 
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())
 PLACES = [(0.32, 0.08, -0.1), (0.3, 0.12, -0.12), (0.28, 0.08, -0.15)]

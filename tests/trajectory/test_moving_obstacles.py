@@ -11,9 +11,9 @@ import pytest
 
 from octoplan.model import Arm, InputError, Scene, settle
 from octoplan.model.effects import Extension
-from octoplan.model.obstacles import Moving, Sphere
+from octoplan.model.extensions.obstacles import Moving, Sphere
 from octoplan.planner import Trajectory, plan, trajectory
-from octoplan.planner.io.scene_file import load
+from octoplan.planner.frontends.io.scene_file import load
 from octoplan.planner.targets import TipPosition
 
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())

@@ -1,5 +1,0 @@
-"""How far a settled arm stays from obstacles, from behind its base and from itself."""
-
-from octoplan.model.clearance.nearest import KINDS, Clearance, clearance, clearances
-
-__all__ = ["KINDS", "Clearance", "clearance", "clearances"]

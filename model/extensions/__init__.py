@@ -1,0 +1,1 @@
+"""Effects and methods beyond the core; no module of the core imports them."""

@@ -1,0 +1,284 @@
+"""Settle many sets of tensions at once: their tips, without the overhead of a call for each."""
+
+from __future__ import annotations
+
+import logging
+import re
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octoplan.model.arm import Arm
+from octoplan.model.cross_section.sections import LEAST_STRETCH
+from octoplan.model.effects import ExactTendons, SelfContact
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.forward import (
+    Maps,
+    checked_accuracy,
+    first_pair,
+    larger_estimate,
+    maps_of,
+    next_refinement,
+    no_estimate,
+)
+from octoplan.model.loads import is_loaded
+from octoplan.model.paths import Array
+from octoplan.model.rotations import matrices
+from octoplan.model.scene import Scene
+from octoplan.model.settle import ACCURACY, loosest, scene_of, settle
+from octoplan.model.shape import at_ends
+from octoplan.model.support.checks import LARGEST, is_several, literal, positive
+from octoplan.model.support.errors import CompilerError, InputError, OctoplanError
+from octoplan.model.support.machine.compiled import Compile, checked_compile
+from octoplan.model.support.progress import OutOfTime, check_time
+from octoplan.model.support.progress import time_limit as limit_time
+from octoplan.model.support.text import MOST_LINES, columns, counted, shortened_lines
+from octoplan.model.winches import pulls
+
+LOG = logging.getLogger(__name__)
+Errors = Literal["raise", "nan"]
+# Number of sets that are solved side by side under loads: their equations fit into the cache.
+_AT_ONCE = 128
+# The finest mesh for batches, unless the accuracy asks for a finer one from the beginning: on finer
+# ones the overhead of a call is small, and a set that is slow holds up the others.
+_FINEST_TOGETHER = 16
+# Number of parts that a failed batch is divided into; smaller batches are solved set by set.
+_PARTS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Shapes:
+    """The tips of many settled shapes.
+
+    Attributes
+    ----------
+    tip : (m, 3)
+        [m].
+    tip_frame : (m, 3, 3)
+        Columns t, n, b.
+    error : (m,)
+        Estimated tip error over arm length [-].
+    tensions : (m, n_tendons)
+        [N].
+    slack : (m, n_tendons)
+        Whether each tendon is slack.
+    problems : tuple of str
+        Why each set is not settled, its numbers NaN; empty for settled sets.
+    """
+
+    tip: Array
+    tip_frame: Array
+    error: Array
+    tensions: Array
+    slack: NDArray[np.bool_]
+    problems: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        lost = [f"  {i}: {why}" for i, why in enumerate(self.problems) if why]
+        rows = [["  tips", "x [mm]", "y [mm]", "z [mm]", "error [L]"]]
+        for i, (tip, error) in enumerate(zip(1e3 * self.tip, self.error, strict=True)):
+            rows.append([f"  {i}", *(f"{x:.2f}" for x in tip), f"{error:.1e}"])
+        said = f"{counted(len(self.tip), 'set')} of tensions, {len(lost)} not settled"
+        table = shortened_lines(columns(rows), MOST_LINES + 2)
+        return "\n".join([said, *table, *shortened_lines(lost)])
+
+
+def _settle_together(
+    maps: Maps, T: Array, accuracy: float, seconds: float | None
+) -> tuple[Array, Array]:
+    """Return the poses (M, 7) of tips under tensions (M, n_tendons), and errors (M,).
+
+    Errors are NaN for sets that `settle` has to solve. A batch that takes longer than one set may,
+    or that raises an error, is divided, so that only a few sets share the fate of a bad one.
+    """
+    poses, errors = np.full((len(T), 7), np.nan), np.full(len(T), np.nan)
+    at_once = _AT_ONCE if is_loaded(maps.scene) else max(len(T), 1)
+    batches = [np.arange(k, min(k + at_once, len(T))) for k in range(0, len(T), at_once)]
+    while batches:
+        check_time()
+        batch = batches.pop()
+        try:
+            with limit_time(seconds):
+                poses[batch], errors[batch] = _side_by_side(maps, T[batch], accuracy)
+        except CompilerError:
+            raise
+        except OutOfTime:
+            check_time()
+        except Exception:
+            # The error belongs to a set; `settle` raises it again for this set alone.
+            LOG.warning("a batch of %d sets failed and is divided", batch.size, exc_info=True)
+        else:
+            continue
+        if batch.size > _PARTS:
+            batches += np.array_split(batch, _PARTS)
+    return poses, errors
+
+
+def _side_by_side(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
+    """Return the poses (M, 7) of tips under tensions (M, n_tendons), and errors (M,).
+
+    Only sets that a mesh does not settle go on to a finer one, each by meshes of its own. Errors
+    are NaN for sets that `settle` has to solve: those without an equilibrium on one of their
+    meshes, crushed, folded, or slow to converge.
+    """
+    coarse, fine = first_pair(accuracy, maps.order)
+    poses, errors = np.zeros((len(T), 7)), np.full(len(T), np.nan)
+    estimates, last = np.full(len(T), no_estimate(maps.least_order)), np.zeros(len(T), int)
+    wanted = np.full(len(T), coarse)
+    near: list[Linearised | None] = [None] * len(T)
+    while wanted.any():
+        check_time()
+        refinement = int(wanted[wanted > 0].min())
+        now, forward = np.flatnonzero(wanted == refinement), maps.on(refinement)
+        before = poses[now]
+        if isinstance(forward, Collocation):
+            looser = loosest(accuracy) if refinement == coarse else 1.0
+            least = np.full(now.size, np.nan)
+            ends = forward.many(T[now], [near[i] for i in now], looser)
+            for j, (i, end) in enumerate(zip(now, ends, strict=True)):
+                if isinstance(end, Linearised):
+                    near[i], poses[i], least[j] = end, end.poses[-1], end.extremes.stretch
+        else:
+            tips, least = forward.many(T[now])
+            poses[now] = tips[:, 0]
+        wanted[now] = fine
+        if refinement != coarse:
+            moved = np.linalg.norm(poses[now, 4:] - before[:, 4:], axis=1)
+            turned = 2 * np.linalg.norm(poses[now, :4] - before[:, :4], axis=1)
+            gap = np.maximum(moved, maps.lever * turned) / maps.arm.length
+            order = maps.least_order
+            pair = last[now], refinement
+            errors[now], estimates[now] = larger_estimate(
+                estimates[now], gap, *pair, order, maps.rounding
+            )
+            wanted[now], late = 0, now[~(errors[now] <= accuracy)]
+            finer = partial(next_refinement, refinement, accuracy=accuracy, order=order)
+            wanted[late] = [*map(finer, errors[late].tolist())]
+        last[now] = refinement
+        alone = now[~(least > LEAST_STRETCH) | (wanted[now] > max(fine, _FINEST_TOGETHER))]
+        wanted[alone], errors[alone] = 0, np.nan
+    jumps = [i for i, point in enumerate(near) if point is not None and point.jump is not None]
+    errors[jumps] = np.nan
+    errors[~(errors <= accuracy)] = np.nan
+    settled = np.flatnonzero(np.isfinite(errors))
+    if settled.size and maps.scene.has(ExactTendons) and not is_loaded(maps.scene):
+        at = at_ends(maps.arm, maps.scene, maps.on(fine).mesh)
+        errors[settled[at.folds(at.unloaded(T[settled])).any(axis=1)]] = np.nan
+    return poses, errors
+
+
+def settle_many(
+    arm: Arm,
+    tensions: Any = None,
+    scene: Scene | None = None,
+    accuracy: float = ACCURACY,
+    compile: Compile = False,  # noqa: A002  (the name that scripts use)
+    *,
+    lengths: Any = None,
+    tendon_EA: float | None = None,
+    tendon_outside: float = 0.0,
+    errors: Errors = "raise",
+    time_limit: float | None = None,
+) -> Shapes:
+    """Return the tips for many sets of tensions (m, n_sections, n) or (m, n_tendons) [N].
+
+    Each set is settled as `settle` does, up to rounding. Batches of sets share their meshes; a set
+    that fails or converges slowly in its batch is settled by `settle` itself. So is each set with
+    `lengths` (of the same form [m]), with contact and with SelfContact.
+
+    Parameters
+    ----------
+    arm, scene, accuracy, compile, tendon_EA, tendon_outside
+        As in `settle`.
+    errors : "raise" or "nan"
+        Whether the first set that fails ends the call with its error. With "nan" it is a row of NaN
+        with the reason in `problems`, as in a sweep, and the other sets are settled.
+    time_limit : float
+        The longest time that each set may take [s].
+
+    Raises
+    ------
+    InputError, CollapsedError, ConvergenceError, SnapError, TimeLimitError
+        As in `settle`, naming the set, unless `errors` is "nan". InputError for an arm, a scene or
+        an option that is not allowed, in any case.
+    CompilerError
+        If `compile` is True, and there is no compiler or it fails.
+    """
+    scene, accuracy = scene_of(arm, scene), checked_accuracy(accuracy)
+    options: dict[str, Any] = {"compile": checked_compile(compile)}
+    literal("errors", errors, Errors)
+    for name, values in (("tensions", tensions), ("lengths", lengths)):
+        is_wanted = values is not None or (name == "tensions" and lengths is None)
+        if is_wanted and not is_several(values):
+            raise InputError(name, values, f"a set of {name} for each shape to settle")
+    by, sets = ("tensions", tensions) if lengths is None else ("lengths", lengths)
+    if tensions is not None and len(tensions) != len(sets):
+        raise InputError("tensions", f"{len(tensions)} sets", f"{len(sets)}, as of lengths")
+    if lengths is not None:
+        options |= {"tendon_EA": tendon_EA, "tendon_outside": tendon_outside}
+    if time_limit is not None:
+        options["time_limit"] = positive("time_limit", time_limit)
+    count, problems = len(sets), [""] * len(sets)
+    poses, error = np.full((count, 7), np.nan), np.full(count, np.nan)
+    pulling = np.full((count, arm.n_tendons), np.nan)
+    maps = maps_of(arm, _without_self_contact(scene), None, options["compile"])
+    if lengths is None and not (maps.contacts or scene.has(SelfContact)):
+        pulling = _rows(arm, tensions)
+        allowed = np.flatnonzero(((pulling >= 0) & (pulling <= LARGEST)).all(axis=1))
+        each = maps, pulling[allowed], accuracy, time_limit
+        poses[allowed], error[allowed] = _settle_together(*each)
+    slack = ~pulls(arm, pulling)
+    for i in np.flatnonzero(np.isnan(error)).tolist():
+        check_time()
+        poses[i], pulling[i], slack[i] = np.nan, np.nan, False
+        held = None if lengths is None else lengths[i]
+        T = None if tensions is None else tensions[i]
+        try:
+            alone = settle(arm, T, scene, accuracy, lengths=held, **options)
+        except CompilerError:
+            raise
+        except Exception as reason:
+            check_time()
+            failure = _of_set(reason, f"{by}[{i}]")
+            if errors == "raise":
+                raise failure from None
+            kind = "" if isinstance(failure, OctoplanError) else f"{type(failure).__name__}: "
+            problems[i] = f"{kind}{failure}"
+        else:
+            poses[i], error[i] = alone.equilibrium.poses[-1], alone.error
+            pulling[i], slack[i] = alone.tensions, alone.slack.ravel()
+    frames = matrices(poses[:, :4])
+    return Shapes(poses[:, 4:], frames, error, pulling, slack, tuple(problems))
+
+
+def _rows(arm: Arm, tensions: Any) -> Array:
+    """Return sets of tensions (m, n_tendons), nan of those that are no numbers for the tendons."""
+    are_numbers = type(tensions) is np.ndarray and tensions.dtype == float
+    if are_numbers and tensions.shape[1:] in arm.shapes:
+        return np.array(tensions.reshape(len(tensions), arm.n_tendons))
+    rows = np.full((len(tensions), arm.n_tendons), np.nan)
+    for i, row in enumerate(tensions):
+        with suppress(InputError):  # it is told where the set is settled alone
+            rows[i] = arm.flat(row)
+    return rows
+
+
+def _of_set(reason: Exception, which: str) -> Exception:
+    """Return an error as that of one set, such as "tensions[3]"."""
+    if isinstance(reason, InputError) and re.match("tensions|lengths", reason.field):
+        field = re.sub("^(tensions|lengths)", which, reason.field)
+        return InputError(field, reason.given, reason.allowed)
+    if isinstance(reason, OctoplanError):
+        return reason.of_set(which)
+    reason.add_note(f"the failed set is {which}")
+    return reason
+
+
+def _without_self_contact(scene: Scene) -> Scene:
+    """Return the scene without SelfContact, whose loads are checked as those of other scenes."""
+    return Scene(*(effect for effect in scene.effects if not isinstance(effect, SelfContact)))

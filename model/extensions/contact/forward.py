@@ -1,0 +1,129 @@
+"""The forward map of a scene with contact: tensions to states on a mesh that moves with them."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from octoplan.model.arm import Arm
+from octoplan.model.equilibrium.linearised import Equilibrium, Linearised
+from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.extensions.contact.gaps import check_outside
+from octoplan.model.extensions.contact.path import Touching, follow, retraced
+from octoplan.model.extensions.contact.sharp import Request, sharpened
+from octoplan.model.extensions.contact.touches import places_of
+from octoplan.model.loads import bodies_of, growth, places, without_friction
+from octoplan.model.mesh import Mesh, graded, landmarks
+from octoplan.model.paths import Array
+from octoplan.model.rod.system import System
+from octoplan.model.scene import Scene
+from octoplan.model.support.errors import InputError, SnapError, UnsettledContactError
+
+# Elements of a mesh over those of one without contact, and how long the longest may be: a part of
+# the arm's length, or of obstacle and arm together, but no shorter than a part of the length.
+_FINER, _LONGEST, _SHORTEST = 2, 1 / 16, 1 / 100
+
+
+class TouchingMap(Collocation):
+    """The equations of an arm that may touch obstacles, on a mesh that moves with the contacts."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        scene: Scene,
+        stages: int,
+        refinement: int,
+        at: tuple[float, ...] = (),
+        machine_code: bool = False,
+    ) -> None:
+        base = mesh_with_contact(arm, scene, refinement, at)
+        self._form = stages, refinement, at, machine_code
+        super().__init__(System(arm, scene, base, stages, True, machine_code))
+        self._rubs = self.system.of.form.contact_friction
+        # Landmarks may be so near to each other that they are one node.
+        self._fixed = base.s[
+            sorted({base.node(s) for s in landmarks(arm, (*places(arm, scene), *at))})
+        ]
+        none = np.zeros(arm.n_tendons)
+        x = self.system.x(none, 0.0, self.without_loads(none))
+        self._at_rest = Linearised(self.system, x)
+        check_outside(self.system, self._at_rest.states)
+
+    def solve(
+        self,
+        tensions: Array,
+        near: Equilibrium | None = None,
+        looser: float = 1.0,
+        jumps: bool = True,
+    ) -> Touching:
+        """Return the equilibrium that the arm comes to from another one or from rest.
+
+        Friction acts against the steps from there, which are those on another mesh where tensions
+        are the same; an arm without that history has an equilibrium as long as it touches nothing:
+        else InputError. Raises UnsettledContactError where none is found, SnapError where it would
+        jump unless it may.
+        """
+        end = Request(self.system, self._fixed, tensions)
+        if not isinstance(near, Linearised):
+            if self._rubs:
+                free = self._contact_free(tensions)
+                return replace(self.solve(tensions, free), snaps=free.snaps)
+            return follow(end, self._at_rest)
+        stays = np.array_equal(tensions, near.tensions)
+        if self._rubs:
+            past = near.path if stays and isinstance(near, Touching) else ()
+            path = past or ((near, 0.0), (near, 1.0))
+            begin = path[0][0]
+            end = replace(end, before=begin)
+            again = retraced(end, path) if stays else None
+            return again or follow(end, begin, jumps)
+        there = sharpened(end, near)
+        return follow(end, near, jumps) if there is None else Touching.of(there)
+
+    def led_to(self, at: Linearised, tensions: Array) -> Linearised | None:
+        """Return the equilibrium that another leads to, by load steps; None where it jumps."""
+        with suppress(SnapError, UnsettledContactError):
+            return self.solve(tensions, at, jumps=False)
+        return None
+
+    def beside(self, at: Linearised, tensions: Array) -> Linearised | None:
+        """Return the equilibrium under tensions near those of another; None where it is not near.
+
+        Places move on, come and go from those of the other.
+        """
+        return sharpened(Request(self.system, self._fixed, tensions), at)
+
+    def _contact_free(self, tensions: Array) -> Touching:
+        """Return the equilibrium of an arm without friction that touches nothing; or InputError."""
+        free = self.without_friction.solve(tensions)
+        if places_of(free.system):
+            allowed = (
+                "the shape of the same arm that it moved from: friction acts against the motion "
+                "before, and an arm without history has none"
+            )
+            raise InputError("near", None, allowed)
+        return free
+
+    @cached_property
+    def without_friction(self) -> TouchingMap:
+        """The map of the scene without friction of contacts; itself where there is none."""
+        if not self._rubs:
+            return self
+        arm, smooth = self.system.arm, without_friction(self.system.scene)
+        return TouchingMap(arm, smooth, *self._form)
+
+
+def mesh_with_contact(arm: Arm, scene: Scene, refinement: int, at: tuple[float, ...]) -> Mesh:
+    """Return the mesh of a refinement that has the arc lengths `at` as nodes."""
+    bodies = bodies_of(scene)
+    small = float((bodies[:, 15] + bodies[:, 12:15].min(axis=1)).min())
+
+    def density(s: Array) -> Array:
+        """Return how fast solutions may grow, or contact may change, at s (N,) [1/m]."""
+        wide = np.maximum(small + arm.outer_radius(s)[0], _SHORTEST * arm.length)
+        return np.maximum(growth(arm, scene, s), 0.75 / np.minimum(wide, _LONGEST * arm.length))
+
+    return graded(arm, _FINER * refinement, (*at, *places(arm, scene)), density)

@@ -1,0 +1,271 @@
+"""How an arm comes into contact: tensions and loads grow together from none, obstacles there.
+
+While tensions and loads grow in proportion the equilibrium is followed with forces at the nodes
+that are complementary to the gaps: by Newton's method, and where that leads to no stable one nearby
+by the least energy with gaps >= 0. Where frames turn far in however short a step the arm has
+snapped. At the end nodes are exchanged for others where the gap is least (Hettich and Kortanek,
+SIAM Review 35, 1993), until places can be refined; see octoplan.model.extensions.contact.sharp.
+With friction, which looks back over each step, places are refined in each; over a snap the arm
+slides without.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+from scipy.ndimage import minimum_filter1d
+
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.load_steps import carried_strains
+from octoplan.model.equilibrium.newton import Start, newton
+from octoplan.model.equilibrium.stability import stands, unstable_mode
+from octoplan.model.extensions.contact.gaps import gaps_along, least_gaps
+from octoplan.model.extensions.contact.sharp import Request, close, sharpened
+from octoplan.model.extensions.contact.touches import (
+    Place,
+    Places,
+    Touches,
+    forces,
+    places_of,
+    read_off,
+)
+from octoplan.model.extensions.lengths.least_energy import LeastEnergy
+from octoplan.model.extensions.obstacles import distances
+from octoplan.model.loads import bodies_of, without_friction
+from octoplan.model.paths import Array
+from octoplan.model.rod.system import System
+from octoplan.model.support.errors import SnapError, UnsettledContactError
+from octoplan.model.support.progress import check_time, tell
+
+# First, least and longest step in the load factor: longer ones may lead to the other side of an
+# obstacle, and with friction a point that rolls is not to count as slip.
+_STEPS = 1 / 8, 1 / 128, 1 / 8
+# How often nodes or pairs are exchanged.
+EXCHANGES = 8
+# How often forces without a potential are updated in a step: places are refined with them in full.
+_ROUNDS = 3
+# How far frames turn off an unstable equilibrium at first [rad].
+_ASIDE = 0.1
+T = TypeVar("T")
+# Equilibria on a load path, and the load factors at which they are: the first at 0.
+Path = Sequence[tuple[Linearised, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class Touching(Linearised):
+    """An equilibrium with contact, whose equations know what touches on their mesh.
+
+    Attributes
+    ----------
+    snaps : tuple of float
+        The load factors at which the arm jumped to another equilibrium.
+    path : tuple
+        With friction the equilibria on the way with their load factors, the one before first.
+    """
+
+    snaps: tuple[float, ...] = ()
+    path: Path = ()
+
+    @classmethod
+    def of(cls, end: Linearised, snaps: tuple[float, ...] = (), path: Path = ()) -> Touching:
+        """Return an equilibrium that an arm came to like this."""
+        return cls(
+            end.system,
+            end.x,
+            near=end.near,
+            jacobian=end.jacobian,
+            history="together",
+            snaps=snaps,
+            path=path,
+        )
+
+    @property
+    def before(self) -> Linearised | None:
+        """With friction the equilibrium before the last step: what has slipped since."""
+        return self.path[-2][0] if self.path else None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        values = self.system, self.x, None, None, self.history, self.snaps, self.path[-2:]
+        return Touching, values
+
+
+def follow(end: Request, near: Linearised, jumps: bool = True) -> Touching:
+    """Return where an arm comes to from an equilibrium, by all that lies between it and a request.
+
+    Raises UnsettledContactError where none is found; unless it may jump, SnapError where it would.
+    """
+    snaps, rubs, base = list[float](), end.before is not None, end.base
+    begin, goal = near.x[: near.system.of.first], np.append(end.tensions, end.load)
+
+    def solve(before: float, factor: float, near: Linearised, least: bool) -> Linearised | None:
+        x = begin + factor * (goal - begin)
+        to = replace(end, tensions=x[:-1], load=float(x[-1]), before=near if rubs else None)
+        there = sharpened(to, near) if rubs else _complementary(to, near) or _least_energy(to, near)
+        if there is not None and close(near, there):
+            # What moves before it touches is not to count as slip.
+            begins = rubs and len(places_of(there.system)) > len(places_of(near.system))
+            return None if begins and not least else there
+        if not least:
+            return None
+        if there is None and not rubs:
+            raise UnsettledContactError(factor, "no least energy is found")
+        if not jumps:
+            raise SnapError(before, "it jumps")
+        snaps.append(factor)
+        return _with_friction(to, near) if rubs else there
+
+    if rubs:
+        path = stepped(solve, near, _STEPS)
+        return Touching.of(path[-1][0], tuple(snaps), tuple(path))
+    strains = carried_strains(near.system, near.states[near.system.of.stages], base)
+    free = Linearised(base, np.append(begin, base.start(begin[:-1], strains, float(begin[-1]))))
+    rough, _ = stepped(solve, free, _STEPS)[-1]
+    return Touching.of(_at_refined_places(end, rough), tuple(snaps))
+
+
+def retraced(end: Request, path: Path) -> Touching | None:
+    """Return where an arm comes to by the steps of a path with friction on another mesh, or None.
+
+    So meshes differ by their own errors alone, and not by those of steps of different lengths.
+    """
+    (begin, _), *others = path
+    x, goal = begin.x[: begin.system.of.first], np.append(end.tensions, end.load)
+    anew = [path[0]]
+    for near, factor in others:
+        check_time()
+        at = x + factor * (goal - x)
+        to = replace(end, tensions=at[:-1], load=float(at[-1]), before=anew[-1][0])
+        there = sharpened(to, near)
+        if there is None:
+            return None
+        anew.append((there, factor))
+    return Touching.of(anew[-1][0], (), tuple(anew))
+
+
+def stepped(
+    solve: Callable[[float, float, T, bool], T | None], start: T, steps: tuple[float, float, float]
+) -> list[tuple[T, float]]:
+    """Return solutions and load factors from a start at 0 to 1, each from the one before.
+
+    `solve` takes the load factors before and after a step, the solution before, and whether the
+    step is the least. Steps, of which the first, the least and the longest are given, are cut
+    where it returns None; of the least it returns a solution, or raises.
+    """
+    path, (step, least, longest) = [(start, 0.0)], steps
+    while path[-1][1] < 1:
+        check_time()
+        near, at = path[-1]
+        tell("percent of tensions and loads", round(100 * at), 100)
+        factor = min(1.0, at + step)
+        there = solve(at, factor, near, step <= least)
+        if there is None:
+            step /= 4
+            continue
+        path, step = [*path, (there, factor)], min(2 * step, longest)
+    return path
+
+
+def _complementary(request: Request, near: Linearised) -> Linearised | None:
+    """Return the equilibrium with forces at nodes on the mesh of one near.
+
+    None where Newton's method does not lead to one that is close and stable, or nodes go through an
+    obstacle, by half the arm's radius or more; looked at where they are no farther apart than that.
+    """
+    to = request.tensions, request.load
+    (there,) = newton(near.system, [Start(*to, near.states)], touching=_active_set)
+    if there is None or not (close(near, there) and stands(there)):
+        return None
+    half = there.system.arm.outer_radius(there.mesh.s[1:])[0] / 2
+    start, end = near.poses[1:, 4:], there.poses[1:, 4:]
+    count = 2 + int((np.linalg.norm(end - start, axis=1) / half).max())
+    between = np.linspace(start, end, count).reshape(-1, 3)
+    gaps = distances(bodies_of(there.system.scene), between)[0].min(axis=1).reshape(count, -1)
+    return None if (gaps < half).any() else there
+
+
+def _active_set(system: System, states: Array) -> System:
+    """Return equations with nodes that touch: those that press, and the deepest inside.
+
+    So each of Newton's steps is to f >= 0, gap >= 0, f gap = 0 at the nodes.
+    """
+    gap, touches = gaps_along(system, states, 1)[1], Touches.of(system)
+    deepest = (gap < 0) & (gap <= minimum_filter1d(gap, 3, 0))
+    presses = forces(system, states)[1:] > 0
+    touches.held[1:] = np.where(touches.points[1:], presses, deepest)
+    return touches.on(system)
+
+
+def _least_energy(request: Request, near: Linearised) -> Linearised | None:
+    """Return the least energy with forces at nodes near an equilibrium on the mesh of a request.
+
+    None where none is found.
+    """
+    program, system = LeastEnergy(request.base), request.base
+    strains = carried_strains(near.system, near.states[near.system.of.stages], system)
+    to = request.tensions, request.load
+    minimum = program.least(program.near(near.tensions, strains), *to, rounds=_ROUNDS)
+    if minimum is None:
+        return None
+    touches, states = Touches.of(system), program.states(minimum, request.load)
+    gaps, L = gaps_along(system, states, 1)[1], system.arm.length
+    # Of an interior point, what touches has the larger force, and what does not the larger gap.
+    touches.held[1:] = minimum.forces / program.force_unit > gaps / L
+    return Linearised(touches.on(system), system.x(minimum.tensions, request.load, states))
+
+
+def _at_refined_places(request: Request, rough: Linearised) -> Linearised:
+    """Return the stable equilibrium at refined places, near one with forces at nodes.
+
+    Where none is found nodes that touch go to where the gap is least, others to where it is below 0
+    in between. From where it is unstable the arm falls to the least energy aside of it.
+    """
+    for _ in range(EXCHANGES):
+        check_time()
+        # Nodes that touch beside another lie on the obstacle.
+        touching = Touches.of(rough.system).points
+        force = forces(rough.system, rough.states)
+        end = sharpened(request, rough, read_off(rough.system, touching, touching, force))
+        if end is not None:
+            mode, rough = unstable_mode(end), end
+            if mode is None:
+                return end
+            x, of = end.x.copy(), end.system.of
+            x[of.first + of.stages] += _ASIDE * mode
+            rough = Linearised(end.system, x)
+        base = request.on(_contact_nodes(rough))
+        after = None if base is None else _least_energy(replace(request, base=base), rough)
+        if after is None:
+            break
+        rough = after
+    raise UnsettledContactError(1.0, "where it touches is not found")
+
+
+def _contact_nodes(rough: Linearised) -> Places:
+    """Return where nodes are wanted: those that touch, and where gaps are least and below 0."""
+    s, least = rough.mesh.s, least_gaps(rough.system, rough.x)
+    touching = np.argwhere(Touches.of(rough.system).points)
+    widths = np.append(np.diff(s), 0.0)
+    return least + tuple(
+        Place(int(j), float(s[k]), float(s[k]))
+        for k, j in touching
+        if not any(
+            j == i and abs(at - s[k]) <= widths[max(k - 2, 0) : k + 1].max() / 2
+            for i, at, _ in least
+        )
+    )
+
+
+def _with_friction(request: Request, near: Linearised) -> Linearised:
+    """Return the equilibrium with friction near that which the arm without it snaps to."""
+    base, form = request.base, request.base.of.form
+    scene = without_friction(base.scene)
+    base = System(base.arm, scene, base.mesh, form.stages, True, form.machine_code)
+    smooth = replace(request, base=base, before=None)
+    rough = _least_energy(smooth, near)
+    there = None if rough is None else sharpened(request, _at_refined_places(smooth, rough))
+    if there is None:
+        raise UnsettledContactError(1.0, "where it comes to rest with friction is not found")
+    return there

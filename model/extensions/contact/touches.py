@@ -1,0 +1,266 @@
+"""Where the arm touches, the mesh with these places as nodes, flags of kernels, what is read off.
+
+A place is a point, where the gap is least; the tip, where it may fall on; or a part that lies on
+its obstacle from start to end, where the gap's second derivative vanishes: the moment in the arm is
+continuous, and the free arm leaves the obstacle with its curvature.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.extensions.obstacles.base import Convex, pair_distances
+from octoplan.model.loads import bodies_of, contacts
+from octoplan.model.mesh import Mesh, with_nodes
+from octoplan.model.paths import Array, Mask
+from octoplan.model.rod.system import System
+from octoplan.model.rod.touch import FLAGS
+from octoplan.model.rotations import matrices
+from octoplan.model.support.checks import SMALLEST
+
+# Arc lengths of points that share a node, over the arm's.
+BESIDE = 1e-6
+
+
+class Place(NamedTuple):
+    """Where the arm touches an obstacle, by its number among the contacts of the scene.
+
+    Attributes
+    ----------
+    obstacle : int
+    start, end : float
+        Arc lengths [m]; the same for a point.
+    """
+
+    obstacle: int
+    start: float
+    end: float
+
+    @property
+    def lies(self) -> bool:
+        """Whether this is a part of some length."""
+        return self.end > self.start
+
+
+Places = tuple[Place, ...]
+
+
+class Touches:
+    """How nodes touch obstacles, as the kernels read it; where all is 0 the arm is free.
+
+    Attributes
+    ----------
+    flags : (N + 1, K, 4)
+        All of these, by node and obstacle; 0 at the base, which is clamped.
+    held, pressing : (N + 1, K)
+        1 for nodes with a force, and with a pressure: points have the first, at which it keeps the
+        gap at 0, nodes inside of parts the second, and ends of parts both.
+    moves : (N + 1, K)
+        1 for points that may move along the arm.
+    lies : (N + 1, K)
+        1 for nodes on whose tip side the element lies on the obstacle.
+    """
+
+    def __init__(self, flags: Array) -> None:
+        self.flags = flags
+        self.held, self.pressing, self.moves, self.lies = np.moveaxis(flags, 2, 0)
+
+    @classmethod
+    def of(cls, system: System) -> Touches:
+        """Return those that are set on a system."""
+        return cls(np.pad(kernel_numbers(system, "touch")[..., FLAGS], ((1, 0), (0, 0), (0, 0))))
+
+    @property
+    def points(self) -> Mask:
+        """Whether nodes touch at points (N + 1, K)."""
+        return np.asarray(self.held > self.pressing)
+
+    @property
+    def touching(self) -> Mask:
+        """Whether nodes touch (N + 1, K)."""
+        return np.asarray(self.held + self.pressing > 0)
+
+    def on(self, system: System) -> System:
+        """Return a system with these touches set."""
+        changed = copy.copy(system)
+        kernel_numbers(changed, "touch")[..., FLAGS] = self.flags[1:]
+        if system.of.form.pressed:
+            kernel_numbers(changed, "pressure")[:, :, -1] = self.lies[:-1]
+        return changed
+
+
+def kernel_numbers(system: System, kernel: str) -> Array:
+    """Return the numbers (N, K, n) of a kernel of contact, as a view of those of a system."""
+    numbers = system.p[system.of.equations.numbers_of(kernel)]
+    return numbers.reshape(system.of.elements, system.of.form.contacts, -1)
+
+
+def forces(system: System, states: Array) -> Array:
+    """Return the contact force of each node on each obstacle (N + 1, K) [N]."""
+    return np.asarray(states[system.of.touches[:, :, 0]])
+
+
+def second(system: System, states: Array) -> Array:
+    """Return the second unknown of each node and obstacle (N + 1, K): pressure [N/m], or a shift.
+
+    The shift [m] is how far on along the arm a point touches.
+    """
+    return np.asarray(states[system.of.touches[:, :, 1]])
+
+
+def resultants(system: System, states: Array) -> Array:
+    """Return the forces with which obstacles press at the nodes (N + 1, K) [N].
+
+    Of a pressure that is linear between nodes what falls to each by the lever rule.
+    """
+    touches = Touches.of(system)
+    p, thirds = second(system, states) * touches.pressing, np.diff(system.mesh.s)[:, None] / 3
+    total = forces(system, states) * touches.held
+    total[:-1] += thirds * touches.lies[:-1] * (p[:-1] + p[1:] / 2)
+    total[1:] += thirds * touches.lies[:-1] * (p[:-1] / 2 + p[1:])
+    return np.asarray(total)
+
+
+def frictions(system: System, states: Array) -> Array:
+    """Return the friction at each node from each obstacle (N + 1, K, 3) [N], 0 without any.
+
+    Of the traction between nodes as much falls to each as of the pressure.
+    """
+    of, touches = system.of, Touches.of(system)
+    if not of.form.contact_friction:
+        return np.zeros((of.elements + 1, of.form.contacts, 3))
+    p = second(system, states) * touches.pressing
+    spread = resultants(system, states) - forces(system, states) * touches.held
+    length = np.divide(spread, p, out=np.zeros_like(p), where=p > 0)
+    frames = matrices(system.poses(states)[:, :4])
+    tau = np.einsum("nij,nkj->nki", frames, states[of.tractions])
+    return np.asarray(states[of.friction_forces] + length[:, :, None] * tau)
+
+
+def mesh_with(base: System, fixed: Array, places: Places) -> Mesh | None:
+    """Return the mesh of equations with its nodes moved so that some are at places.
+
+    Nodes at `fixed` arc lengths (n,) stay; points that are very near to each other share one. Parts
+    that lie have a node in the middle, and elements are halved where there are too few. None where
+    a place is no arc length beyond the base.
+    """
+    L, wanted = base.arm.length, fixed
+    ends = np.array([s for _, *part in places for s in (*part, sum(part) / 2)])
+    if not (np.isfinite(ends) & (ends > BESIDE * L) & (ends <= L)).all():
+        return None
+    for s in ends:
+        wanted = wanted if np.abs(wanted - s).min() <= BESIDE * L else np.append(wanted, s)
+    wanted, nodes = np.sort(wanted), base.mesh.s
+    stay, apart = np.isin(wanted, fixed), np.arange(wanted.size)
+    while True:
+        # The nearest nodes in order: pushed on from the base, then back from those that stay.
+        nearest = np.round(np.interp(wanted, nodes, np.arange(nodes.size))).astype(int)
+        k = np.where(stay, nearest, apart + np.maximum.accumulate(nearest - apart))
+        k = apart + np.minimum.accumulate((k - apart)[::-1])[::-1]
+        if (np.diff(k) > 0).all() and (k == nearest)[stay].all():
+            return with_nodes(base.arm, np.interp(np.arange(nodes.size), k, wanted))
+        nodes = np.interp(np.arange(2 * nodes.size - 1) / 2, np.arange(nodes.size), nodes)
+
+
+def places_of(system: System) -> Places:
+    """Return the places that are set on a system."""
+    touches = Touches.of(system)
+    return read_off(system, touches.touching, touches.lies > 0, touches.held)
+
+
+def read_off(system: System, touching: Mask, joined: Mask, force: Array) -> Places:
+    """Return the places of nodes (N + 1, K) that touch, with their forces, in order.
+
+    Three and more in a row, joined by the elements on their tip side, are a part that lies.
+    """
+    s, places, last = system.mesh.s, list[Place](), system.mesh.steps
+    for j in range(touching.shape[1]):
+        nodes = np.flatnonzero(touching[:, j])
+        linked = (np.diff(nodes) == 1) & joined[nodes[:-1], j]
+        for run in np.split(nodes, np.flatnonzero(~linked) + 1) if nodes.size else ():
+            start, end = s[run[0]], s[run[-1]]
+            if run.size < 3 and run[-1] < last:
+                start = end = np.average(s[run], weights=force[run, j] + SMALLEST)
+            places.append(Place(j, float(start if run.size > 2 else end), float(end)))
+    return tuple(places)
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """A place where an arm leans on an obstacle.
+
+    Where a part of the arm lies on one there is a touch at each node of it: forces at its ends, and
+    of the pressure what falls to the node. They have the pressure's resultant and moment but for
+    what arm and obstacle bend between the nodes, which falls as the square of their distance.
+
+    Attributes
+    ----------
+    obstacle : Convex
+    s : float
+        Arc length from the base [m].
+    force : (3,)
+        On the arm, in the base frame [N].
+    gap : float
+        Between the arm's surface and the obstacle [m].
+    point : (3,)
+        Of the obstacle's surface, where they touch [m].
+    normal : (3,)
+        Out of the obstacle, towards the arm's midline; a unit vector. At an edge or a corner, where
+        the surface has no normal, it is this alone that tells along what the arm presses.
+    pressure : float
+        Force per unit reference length there [N/m]; 0 where the arm touches at a point.
+    friction : (3,)
+        The part of the force that is along the obstacle's surface [N].
+    slip : (3,)
+        How far the midline there has slipped along the surface in the last step [m], against which
+        friction acts; 0 where it sticks, and where there is no friction.
+    """
+
+    obstacle: Convex
+    s: float
+    force: Array
+    gap: float
+    point: Array
+    normal: Array
+    pressure: float = 0.0
+    friction: Array = field(default_factory=lambda: np.zeros(3))
+    slip: Array = field(default_factory=lambda: np.zeros(3))
+
+
+def touches_of(point: Linearised, before: Linearised | None = None) -> tuple[Touch, ...]:
+    """Return what an arm leans on in an equilibrium, from base to tip.
+
+    With friction of contacts it slipped since the equilibrium before.
+    """
+    system, states = point.system, point.states
+    touches, bodies = Touches.of(system), contacts(system.scene)
+    nodes, numbers = np.nonzero(touches.touching)
+    if not nodes.size:
+        return ()
+    s, places = system.mesh.s[nodes], system.poses(states)[nodes, 4:]
+    distance, normals = pair_distances(bodies_of(system.scene)[numbers], places)
+    gaps = distance - system.outer_radii(states[system.of.stages])[nodes - 1]
+    slipped = 0 * places if before is None else places - before.at(s)[0][:, 4:]
+    slipped -= (slipped * normals).sum(axis=1, keepdims=True) * normals
+    rubbed = frictions(system, states)[nodes, numbers]
+    force = resultants(system, states)[nodes, numbers, None] * normals + rubbed
+    pressure = (second(system, states) * touches.pressing)[nodes, numbers]
+    return tuple(
+        Touch(
+            bodies[j].obstacle,
+            float(s[i]),
+            force[i],
+            float(gaps[i]),
+            places[i] - distance[i] * normals[i],
+            normals[i],
+            float(pressure[i]),
+            rubbed[i],
+            slipped[i] * (bodies[j].friction > 0),
+        )
+        for i, j in enumerate(numbers)
+    )

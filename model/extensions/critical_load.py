@@ -1,0 +1,74 @@
+"""How much more of its loads an arm bears."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from octoplan.model.arm import Arm
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.load_steps import BranchEnd, continue_branches
+from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.forward import by_collocation, checked_accuracy, first_pair, refined
+from octoplan.model.loads import convergence_order, is_loaded
+from octoplan.model.scene import Scene
+from octoplan.model.settle import checked_scene
+from octoplan.model.support.checks import positive
+from octoplan.model.support.errors import InputError
+
+
+@dataclass(frozen=True)
+class Critical:
+    """Where the branch of equilibria that begins at the unloaded arm ends or loses its stability.
+
+    Attributes
+    ----------
+    load_factor : float
+        Of the scene's loads: above 1 the arm bears them and more.
+    why : str
+        What happens there; empty if nothing does up to the largest load factor that is tried.
+    """
+
+    load_factor: float
+    why: str
+
+
+def critical_load_factor(
+    arm: Arm, tensions: Any, scene: Scene, most: float = 10.0, accuracy: float = 1e-4
+) -> Critical:
+    """Return how much of its loads an arm bears under tensions, by continuation in all of them.
+
+    Parameters
+    ----------
+    most : float
+        The largest load factor that is tried.
+    accuracy : float
+        Relative error of the load factor that is accepted.
+
+    Raises
+    ------
+    InputError
+        For a scene without loads, and as settle does.
+    """
+    scene, accuracy = checked_scene(arm, scene), checked_accuracy(accuracy)
+    if not is_loaded(scene):
+        raise InputError("scene", [type(e).__name__ for e in scene.effects], "a scene with loads")
+    T, most = arm.flat(tensions), positive("most", most)
+
+    def end(refinement: int) -> BranchEnd:
+        """Return where the branch ends on the mesh of a refinement, four times as accurate."""
+        forward = by_collocation(arm, scene, STAGES, refinement)
+        x = forward.system.x(T, 0.0, forward.without_loads(T))
+        begin = BranchEnd(Linearised(forward.system, x), 0.0)
+        lines = np.append(T, 0.0)[None], np.append(T, most)[None]
+        first_step = min(1.0, 1 / most)
+        return continue_branches([begin], lines, accuracy / 4, first_step=first_step)[0]
+
+    def gap(now: BranchEnd, before: BranchEnd) -> float:
+        return abs(now.fraction - before.fraction) / now.fraction
+
+    order = convergence_order(scene, 2 * STAGES)
+    last, _, _ = refined(first_pair(accuracy, 2 * STAGES), accuracy, order, end, gap)
+    return Critical(most * last.fraction, last.why)

@@ -1,0 +1,1 @@
+"""Shapes under given tendon lengths."""

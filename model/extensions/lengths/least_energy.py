@@ -1,0 +1,295 @@
+"""The equilibrium as least potential energy, under rows that hold lengths and gaps; by ipopt.
+
+    minimise    sum h b_i (W(v_i) + sum T |u_c'|(v_i)) - work of dead loads + sum e_j^2 / 2 c_j
+    subject to  pose_{k+1} = F(pose_k, v_k) from the clamped base on,
+                length_j - e_j <= what the winch leaves, of each tendon that a winch holds,
+                gap(u_k) >= 0 at the nodes, of each obstacle,
+
+over poses at the nodes, strains at the Gauss stages of the elements between them, and by how much
+tendons of compliance c_j stretch. Its local minima are the stable equilibria. Its multipliers are
+the tensions of tendons that are held by length, 0 of slack ones, and the forces of contact.
+
+Lengths are in units of the arm's, forces in those that bend it, E J / L^2 of its base.
+
+Nonconservative forces (the paper's tangent, followers, currents, friction of tendons) are held as
+dead generalised forces on the strains: the residuals of the equations of equilibrium at the minimum
+before. The minimum is sought again until these stay.
+
+Sources: Nocedal and Wright, Numerical Optimization (2006), chapter 19; Waechter and Biegler, Math.
+Programming 106 (2006), for ipopt.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from octoplan.model.cross_section.energy import EnergySection, ExactSection
+from octoplan.model.cross_section.sections import reported, strains_of
+from octoplan.model.loads import beyond, bodies_of, is_conservative, levers
+from octoplan.model.paths import Array
+from octoplan.model.rod.collocation import gauss
+from octoplan.model.rod.element import Form
+from octoplan.model.rod.energy import held_rows, potential_energy
+from octoplan.model.rod.equations import Sum
+from octoplan.model.rod.layout import POSE, Layout, layout
+from octoplan.model.rod.system import System
+from octoplan.model.stations import base_pose, body_numbers, stations, tendon_paths
+from octoplan.model.support.machine.functions import Buffered
+from octoplan.model.winches import Winches, least_compliance
+
+LOG = logging.getLogger(__name__)
+
+# Residuals that are left are those of `tol` and `constr_viol_tol`, in the units of the program.
+_IPOPT: dict[str, Any] = {
+    "tol": 1e-9,
+    "constr_viol_tol": 1e-10,
+    "print_level": 0,
+    "sb": "yes",
+    "max_iter": 100,
+    "bound_relax_factor": 0.0,
+    "mu_strategy": "adaptive",
+    # Multipliers of fixed unknowns take another gradient a step.
+    "fixed_variable_treatment": "make_parameter_nodual",
+}
+# Nonconservative forces are updated so often, until no frame turns by more than this.
+ROUNDS, _STAYS = 12, 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """An equilibrium: a local minimum of the energy.
+
+    Attributes
+    ----------
+    x : (n,)
+        Unknowns in the units of the program: states, then what tendons stretch by.
+    tensions : (n_tendons,)
+        Those that are held, and the multipliers of lengths [N].
+    forces : (N, K)
+        Of each of K obstacles on each node but the base [N], 0 or above.
+    nonconservative : (N stages, strains)
+        Generalised forces that have no potential, less moments and forces [N m], [N].
+    """
+
+    x: Array
+    tensions: Array
+    forces: Array
+    nonconservative: Array
+
+
+class LeastEnergy:
+    """The program of an arm in a scene on a mesh.
+
+    Attributes
+    ----------
+    system : System
+        The equations of equilibrium on the same mesh.
+    of : Layout
+        Of the states of the program, poses and strains.
+    conservative : bool
+        Whether all forces have a potential.
+    force_unit : float
+        What bends the arm, E J / L^2 of its base [N].
+    """
+
+    def __init__(self, system: System) -> None:
+        self.system, arm, scene, mesh = system, system.arm, system.scene, system.mesh
+        form, m, L = system.of.form, system.of.form.stages, arm.length
+        law = form.law
+        if not isinstance(law, EnergySection):
+            law = ExactSection(law.extension, law.torsion, law.shear, law.curved)
+        self.of = of = layout(
+            Form(law, m, loaded=False), system.of.ends, mesh.steps, system.of.levers
+        )
+        self.conservative = law == form.law and is_conservative(scene)
+        self.force_unit = F = arm.bending_force
+        self._unit = np.ones(of.n_states)
+        self._unit[of.nodes[:, 4:]] = L
+        self._unit[of.stages[:, : 2 + law.torsion]] = 1 / L
+        self._bodies = bodies_of(scene)
+        at = stations(arm, system.s, np.repeat(mesh.active, m))
+        self._stage, self._tendon = of.crossings
+        self._h = np.diff(mesh.s)[None] / L
+        self._weights = np.outer(self._h, gauss(m).b).ravel()
+        stiff = [F, F * L**2, F * L**2, F, *[1 / L] * (2 * law.curved)]
+        self._body = body_numbers(arm, scene, at) / np.array(stiff)[:, None]
+        self._paths = tendon_paths(arm, at, self._stage, self._tendon) / np.array(
+            [[L], [L], [1], [1]]
+        )
+        dead = beyond(arm, scene, system.s, np.repeat(mesh.s[1:], m)).reshape(3, mesh.steps, m)
+        self._dead = dead.transpose(2, 0, 1).reshape(-1, mesh.steps) / F
+        self._levers = levers(scene)[1].T / np.repeat([L, F], 3)[:, None]
+
+    def at_rest(self) -> Minimum:
+        """Return the arm without tensions and loads, to begin with."""
+        law, v = self.of.form.law, np.zeros((self.system.s.size, self.of.form.strains))
+        i = 2 + law.torsion
+        v[:, i : i + 1] = law.along_at_rest
+        if law.curved:
+            v[:, i - 2 : i] = self._body[-2:].T / self.system.arm.length
+        return self._at(v, np.zeros(self.of.n_tendons))
+
+    def near(self, tensions: Array, strains: Array) -> Minimum:
+        """Return where to begin near strains of the equations' law (N stages, strains)."""
+        law, values = self.of.form.law, self.system.of.form.law
+        return self._at(
+            strains if law == values else strains_of(law, reported(values, strains)), tensions
+        )
+
+    def _at(self, v: Array, tensions: Array) -> Minimum:
+        """Return where to begin at strains of the energy's law (N stages, strains)."""
+        x = np.zeros(self.of.n_states)
+        x[self.of.stages], x[self.of.nodes] = v, self.system.marched(self._of_system(v))
+        forces = np.zeros((self.system.mesh.steps, len(self._bodies)))
+        return Minimum(np.append(x / self._unit, 0 * tensions), tensions, forces, 0 * v)
+
+    def _states(self, point: Minimum) -> Array:
+        """Return the states of the program (n_states,) in SI units."""
+        return point.x[: self.of.n_states] * self._unit
+
+    def strains(self, point: Minimum) -> Array:
+        """Return the strains of the equations' law (N stages, strains)."""
+        return self._of_system(self._states(point)[self.of.stages])
+
+    def _of_system(self, v: Array) -> Array:
+        law, values = self.of.form.law, self.system.of.form.law
+        return v if law == values else strains_of(values, reported(law, v))
+
+    def states(self, point: Minimum, load: float = 1.0) -> Array:
+        """Return the states of the equations of equilibrium (n_states,)."""
+        return self.system.start(point.tensions, self.strains(point), load, point.forces)
+
+    def lengths(self, point: Minimum) -> Array:
+        """Return the lengths of the tendons (n_tendons,) [m]."""
+        return self.system.lengths(self.system.x(point.tensions, 1.0, self.states(point)))
+
+    def nodes(self, point: Minimum) -> Array:
+        """Return the poses at the nodes (N + 1, 7)."""
+        return self._states(point)[self.of.nodes]
+
+    def least(
+        self,
+        near: Minimum,
+        tensions: Array,
+        load: float = 1.0,
+        winches: Winches | None = None,
+        rounds: int = ROUNDS,
+    ) -> Minimum | None:
+        """Return the least energy near a start; None where none is found.
+
+        Under `tensions` (n_tendons,) of the tendons that no winch holds, and a load factor.
+        Nonconservative forces are updated in so many `rounds` at most.
+        """
+        point = near
+        for _ in range(1 if self.conservative else rounds):
+            after = self._minimum(point, tensions, load, winches)
+            if after is None or self.conservative:
+                return after
+            residual = self.system.residual(
+                self.system.x(after.tensions, load, self.states(after, load))
+            )
+            turned = np.abs(self.nodes(after)[:, :4] - self.nodes(point)[:, :4]).max()
+            forces = after.nonconservative + residual[self.system.of.stages]
+            point = replace(after, nonconservative=forces)
+            if turned < _STAYS:
+                break
+        return point
+
+    def _minimum(
+        self,
+        near: Minimum,
+        tensions: Array,
+        load: float,
+        winches: Winches | None,
+    ) -> Minimum | None:
+        of, F, L, K = self.of, self.force_unit, self.system.arm.length, len(self._bodies)
+        n, nT, poses, inf = of.n_states, of.n_tendons, POSE * of.elements, np.inf
+        held = np.zeros(nT, dtype=bool) if winches is None else winches.held
+        # Antagonists that lengths do not determine would pull each other without bound.
+        given = np.zeros(nT) if winches is None else winches.stretch
+        stretch = np.where(held, given + least_compliance(self.system.arm), 0.0) * F / L
+        forces = (near.nonconservative * self._unit[of.stages]).T / F
+        energy = [
+            np.vstack([self._weights, self._body, forces]),
+            np.vstack([self._paths, self._weights[self._stage] * tensions[self._tendon] / F]),
+            np.vstack([self._h, load * self._dead]),
+            self._levers * np.repeat([1.0, load], 3)[:, None],
+            np.divide(1.0, stretch, out=np.zeros(nT), where=held),
+        ]
+        rows = [self._h, np.vstack([self._paths, self._weights[self._stage]])]
+        if K:
+            bodies = np.tile(self._bodies.T, of.elements)
+            radii = np.repeat(self.system.outer_radii(self.strains(near)) / L, K)
+            rows.append(np.vstack([bodies, radii, np.full(radii.size, L)]))
+        low, high = np.full(n + nT, -inf), np.full(n + nT, inf)
+        low[:POSE] = high[:POSE] = base_pose(self.system.arm) / self._unit[:POSE]
+        low[n:], high[n:] = np.where(held, -inf, 0.0), np.where(held, inf, 0.0)
+        lengths = np.full(nT, inf) if winches is None else np.where(held, winches.lengths / L, inf)
+        gaps, solver = np.zeros(of.elements * K), _solver(of, K)
+        g_low = np.concatenate([np.zeros(poses), np.full(nT, -inf), gaps])
+        g_high = np.concatenate([np.zeros(poses), lengths, gaps + inf])
+        p = np.concatenate([np.ravel(part, "F") for part in (*energy, *rows)])
+        begin = near.x, p, low, high, g_low, g_high, np.zeros(n + nT), np.zeros(g_low.size)
+        x, _, _, _, lam, _ = (part.ravel() for part in solver(*begin))
+        stats = solver.stats()
+        LOG.debug(
+            "least energy: %s after %d iterations", stats["return_status"], stats["iter_count"]
+        )
+        if stats["return_status"] not in ("Solve_Succeeded", "Solved_To_Acceptable_Level"):
+            return None
+        pulled = np.maximum(F * lam[poses : poses + nT], 0.0)
+        pressed = np.maximum(-F * lam[poses + nT :], 0.0).reshape(of.elements, K)
+        return replace(near, x=x, tensions=tensions + pulled, forces=pressed)
+
+
+@lru_cache(maxsize=32)
+def _solver(of: Layout, obstacles: int) -> Buffered:
+    """Return ipopt for a structure, numbers left open.
+
+    It takes x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0; p are the numbers of energy and rows.
+    """
+    f, g = potential_energy(of), held_rows(of, obstacles)
+    z, p, lam = (
+        ca.MX.sym(*sized) for sized in (("z", f.n_x), ("p", f.n_p + g.n_p), ("lam", g.n_g))
+    )
+    sigma, pf, pg = ca.MX.sym("sigma"), p[: f.n_p], p[f.n_p :]
+    value, held = f.value.function(z, pf), g.value.function(z, pg)
+
+    def matrix(of: Sum, *value: ca.MX) -> ca.MX:
+        return ca.MX(of.places, of.function(*value))
+
+    # With derivatives come values, which by themselves take less.
+    (gradient, value_too), (J, held_too) = (
+        ca.horzsplit(matrix(of.jacobian, z, numbers), [0, f.n_x, f.n_x + 1])
+        for of, numbers in ((f, pf), (g, pg))
+    )
+    gradient = ca.densify(gradient).T
+    H = ca.triu(matrix(f.hessian, z, pf, sigma) + matrix(g.hessian, z, pg, lam))
+    options: dict[str, Any] = {
+        "print_time": False,
+        "show_eval_warnings": False,
+        "calc_lam_p": False,
+        "no_nlp_grad": True,
+        "error_on_fail": False,
+        "grad_f": ca.Function(
+            "nlp_grad_f", [z, p], [value_too, gradient], ["x", "p"], ["f", "grad:f:x"]
+        ),
+        "jac_g": ca.Function("nlp_jac_g", [z, p], [held_too, J], ["x", "p"], ["g", "jac:g:x"]),
+        "hess_lag": ca.Function(
+            "nlp_hess_l",
+            [z, p, sigma, lam],
+            [H],
+            ["x", "p", "lam:f", "lam:g"],
+            ["triu:hess:gamma:x:x"],
+        ),
+        "ipopt": _IPOPT,
+    }
+    return Buffered(
+        ca.nlpsol("least_energy", "ipopt", {"x": z, "p": p, "f": value, "g": held}, options)
+    )

@@ -1,0 +1,24 @@
+"""Obstacles: bodies that an arm keeps clear of, by their signed distances."""
+
+from octoplan.model.extensions.obstacles.base import (
+    Obstacle,
+    check_obstacles,
+    distances,
+    numbers_of,
+)
+from octoplan.model.extensions.obstacles.convex import Box, Capsule, HalfSpace, Sphere
+from octoplan.model.extensions.obstacles.mesh import Mesh
+from octoplan.model.extensions.obstacles.moving import Moving
+
+__all__ = [
+    "Box",
+    "Capsule",
+    "HalfSpace",
+    "Mesh",
+    "Moving",
+    "Obstacle",
+    "Sphere",
+    "check_obstacles",
+    "distances",
+    "numbers_of",
+]

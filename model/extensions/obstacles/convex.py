@@ -1,0 +1,111 @@
+"""Convex obstacles by their signed distance: spheres, capsules, boxes and half spaces."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octoplan.model.extensions.obstacles.base import ALONG_BASE, Convex, axes_with, rounded
+from octoplan.model.paths import Array
+from octoplan.model.support.checks import LARGEST
+from octoplan.model.support.errors import InputError
+from octoplan.model.support.quantities import Axes, Direction, Length, Place, Sizes
+from octoplan.model.support.value import value
+
+
+@value
+class Sphere(Convex):
+    """A ball.
+
+    Attributes
+    ----------
+    center : (3,)
+        In the base frame [m].
+    radius : float
+        [m].
+    """
+
+    center: Place
+    radius: Length
+
+    @property
+    def numbers(self) -> Array:
+        """See Convex.numbers: a point in a layer."""
+        return rounded(np.array(self.center), np.eye(3), np.zeros(3), self.radius)
+
+
+@value
+class Capsule(Convex):
+    """All points within a radius of a line segment.
+
+    Attributes
+    ----------
+    start, end : (3,)
+        Of the segment, in the base frame [m].
+    radius : float
+        [m].
+    """
+
+    start: Place
+    end: Place
+    radius: Length
+    places = ("start", "end")
+
+    def __post_init__(self) -> None:
+        if self.start == self.end:
+            raise InputError("Capsule.end", self.end, "a point apart from the start; or a Sphere")
+
+    @property
+    def numbers(self) -> Array:
+        """See Convex.numbers: a box of no width in a layer."""
+        a, b = np.array(self.start), np.array(self.end)
+        half = np.array([np.linalg.norm(b - a) / 2, 0.0, 0.0])
+        return rounded((a + b) / 2, axes_with(b - a), half, self.radius)
+
+
+@value
+class Box(Convex):
+    """A box.
+
+    Attributes
+    ----------
+    center : (3,)
+        In the base frame [m].
+    size : (3,)
+        Lengths of its edges [m].
+    frame : (3, 3)
+        Columns are the directions of the edges; those of the coordinates unless given.
+    """
+
+    center: Place
+    size: Sizes
+    frame: Axes = ALONG_BASE
+
+    @property
+    def numbers(self) -> Array:
+        """See Convex.numbers."""
+        half = np.array(self.size) / 2
+        return rounded(np.array(self.center), np.array(self.frame), half)
+
+
+@value
+class HalfSpace(Convex):
+    """All that is behind a plane: a wall, a floor, a table.
+
+    Attributes
+    ----------
+    point : (3,)
+        On the plane, in the base frame [m].
+    normal : (3,)
+        Out of the body, towards the free side; of any length but 0.
+    """
+
+    point: Place
+    normal: Direction
+    places = ("point",)
+
+    @property
+    def numbers(self) -> Array:
+        """See Convex.numbers: a box without end, but for one side."""
+        half = np.array([0.0, LARGEST, LARGEST])
+        axes = axes_with(np.array(self.normal))
+        return rounded(np.array(self.point), axes, half, is_open=True)

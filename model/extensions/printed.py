@@ -1,0 +1,169 @@
+"""The paper's equations (10) and (11) to the letter: strains and pose from the tip to the base.
+
+A state x is the pose (7,), then tau, xi, k. Sums are the tendons' resultants (6,), see
+octoplan.model.cross_section.law; body is E A, E J, G I. Steps are explicit Runge-Kutta steps
+between the nodes of a mesh, and at each anchorage the strains jump. The equations carry an error
+made at the tip to the base multiplied by D(tip) / D(base), which for a tapered arm is small; from
+base to tip it would grow by the inverse. Quaternions are not held to unit length, and drift by the
+order of the scheme: whatever reads them divides by it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from octoplan.model.arm import Arm
+from octoplan.model.cross_section.law import PaperSection, resultants
+from octoplan.model.effects import Extension
+from octoplan.model.integrators import RungeKutta
+from octoplan.model.mesh import graded
+from octoplan.model.paths import Array
+from octoplan.model.rotations import compose, inverse, multiply, rotate
+from octoplan.model.scene import Scene
+from octoplan.model.stations import (
+    Counts,
+    base_pose,
+    crossing,
+    resists,
+    stations,
+    tendon_offsets,
+)
+from octoplan.model.support.machine.compiled import kernel
+from octoplan.model.support.machine.functions import Buffered
+from octoplan.model.unloaded.marched import March
+
+
+def strain_rate(
+    strain: ca.SX, sums: ca.SX, sums_rate: ca.SX, body: ca.SX, body_rate: ca.SX
+) -> ca.SX:
+    """Return the derivative of (tau, xi, k) along s: eq. (10), without omega x K omega."""
+    tau, xi, k = ca.vertsplit(strain)
+    _, c, s, cc, _, ss = ca.vertsplit(sums)
+    _, c_rate, s_rate, cc_rate, _, ss_rate = ca.vertsplit(sums_rate)
+    _, EJ, GI = ca.vertsplit(body)
+    _, EJ_rate, GI_rate = ca.vertsplit(body_rate)
+    twist = -tau * (GI_rate + cc_rate + ss_rate) - k * xi * (cc - ss) + k * s + xi * c
+    about_n = -xi * (EJ_rate + ss_rate) - tau * k * ss - tau * c - s_rate
+    about_b = -k * (EJ_rate + cc_rate) + tau * xi * cc - tau * s + c_rate
+    return ca.vertcat(twist / (GI + cc + ss), about_n / (EJ + ss), about_b / (EJ + cc))
+
+
+def stretch(extension: bool, strain: ca.SX, sums: ca.SX, body: ca.SX) -> ca.SX:
+    """Return 1 + q: E A q = - sum T t . c, eqs. (3b), (9a)."""
+    if not extension:
+        return ca.SX(1)
+    _, force = PaperSection(extension).tendons(ca.vertcat(strain, 0), sums)
+    return 1 - force[0] / body[0]
+
+
+def _slope(extension: bool, x: ca.SX, d: ca.SX) -> ca.SX:
+    """Return the derivative of x along s, eqs. (1) and (10), from a cross-section's numbers d."""
+    sums, sums_rate, body, body_rate = (d[i:j] for i, j in ((0, 6), (6, 12), (12, 15), (15, 18)))
+    along = stretch(extension, x[7:], sums, body)
+    turn = multiply(x[:4], ca.vertcat(0, along * x[7:])) / 2
+    moved = rotate(x[:4] / ca.norm_2(x[:4]), ca.vertcat(along, 0, 0))
+    return ca.vertcat(turn, moved, strain_rate(x[7:], sums, sums_rate, body, body_rate))
+
+
+def _across(extension: bool, scheme: RungeKutta) -> ca.Function:
+    """Return (x on a node's tip side, sums there, numbers (18, m) at the scheme's samples, h) ->.
+
+    x after a step, x on the node's base side, and 1 + q at both of these, the node first.
+    """
+    x, outer, h = ca.SX.sym("x", 10), ca.SX.sym("outer", 6), ca.SX.sym("h")
+    d = ca.SX.sym("d", 18, len(scheme.samples))
+    first, last = d[:, 0], d[:, -1]
+    # The jump of eq. (11), whatever other tendons cross the anchorage.
+    _, cos, sin, cos2, _, sin2 = ca.vertsplit(first[:6] - outer)
+    jump = ca.vertcat(0, -sin / (sin2 + first[13]), cos / (cos2 + first[13]))
+    start = ca.vertcat(x[:7], x[7:] + jump)
+    at = [scheme.samples.index(node) for node in scheme.nodes]
+    after = scheme.step(lambda stage, x: _slope(extension, x, d[:, at[stage]]), start, h)
+    pairs = (start, first), (after, last)
+    along = [stretch(extension, each[7:], at[:6], at[12:15]) for each, at in pairs]
+    results = [after, start, ca.vertcat(*along)]
+    return ca.Function("across", [x, outer, d, h], results, {"cse": True})
+
+
+def section_numbers(arm: Arm, s: Array, active: Counts, T: Any) -> Any:
+    """Return the numbers (18, N) of cross-sections: sums, body, each with its rate behind it."""
+    at = stations(arm, s, active)
+    (n, b), (n_rate, b_rate), _ = tendon_offsets(arm, at)
+    rates = 0 * n, n_rate, b_rate, 2 * n * n_rate, n_rate * b + n * b_rate, 2 * b * b_rate
+    maps = np.stack([crossing(arm, at), *resultants(n, b, n_rate, b_rate)[1:6], *rates], axis=1)
+    body = ca.DM(np.vstack([resists(arm.material, each) for each in (at.area, at.area_rate)]))
+    sums = ca.reshape(ca.sparsify(ca.DM(maps.reshape(-1, arm.n_tendons))) @ T, 12, s.size)
+    return ca.vertcat(sums, body)
+
+
+class PrintedMap(March):
+    """The forward map of a scene as printed, on one mesh.
+
+    Its `stretch_at` are the nodes from the tip on, on their base side, then the same on the tip
+    side of the nodes below.
+
+    Attributes
+    ----------
+    function : casadi.Function
+        tensions (n_tendons,) -> poses at the mesh's nodes (7, S + 1), 1 + q at the arc lengths
+        `stretch_at` (1, K), and tau, xi, k there (3, K).
+    """
+
+    scheme: RungeKutta
+
+    def __init__(
+        self,
+        arm: Arm,
+        scene: Scene,
+        scheme: RungeKutta,
+        refinement: int,
+        at: tuple[float, ...] = (),
+        machine_code: bool = False,
+    ) -> None:
+        self.refinement, self.machine_code = refinement, machine_code
+        self.arm, self.scene, self.scheme = arm, scene, scheme
+        self.mesh = mesh = graded(arm, refinement, at)
+        self._across = kernel(_across(scene.has(Extension), scheme), machine_code)
+        T, x = ca.MX.sym("T", arm.n_tendons), ca.MX(ca.DM([1, *[0] * 9]))
+        # From the tip on, where no tendons cross beyond the first node.
+        start, h, active = mesh.s[:0:-1], -np.diff(mesh.s)[::-1], mesh.active[::-1]
+        outer = section_numbers(arm, start, np.append(0, active[:-1]), T)[:6, :]
+        samples = self._samples(start, h, active, T)
+        march = self._across.mapaccum(mesh.steps)
+        after, begun, along = march(x, outer, samples, ca.DM(h).T)
+        poses = ca.horzcat(begun, after[:, -1])[:7, ::-1]
+        # In the base frame, from those in the tip's.
+        first, point = ca.SX.sym("first", 7), ca.SX.sym("point", 7)
+        tip = ca.vertcat(first[:4] / ca.norm_2(first[:4]), first[4:])
+        pose = compose(compose(ca.SX(ca.DM(base_pose(arm))), inverse(tip)), point)
+        anchor = ca.Function("anchor", [first, point], [pose]).map(poses.shape[1])
+        self.stretch_at = np.concatenate([start, start + h])
+        self.radius = arm.radius.evaluate(self.stretch_at, arm.length)[0]
+        results = [anchor(poses[:, 0], poses), ca.vec(along.T).T, ca.horzcat(begun, after)[7:, :]]
+        self.function = ca.Function("printed", [T], results)
+        self._called = Buffered(self.function)
+
+    def _samples(self, start: Array, h: Array, active: Counts, T: Any) -> Any:
+        samples = np.array(self.scheme.samples)
+        s = (start[:, None] + h[:, None] * samples).ravel()
+        return section_numbers(self.arm, s, np.repeat(active, samples.size), T)
+
+    def run(self, tensions: Array) -> tuple[Array, Array]:
+        """See March.run."""
+        poses, along, strains = self._called(tensions)
+        return poses, np.hstack([strains, along - 1])
+
+    def dense(self, tensions: Array, poses: Array, strains: Array, s: Array) -> tuple[Array, Array]:
+        """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes above."""
+        step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.steps - 1)
+        active, start = self.mesh.active[step], self.mesh.s[step + 1]
+        there = strains[self.mesh.steps - 1 - step, :3]
+        x, h = ca.DM(np.hstack([poses[step + 1], there]).T), s - start
+        d = self._samples(start, h, active, ca.DM(tensions))
+        across = self._across.map(s.size)
+        after, _, along = across(x, d[:6, :: len(self.scheme.samples)], d, ca.DM(h).T)
+        rows = np.array(after).T
+        return rows[:, :7], np.column_stack([rows[:, 7:], np.array(along)[1] - 1])

@@ -1,0 +1,1 @@
+"""Errors, values, checks, text, progress and compiled functions, on which all modules rest."""

@@ -1,0 +1,144 @@
+"""Checks of what users hand in, each raising InputError with the name of the field."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Set
+from typing import Any, Literal, get_args, get_origin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octoplan.model.support.errors import InputError
+
+# Sizes of numbers that have a meaning, in SI units; products of a few of them are numbers still.
+LARGEST, SMALLEST = 1e30, 1e-30
+
+
+def finite_array(field: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
+    """Return value as a float array of the given shape; None in shape is any size."""
+    wanted = "x".join("n" if n is None else str(n) for n in shape) or "scalar"
+    array = numbers(field, value, f"numbers of shape {wanted}")
+    matches = array.ndim == len(shape) and all(
+        n in (None, m) for n, m in zip(shape, array.shape, strict=True)
+    )
+    if not matches:
+        raise InputError(field, f"shape {array.shape}", f"shape {wanted}")
+    if not np.all(np.isfinite(array)):
+        raise InputError(field, value, "finite numbers")
+    if array.size and np.abs(array).max() > LARGEST:
+        raise InputError(field, value, f"numbers up to {LARGEST:g} in size")
+    return array
+
+
+def numbers(field: str, value: Any, allowed: str) -> NDArray[np.float64]:
+    """Return value as a float array of any shape; strings of digits are not numbers.
+
+    Nor are masked ones: what is beneath a mask was not told.
+    """
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):
+        raise InputError(field, value, allowed) from None
+    if (array.size and array.dtype.kind not in "iuf") or np.ma.is_masked(value):
+        raise InputError(field, value, allowed)
+    return array.astype(float)
+
+
+# What values of a type are like, in messages.
+SUCH: dict[Any, str] = {bool: "True or False", str: "text"}
+
+
+def such(kind: Any) -> str:
+    """Return what values of a type are like, in words."""
+    if kind in SUCH:
+        return SUCH[kind]
+    if get_origin(kind) is Literal:
+        return " or ".join(
+            f'"{each}"' if isinstance(each, str) else f"{each}" for each in get_args(kind)
+        )
+    return f"a{'n' * (kind.__name__[0] in 'AEIO')} {kind.__name__}"
+
+
+def kind(field: str, value: Any, wanted: Any, allowed: str = "") -> Any:
+    """Return a value that is of a type; InputError for others, among them classes themselves."""
+    if isinstance(value, type) or not isinstance(value, wanted):
+        raise InputError(field, value, allowed or such(wanted))
+    return value
+
+
+def literal(field: str, value: Any, wanted: Any) -> Any:
+    """Return what is one of several texts or whole numbers, those of a Literal."""
+    allowed, is_plain = get_args(wanted), isinstance(value, str | int | np.integer)
+    if is_plain and not isinstance(value, bool) and value in allowed:
+        return allowed[allowed.index(value)]
+    raise InputError(field, value, such(wanted))
+
+
+def is_several(value: Any) -> bool:
+    """Return whether a value holds others in an order: no text, no array without dimensions."""
+    is_other = isinstance(value, str | bytes | Mapping | Set)
+    holds = hasattr(value, "__len__") and hasattr(value, "__iter__")
+    return holds and not is_other and getattr(value, "shape", None) != ()
+
+
+def arc_lengths(value: Any) -> NDArray[np.float64]:
+    """Return arc lengths s (N,) [m] of a scalar or (N,)."""
+    array = numbers("s", value, "arc lengths, a scalar or numbers of shape n")
+    return finite_array("s", np.atleast_1d(array), (None,))
+
+
+def finite(field: str, value: Any) -> float:
+    """Return value as a finite float."""
+    if type(value) is float and -LARGEST <= value <= LARGEST:
+        return value
+    return float(finite_array(field, value, ()))
+
+
+def positive(field: str, value: Any) -> float:
+    """Return value as a finite float above zero, and not next to it."""
+    number = finite(field, value)
+    if number <= 0:
+        raise InputError(field, value, "a number above 0")
+    if number < SMALLEST:
+        raise InputError(field, value, f"a number from {SMALLEST:g}")
+    return number
+
+
+def not_negative(field: str, value: Any) -> float:
+    """Return value as a finite float, zero or above."""
+    number = finite(field, value)
+    if number < 0:
+        raise InputError(field, value, "0 or a number above it")
+    return number
+
+
+def within(field: str, value: Any, low: float, high: float) -> float:
+    """Return value as a float in [low, high]."""
+    number = finite(field, value)
+    if not low <= number <= high:
+        raise InputError(field, value, f"a number from {low:g} to {high:g}")
+    return number
+
+
+def unit_vector(field: str, value: Any) -> tuple[float, ...]:
+    """Return value as three floats of length 1; what has that to rounding stays as it is."""
+    argument = finite_array(field, value, (3,))
+    scaled = argument / (np.abs(argument).max() or 1.0)
+    length = np.linalg.norm(scaled)
+    if not length > 0:
+        raise InputError(field, value, "a vector that is not 0")
+    is_unit = abs(np.linalg.norm(argument) - 1) < 4 * np.finfo(float).eps
+    return tuple((argument if is_unit else scaled / length).tolist())
+
+
+def orthonormal(
+    field: str, value: Any, rounding: float = 1e-9, right_handed: bool = True
+) -> tuple[tuple[float, ...], ...]:
+    """Return an orthonormal frame (3, 3), by columns, as nested tuples."""
+    frame = finite_array(field, value, (3, 3))
+    square = np.clip(frame, -2, 2)
+    is_one = np.allclose(square.T @ square, np.eye(3), atol=rounding)
+    if not is_one or (right_handed and np.linalg.det(square) < 0):
+        allowed = "a right-handed orthonormal frame" if right_handed else "an orthonormal frame"
+        raise InputError(field, value, allowed)
+    return tuple(map(tuple, frame.tolist()))

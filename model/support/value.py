@@ -1,0 +1,300 @@
+"""Frozen values: dataclasses whose arguments are checked and kept as their annotations say.
+
+An argument is converted before the class looks at it: numbers become floats within their bounds,
+sequences tuples, arrays of numbers nested tuples of their shape; what is of another type is told by
+InputError with the class and the argument. `__post_init__` is left with what depends on several.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from functools import cache, partial
+from types import NoneType, UnionType
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    TypeVar,
+    Union,
+    dataclass_transform,
+    get_args,
+    get_origin,
+    get_type_hints,
+    overload,
+)
+
+import numpy as np
+from msgspec import Meta
+
+from octoplan.model.support.checks import (
+    finite,
+    finite_array,
+    is_several,
+    kind,
+    literal,
+    not_negative,
+    positive,
+    such,
+)
+from octoplan.model.support.errors import InputError
+from octoplan.model.support.units import likely_degrees
+
+# Returns an argument as it is kept, from the name that it has in messages and what was given.
+Convert = Callable[[str, Any], Any]
+# What annotations say of numbers and sizes, by the names that Meta has for it.
+Bounds = dict[str, Any]
+T = TypeVar("T", bound=type[Any])
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What an argument has to be besides its type, as an annotation.
+
+    Attributes
+    ----------
+    apply : function
+        Returns the converted argument as it is kept, from its name and itself; or InputError.
+    """
+
+    apply: Convert
+
+
+@overload
+def value(cls: T) -> T: ...
+@overload
+def value(*, init: bool = True, repr: bool = True) -> Callable[[T], T]: ...
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+def value(cls: Any = None, **options: bool) -> Any:
+    """Make a class a frozen dataclass that converts its arguments and remembers its hash.
+
+    Options are those of `dataclasses.dataclass`. With init=False the class converts by itself.
+    """
+    if cls is None:
+        return partial(value, **options)
+    check_together = getattr(cls, "__post_init__", None)
+
+    def convert_first(self: Any) -> None:
+        if self.__class__ is made:
+            for name, default, label, convert in _converters(made):
+                if vars(self)[name] is not default:
+                    vars(self)[name] = convert(label, vars(self)[name])
+        if check_together:
+            check_together(self)
+
+    cls.__post_init__ = convert_first
+    own_hash = "__hash__" in vars(cls)
+    made: Any = dataclass(frozen=True, **options)(cls)
+    if not own_hash:
+        _remember_hash(made)
+    return made
+
+
+@cache
+def _converters(cls: Any) -> list[tuple[str, Any, str, Convert]]:
+    """Return the name, default, name in messages, and converter of each argument of a class."""
+    hints = get_type_hints(cls, include_extras=True)
+    return [
+        (each.name, each.default, f"{cls.__name__}.{each.name}", converter(hints[each.name]))
+        for each in fields(cls)
+    ]
+
+
+def _remember_hash(cls: Any) -> None:
+    """Let a hash be worked out once: values are looked up often.
+
+    It does not travel with a pickle: hashes of one process mean nothing in another.
+    """
+    work_out, key = cls.__hash__, "_hash"
+
+    def remembered(self: Any) -> int:
+        if key not in vars(self):
+            vars(self)[key] = work_out(self)
+        return int(vars(self)[key])
+
+    def state(self: Any) -> dict[str, Any]:
+        return {name: each for name, each in vars(self).items() if name != key}
+
+    cls.__hash__, cls.__getstate__ = remembered, state
+
+
+# Converters, by annotations
+
+
+def converter(hint: Any, outer: Bounds | None = None) -> Convert:
+    """Return what converts arguments of an annotation; TypeError for one that says too little.
+
+    Bounds that are said of a choice hold for what is chosen: they are the `outer` ones.
+    """
+    bounds = (outer or {}) | _bounds(hint)
+    rules = [each.apply for each in getattr(hint, "__metadata__", ()) if isinstance(each, Rule)]
+    convert = _of_type(bare(hint), bounds)
+
+    def ruled(name: str, argument: Any) -> Any:
+        argument = convert(name, argument)
+        for rule in rules:
+            argument = rule(name, argument)
+        return argument
+
+    return ruled if rules else convert
+
+
+def bare(hint: Any) -> Any:
+    """Return a type without what it is annotated with."""
+    return hint.__origin__ if get_origin(hint) is Annotated else hint
+
+
+def _bounds(hint: Any) -> Bounds:
+    """Return what annotations say of a number or a size, and whether it is an angle."""
+    metas = [each for each in getattr(hint, "__metadata__", ()) if isinstance(each, Meta)]
+    names = ("gt", "ge", "lt", "le", "min_length", "max_length")
+    pairs = [(name, getattr(meta, name)) for meta in metas for name in names]
+    bounds = {name: each for name, each in pairs if each is not None}
+    is_angle = any((meta.extra or {}).get("unit") == "deg" for meta in metas)
+    return bounds | ({"angle": True} if is_angle else {})
+
+
+def _of_type(hint: Any, bounds: Bounds) -> Convert:
+    """Return the converter of a type, with the bounds that it is annotated with."""
+    origin, inside = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        return _choice(inside, bounds)
+    if hint in (float, int):
+        return _number(hint, bounds)
+    numbers = _numbers(hint, bounds)
+    if numbers is not None:
+        return _array(hint, *numbers, bounds.get("min_length", 0))
+    if origin is tuple or hasattr(hint, "_fields"):
+        return _items(hint, bounds.get("min_length", 0))
+    if origin is Literal:
+        return partial(literal, wanted=hint)
+    if hint is Any:
+        return lambda name, argument: argument
+    if isinstance(hint, type):
+        return lambda name, inputs: kind(name, inputs, hint)
+    raise TypeError(f"{hint} does not say how it is converted")
+
+
+def _choice(kinds: tuple[Any, ...], bounds: Bounds) -> Convert:
+    """Return the converter of one value, a sequence of them, or None, as far as each is allowed."""
+    others = [each for each in kinds if each is not NoneType]
+    by_form = {get_origin(bare(each)) is tuple: converter(each, bounds) for each in others}
+    if len(by_form) < len(others):
+        raise TypeError(f"which of {kinds} an argument is cannot be told")
+    several, single = by_form.get(True), by_form.get(False)
+
+    def convert(name: str, argument: Any) -> Any:
+        if argument is None and NoneType in kinds:
+            return None
+        if several and (single is None or is_several(argument)):
+            return several(name, argument)
+        assert single is not None
+        try:
+            return single(name, argument)
+        except InputError as reason:
+            if not several:
+                raise
+            allowed = f"{reason.allowed}, or a tuple of which each is that"
+            raise InputError(reason.field, reason.given, allowed) from None
+
+    return convert
+
+
+_BOUNDS = {"gt": "above {}", "ge": "from {}", "lt": "below {}", "le": "up to {}"}
+
+
+def _number(hint: Any, bounds: Bounds) -> Convert:
+    """Return the converter of a float or a whole number within bounds."""
+    ends = {key: each for key, each in bounds.items() if key in _BOUNDS}
+    number: Convert = partial(_bounded, ends, "angle" in bounds)
+    if ends in ({"gt": 0}, {"ge": 0}):
+        number = positive if "gt" in ends else not_negative
+
+    def whole(name: str, argument: Any) -> int:
+        result = number(name, argument)
+        if result != round(result):
+            raise InputError(name, argument, "a whole number")
+        return int(result)
+
+    return whole if hint is int else number
+
+
+def _bounded(ends: Bounds, is_angle: bool, name: str, argument: Any) -> float:
+    """Return a number within any bounds."""
+    number = finite(name, argument)
+    low, high = ends.get("ge", -math.inf), ends.get("le", math.inf)
+    if low <= number <= high and ends.get("gt", -math.inf) < number < ends.get("lt", math.inf):
+        return number
+    names = ((_BOUNDS[key], "pi" if each == math.pi else f"{each:g}") for key, each in ends.items())
+    message = f"{'an angle in rad' if is_angle else 'a number'} "
+    message += ", ".join(words.format(end) for words, end in names)
+    raise InputError(name, argument, message + (likely_degrees(number) if is_angle else ""))
+
+
+def _parts(hint: Any) -> tuple[list[Any], bool]:
+    """Return the annotations inside of a tuple, and whether it is of any length."""
+    if hasattr(hint, "_fields"):
+        return list(get_type_hints(hint, include_extras=True).values()), False
+    inside = list(get_args(hint)) if get_origin(hint) is tuple else []
+    return (inside[:1], True) if inside[-1:] == [Ellipsis] else (inside, False)
+
+
+def _numbers(hint: Any, bounds: Bounds) -> tuple[tuple[int | None, ...], list[Any]] | None:
+    """Return the shape of numbers in nested tuples, and their annotations in turn; None of others.
+
+    The shape has None along what is of any length.
+    """
+    parts, is_endless = _parts(hint)
+    inner = [
+        ((), [part]) if bare(part) in (float, int) else _numbers(bare(part), _bounds(part))
+        for part in parts
+    ]
+    shapes = {None if each is None else each[0] for each in inner}
+    if len(shapes) != 1 or None in shapes:
+        return None
+    least, most = bounds.get("min_length"), bounds.get("max_length")
+    count = (most if least == most else None) if is_endless else len(parts)
+    return (count, *(shapes.pop() or ())), [leaf for each in inner if each for leaf in each[1]]
+
+
+def _array(hint: Any, shape: tuple[int | None, ...], leaves: list[Any], least: int) -> Convert:
+    """Return the converter of numbers in nested tuples, each within its own bounds."""
+    make, is_whole = getattr(hint, "_make", tuple), bare(leaves[0]) is int
+    each = [converter(leaf) for leaf in leaves if any(map(_bounds, leaves))]
+
+    def convert(name: str, argument: Any) -> Any:
+        array = finite_array(name, argument, shape)
+        if len(array) < least:
+            raise InputError(name, argument, f"at least {'one' if least == 1 else least}")
+        if is_whole and not np.array_equal(array, array.astype(int)):
+            raise InputError(name, argument, "whole numbers")
+        for i, x in enumerate(array.ravel().tolist() if each else ()):
+            each[i % len(each)](name, x)
+        return make(_tuples((array.astype(int) if is_whole else array).tolist()))
+
+    return convert
+
+
+def _tuples(nested: Any) -> Any:
+    return tuple(map(_tuples, nested)) if isinstance(nested, list) else nested
+
+
+def _items(hint: Any, least: int) -> Convert:
+    """Return the converter of a named tuple, or a sequence, of what are not all numbers."""
+    parts, is_endless = _parts(hint)
+    each = [converter(part) for part in parts]
+    allowed = f"a tuple of which each is {such(bare(parts[0]))}" if is_endless else such(hint)
+
+    def convert(name: str, argument: Any) -> Any:
+        if not is_several(argument) or not (is_endless or len(argument) == len(parts)):
+            raise InputError(name, argument, allowed)
+        if len(argument) < least:
+            message = f"at least {'one' if least == 1 else least}: {such(bare(parts[0]))}"
+            raise InputError(name, argument, message)
+        if is_endless:
+            return tuple(each[0](f"{name}[{i}]", item) for i, item in enumerate(argument))
+        rows = zip(hint._fields, each, argument, strict=True)
+        return hint(*(convert(f"{name}.{item}", x) for item, convert, x in rows))
+
+    return convert

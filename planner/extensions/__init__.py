@@ -1,0 +1,1 @@
+"""Planning beyond one arm in free space; no module of the core imports them."""

@@ -1,0 +1,201 @@
+"""Plans that keep clear: searched as if nothing was in the way, then led around what is.
+
+An optimum of the search that touches nothing is as good as before. Others get inequalities where
+they come too near, and are solved again from where they are; places are exchanged for those of the
+new arm until it keeps clear, on the coarse mesh and as it settles. Optima are tried by effort,
+until none that is left can be better. Where none leads around, other initial guesses are, then arms
+that touch nothing and come near to the target; from the latter the nearest shape that keeps clear
+is looked for where the target cannot be met.
+
+Arms that touch nothing are drawn at random: where to begin on the other side of obstacles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from itertools import chain, islice, tee
+from operator import attrgetter
+
+import numpy as np
+
+from octoplan.model.centreline import Centreline
+from octoplan.model.paths import Array
+from octoplan.model.support.errors import OctoplanError
+from octoplan.model.support.progress import OutOfTime, tell
+from octoplan.planner.extensions.avoidance.lines import Lines
+from octoplan.planner.extensions.avoidance.rows import Avoidance, avoiding, grid
+from octoplan.planner.extensions.avoidance.surroundings import Surroundings
+from octoplan.planner.program.problem import Candidate
+from octoplan.planner.question import Mode
+from octoplan.planner.solve.guesses import drawn_arms
+from octoplan.planner.solve.refine import CORRECTIONS, refine
+from octoplan.planner.solve.samples import fine_enough, fitted, sample
+from octoplan.planner.solve.search import AGREED, WIDE, Reading, Search
+from octoplan.planner.task import SearchResult, Task, Trial
+
+# Drawn arms that are looked at, and those that are tried, at most.
+_LOOKED_AT, _MOST = 100, 6
+# Number of sampled shapes that are fitted to the targets, and the miss up to which a fit is tried,
+# in lengths and rad: where limits hold a fit may miss by the error of its mesh.
+_FITTED, _MET = 60, 1e-2
+# Relative difference below which two objectives are the same.
+_AGAIN = 1e-3
+
+
+def line_of(task: Task, T: Array) -> Centreline | None:
+    """Return the centreline of a plan's settled shape; None if it does not settle."""
+    with suppress(OctoplanError, np.linalg.LinAlgError):
+        return task.settled(T).centreline(grid(task.arm).tolist())
+    return None
+
+
+def _lines_of(task: Task) -> Lines:
+    """Return the centrelines of a task's arm on the mesh of the search."""
+    at = tuple(grid(task.arm)[1:].tolist())
+    refinement = task.coarse("exact").refinement
+    return Lines(task.arm, task.scene, refinement, at, task.machine_code)
+
+
+class Around:
+    """A planning question with surroundings; `searched` tells whether all guesses were tried."""
+
+    def __init__(self, task: Task, surroundings: Surroundings) -> None:
+        self.task, self.surroundings = task, surroundings
+        self.trials, self.searched, self.sampled = list[Trial](), False, 0
+        self._lines = _lines_of(task)
+
+    def run(self, near: SearchResult | None = None) -> SearchResult:
+        """Return the best that keeps clear, or the best so far out of time.
+
+        Where a plan that is near is given, it is led around, and only if it cannot be is searched.
+        """
+        result = near
+        with suppress(OutOfTime):
+            if near is not None:
+                if self._in_the_way(near) is None:
+                    return near
+                led = self._exchange(np.ravel(near.tensions), "exact")
+                if led is not None:
+                    return led[1]
+            search, self.searched = Search(self.task), True
+            result = search.run()
+            in_the_way = None if result.stopped else self._in_the_way(result)
+            if in_the_way is None:
+                return result
+            self.task = search.task
+            self._lines = _lines_of(self.task)
+            best = self._detour(search, result)
+            best = replace(best, sampled=max(self.sampled, result.sampled))
+            reached = result.statement.mode == "exact" and best.statement.mode != "exact"
+            return replace(best, in_the_way=in_the_way) if reached else best
+        if result is None:
+            raise OutOfTime
+        return replace(result, stopped=True)
+
+    def led_from(self, tensions: Array) -> SearchResult | None:
+        """Return the plan that meets the targets and keeps clear, from tensions near it.
+
+        None if there is none, or out of time.
+        """
+        with suppress(OutOfTime):
+            led = self._exchange(tensions, "exact")
+            return None if led is None else led[1]
+        return None
+
+    def _in_the_way(self, result: SearchResult) -> str | None:
+        """Return what a plan comes nearest to in words, None where it keeps clear."""
+        line = line_of(self.task, np.ravel(result.tensions))
+        return "" if line is None else self.surroundings.in_the_way(line) or None
+
+    def _detour(self, search: Search, result: SearchResult) -> SearchResult:
+        """Return the best of what is led around, the plan without surroundings if nothing is.
+
+        From optima that something is in the way of, other guesses, arms that touch nothing: as the
+        plan reads its targets, and from the last as near to them as can be.
+        """
+        mode, T = result.statement.mode, np.ravel(result.tensions)
+        met = sorted(search.now.met, key=attrgetter("f"))
+        optima = [(each.f, each.tensions) for each in met] or [(0.0, T)]
+        others = ((0.0, guess) for guess in islice(search.guesses(), 1, None))
+        drawn = islice(self._clear(islice(drawn_arms(self.task), _LOOKED_AT)), _MOST)
+        clear, again = tee((0.0, arm) for arm in drawn)
+        wide, wide_again = tee((0.0, arm) for arm in islice(self._clear_fits(), WIDE))
+        possible = mode == "nearest" or self.surroundings.allows(self.task.arm, self.task.targets)
+        best = self._best(mode, optima, others, clear, wide) if possible else None
+        if best is None and mode != "nearest":
+            best = self._best("nearest", chain(again, [(0.0, T)], wide_again))
+        return best or result
+
+    def _clear(self, arms: Iterable[Array]) -> Iterator[Array]:
+        """Yield the tensions under which the arm touches nothing."""
+        for T in arms:
+            line = self._lines(T)
+            if line is not None and avoiding(line, self.surroundings, None)[1] >= 0:
+                yield T
+
+    def _clear_fits(self) -> Iterator[Array]:
+        """Yield tensions of sampled shapes that touch nothing, fits to the targets first.
+
+        Fits come by effort, samples by their distance to the targets.
+        """
+        samples = sample(self.task, WIDE)
+        self.sampled = samples.count
+        near = np.array([*islice(samples.distinct(), _FITTED)])
+        self.task = fine_enough(samples.task, near)
+        self._lines = _lines_of(self.task)
+        tensions, misses = fitted(self.task, near)
+        met = tensions[misses <= _MET]
+        yield from self._clear(met[np.argsort(np.linalg.norm(met, axis=1), kind="stable")])
+        yield from self._clear(near)
+
+    def _best(self, mode: Mode, *sources: Iterable[tuple[float, Array]]) -> SearchResult | None:
+        """Return the best that is led around from the first starts of which any is.
+
+        From enough of these, of which no objective is less. Starts are what their objective is at
+        least, and tensions.
+        """
+        for starts in sources:
+            done: list[tuple[float, SearchResult]] = []
+            for least, T in starts:
+                tell(f"around obstacles, {mode}", len(self.trials))
+                if len(done) >= AGREED or any(f < least for f, _ in done):
+                    break
+                led = self._exchange(T, mode)
+                done += [] if led is None else [led]
+            if done:
+                return min(done, key=lambda pair: pair[0])[1]
+        return None
+
+    def _exchange(self, T: Array, mode: Mode) -> tuple[float, SearchResult] | None:
+        """Return the plan that keeps clear to which tensions lead, with its objective."""
+        avoidance: Avoidance | None = None
+        optimum: Candidate | None = None
+        task, line, objectives = self.task, self._lines(T), list[float]()
+        for _ in range(CORRECTIONS):
+            if line is None:
+                return None
+            is_final = False
+            if avoidance is not None and optimum is not None:
+                # Tangent planes of a mesh are exchanged until an objective comes again.
+                near = np.isclose(objectives, optimum.f, rtol=_AGAIN, atol=0.0)
+                is_final = bool(near.any()) or not any(row.is_part for row in avoidance.rows)
+                objectives.append(optimum.f)
+            avoidance, gap = avoiding(line, self.surroundings, avoidance)
+            if optimum is not None and is_final and gap >= self.surroundings.clearance:
+                fine = refine(optimum)
+                line = None if fine is None else line_of(task, fine.tensions)
+                if fine is None or line is None:
+                    return None
+                if not self.surroundings.in_the_way(line):
+                    return optimum.f, fine.result(self.trials)
+                avoidance, _ = avoiding(line, self.surroundings, avoidance)
+            reading = Reading(task.avoiding(avoidance), mode)
+            optimum = reading.exchanged(optimum) if optimum else reading.led_to(T)
+            self.trials += reading.trials
+            if optimum is None:
+                return None
+            point = optimum.problem.linearised(optimum.x)
+            line = Centreline.at_states(point.system, point.states)
+        return None

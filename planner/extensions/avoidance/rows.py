@@ -1,0 +1,310 @@
+"""Inequalities that keep an arm clear: of places along it from convex bodies or other places.
+
+A place is between two stations, where it is read off the cubic through their positions and
+tangents. What the cubic is off by, of the arm as it last was, is added as a number; so is the
+length of the arm between the stations. Places, bodies and distances are numbers as well, so that
+constraints that follow the nearest place of an arm do not change the program's structure. Places
+are local minima of the gap along the arm.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from scipy.ndimage import minimum_filter
+
+from octoplan.model.arm import Arm
+from octoplan.model.centreline import Centreline
+from octoplan.model.extensions.clearance.nearest import base_plane
+from octoplan.model.extensions.obstacles.base import SIZE, Convex, distances_from, signed_distance
+from octoplan.model.mesh import graded
+from octoplan.model.paths import Array
+from octoplan.model.rod.equations import Equations, Term
+from octoplan.model.rod.kernels import Kernel
+from octoplan.model.rod.layout import POSE
+from octoplan.model.rotations import matrices, matrix
+from octoplan.model.support.machine.functions import built
+from octoplan.planner.extensions.avoidance.surroundings import Surroundings
+from octoplan.planner.targets.base import Target
+
+# Slots of an element come so many at a time, and every element has some: that makes one program of
+# nearly all that is to be kept clear of. Those that are empty keep clear of a ball far off.
+_SLOTS = 2
+_FAR = 10.0
+# Even points that are looked at: the parabola through three is off by a few thousandths of a
+# millimetre where an arm of half a metre passes a body of 5 mm. Rows of one body that are nearer to
+# each other than two of them are one.
+_POINTS = 257
+# What is nearer than so much more than asked for gets an inequality beforehand, over L; the same
+# of arms that touch nothing, to stay on the side where they are.
+_NEAR, _WATCHED = 0.02, 0.15
+# A place [m], another or the numbers of a body, and whether that is a part of a mesh.
+Pair = tuple[float, float | tuple[float, ...], bool]
+
+
+@dataclass(frozen=True)
+class Place:
+    """A point of the midline.
+
+    Attributes
+    ----------
+    s : float
+        Arc length [m].
+    length : float
+        Of the arm between the stations on both sides, deformed [m].
+    shift : (3,)
+        What the cubic through these lacks [m].
+    """
+
+    s: float
+    length: float
+    shift: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Apart:
+    """A place that keeps a distance from a convex body, or from another place.
+
+    Attributes
+    ----------
+    place : Place
+    other : Place or tuple of 17 floats
+        Another place, or the numbers of a body; see octoplan.model.extensions.obstacles.
+    keep : float
+        The least distance of the midline there [m].
+    is_part : bool
+        Whether the body stands for a mesh near the place, behind a plane or in a box around it: it
+        may keep off more than what is asked once the arm is elsewhere.
+    """
+
+    place: Place
+    other: Place | tuple[float, ...]
+    keep: float
+    is_part: bool = False
+
+
+@dataclass(frozen=True)
+class AvoidanceStructure:
+    """What the equations of inequalities that keep an arm clear depend on besides their numbers.
+
+    Attributes
+    ----------
+    nodes : tuple of float
+        Arc lengths of base and stations between which places are interpolated [m].
+    slots : tuple of int
+        The element of each slot for a body.
+    pairs : tuple of (int, int)
+        The elements of each pair of places.
+    """
+
+    nodes: tuple[float, ...]
+    slots: tuple[int, ...]
+    pairs: tuple[tuple[int, int], ...]
+
+    def gaps(self, stations: tuple[float, ...]) -> Equations:
+        """Return the distances of the places beyond those to keep [m], from poses at stations.
+
+        Unknowns are the poses (7,) of the base and at the stations; numbers are those of
+        `Avoidance.parameters`.
+        """
+        at = {0.0: 0} | {s: 1 + k for k, s in enumerate(stations)}
+        poses = POSE * np.array([at[s] for s in self.nodes])[:, None] + np.arange(POSE)
+        both = np.hstack([poses[:-1], poses[1:]])
+        slots = np.array(self.slots, dtype=np.int64)
+        pairs = np.array(self.pairs, dtype=np.int64).reshape(-1, 2)
+        rows = np.arange(slots.size + len(pairs))[None, :]
+        terms = [
+            Term(built(_from_body), both[slots].T, rows[:, : slots.size]),
+            Term(built(_from_place), np.hstack(list(both[pairs.T])).T, rows[:, slots.size :]),
+        ]
+        # CasADi cannot differentiate compiled kernels.
+        return Equations(POSE * (1 + len(stations)), rows.size, terms, machine_code=False)
+
+
+@dataclass(frozen=True)
+class Avoidance(Target):
+    """The inequalities of a plan, stated as a target of inequalities that never yield."""
+
+    rows: tuple[Apart, ...]
+
+    def beside(self, targets: tuple[Target, ...]) -> tuple[Target, ...]:
+        """Return targets and these inequalities, if there are any."""
+        return (*targets, self) if self.rows else targets
+
+    def slots(self, arm: Arm) -> list[int]:
+        """Return the element of each slot for a body; none where no bodies are near."""
+        count = Counter(element_of(arm, place.s) for place, *_ in self.bodies)
+        elements = range(grid(arm).size - 1) if count else ()
+        return [k for k in elements for _ in range(-(-max(count[k], 1) // _SLOTS) * _SLOTS)]
+
+    @property
+    def bodies(self) -> list[tuple[Place, tuple[float, ...], float]]:
+        """A place, the numbers of a body and the distance to keep, of each row of these."""
+        return [(r.place, r.other, r.keep) for r in self.rows if not isinstance(r.other, Place)]
+
+    @property
+    def pairs(self) -> list[tuple[Place, Place, float]]:
+        """Two places and the distance to keep, of each row of two places."""
+        return [(r.place, r.other, r.keep) for r in self.rows if isinstance(r.other, Place)]
+
+    def structure(self, arm: Arm) -> AvoidanceStructure:
+        """Return what the equations depend on besides the parameters."""
+        pairs = [(element_of(arm, a.s), element_of(arm, b.s)) for a, b, _ in self.pairs]
+        return AvoidanceStructure(tuple(grid(arm).tolist()), tuple(self.slots(arm)), tuple(pairs))
+
+    def stations(self, arm: Arm) -> tuple[float, ...]:
+        """See Target.stations: the nodes of the coarsest mesh."""
+        return tuple(grid(arm)[1:].tolist())
+
+    def parameters(self, arm: Arm) -> Array:
+        """See Target.parameters: the places of each slot with their bodies, then of each pair."""
+        base, slots, off = np.array(arm.base_position), self.slots(arm), _FAR * arm.length
+        nothing = [*np.zeros(7), *base, *np.eye(3).ravel(), *np.zeros(3), off, 0.0, -3 * off]
+        numbers = np.tile(nothing, (len(slots), 1))
+        for near, body, keep in self.bodies:
+            i = slots.index(element_of(arm, near.s))
+            slots[i] = -1
+            numbers[i] = [*_weights(arm, near), *body, keep]
+        pairs = [[*_weights(arm, a), *_weights(arm, b), keep] for a, b, keep in self.pairs]
+        return np.concatenate([numbers.ravel(), np.ravel(pairs)])
+
+
+@lru_cache(maxsize=64)
+def grid(arm: Arm) -> Array:
+    """Return the arc lengths (N + 1,) of base and stations."""
+    return graded(arm, 1).s
+
+
+def element_of(arm: Arm, s: float) -> int:
+    """Return between which two stations an arc length is."""
+    nodes = grid(arm)
+    return int(np.clip(np.searchsorted(nodes, s, side="left") - 1, 0, nodes.size - 2))
+
+
+def cubic(arm: Arm, s: float, length: float) -> Array:
+    """Return the weights (4,) of position and tangent at both stations around s."""
+    nodes, k = grid(arm), element_of(arm, s)
+    x = (s - nodes[k]) / (nodes[k + 1] - nodes[k])
+    rise = x * x * (3 - 2 * x)
+    return np.array([1 - rise, length * x * (1 - x) ** 2, rise, -length * x * x * (1 - x)])
+
+
+def _weights(arm: Arm, place: Place) -> Array:
+    """Return the numbers (7,) of a place: weights of the cubic, then its shift."""
+    return np.concatenate([cubic(arm, place.s, place.length), place.shift])
+
+
+def _from_body() -> Kernel:
+    """Return the kernel of a place near a body: poses of both stations (14,); its numbers."""
+    y, c = ca.SX.sym("y", 2 * POSE), ca.SX.sym("c", 7 + SIZE + 1)
+    return Kernel("from_body", y, c, signed_distance()(_point(y, c[:7]), c[7:-1])[0] - c[-1])
+
+
+def _from_place() -> Kernel:
+    """Return the kernel of a place near another: poses of their stations (28,); their numbers."""
+    y, c = ca.SX.sym("y", 4 * POSE), ca.SX.sym("c", 15)
+    apart = _point(y[: 2 * POSE], c[:7]) - _point(y[2 * POSE :], c[7:14])
+    return Kernel("from_place", y, c, ca.sqrt(ca.sumsqr(apart)) - c[-1])
+
+
+def _point(poses: ca.SX, numbers: ca.SX) -> ca.SX:
+    """Return where a place with such numbers (7,) is (3,), between the poses of two stations."""
+    w, ends = ca.vertsplit(numbers[:4]), ca.vertsplit(poses, POSE)
+    near, far = ((pose[4:], matrix(pose[:4])[:, 0]) for pose in ends)
+    return w[0] * near[0] + w[1] * near[1] + w[2] * far[0] + w[3] * far[1] + numbers[4:]
+
+
+def avoiding(
+    line: Centreline, surroundings: Surroundings, before: Avoidance | None
+) -> tuple[Avoidance, float]:
+    """Return inequalities where an arm is near, and those from before elsewhere; the least gap [m].
+
+    At first also where an arm that touches nothing is not so near.
+    """
+    minima = list(_minima(line, surroundings))
+    least = min((gap for gap, _ in minima), default=np.inf)
+    near = _NEAR if before or least < surroundings.clearance else _WATCHED
+    most = surroundings.clearance + near * line.arm.length
+    pairs = [pair for gap, pair in minima if gap < most]
+    for row in before.rows if before else ():
+        other = row.other.s if isinstance(row.other, Place) else row.other
+        pair = row.place.s, other, row.is_part
+        if not row.is_part and not any(_is_same(line, pair, another) for another in pairs):
+            pairs.append(pair)
+    return Avoidance(tuple(_row(line, surroundings, *pair) for pair in pairs)), least
+
+
+def _minima(line: Centreline, surroundings: Surroundings) -> Iterator[tuple[float, Pair]]:
+    """Yield gaps [m] where an arm is nearest to something not far off, and what is there."""
+    s, bodies = np.linspace(0.0, line.arm.length, _POINTS), list(surroundings.obstacles)
+    (points, radius), turned = line.at(s), line.turned(s)
+    bodies += [base_plane(line.arm)] * surroundings.of_itself
+    gaps = distances_from(bodies, points[:, None])[0] - radius[:, None]
+    gaps[0] = np.inf  # the base stays where it is
+    gaps[turned < np.pi / 2, len(surroundings.obstacles) :] = np.inf
+    most = surroundings.clearance + _WATCHED * line.arm.length
+    for i, k in np.argwhere((gaps <= minimum_filter(gaps, (3, 1))) & (gaps < most)):
+        at, gap = _parabola_minimum(s, gaps[:, k], i)
+        numbers = bodies[k].nearest_part(line.at(np.array([at]))[0][0])
+        yield gap, (at, tuple(numbers.tolist()), not isinstance(bodies[k], Convex))
+    if surroundings.of_itself:
+        gaps = np.linalg.norm(points[:, None] - points, axis=2) - radius[:, None] - radius
+        gaps[turned - turned[:, None] < np.pi] = np.inf
+        # Side by side even points of two parts of the arm are near to each other by turns.
+        window = 1 + 2 * round(_NEAR * _POINTS)
+        for i, k in np.argwhere((gaps <= minimum_filter(gaps, window)) & (gaps < most)):
+            (one, gap), (other, _) = (
+                _parabola_minimum(s, gaps[:, k], i),
+                _parabola_minimum(s, gaps[i], k),
+            )
+            yield gap, (one, other, False)
+
+
+def _parabola_minimum(s: Array, gaps: Array, i: int) -> tuple[float, float]:
+    """Return where the parabola through three samples (K,) is least, about the i-th, and it."""
+    if 0 < i < s.size - 1:
+        before, at, after = gaps[i - 1 : i + 2]
+        bend, slope = before - 2 * at + after, (after - before) / 2
+        if 0 < bend < np.inf:
+            return float(s[i] - s[1] * slope / bend), float(at - slope**2 / (2 * bend))
+    return float(s[i]), float(gaps[i])
+
+
+def _is_same(line: Centreline, one: Pair, two: Pair) -> bool:
+    """Return whether two pairs are the same at about the same place."""
+    near, (s, other, _), (at, another, _) = line.arm.length / _POINTS, one, two
+    if isinstance(other, float) and isinstance(another, float):
+        return max(abs(other - another), abs(s - at)) <= near
+    return other == another and abs(s - at) <= near
+
+
+def _row(
+    line: Centreline,
+    surroundings: Surroundings,
+    s: float,
+    other: float | tuple[float, ...],
+    is_part: bool,
+) -> Apart:
+    """Return the inequality of a place and a body, or of two places."""
+    place, radius = _place(line, s)
+    keep = radius + surroundings.clearance + surroundings.spare(line.arm)
+    if isinstance(other, tuple):
+        return Apart(place, other, keep, is_part)
+    second, other_radius = _place(line, other)
+    return Apart(place, second, keep + other_radius)
+
+
+def _place(line: Centreline, s: float) -> tuple[Place, float]:
+    """Return a place of an arm, and its radius there [m]."""
+    nodes, k = grid(line.arm), element_of(line.arm, s)
+    ends = nodes[k : k + 2]
+    poses = line.poses[np.abs(line.s - ends[:, None]).argmin(axis=1)]
+    known = np.stack([poses[:, 4:], matrices(poses[:, :4])[:, :, 0]], axis=1).reshape(-1, 3)
+    length, (point, radius) = line.length(*ends), line.at(np.array([s]))
+    shift = point[0] - cubic(line.arm, s, length) @ known
+    return Place(s, length, tuple(shift.tolist())), float(radius[0])

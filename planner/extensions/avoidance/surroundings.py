@@ -1,0 +1,132 @@
+"""What an arm is to keep clear of, and by how much."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from octoplan.model.arm import Arm
+from octoplan.model.centreline import Centreline
+from octoplan.model.extensions.clearance import clearances
+from octoplan.model.extensions.clearance.nearest import BASE, ITSELF, OBSTACLES
+from octoplan.model.extensions.obstacles import Moving, Obstacle, check_obstacles
+from octoplan.model.extensions.obstacles.base import distances_from
+from octoplan.model.paths import Array
+from octoplan.model.support.checks import not_negative
+from octoplan.model.support.errors import InputError
+from octoplan.planner.targets.base import Target
+
+# What plans keep besides, over L and over the clearance: the bounds of a check are so close.
+_SPARE = (1e-4, 2e-2)
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What an arm is to keep clear of.
+
+    Attributes
+    ----------
+    obstacles : tuple of Obstacle
+    clearance : float
+        The least distance of its surface from them [m].
+    of_itself : bool
+        Whether it is to keep so clear of itself and of the far side of its base plane, too.
+    moving : tuple of Moving
+        Other obstacles, of motions.
+    """
+
+    obstacles: tuple[Obstacle, ...] = ()
+    clearance: float = 0.0
+    of_itself: bool = False
+    moving: tuple[Moving, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.obstacles) or self.of_itself or bool(self.moving)
+
+    def at(self, t: float) -> Surroundings:
+        """Return the surroundings at a time [s], where nothing moves."""
+        placed = tuple(obstacle.at(t) for obstacle in self.moving)
+        return replace(self, obstacles=self.obstacles + placed, moving=())
+
+    @property
+    def keywords(self) -> dict[str, Any]:
+        """What stands still of it, as keywords of `plan`."""
+        return {
+            "obstacles": self.obstacles,
+            "clearance": self.clearance if self.obstacles or self.of_itself else 0.0,
+            "self_clearance": self.of_itself,
+        }
+
+    @property
+    def least(self) -> Mapping[str, float]:
+        """The least distance asked for, by what it is from [m]."""
+        kinds = [OBSTACLES] * bool(self.obstacles) + [BASE, ITSELF] * self.of_itself
+        return dict.fromkeys(kinds, self.clearance)
+
+    def spare(self, arm: Arm) -> float:
+        """Return what plans keep besides the clearance [m]."""
+        return _SPARE[0] * arm.length + _SPARE[1] * self.clearance
+
+    def allows(self, arm: Arm, targets: tuple[Target, ...]) -> bool:
+        """Return whether the places that targets prescribe for the tip are off the base plane."""
+        least = _radius(arm, arm.length) + self.clearance
+        normal = np.array(arm.base_frame)[:, 0]
+        heights = [(place - arm.base_position) @ normal for place in _tips(arm, targets)]
+        return not self.of_itself or min(heights, default=np.inf) >= least
+
+    def in_the_way(self, line: Centreline) -> str:
+        """Return the nearest to an arm that does not keep clear, in words; "" of one that does."""
+        gaps = clearances(line, self.obstacles, self.least, self.clearance)
+        keeps = all(gaps[name].gap >= gap for name, gap in self.least.items())
+        return "" if keeps else str(min(gaps.values(), key=lambda clear: clear.gap))
+
+
+NOTHING = Surroundings()
+
+
+def surroundings(
+    arm: Arm,
+    targets: tuple[Target, ...],
+    obstacles: Any,
+    clearance: Any,
+    of_itself: bool,
+    in_time: bool = False,
+) -> Surroundings:
+    """Return what was asked, checked; of a motion, which goes on `in_time`, obstacles may move.
+
+    Raises InputError for what is no obstacle, a negative clearance, obstacles that hold the base or
+    a place that the targets prescribe, and a clearance from nothing.
+    """
+    value = list(obstacles) if in_time and isinstance(obstacles, Sequence) else []
+    moving = tuple(obstacle for obstacle in value if isinstance(obstacle, Moving))
+    still = check_obstacles([one for one in value if one not in moving] if moving else obstacles)
+    if not isinstance(of_itself, bool | np.bool_):
+        raise InputError("self_clearance", of_itself, "True or False")
+    checked = Surroundings(still, not_negative("clearance", clearance), bool(of_itself), moving)
+    if checked.clearance and not checked:
+        allowed = "0, or obstacles to be clear of, or self_clearance=True"
+        raise InputError("clearance", clearance, allowed)
+    if not still:
+        return checked
+    base = "the arm's base", np.array(arm.base_position), 0.0, "an obstacle away from the base"
+    allowed = "an obstacle away from the target, or a target away from the obstacle"
+    tips = (("the tip at its target", place, arm.length, allowed) for place in _tips(arm, targets))
+    for name, place, s, allowed in (base, *tips):
+        gaps = distances_from(still, place[None])[0] - _radius(arm, s) - checked.clearance
+        for i in np.flatnonzero(gaps < 0):
+            sentence = f"{allowed}: {name} would be {-1e3 * gaps[i]:.3g} mm too near"
+            raise InputError(f"obstacles[{i}]", still[i], sentence)
+    return checked
+
+
+def _tips(arm: Arm, targets: tuple[Target, ...]) -> list[Array]:
+    """Return the places (3,) that targets prescribe for the tip."""
+    prescribed = [target.prescribed(arm) for target in targets]
+    return [places["tip position"] for places in prescribed if "tip position" in places]
+
+
+def _radius(arm: Arm, s: float) -> float:
+    return float(arm.outer_radius(np.array([s]))[0][0])

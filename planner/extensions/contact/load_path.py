@@ -1,0 +1,137 @@
+"""The load path by which an arm came into contact: which of several equilibria it is in.
+
+Friction acts against how far the midline has slipped since the equilibrium before. So along a load
+path whose steps have the equilibria x_k under T_k = T_0 + t_k (T - T_0),
+r(x_k, T_k, u_{k-1}) = 0, and with D_k = dx_k / dT
+
+    D_k = t_k dx/dT (T_k) - (dr/dx)^-1 dr/du_{k-1} (du/dx D_{k-1}),
+
+from D_0 = 0 on.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import scipy
+
+from octoplan.model.arm import Arm
+from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.extensions.contact.gaps import along
+from octoplan.model.extensions.contact.path import Path
+from octoplan.model.extensions.contact.touches import Touches
+from octoplan.model.loads import contacts, without_friction
+from octoplan.model.paths import Array
+from octoplan.model.rod.touch import BEFORE
+from octoplan.model.scene import Scene
+from octoplan.model.settle import settle
+from octoplan.model.shape import Shape
+from octoplan.model.support.errors import InputError
+from octoplan.model.support.progress import ProgressLine, tell
+
+# Tensions on the path to an equilibrium, in order.
+LoadPath = tuple[tuple[float, ...], ...]
+# How accurately shapes on the path are settled.
+ON_THE_PATH = 1e-4
+
+
+def rubs(scene: Scene) -> bool:
+    """Return whether contacts of a scene have friction."""
+    return any(contact.friction for contact in contacts(scene))
+
+
+def is_same(near: Scene, scene: Scene) -> bool:
+    """Return whether scenes are one; where contacts have friction, but for what they had before."""
+    return near == scene or (rubs(scene) and without_friction(near) == without_friction(scene))
+
+
+def from_rest(arm: Arm, tensions: Array, scene: Scene, name: str = "near") -> LoadPath:
+    """Return the load path of an arm that touches nothing under tensions (n_tendons,).
+
+    That is all that friction has to know of the motion before. Raises InputError, that names the
+    field, where the arm touches something.
+    """
+    if settle(arm, tensions, without_friction(scene), ON_THE_PATH).contacts:
+        allowed = (
+            "the plan that the arm moves from: friction of contacts acts against the motion "
+            "before, and an arm that touches something has no history by itself"
+        )
+        raise InputError(name, None, allowed)
+    return (tuple(tensions.tolist()),)
+
+
+def settled_along(
+    arm: Arm,
+    load_path: LoadPath,
+    tensions: Array,
+    scene: Scene,
+    accuracy: float,
+    machine_code: bool = False,
+) -> Shape:
+    """Return the shape that an arm comes to by tensions (n_tendons,) on its load path.
+
+    From rest to the first of them tensions and loads grow in proportion, then tensions change in
+    straight lines from one to the next. Where the arm jumps `Shape.snaps` of the last tells so.
+    Friction of contacts acts beyond the first of them. Raises what settle does.
+    """
+    if not load_path and not rubs(scene):
+        return settle(arm, tensions, scene, accuracy, compile=machine_code)
+    rough = min(ON_THE_PATH, accuracy) if rubs(scene) else ON_THE_PATH
+    path = load_path or (tuple(np.ravel(tensions).tolist()),)
+    near = _at_the_end(arm, path, scene, rough, machine_code)
+    return settle(arm, tensions, scene, accuracy, compile=machine_code, near=near)
+
+
+@lru_cache(maxsize=8)
+def _at_the_end(
+    arm: Arm, load_path: LoadPath, scene: Scene, accuracy: float, machine_code: bool
+) -> Shape:
+    """Return the shape at the last tensions of a load path.
+
+    Cached: the path of a plan is settled in its search and again for its certificate, and has up to
+    a hundred steps.
+    """
+    first, *others = load_path
+    near = settle(arm, first, without_friction(scene), accuracy, compile=machine_code)
+    for i, T in enumerate(others):
+        tell("load path", i, len(others))
+        with ProgressLine(False):
+            near = settle(arm, T, scene, accuracy, compile=machine_code, near=near)
+    return near
+
+
+def path_sensitivities(path: Path) -> Array:
+    """Return dx/dT (n_states, n_tendons) at the end of a load path, by all of it."""
+    (before, _), *steps = path
+    sensitivity = np.zeros((before.system.of.n_states, before.system.of.n_tendons))
+    for point, factor in steps:
+        by_step = factor * point.by_tensions
+        sensitivity = by_step + _by_history(before, sensitivity, point, by_step)
+        before = point
+    return sensitivity
+
+
+def _by_history(before: Linearised, earlier: Array, point: Linearised, by_step: Array) -> Array:
+    """Return what dx/dT (n_states, n_tendons) has by where the arm was before.
+
+    With dx/dT `earlier` there, and `by_step` by the tensions alone. A point that moves along the
+    arm looks back to another station of it, by the angle between the arm's tangents then and now.
+    """
+    system, touches = point.system, Touches.of(point.system)
+    of, s, n = system.of, system.mesh.s, system.of.n_tendons
+    k, j = np.nonzero(touches.points)
+    # Where nodes were, by the tensions and by how far points move along the arm.
+    were = np.zeros((s.size, 3, n + k.size))
+    nodes = before.system.of.nodes[:, 4:7]
+    were[:, :, :n] = scipy.interpolate.make_interp_spline(before.mesh.s, earlier[nodes])(s)
+    if k.size:
+        now, then = (along(at.system, at.x, s[k], j)[1] for at in (point, before))
+        were[k, :, n + np.arange(k.size)] = then - now
+    change = np.zeros((of.equations.n_p, n + k.size))
+    rows = change[of.equations.numbers_of("touch")]
+    rows.reshape(of.elements, of.form.contacts, -1, n + k.size)[:, :, BEFORE] = were[1:, None]
+    by = -point.solve(of.equations.along_numbers(point.x, system.p, change))
+    by_history, by_shift, shifts = by[:, :n], by[:, n:], of.touches[k, j, 1]
+    shifted = np.linalg.solve(np.eye(k.size) - by_shift[shifts], (by_step + by_history)[shifts])
+    return np.asarray(by_history + by_shift @ shifted)

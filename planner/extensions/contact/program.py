@@ -1,0 +1,284 @@
+"""Programs in the tensions of an arm in contact: its shape is settled, contacts sharp, for each.
+
+    minimise    sum T^2 / 2
+    subject to  equalities = 0, inequalities >= 0     of the targets, at the shape x(T)
+                forces on each object that is held balance its wrench, tangential ones f in cones:
+                n . f = 0, |f| <= mu N
+                the least eigenvalue of the energy's Hessian >= a margin, where that is asked for
+                lower <= T <= upper, sum T <= total pull
+
+By the exact penalty of the violations' norm in a trust region, which steps over kinks where places
+come and go (Fletcher, Practical Methods of Optimization, 1987, section 14.3). The shape's
+derivatives are by the implicit function theorem; each step is a conic program, in which tangential
+forces are unknowns within their cones. Where constraints cannot be met violations become least.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import clarabel
+import numpy as np
+
+from octoplan.model.equilibrium.linearised import Linearised, check_stretch
+from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.equilibrium.stability import stability, stands
+from octoplan.model.extensions.contact.forward import TouchingMap
+from octoplan.model.extensions.contact.touches import Touches, forces, resultants, second
+from octoplan.model.loads import contacts
+from octoplan.model.paths import Array
+from octoplan.model.rod.layout import POSE
+from octoplan.model.support.errors import SnapError, UnsettledContactError
+from octoplan.model.support.progress import check_time
+from octoplan.planner.extensions.contact.grasp import COST, Cone, Grasp, conic_program
+from octoplan.planner.extensions.contact.load_path import LoadPath, path_sensitivities, rubs
+from octoplan.planner.question import natural_tensions
+from octoplan.planner.targets.hold import Hold
+from octoplan.planner.task import Task
+
+# Steps of differences in scaled tensions: of states, and of shapes settled anew.
+_STEP, _CHANGE = 1e-6, 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class Constraints:
+    """Constraints at an equilibrium, linearised in scaled tensions (n,).
+
+    Attributes
+    ----------
+    point : Linearised
+    tensions : (n,)
+        Scaled.
+    room : (2, n)
+        How far they are from their upper bounds, and from the lower ones.
+    equal, unequal : (m, 1 + n)
+        Residuals, and inequalities, met at 0 and above; then their derivatives. The first
+        inequality is the margin of stability, where there is one.
+    grasp : Grasp
+        Of all objects held.
+    grasp_rates : (m, n)
+        The derivatives of its wrenches, bounds and columns.
+    tangential : (2 k,)
+        Forces on objects at which they are linearised, along the bases of the grasp.
+    """
+
+    point: Linearised
+    tensions: Array
+    room: Array
+    equal: Array
+    unequal: Array
+    grasp: Grasp
+    grasp_rates: Array
+    tangential: Array
+
+    @cached_property
+    def violation(self) -> float:
+        """The norm of all violations, with the best tangential forces."""
+        short = np.minimum(self.unequal[:, 0], 0.0)
+        return float(np.linalg.norm(np.concatenate([self.equal[:, 0], short, self.grasp.least])))
+
+    def merit(self, penalty: float) -> float:
+        """Return half of the squared norm of scaled tensions, and the penalty of the violation."""
+        return float(self.tensions @ self.tensions) / 2 + penalty * self.violation
+
+    @cached_property
+    def cones(self) -> list[Cone]:
+        """The linearised constraints, as cones of unknowns.
+
+        These are changes of tensions, tangential forces, slacks of inequalities, the violation.
+        """
+        n, k, q = self.tensions.size, self.tangential.size, len(self.unequal)
+        T, f, slack, t = np.split(np.eye(n + k + q + 1), np.cumsum([n, k, q]))
+        still, most = self.grasp.still, self.grasp.most
+        ends = np.cumsum([still.size, most.size])
+        by_still, by_most, by_columns = np.split(self.grasp_rates, ends)
+        by_wrench = by_still + self.tangential @ by_columns.reshape(still.size, k, n)
+        wrench = by_wrench @ T + self.grasp.columns @ f
+        values = [np.zeros(1), self.equal[:, 0], still, np.zeros(q)]
+        left = np.vstack([t, self.equal[:, 1:] @ T, wrench, slack]), np.concatenate(values)
+        cones: list[Cone] = [
+            (clarabel.NonnegativeConeT, self.unequal[:, 1:] @ T + slack, self.unequal[:, 0]),
+            (clarabel.SecondOrderConeT, *left),
+        ]
+        for i, bound in enumerate(most):
+            rows = np.vstack([by_most[i] @ T, f[2 * i : 2 * i + 2]])
+            cones.append((clarabel.SecondOrderConeT, rows, np.array([bound, 0.0, 0.0])))
+        return cones
+
+    @property
+    def by_tensions(self) -> Array:
+        """The rows of the cones against tensions (m, n)."""
+        return np.vstack([rows[:, : self.tensions.size] for _, rows, _ in self.cones])
+
+    def step(
+        self, hessian: Array, radius: Array, penalty: float
+    ) -> tuple[Array, Array, Array, float]:
+        """Return the step of least merit in a trust region (n,), by the Lagrangian's Hessian.
+
+        The change of scaled tensions (n,), the tangential forces after it (2 k,), multipliers, and
+        the violation that is left. The multipliers are of bounds above and below (2 n,), then of
+        the constraints as their cones have them; 0 for the violation, whose multiplier is the
+        penalty. Raises UnsettledContactError if no step is found.
+        """
+        n, k, size = self.tensions.size, self.tangential.size, self.cones[0][1].shape[1]
+        T, f, (*_, t) = np.split(np.eye(size), [n, n + k])
+        bounds = np.minimum(self.room, radius).ravel()
+        limits = (clarabel.NonnegativeConeT, np.vstack([-T, T]), bounds)
+        H, cost = T.T @ hessian @ T + COST * f.T @ f, T.T @ self.tensions + penalty * t
+        solution = conic_program(H, cost, [limits, *self.cones])
+        if solution is None:
+            raise UnsettledContactError(1.0, "no step is found")
+        x, lam = solution
+        lam[2 * n + len(self.unequal)] = 0.0
+        return x[:n], x[n : n + k], lam, float(x[-1])
+
+
+class TensionProgram:
+    """The program of a task in scaled tensions, on a mesh of a refinement.
+
+    Attributes
+    ----------
+    map : TouchingMap
+        Tensions to equilibria.
+    unit : float
+        Of tensions [N].
+    least : float
+        The stability that shapes are held to; none with 0.
+    begin : Linearised or None
+        With friction the end of the load path, where the arm begins.
+    """
+
+    def __init__(
+        self, task: Task, refinement: int, least: float = 0.0, load_path: LoadPath = ()
+    ) -> None:
+        self.task, self.least = task, least
+        self._stations = task.together.stations
+        more = self._stations, task.machine_code
+        self.map = TouchingMap(task.arm, task.scene, STAGES, refinement, *more)
+        self.unit, self.n = float(natural_tensions(task.arm).max()), task.arm.n_tendons
+        self.holds = [target for target in task.targets if isinstance(target, Hold)]
+        self._terms, self._numbers = task.together.terms, task.together.numbers
+        self._counts = self._terms.count, len(self._terms.names[2])
+        self.begin = self.along(load_path) if rubs(task.scene) else None
+
+    def settled(self, tensions: Array, near: Linearised | None = None) -> Linearised:
+        """Return the equilibrium from rest, or next to another; raises what settling does."""
+        point = self.map.solve(tensions) if near is None else self.map.beside(near, tensions)
+        if point is None:
+            raise UnsettledContactError(1.0, "none is found next to another")
+        check_stretch(point)
+        return point
+
+    def along(self, load_path: LoadPath) -> Linearised:
+        """Return the equilibrium at the end of a load path; raises what settling does.
+
+        Friction acts beyond the first tensions.
+        """
+        first, *others = (np.array(T) for T in load_path)
+        point: Linearised = self.map.without_friction.solve(first)
+        for T in others:
+            check_time()
+            point = self.settled(T, point)
+        return point
+
+    def at(self, tensions: Array, near: Linearised, tangential: Array | None = None) -> Constraints:
+        """Return the constraints at scaled tensions, next to an equilibrium; raises as settling.
+
+        Linearised at tangential forces, or the best ones where others touch, or none are given.
+        """
+        allowed = self.task.allowed
+        lower, upper = np.array(allowed.lower), np.array(allowed.upper)
+        # Steps are within limits to the rounding of the conic program.
+        T = np.clip(self.unit * tensions, lower, upper)
+        tensions, room = T / self.unit, np.stack([upper - T, T - lower]) / self.unit
+        point, by_tensions = self._equilibrium_near(T, near)
+        measured = self._residuals(point)
+        grasp, values = measured(0 * point.states)
+        steps = _STEP * self.unit * by_tensions.T
+        differences = [measured(step)[1] - measured(-step)[1] for step in steps]
+        rows = np.column_stack([values, np.array(differences).T / (2 * _STEP)])
+        equal, unequal, grasped = np.split(rows, np.cumsum(self._counts))
+        if self.least or self.begin is None:
+            unequal = np.vstack([self._margin(point, tensions), unequal])
+        if allowed.total is not None:
+            left = allowed.total / self.unit - tensions.sum()
+            unequal = np.vstack([unequal, np.append(left, np.full(self.n, -1.0))])
+        f = tangential
+        if f is None or f.size != 2 * grasp.most.size:
+            f = grasp.best
+        return Constraints(point, tensions, room, equal, unequal, grasp, grasped[:, 1:], f)
+
+    def _equilibrium_near(self, tensions: Array, near: Linearised) -> tuple[Linearised, Array]:
+        """Return the equilibrium next to another, and its states' derivatives by the tensions.
+
+        These are (n_states, n_tendons). With friction it is come to in a straight line of tensions
+        from where the arm began, against which friction acts all along. Elsewhere points that do
+        not press count as free in them.
+        """
+        if self.begin is not None:
+            end = self.map.solve(tensions, self.begin, jumps=False)
+            return end, path_sensitivities(end.path)
+        point = self.settled(tensions, near)
+        touches, force = Touches.of(point.system), forces(point.system, point.states)
+        light = touches.points & (force <= _STEP * self.unit)
+        touches.flags[light] = 0
+        released = Linearised(touches.on(point.system), point.x) if light.any() else point
+        return point, released.by_tensions
+
+    def _residuals(self, point: Linearised) -> Callable[[Array], tuple[Grasp, Array]]:
+        """Return what is measured next to an equilibrium, as a function of changes of its states.
+
+        That is the grasp, and numbers: residuals, inequalities of the targets, those of the grasp.
+        Raises UnsettledContactError where the arm does not touch what it holds.
+        """
+        system, arm = point.system, self.task.arm
+        nodes = system.of.nodes[[system.mesh.node(s) for s in self._stations], :POSE]
+        touches, bodies = Touches.of(system), contacts(system.scene)
+        which, step = np.nonzero(touches.touching), _STEP * arm.length
+        s = system.mesh.s[which[0]]
+        before, after = np.split(point.at(np.append(s - step, s))[0][:, 4:], 2)
+        tangents = (after - before) / step * touches.moves[which][:, None]
+        leans = [
+            (hold, [bodies[j].obstacle == hold.obstacle for j in which[1]]) for hold in self.holds
+        ]
+        if not all(any(on) for _, on in leans):
+            raise UnsettledContactError(1.0, "none is found in which the arm touches what it holds")
+
+        def at(change: Array) -> tuple[Grasp, Array]:
+            states = point.states + change
+            terms = self._terms.dense(states[nodes].ravel(), self._numbers, np.zeros(0))
+            moved = second(system, change)[which][:, None] * tangents
+            places, forces = system.poses(states)[which[0], 4:] + moved, resultants(system, states)
+            grasps = list[Grasp]()
+            for hold, on in leans:
+                normals, gaps = (
+                    hold.obstacle.gradient(places[on]),
+                    hold.obstacle.distance(places[on]),
+                )
+                points = places[on] - gaps[:, None] * normals
+                grasps.append(Grasp.at(arm, hold, points, normals, forces[which][on]))
+            grasp = Grasp.joined(grasps)
+            numbers = [*terms[:3], grasp.still, grasp.most, grasp.columns]
+            return grasp, np.concatenate([np.ravel(each) for each in numbers])
+
+        return at
+
+    def _margin(self, point: Linearised, tensions: Array) -> Array:
+        """Return stability beyond what it is held to, and its derivatives by differences.
+
+        Places move with the tensions. Far beyond it no numbers count. Raises SnapError where the
+        arm is unstable.
+        """
+        if stands(point, 2 * self.least):
+            return np.append(1.0, np.zeros(self.n))
+        beyond = stability(point) - self.least
+        if beyond < -self.least:
+            raise SnapError(1.0, "it is unstable next to another equilibrium")
+
+        def at(step: Array) -> float:
+            return stability(self.settled(self.unit * (tensions + step), point))
+
+        rates = [(at(step) - at(-step)) / (2 * _CHANGE) for step in _CHANGE * np.eye(self.n)]
+        return np.append(beyond, rates)

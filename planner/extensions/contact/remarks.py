@@ -1,0 +1,155 @@
+"""What is said of wraps and holds that cannot be had: where curvatures differ, what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import find_objects, label
+
+from octoplan.model.arm import Arm
+from octoplan.model.effects import Extension
+from octoplan.model.extensions.obstacles import Obstacle
+from octoplan.model.paths import Array
+from octoplan.model.scene import Scene
+from octoplan.model.settle import settle
+from octoplan.model.shape import Shape
+from octoplan.model.support.errors import OctoplanError
+from octoplan.planner.extensions.contact.grasp import Grasp
+from octoplan.planner.question import Limits, natural_tensions
+from octoplan.planner.targets.base import Target
+from octoplan.planner.targets.hold import LEVER, Hold
+from octoplan.planner.targets.wrap import Wrap
+
+# Where a part is looked at; the step of differences [m], and over the arm's length what is close.
+LOOKS, _STEP = 201, 1e-6
+# What is taken for no limit of tensions, in those that bend the arm by 1 rad.
+_STRONG = 20.0
+
+
+def remarks(
+    targets: Sequence[Target], shape: Shape, limits: Limits, missed: bool, accuracy: float
+) -> str:
+    """Return sentences about the wraps that are missed, and about holds; empty if there are none.
+
+    Each begins with a space. `missed` says whether a search that came to its end missed targets:
+    of what is merely not certified, or not found in time, curvatures tell nothing.
+    """
+    wraps = [target for target in targets if isinstance(target, Wrap) and missed]
+    sentences = [_curvatures(wrap, shape, limits) for wrap in wraps]
+    sentences += [_grip(hold, shape, accuracy) for hold in targets if isinstance(hold, Hold)]
+    return "".join(f" {sentence}" for sentence in sentences if sentence)
+
+
+def _curvatures(wrap: Wrap, shape: Shape, limits: Limits) -> str:
+    """Return where the arm is farthest from the obstacle, whether curvature is why, and what lies.
+
+    Too tight is an obstacle that asks for more curvature all along the part than the limits allow,
+    where the tolerance does not make up for it.
+    """
+    arm, (start, end) = shape.arm, wrap.part(shape.arm)
+    s = np.linspace(max(start, 1e-3 * arm.length), end, LOOKS)
+    radius = arm.outer_radius(s)[0]
+    gaps, near = wrap.obstacle.distance(shape.position(s)) - radius, wrap.tolerance * radius
+    if (gaps - near).max() <= _STEP * arm.length:
+        return ""
+    needed = curvature_along(wrap, shape, s)
+    most, is_most = attainable_curvature(arm, shape.scene, limits, s)
+    # An arc that is flatter by c on a length l leaves what it lies along by c l^2 / 8.
+    short = float((curvature_along(wrap, shape, s, wrap.tolerance) - most).min())
+    tight = is_most and short * (end - start) ** 2 / 8 > near.max()
+    k = int(np.argmax(needed - most if tight else gaps - near))
+    place, asks = f"at {1e3 * s[k]:.4g} mm", f"asks for {needed[k]:.3g} /m"
+    allow = f"the limits allow {'' if is_most else 'at least '}{most[k]:.3g} /m"
+    if tight:
+        where = f"{place}, in the direction of the shape found"
+        said = f"The obstacle is too tight for the arm {where}: it {asks}, {allow}"
+    else:
+        cause = "no shape along the whole part was found, though its curvature may be within them"
+        where = f"{place}, where the gap is {1e3 * gaps[k]:.3g} mm"
+        said = f"The obstacle {asks}, {allow} there, {where}: {cause}"
+    along = (gaps >= -_STEP * arm.length) & (gaps <= near)
+    return f"{said}. {_part_along(wrap, shape, s, along)}"
+
+
+def _part_along(wrap: Wrap, shape: Shape, s: Array, near: NDArray[np.bool_]) -> str:
+    """Return which part of the wrap lies along the obstacle in a shape: it can be had alone."""
+    parts = [s[part] for (part,) in find_objects(label(near)[0])]
+    longest = max(parts, key=len, default=s[:0])
+    if longest.size < 2:
+        return "In that shape no part of it lies along the obstacle."
+    first, last = longest[[0, -1]]
+    turns = turned(shape, wrap.obstacle, np.linspace(first, last, LOOKS))[-1]
+    where = f"{1e3 * first:.4g} to {1e3 * last:.4g} mm"
+    size = f"a length of {1e3 * (last - first):.3g} mm or {turns:.2g} turns"
+    return f"In that shape the part from {where} lies along the obstacle, {size}."
+
+
+def turned(shape: Shape, obstacle: Obstacle, s: Array) -> Array:
+    """Return the turns round an obstacle from the first of arc lengths (n,) [m] to each (n,).
+
+    By how much the obstacle's normal rotates along the arm, over 2 pi.
+    """
+    normals = obstacle.gradient(shape.position(s))
+    half = np.linalg.norm(np.diff(normals, axis=0), axis=1) / 2
+    return np.append(0.0, np.cumsum(np.arcsin(np.minimum(half, 1.0)) / np.pi))
+
+
+def curvature_along(wrap: Wrap, shape: Shape, s: Array, gap: float = 0.0) -> Array:
+    """Return the curvature that the midline has where it lies along the obstacle (k,) [1/m].
+
+    That of the surface at the midline's distance from it, along the arm's tangent: t . H t with the
+    Hessian H of the distance, at the distance of the arm's radius and a gap over that radius.
+    """
+    arm, body = shape.arm, wrap.obstacle
+    points, radius = shape.position(s), arm.outer_radius(s)[0]
+    normals = body.gradient(points)
+    near = points + ((1 + gap) * radius - body.distance(points))[:, None] * normals
+    t = shape.frame(s)[:, :, 0].copy()
+    t -= (t * normals).sum(axis=1)[:, None] * normals
+    t /= np.maximum(np.linalg.norm(t, axis=1), 1e-12)[:, None]
+    ends = [body.gradient(near + sign * _STEP * t) for sign in (1, -1)]
+    return np.asarray(((ends[0] - ends[1]) * t).sum(axis=1) / (2 * _STEP))
+
+
+def attainable_curvature(arm: Arm, scene: Scene, limits: Limits, s: Array) -> tuple[Array, bool]:
+    """Return a curvature (k,) [1/m] that tendons within limits give a free arm at s.
+
+    All tendons of one side pull as hard as they may, the others as little: of all sides the best.
+    Then whether limits of single tensions are all that bounds it: of tendons without limit no more
+    is looked at than 20 times what bends the arm by 1 rad, of those with a sum a part for each. So
+    strong a pull may leave no shape: a weaker one may bend the arm more than others do.
+    """
+    strong = _STRONG * natural_tensions(arm)
+    lower, upper = np.array(limits.lower), np.minimum(np.array(limits.upper), strong)
+    spare = np.inf if limits.total is None else max(limits.total - lower.sum(), 0.0)
+    free = Scene(Extension()) if scene.has(Extension) else Scene()
+    curvatures = [np.zeros(s.size)]
+    # Sides change where a direction is across a tendon's: one between any two of these is tried.
+    phi = np.array([tendon_angle for _, tendon_angle in arm.tendons])
+    across = np.unique(np.round(np.append(phi, phi + np.pi) - np.pi / 2, 9) % (2 * np.pi))
+    towards = across + np.diff(across, append=across[0] + 2 * np.pi) / 2
+    sides = np.unique(np.cos(phi - towards[:, None]) > 0, axis=0)
+    for side in sides:
+        more = np.where(side, upper - lower, 0.0)
+        T = lower + more * min(1.0, spare / max(more.sum(), 1e-300))
+        with suppress(OctoplanError):
+            strains = settle(arm, T, free, 1e-4).strain(s)
+            curvatures.append(np.hypot(strains[:, 1], strains[:, 2]))
+    is_most = limits.total is None and bool((np.array(limits.upper) <= strong).all())
+    return np.max(curvatures, axis=0), is_most and len(curvatures) > len(sides)
+
+
+def _grip(hold: Hold, shape: Shape, accuracy: float) -> str:
+    """Return what friction a hold takes, or which wrench is left."""
+    grasp, size = Grasp.of(shape.arm, shape.contacts, hold), hold.size(shape.arm)
+    if np.linalg.norm(grasp.least) <= 10 * accuracy:
+        needed = hold.friction * grasp.needed_friction(10 * accuracy)
+        return f"The wrench is held with friction from {needed:.3g} on, {hold.friction:g} given."
+    units = np.repeat([size, size * LEVER * shape.arm.length], 3)[: grasp.least.size]
+    left = [f"{component:.3g}" for component in units * grasp.least]
+    more = f" and a moment ({', '.join(left[3:])}) N m" if left[3:] else ""
+    left_over = f"a force ({', '.join(left[:3])}) N{more} is left"
+    return f"Of the wrench {left_over}; more friction or tension may hold it."

@@ -1,0 +1,255 @@
+"""The search for plans in contact: optima, from several guesses, that the arm comes to."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from itertools import chain
+from operator import attrgetter
+
+import numpy as np
+
+from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.extensions.contact.forward import TouchingMap
+from octoplan.model.extensions.contact.sharp import close
+from octoplan.model.loads import contacts, without_contacts, without_friction
+from octoplan.model.paths import Array
+from octoplan.model.shape import Shape
+from octoplan.model.support.errors import InputError, OctoplanError, UnsettledContactError
+from octoplan.model.support.progress import OutOfTime, check_time, reserve, tell
+from octoplan.planner.extensions.contact.load_path import (
+    ON_THE_PATH,
+    LoadPath,
+    from_rest,
+    rubs,
+    settled_along,
+)
+from octoplan.planner.extensions.contact.optimum import ContactOptimum, conditions, optimum
+from octoplan.planner.extensions.contact.program import TensionProgram
+from octoplan.planner.solve.guesses import BendCoordinates, initial_guesses, many_places
+from octoplan.planner.solve.search import AGREED, Reading
+from octoplan.planner.targets.backbone import Backbone
+from octoplan.planner.targets.hold import Hold
+from octoplan.planner.targets.wrap import Wrap
+from octoplan.planner.task import SearchResult, Task, Trial, agreed
+
+# The meshes of searches and of plans.
+COARSE = 1
+FINE = 2 * COARSE
+# Time of a plan's shape and certificate, which are more accurate, over that of one step of the load
+# path in the search. The path itself is not settled again.
+CERTIFICATE_TIME = 4.0
+# How far frames may turn between meshes in what is one equilibrium [rad].
+_SAME = 0.1
+# What is taken of the way to tensions without friction, and beyond.
+_SLID = (1.0, 1.5, 2.5)
+# Arms that are drawn where something is held; of these, those around which as many are drawn again,
+# and the spread of their bends' logarithms.
+_DRAWN, _NEAREST, _SPREAD = 3000, 150, 0.3
+
+
+def check_contact(task: Task, avoids: bool) -> None:
+    """Raise InputError for what is not stated in scenes with contact, and what is held without."""
+    bodies = [contact.obstacle for contact in contacts(task.scene)]
+    for target in task.targets:
+        if isinstance(target, Hold) and target.obstacle not in bodies:
+            allowed = "an obstacle that the scene has as a Contact"
+            raise InputError("Hold.obstacle", target.obstacle, allowed)
+    if not bodies:
+        return
+    holds = any(isinstance(target, Hold | Wrap) for target in task.targets)
+    shapes, smooth = "shapes alone, in a scene with contact", "0 for holds and wraps"
+    alone, none = (
+        f"places and poses alone where contacts have friction; {smooth}",
+        "none in a scene",
+    )
+    refused = [
+        (bool(task.together.requests), "target", "a stiffness", shapes),
+        (task.statement.norm != "2", "norm", task.statement.norm, '"2", in a scene with contact'),
+        (rubs(task.scene) and holds, "Contact.friction", "above 0", alone),
+        (avoids, "obstacles", "given", f"{none} with contact: there they are effects"),
+        (task.limits.strokes is not None, "stroke_max", "given", f"{none} with contact"),
+    ]
+    for is_given, name, value, allowed in refused:
+        if is_given:
+            raise InputError(name, value, allowed)
+    # Refuses an arm that is inside of an obstacle at rest, which every start would meet.
+    TouchingMap(task.arm, task.scene, STAGES, 1)
+
+
+def _trials(optima: Sequence[ContactOptimum]) -> tuple[Trial, ...]:
+    """Return one trial for each optimum."""
+    return tuple(Trial(end.cost[-1], end.is_optimal, 0) for end in optima)
+
+
+class ContactSearch:
+    """The search for the least tensions of an arm in contact.
+
+    `begin` is the load path to an equilibrium nearby, its tensions last: it is tried first, and
+    with friction, that acts against the motion from there, alone; unless given from rest.
+    """
+
+    def __init__(self, task: Task, begin: LoadPath | None = None) -> None:
+        self.task, self.begin = task, begin
+        self.optima = list[ContactOptimum]()
+        self.best: ContactOptimum | None = None
+
+    def run(self) -> SearchResult:
+        """Return the best optimum from the guesses, or the best so far out of time.
+
+        Where the search began where there is none.
+        """
+        stopped, nearby = False, [] if self.begin is None else [self.begin]
+        try:
+            self._search_with_friction() if rubs(self.task.scene) else self._search(nearby)
+            check_time()
+        except OutOfTime:
+            stopped = True
+        best = self.best or min(self.optima, key=attrgetter("cost"), default=None)
+        trials, exact = _trials(self.optima), best is not None and not best.violation
+        statement = self.task.statement.but(mode="exact" if exact else "nearest", refinement=FINE)
+        if best is None:
+            path = self.begin or (self.task.allowed.lower,)
+            T = self.task.arm.by_section(np.array(path[-1]))
+            return SearchResult(statement, T, (), (), trials, stopped, load_path=path)
+        T, multipliers = self.task.arm.by_section(best.point.tensions), (best.lam_x, best.lam_g)
+        statement, way = statement.but(modes=len(best.lam_g)), best.load_path
+        return SearchResult(statement, T, *multipliers, trials, stopped, load_path=way)
+
+    def _search_with_friction(self) -> None:
+        """Find optima against friction, by what the targets take without.
+
+        Where the arm still sticks no tensions tell how to move it: steps begin at those that it
+        takes without friction, and beyond.
+        """
+        if self.begin is None:
+            lower = np.array(self.task.allowed.lower)
+            self.begin = from_rest(self.task.arm, lower, self.task.scene)
+        # From where it begins, and from rest where that leads nowhere.
+        smooth = replace(self.task, scene=without_friction(self.task.scene), guesses=2)
+        free = np.ravel(ContactSearch(smooth, self.begin).run().tensions)
+        program = TensionProgram(self.task, FINE, load_path=self.begin)
+        assert program.begin is not None
+        for factor in _SLID[: self.task.guesses]:
+            T = program.begin.tensions
+            start = np.maximum(T + factor * (free - T), self.task.allowed.lower)
+            with suppress(OctoplanError):
+                end = replace(optimum(program, program.begin, start), load_path=self.begin)
+                self.optima.append(end)
+                if end.is_optimal:
+                    break
+
+    def _search(self, nearby: Sequence[LoadPath], needed: float = 1) -> None:
+        """Find optima until enough agree on the best, or there are as many as are asked for.
+
+        As many as needed from what is nearby, else two, or three where something is held, as two
+        may agree on many times the least effort. Where three guesses miss the targets with the
+        default margin of stability, the search goes on without it, from the nearest of these.
+        """
+        task, stated = self.task, self.task.statement
+        hasty = task.best_margin and stated.margin > stated.floor
+        coarse, fine = (TensionProgram(task, mesh, stated.least) for mesh in (COARSE, FINE))
+        from_all = np.inf if task.guesses else AGREED + bool(coarse.holds)
+        reaching = chain.from_iterable(_free_arms_reaching(task, hold) for hold in coarse.holds)
+        guesses = reaching if coarse.holds else initial_guesses(task)
+        from_rest = ((tuple(T.tolist()),) for T in guesses)
+        for tried, load_path in enumerate(chain(nearby, from_rest), 1):
+            tell("initial guesses", tried - 1, task.most)
+            with suppress(OctoplanError):
+                end = optimum(coarse, coarse.along(load_path))
+                end = replace(end, load_path=(*load_path, *end.load_path))
+                cheapest = all(end.cost < each.cost for each in self.optima)
+                self.optima.append(end)
+                if not end.violation and cheapest and agreed(_trials(self.optima)) < 2:
+                    self.best = self._refined_optimum(fine, end)
+            enough = agreed(_trials(self.optima)) >= (from_all if tried > len(nearby) else needed)
+            missed = hasty and self.best is None and len(self.optima) > AGREED
+            if enough or missed or tried == task.most:
+                break
+        ends = sorted(self.optima, key=attrgetter("cost"))
+        if hasty and self.best is None:
+            self.task = replace(task, statement=stated.but(margin=0.0), best_margin=False)
+            self._search([end.load_path for end in ends[:1]], from_all)
+            return
+        for end in () if self.best else ends:
+            with suppress(OctoplanError):
+                self.best = self._refined_optimum(fine, end)
+                return
+
+    def _refined_optimum(self, fine: TensionProgram, end: ContactOptimum) -> ContactOptimum:
+        """Return an optimum on the fine mesh: the arm comes to it from rest, or by all steps.
+
+        Raises UnsettledContactError where it does not.
+        """
+        arm, scene, T = self.task.arm, self.task.scene, end.point.tensions
+        for way in ((), end.load_path):
+            with suppress(OctoplanError):
+                begun = time.monotonic()
+                shape = settled_along(arm, way, T, scene, ON_THE_PATH, self.task.machine_code)
+                per_step = (time.monotonic() - begun) / (len(way) + 1)
+                there = fine.settled(T, shape.known)
+                if close(there, end.point, _SAME):
+                    refined = optimum(fine, there)
+                    if bool(refined.violation) == bool(end.violation):
+                        reserve(CERTIFICATE_TIME * per_step)
+                        return replace(refined, load_path=way)
+        raise UnsettledContactError(1.0, "the arm does not come to the optimum")
+
+
+def _free_arms_reaching(task: Task, hold: Hold) -> Iterator[Array]:
+    """Yield tensions of arms that free, under their loads, would reach into what is held.
+
+    From arms without loads that do, by tensions that bring the deepest place of each there under
+    loads. First those that would be pressed apart from it along what balances the wrench, within
+    the cone of friction; of these the least tensions first. Few that are drawn reach what is small:
+    as many again are drawn around those that come nearest.
+    """
+    arm, body, rng = task.arm, hold.obstacle, np.random.default_rng(0)
+    tendons = frozenset(j for j in range(arm.n_tendons) if task.allowed.upper[j] > 0)
+    bends = BendCoordinates(arm, tendons, task.allowed)
+
+    def deepest(points: Array) -> tuple[Array, Array, Array, Array]:
+        """Return tensions, where each arm is deepest in the body or next to it, and its gap.
+
+        Where it is as a place, and as an arc length.
+        """
+        tensions = bends.tensions(points)
+        places, s = many_places(task, tensions)
+        gaps = body.distance(places.reshape(-1, 3)).reshape(places.shape[:2])
+        gaps -= arm.outer_radius(s)[0]
+        gaps[np.isnan(gaps)] = np.inf
+        each, k = np.arange(len(gaps)), gaps.argmin(axis=1)
+        return tensions, places[each, k], s[k], gaps[each, k]
+
+    points = bends.draw(_DRAWN)
+    nearest = points[np.argsort(deepest(points)[-1], kind="stable")[:_NEAREST]]
+    around = np.repeat(nearest, _DRAWN // _NEAREST, axis=0)
+    points = np.vstack([points, around * np.exp(_SPREAD * rng.normal(size=around.shape))])
+    tensions, places, s, gaps = deepest(points)
+    tensions, places, s = tensions[gaps < 0], places[gaps < 0], s[gaps < 0]
+    force = np.array(hold.wrench[:3])
+    force /= max(float(np.linalg.norm(force)), 1e-300)
+    against = body.gradient(places) @ force if len(places) else np.zeros(0)
+    within = np.minimum(against, 1 / np.hypot(1.0, hold.friction)).round(1)
+    statement, scene = task.statement.but(margin=0.0), without_contacts(task.scene)
+    for i in np.lexsort((np.linalg.norm(tensions, axis=1), -within)):
+        there = Backbone((tuple(places[i].tolist()),), (float(s[i]),))
+        free = replace(task, targets=(there,), scene=scene, statement=statement)
+        loaded = Reading(free, "closest").led_to(tensions[i])
+        yield tensions[i] if loaded is None else loaded.tensions
+
+
+def optimality_of(task: Task, tensions: Array, shape: Shape, load_path: LoadPath = ()) -> float:
+    """Return the residual of the first-order conditions at tensions (n_tendons,), scaled.
+
+    Of the shape that a load path leads to.
+    """
+    with suppress(OctoplanError):
+        program = TensionProgram(task, FINE, task.statement.least * task.statement.modes, load_path)
+        # Twice: the gap's curvature at contact points is that of the mesh it comes from.
+        on_mesh = program.begin or program.map.solve(tensions, shape.known)
+        begin = program.begin or program.settled(tensions, on_mesh)
+        return conditions(program.at(tensions / program.unit, begin))[0]
+    return np.inf

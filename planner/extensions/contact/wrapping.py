@@ -1,0 +1,115 @@
+"""Wraps in plans: what lies beside the arm is kept clear of, and where a part begins is found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from octoplan.model.arm import Arm
+from octoplan.model.extensions.obstacles import Obstacle
+from octoplan.model.loads import contacts, without_contacts
+from octoplan.model.scene import Scene
+from octoplan.model.support.errors import InputError
+from octoplan.model.support.progress import OutOfTime
+from octoplan.planner.answer import Answer
+from octoplan.planner.extensions.avoidance.surroundings import Surroundings
+from octoplan.planner.extensions.contact.remarks import LOOKS, turned
+from octoplan.planner.targets.base import Target
+from octoplan.planner.targets.hold import Hold
+from octoplan.planner.targets.wrap import Wrap
+from octoplan.planner.task import Task
+
+# Plans from which a part's length follows, and how much longer than estimated they make it.
+_ROUNDS, _SPARE = 4, 0.01
+P = TypeVar("P", bound=Answer)
+
+
+def beside(targets: Iterable[Target], scene: Scene) -> tuple[Obstacle, ...]:
+    """Return the obstacles that wraps lie along and that are no contacts: to be kept clear of.
+
+    Raises InputError where the scene has others as contacts.
+    """
+    touched = [contact.obstacle for contact in contacts(scene)]
+    obstacles = [wrap.obstacle for wrap in targets if isinstance(wrap, Wrap)]
+    free = tuple(obstacle for obstacle in obstacles if obstacle not in touched)
+    if free and touched:
+        allowed = "an obstacle that is a Contact of the scene, which has others"
+        raise InputError("Wrap.obstacle", free[0], allowed)
+    return free
+
+
+def beside_contacts(task: Task) -> tuple[Task, Surroundings] | None:
+    """Return the task of an arm that keeps clear of what it may lean on, and that as surroundings.
+
+    None where nothing says that the arm lies along something, or where something is to be held.
+    """
+    kinds = [type(target) for target in task.targets]
+    if Wrap not in kinds or Hold in kinds:
+        return None
+    bodies = tuple(contact.obstacle for contact in contacts(task.scene))
+    return replace(task, scene=without_contacts(task.scene)), Surroundings(bodies)
+
+
+def open_wrap(targets: Iterable[Target]) -> Wrap | None:
+    """Return the wrap whose part a plan has to find; InputError for several."""
+    wraps = [wrap for wrap in targets if isinstance(wrap, Wrap) and wrap.is_open]
+    if len(wraps) > 1:
+        raise InputError("target", wraps, "one Wrap by turns, others with where they begin")
+    return wraps[0] if wraps else None
+
+
+def with_places_of(targets: tuple[Target, ...], before: tuple[Target, ...]) -> tuple[Target, ...]:
+    """Return targets whose wraps have the places that a plan for the same parts has found.
+
+    So their programs have the same structure, and one is a warm start for the other.
+    """
+    if len(targets) != len(before):
+        return targets
+    pairs = zip(targets, before, strict=True)
+    return tuple(_with_places_of(target, each) for target, each in pairs)
+
+
+def _with_places_of(target: Target, before: Target) -> Target:
+    if not (isinstance(target, Wrap) and isinstance(before, Wrap)) or target.places:
+        return target
+    same = (target.start, target.length, target.turns is None)
+    if same != (before.start, before.length, before.turns is None):
+        return target
+    return replace(target, places=before.places)
+
+
+def with_turns(
+    arm: Arm,
+    targets: tuple[Target, ...],
+    wrap: Wrap,
+    planned: Callable[[tuple[Target, ...], P | None], P],
+) -> P:
+    """Return the plan for a wrap of so many turns: its part is as long as they take.
+
+    By plans for parts of given length, each near the one before, until one goes round as often;
+    then by a plan for what of that part takes the turns, which are an inequality.
+    """
+
+    def stated(part: Wrap) -> tuple[Target, ...]:
+        return tuple(part if target is wrap else target for target in targets)
+
+    assert wrap.turns is not None
+    start, before = wrap.part(arm)[0], None
+    with suppress(OutOfTime):
+        for _ in range(_ROUNDS):
+            length = min((arm.length - start) * (1 + _SPARE), arm.length)
+            before = planned(stated(replace(wrap, turns=None, length=length)), before)
+            if before.mode != "exact" or before.stopped:
+                break
+            s = np.linspace(arm.length - length, arm.length, LOOKS)
+            turns = turned(before.shape, wrap.obstacle, s)
+            if turns[-1] >= wrap.turns:
+                start = float(np.interp(turns[-1] - wrap.turns, turns, s))
+                break
+            start = max(arm.length - length * wrap.turns / max(float(turns[-1]), 1e-300), 0.0)
+    length = min((arm.length - start) * (1 + _SPARE), arm.length)
+    return planned(stated(replace(wrap, start=arm.length - length)), before)

@@ -1,0 +1,177 @@
+"""A designed arm: its plans, what it is best at, and what to try where that is not enough."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from octoplan.model import Arm, InputError, Scene, settle
+from octoplan.model.paths import Array
+from octoplan.model.stiffness import stiffness
+from octoplan.model.support.text import Told, counted
+from octoplan.planner.extensions.fit.design_program import DesignProgram
+from octoplan.planner.extensions.fit.making import Making, Objective, Reach
+from octoplan.planner.extensions.fit.unknowns import AT_BOUND, WORSE, Parameters, Unknown
+from octoplan.planner.plan import Plan
+from octoplan.planner.targets import Softest, Stiffest
+
+
+@dataclass(frozen=True, repr=False)
+class Design(Told):
+    """A designed arm; see octoplan.planner.extensions.fit.design_program for what it is best at.
+
+    Attributes
+    ----------
+    given_arm, scene
+        What it began with.
+    unknowns : tuple of Unknown
+    values : tuple of float
+        In the units of their keys.
+    arm : Arm
+        The designed arm.
+    plans, before : tuple of Plan
+        Of each task for the designed arm, and for the given one.
+    value, value_before : float
+        What was made best: effort [N], mean stiffness of the tip [N/m], or reach [m]; the same of
+        the given arm.
+    making : Making
+        What can be made.
+    objective : "effort", Stiffest, Softest or Reach
+    reaches : (before, now) or None
+        Tensions (n_tendons,) that reach farthest, of the given arm and the designed one.
+    optima : tuple of float
+        What is least at the optima that arms begun with came to, if they meet as much as this one.
+    stopped : bool
+        Whether the time limit came before all of them were begun with.
+    """
+
+    given_arm: Arm
+    scene: Scene
+    unknowns: tuple[Unknown, ...]
+    values: tuple[float, ...]
+    arm: Arm
+    plans: tuple[Plan, ...] = field(compare=False)
+    before: tuple[Plan, ...] = field(compare=False)
+    value: float
+    value_before: float
+    making: Making = field(default_factory=Making)
+    objective: Objective = "effort"
+    reaches: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    optima: tuple[float, ...] = ()
+    stopped: bool = False
+
+    @property
+    def parameters(self) -> Parameters:
+        """The unknowns with what they are numbers of."""
+        return Parameters.of(self.given_arm, self.scene, self.unknowns)
+
+    @property
+    def array(self) -> Array:
+        """The values (K,)."""
+        return np.array(self.values)
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the designed arm meets every task, by the plans' certificates."""
+        return _all_met(self.plans)
+
+    @property
+    def effort(self) -> float:
+        """Root of the sum of the squared efforts of all tasks [N]."""
+        return _root_sum_square(self.plans)
+
+    @property
+    def gain(self) -> float:
+        """The share of the given arm's effort that is saved, or by which stiffness or reach grow.
+
+        NaN unless both meet all tasks.
+        """
+        if not (self.feasible and _all_met(self.before)):
+            return float("nan")
+        grown = self.value / self.value_before - 1
+        return -grown if self.objective == "effort" else grown
+
+    @property
+    def sensitivity(self) -> Array:
+        """How the effort changes with the unknowns (K,) [N per unit], tensions chosen anew.
+
+        At a bound it says what the bound costs. Raises InputError unless all tasks are met, and
+        unless effort was made least.
+        """
+        if self.objective != "effort":
+            raise InputError("design", self.objective, "a design for the least effort")
+        if not self.feasible:
+            raise InputError("design", "tasks that are not met", "a design that meets all tasks")
+        tasks, limits = [plan.targets for plan in self.plans], self.plans[0].limits
+        program = DesignProgram(self.parameters, tasks, limits, self.making)
+        T = np.array([np.ravel(plan.tensions) for plan in self.plans])
+        return program.sensitivity(self.array, T) / self.effort
+
+    @property
+    def outcome(self) -> str:
+        """What was found, and where that is not enough which task and which limit hold it."""
+        lines = [self._comparison()]
+        for i, each in enumerate(self.plans):
+            if not each.certificate.passed:
+                T, upper = np.ravel(each.tensions), np.array(each.limits.upper)
+                at = np.flatnonzero(upper * (1 - AT_BOUND) <= T)
+                names = ", ".join(each.arm.tendon_name(int(j)) for j in at)
+                held = f" At the tension limit: {names}." if names else ""
+                lines.append(f"Task {i} is not met: {each.outcome}{held}")
+        limits = self.making.binding(self.arm)
+        if limits:
+            lines.append(f"At a limit of what can be made: {', '.join(limits)}.")
+        if ends := self.parameters.names_at_bounds(self.array):
+            lines.append(f"At a bound: {', '.join(ends)}.")
+        others = [x for x in self.optima if x > min(self.optima) + WORSE * abs(min(self.optima))]
+        if others:
+            count = f"{len(others)} of {counted(len(self.optima), 'arm')} begun with"
+            lines.append(
+                f"{count} came to worse optima: there may be better ones; begin with more."
+            )
+        if self.stopped:
+            lines.append("Stopped at the time limit: not all arms were begun with.")
+        return " ".join(lines)
+
+    def _comparison(self) -> str:
+        tasks = f"{counted(len(self.plans), 'task')}, {counted(len(self.unknowns), 'unknown')}"
+        if not self.feasible:
+            return f"{tasks}: no arm within the bounds was found that meets all of them."
+        said, unit = _WORDS[type(self.objective)]
+        now = f"{said} {self.value:.4g} {unit}"
+        if not np.isfinite(self.gain):
+            return f"{tasks}: {now}; the given arm does not meet all of them."
+        before = f"the given arm's {self.value_before:.4g} {unit}"
+        compared = "less" if self.value < self.value_before else "more"
+        return f"{tasks}: {now}, {100 * abs(self.gain):.3g} % {compared} than {before}."
+
+
+_WORDS: dict[type, tuple[str, str]] = {
+    str: ("effort", "N"),
+    Stiffest: ("stiffness of the tip", "N/m"),
+    Softest: ("stiffness of the tip", "N/m"),
+    Reach: ("reach", "m"),
+}
+
+
+def worth(
+    objective: Objective, scene: Scene, arm: Arm, plans: Sequence[Plan], T: Sequence[float] | None
+) -> float:
+    """Return what a design makes best, of an arm with its plans, or tensions T that reach far."""
+    if objective == "effort":
+        return _root_sum_square(plans)
+    along = np.array(objective.direction)
+    if T is not None:
+        return float(settle(arm, T, scene).tip @ along)
+    compliances = [stiffness(arm, plan.tensions, scene).compliance[:3, :3] for plan in plans]
+    return float(np.exp(-np.mean([np.log(along @ C @ along) for C in compliances])))
+
+
+def _all_met(plans: Sequence[Plan]) -> bool:
+    return all(plan.certificate.passed for plan in plans)
+
+
+def _root_sum_square(plans: Sequence[Plan]) -> float:
+    return float(np.linalg.norm([plan.effort for plan in plans]))

@@ -1,0 +1,396 @@
+"""Fitted values of an arm's numbers, and how well they are known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy
+
+from octoplan.model import Arm, Scene
+from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.paths import Array
+from octoplan.model.support.checks import within
+from octoplan.model.support.text import counted
+from octoplan.planner.extensions.fit.experiment import Experiment
+from octoplan.planner.extensions.fit.identifiability import Direction, direction, information
+from octoplan.planner.extensions.fit.least_squares import Loss, counted_by, degrees_of_freedom
+from octoplan.planner.extensions.fit.measured import Measured, crushing_remark
+from octoplan.planner.extensions.fit.residuals import Evaluation, Residual, from_rest, mean_distance
+from octoplan.planner.extensions.fit.unknowns import WORSE, Parameters, Unknown
+
+# Standard error over that of the prior above which the data say nothing; residuals of a shape over
+# those of the median shape above which it is unlike the others.
+_UNMOVED, _UNLIKE = 0.9, 3.0
+# Degrees of freedom from which on Student's t is as good as normal: 12 % wider intervals of 95 %.
+_MANY = 10
+# Markers that are off by such a share of the arm's length in the mean are not explained at all.
+_UNREACHED = 0.1
+
+
+class Start(NamedTuple):
+    """Values that a fit began with, where it came to, and the misfit there.
+
+    The misfit is the negative logarithm of the likelihood, but for a constant.
+    """
+
+    values: tuple[float, ...]
+    found: tuple[float, ...] | None
+    misfit: float
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """An arm with fitted numbers.
+
+    Attributes
+    ----------
+    given_arm, given_scene
+        What it began with.
+    measured : tuple of Measured
+    unknowns : tuple of Unknown
+    values : tuple of float
+        Of the unknowns, in the units of their keys.
+    noise : float
+        What the standard deviations of the measurements are multiplied by; 1 without surplus data.
+    loss : str
+        Of residuals over the noise; see calibrate.
+    absolute_std : bool
+        Whether standard deviations of the measurements hold as they were given.
+    refinement, stages : int
+        Of the mesh.
+    error : float
+        Estimated error of what is predicted, over the arm's length.
+    starts : tuple of Start
+        Where fits came to, the given values first.
+    astray : tuple of str
+        Shapes that a fit had on another branch than the arm takes from rest; it was begun again.
+    left_out : tuple of (str, str)
+        Shapes that the fit does without, and why: they jump, or do not settle, near its values.
+    stopped : bool
+        Whether the time limit came before the optimum.
+    machine_code : bool
+        Whether shapes are settled by compiled kernels.
+    blocked : tuple of (str, str)
+        Shapes beyond whose limit the optimum is, and why they do not settle there: the fit ended at
+        the limit.
+    known : Evaluation or None
+        The shapes at the values, where they are at hand; they do not travel.
+    """
+
+    given_arm: Arm
+    given_scene: Scene
+    measured: tuple[Measured, ...]
+    unknowns: tuple[Unknown, ...]
+    values: tuple[float, ...]
+    noise: float
+    loss: Loss
+    absolute_std: bool
+    refinement: int
+    error: float
+    starts: tuple[Start, ...]
+    astray: tuple[str, ...] = ()
+    left_out: tuple[tuple[str, str], ...] = ()
+    stopped: bool = False
+    machine_code: bool = field(default=False, compare=False)
+    stages: int = STAGES
+    blocked: tuple[tuple[str, str], ...] = ()
+    known: Evaluation | None = field(default=None, compare=False, repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the numbers; what was worked out of them does not travel."""
+        state = {item.name: getattr(self, item.name) for item in fields(self)}
+        return state | {"known": None}
+
+    @property
+    def arm(self) -> Arm:
+        """The calibrated arm; see `setting` for what belongs to a session."""
+        return self.setting()[0]
+
+    @property
+    def scene(self) -> Scene:
+        """The calibrated scene."""
+        return self.setting()[1]
+
+    def setting(self, session: str = "") -> tuple[Arm, Scene]:
+        """Return arm and scene of a session."""
+        return self.parameters.setting(self.array, session)[1:]
+
+    @property
+    def array(self) -> Array:
+        """The values (K,)."""
+        return np.array(self.values)
+
+    @property
+    def std(self) -> Array:
+        """Standard errors of the values (K,), in their units; inf if nothing determines them.
+
+        Without surplus data they follow from the standard deviations of the measurements, and are
+        inf unless these are given.
+        """
+        return np.sqrt(np.diag(self.information[0])) * self.parameters.range
+
+    @property
+    def covariance(self) -> Array:
+        """Of the values (K, K), in the units of their keys."""
+        return np.asarray(self.information[0] * np.outer(*[self.parameters.range] * 2))
+
+    def interval(self, level: float = 0.95) -> Array:
+        """Return the values' confidence intervals (K, 2)."""
+        half = self.quantile(level) * self.std
+        return np.column_stack([self.array - half, self.array + half])
+
+    def quantile(self, level: float) -> float:
+        """Return how many standard errors an interval reaches to either side."""
+        half = (1 + checked_level(level)) / 2
+        if self.uses_given_std:
+            return float(scipy.special.ndtri(half))
+        return float(scipy.special.stdtrit(self.degrees_of_freedom, half))
+
+    @cached_property
+    def degrees_of_freedom(self) -> float:
+        """Number of data minus the number of combinations of unknowns that they determine.
+
+        0 without surplus data: if values of the unknowns exist for any data.
+        """
+        return degrees_of_freedom(self.evaluation, self.noise)
+
+    @property
+    def uses_given_std(self) -> bool:
+        """Whether standard errors follow from the standard deviations of the measurements."""
+        return self.absolute_std or not self.degrees_of_freedom
+
+    @property
+    def is_uncertain(self) -> bool:
+        """Whether standard errors are unknown: without surplus data or standard deviations."""
+        return self.uses_given_std and not all(shape.has_stds for shape in self.explained)
+
+    @property
+    def evidence(self) -> str:
+        """What standard errors follow from, in one sentence; "" with many surplus data."""
+        freedom = self.degrees_of_freedom
+        if self.absolute_std or freedom >= _MANY:
+            return ""
+        if self.is_uncertain:
+            return (
+                "Standard errors are unknown: there are no surplus data, and no standard deviations"
+                " of the measurements; give `std`, or measure more."
+            )
+        if not freedom:
+            return (
+                "There are no surplus data to test the standard deviations of the measurements: "
+                "standard errors follow from these as given."
+            )
+        return (
+            f"Only {freedom:.3g} surplus number{'s' * (freedom != 1)}: an interval of 95 % reaches "
+            f"{self.quantile(0.95):.3g} standard errors to either side, by Student's t."
+        )
+
+    @property
+    def explained(self) -> list[Measured]:
+        """The shapes that are not left out."""
+        return [self.measured[i] for i in self.evaluation.equilibria]
+
+    @property
+    def unidentified(self) -> tuple[Direction, ...]:
+        """Combinations of unknowns that the data do not tell, or hardly."""
+        names = [unknown.name for unknown in self.unknowns]
+        units = [self.parameters.unit(unknown) for unknown in self.unknowns]
+        return tuple(
+            direction(v, std, names, self.parameters.range, units)
+            for v, std in self.information[2]
+            if np.isinf(std) or not self.is_uncertain
+        )
+
+    @property
+    def at_bounds(self) -> tuple[str, ...]:
+        """Names of the unknowns that are at a bound."""
+        return self.parameters.names_at_bounds(self.array)
+
+    @property
+    def at_priors(self) -> tuple[str, ...]:
+        """Names of the unknowns of which the data say no more than their priors."""
+        if self.is_uncertain:
+            return ()
+        rows = zip(self.unknowns, self.std, strict=True)
+        return tuple(
+            unknown.name
+            for unknown, std in rows
+            if unknown.prior and std > _UNMOVED * unknown.prior[1]
+        )
+
+    @property
+    def residuals(self) -> tuple[Residual, ...]:
+        """All that was measured, shape by shape, of those that settle."""
+        return tuple(self.evaluation.named())
+
+    @property
+    def mean_error(self) -> float:
+        """Mean distance of markers and tips from where they are predicted [m]; NaN without any."""
+        return mean_distance(self.residuals)
+
+    @property
+    def unlike(self) -> tuple[str, ...]:
+        """Names of shapes that are far worse explained than the others.
+
+        Their residuals over the noise are, in the mean, more than three times those of the median
+        shape, and more than noise; no values within the bounds bring them nearer.
+        """
+        scaled = self.evaluation.scaled(self.noise)
+        sizes = {i: float(np.sqrt(np.mean(np.square(r)))) for i, (r, _) in scaled.items()}
+        far = max(_UNLIKE * float(np.median(list(sizes.values()))), 1.0)
+        return tuple(self.measured[i].name for i, size in sizes.items() if size > far)
+
+    @property
+    def unreached(self) -> tuple[str, ...]:
+        """Names of shapes that no values within the bounds come near.
+
+        Their markers, or lengths or strokes of their tendons, are off by more than a tenth of the
+        arm's length in the mean.
+        """
+        far, sizes = _UNREACHED * self.given_arm.length, dict[tuple[str, str], list[float]]()
+        for residual in self.residuals:
+            if not residual.what.startswith("frames"):
+                kind = "places" if residual.is_place else residual.what.partition("[")[0]
+                sizes.setdefault((residual.shape, kind), []).append(residual.size)
+        rows = [name for (name, _), of_kind in sizes.items() if np.mean(of_kind) > far]
+        return tuple(dict.fromkeys(rows))
+
+    @property
+    def outcome(self) -> str:
+        """What was found, how well it is known, and what to try."""
+        size = sum(shape.size for shape in self.measured)
+        counts = [(len(self.measured), "shape"), (size, "number"), (len(self.unknowns), "unknown")]
+        error = f"residuals are {self.noise:.3g} times the standard deviations given"
+        if np.isfinite(self.mean_error):
+            error = f"markers are {1e3 * self.mean_error:.3g} mm off in the mean"
+        lines = [f"{', '.join(counted(n, what) for n, what in counts)}: {error}."]
+        if self.stopped:
+            lines.append("Stopped at the time limit: the values are the best so far.")
+        lines += [
+            f"The fit ended where {name} ceases to settle: {why}." for name, why in self.blocked
+        ]
+        lines += [self.evidence] if self.evidence else []
+        lines += [f"{line[0].upper()}{line[1:]}." for line in map(str, self.unidentified)]
+        if self.at_bounds:
+            lines.append(f"At a bound: {', '.join(self.at_bounds)}; widen it, or doubt the model.")
+        if self.at_priors:
+            lines.append(f"The data say no more than the prior of {', '.join(self.at_priors)}.")
+        lines += [f"{name} is left out: {why}." for name, why in self.left_out]
+        lines += self._outliers()
+        if self.astray:
+            lines.append(
+                f"The fit had {', '.join(self.astray)} on a branch that the arm does not take from "
+                "rest; it was begun again from there. Check for another optimum with more starts."
+            )
+        return " ".join([*lines, *self._agreement()])
+
+    def _outliers(self) -> list[str]:
+        """Return which shapes are not reached, and which not as well as others."""
+        lines, far = [], self.unreached
+        unlike = [name for name in self.unlike if name not in far]
+        if far:
+            lines.append(
+                f"No values within the bounds reach {', '.join(far)}: markers or lengths are off "
+                "by more than a tenth of the arm's length; check tensions and markers there, "
+                "units, the order of the tendons, and the bounds. " + self._largest_residual(far)
+            )
+            if remark := crushing_remark(self.given_arm, self.measured):
+                lines.append(remark)
+        if unlike:
+            fit = ", or fit with a robust loss" * (self.loss == "linear")
+            lines.append(
+                f"No values within the bounds reach {', '.join(unlike)} as well as the others: "
+                f"check tensions and markers there{fit}. {self._largest_residual(unlike)}"
+            )
+        return lines
+
+    def _largest_residual(self, names: Sequence[str]) -> str:
+        """Return which marker, length or stroke of some shapes is farthest off."""
+        rows = [
+            residual
+            for residual in self.residuals
+            if residual.shape in names and not residual.what.startswith("frames")
+        ]
+        if not rows:
+            return "Frames are off."
+        worst = max(rows, key=lambda residual: residual.size)
+        return f"Farthest off is {worst.what} of {worst.shape}, by {1e3 * worst.size:.3g} mm."
+
+    def _agreement(self) -> list[str]:
+        """Return how many of several starts came to the optimum."""
+        if len(self.starts) == 1:
+            return []
+        best = min(start.misfit for start in self.starts)
+        there = [start for start in self.starts if start.misfit <= best + WORSE * abs(best) + WORSE]
+        lost = sum(start.found is None for start in self.starts)
+        others = len(self.starts) - len(there) - lost
+        line = f"{len(there)} of {len(self.starts)} starts came to this optimum"
+        line += f", {others} to worse ones" if others else ""
+        line += f", {lost} to no shapes that settle" if lost else ""
+        first = self.starts[0]
+        if first not in there and first.found is not None:
+            line += "; the given values lead to a worse one: it is another basin"
+        return [f"{line}."]
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """The unknowns with what they are numbers of."""
+        return parameters_of(self.given_arm, self.given_scene, self.unknowns, self.measured)
+
+    @cached_property
+    def evaluation(self) -> Evaluation:
+        """The shapes at the values, as they are reached from rest, but for those left out."""
+        if self.known is not None:
+            return self.known
+        names = [name for name, _ in self.left_out]
+        kept = [i for i, shape in enumerate(self.measured) if shape.name not in names]
+        rest = from_rest(self.experiment(self.measured), self.array)
+        return rest.only([i for i in kept if i in rest.equilibria]).relinearised()
+
+    def experiment(self, shapes: Sequence[Measured]) -> Experiment:
+        """Return shapes with the unknowns of this calibration."""
+        mesh = self.refinement, self.stages, self.machine_code
+        return Experiment(self.parameters, shapes, *mesh)
+
+    @cached_property
+    def information(self) -> tuple[Array, Array, list[tuple[Array, float]]]:
+        """What data and priors say of the unknowns, from bound to bound; see identifiability."""
+        covariance, bounded, directions = information(self.all_jacobians)
+        if self.is_uncertain:
+            covariance[np.diag_indices(len(covariance))] = np.inf
+        return covariance, bounded, directions
+
+    @property
+    def all_jacobians(self) -> Array:
+        """Those of the residuals of all shapes and of the priors (n, K)."""
+        return np.vstack([*self.jacobians.values(), self.parameters.priors(self.array)[1]])
+
+    @cached_property
+    def jacobians(self) -> dict[int, Array]:
+        """Derivatives of the residuals of shapes over the noise by unknowns from 0 to 1."""
+        return {
+            i: J * np.sqrt(counted_by(self.loss, r))[:, None]
+            for i, (r, J) in self.evaluation.scaled(self.noise).items()
+        }
+
+
+def checked_level(level: Any) -> float:
+    """Return the probability that an interval holds what it is of, or raise InputError."""
+    return within("level", level, 0.0, np.nextafter(1.0, 0.0))
+
+
+def parameters_of(
+    arm: Arm, scene: Scene, unknowns: Iterable[Unknown], shapes: Sequence[Measured]
+) -> Parameters:
+    """Return unknowns with the keys of arm, scene and markers, those of the shape that has most.
+
+    InputError for unknown keys and sessions, and for bounds that do not fit.
+    """
+    most: Sequence[Any] = max((shape.points for shape in shapes), key=len, default=())
+    sessions = sorted({shape.session for shape in shapes} - {""})
+    return Parameters.of(arm, scene, unknowns, most, sessions)

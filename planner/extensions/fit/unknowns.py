@@ -1,0 +1,283 @@
+"""Unknown numbers: their keys in scene files, bounds and priors, and the arms of their values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octoplan.model import Arm, InputError, Scene
+from octoplan.model.loads import places
+from octoplan.model.mesh import Mesh, landmarks
+from octoplan.model.paths import SAME, Array
+from octoplan.model.rod.system import System
+from octoplan.model.support.checks import kind
+from octoplan.model.support.value import Rule, value
+from octoplan.planner.frontends.io.varied import Setting
+
+# Steps of difference quotients, over the bounds' range; how near a bound an unknown is at it.
+_STEP, AT_BOUND = 2e-8, 1e-6
+# By what share of the least cost another optimum is a worse one.
+WORSE = 1e-3
+
+
+def _each_once(name: str, keys: str | tuple[str, ...]) -> str | tuple[str, ...]:
+    """Return keys of which none is another, a single one by itself."""
+    if not keys:
+        raise InputError(name, keys, "a key path such as arm.E_kPa, or several")
+    if isinstance(keys, tuple) and len(set(keys)) < len(keys):
+        raise InputError(name, keys, "each key once")
+    return keys[0] if isinstance(keys, tuple) and len(keys) == 1 else keys
+
+
+@value
+class Unknown:
+    """A number to be estimated or chosen, in the unit of its key.
+
+    Attributes
+    ----------
+    key : str or tuple of str
+        Path in a scene file, such as "arm.E_kPa", "arm.sections[0].angles_deg[1]" or
+        "effects.friction.mu"; for a calibration also "points[1].s_mm", "points[1].offset_mm[2]"
+        (the second point of each shape), and "tension_scale[0]", what the tensions of the first
+        tendon are multiplied by. Several keys have the same value.
+    lower, upper : float
+        Bounds.
+    prior : (mean, standard deviation), optional
+        What is known of it beforehand.
+    session : str, optional
+        The measurements that it belongs to, by their session; all unless given.
+    """
+
+    key: Annotated[str | tuple[str, ...], Rule(_each_once)]
+    lower: float
+    upper: float
+    prior: tuple[float, float] | None = None
+    session: str | None = None
+
+    def __post_init__(self) -> None:
+        low, high = self.lower, self.upper
+        if not low < high:
+            raise InputError(f"{self.name}: upper", high, f"above lower, {low:g}")
+        if self.prior is not None:
+            mean, std = self.prior
+            if not (std > 0 and low <= mean <= high):
+                allowed = f"a mean within the bounds, {low:g} to {high:g}, and a standard deviation"
+                raise InputError(f"{self.name}: prior", self.prior, f"{allowed} above 0")
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """All keys."""
+        return self.key if isinstance(self.key, tuple) else (self.key,)
+
+    @property
+    def name(self) -> str:
+        """Keys, and the session where it belongs to one."""
+        return " = ".join(self.keys) + (f" [{self.session}]" if self.session else "")
+
+    @property
+    def range(self) -> float:
+        """From the lower to the upper bound."""
+        return self.upper - self.lower
+
+    def belongs(self, session: str) -> bool:
+        """Return whether shapes of a session depend on it."""
+        return self.session is None or self.session == session
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Unknowns of an arm and a scene, and of what was measured on it.
+
+    Attributes
+    ----------
+    given : Setting
+        Those given, of all of whose numbers the unknowns are some.
+    unknowns : tuple of Unknown
+    """
+
+    given: Setting
+    unknowns: tuple[Unknown, ...]
+
+    @classmethod
+    def of(
+        cls,
+        arm: Arm,
+        scene: Scene,
+        unknowns: Iterable[Unknown],
+        points: Iterable[Any] = (),
+        sessions: Sequence[str] = (),
+    ) -> Parameters:
+        """Return the parameters; InputError for unknown keys, sessions, and bounds that misfit."""
+        allowed = 'at least one, such as Unknown("arm.E_kPa", 50, 1000)'
+        checked = tuple(kind("unknowns", unknowns, Iterable, f"a sequence of {allowed}"))
+        if not checked or not all(isinstance(unknown, Unknown) for unknown in checked):
+            raise InputError("unknowns", checked, allowed)
+        parameters = cls(Setting.of(arm, scene, points), checked)
+        for unknown in checked:
+            parameters._check(unknown, sessions)
+        pairs = [(key, unknown.session) for unknown in checked for key in unknown.keys]
+        for key, session in pairs:
+            others = [of for name, of in pairs if name == key]
+            if len(others) > 1 and (None in others or others.count(session) > 1):
+                raise InputError("unknowns", key, "each key once, or once for each session")
+        return parameters
+
+    def _check(self, unknown: Unknown, sessions: Sequence[str]) -> None:
+        if unknown.session is not None and unknown.session not in sessions:
+            allowed = (
+                f"one of {', '.join(sessions)}" if sessions else "none: no shape has a session"
+            )
+            raise InputError(f"{unknown.name}: session", unknown.session, allowed)
+        for key in unknown.keys:
+            self.given.check_number(key)
+        start = self.given.number(unknown.keys[0])
+        if not unknown.lower <= start <= unknown.upper:
+            has = f"{start:g} {self.unit(unknown)}".rstrip()
+            allowed = f"bounds that hold what arm or scene has, {has}"
+            slips = {1e-3: "are they 1000 times too large", 1e3: "are they 1000 times too small"}
+            slips |= {math.degrees(1): "are they in radians"} if has.endswith("deg") else {}
+            for factor, slip in slips.items():
+                low, high = factor * unknown.lower, factor * unknown.upper
+                if low <= start <= high:
+                    allowed += f"; {slip}? Then give {low:g} to {high:g}"
+            raise InputError(unknown.name, (unknown.lower, unknown.upper), allowed)
+
+    def unit(self, unknown: Unknown) -> str:
+        """Return the unit of an unknown's value."""
+        return self.given.unit(unknown.keys[0])
+
+    @property
+    def start(self) -> Array:
+        """The values that arm and scene have already (K,)."""
+        return np.array([self.given.number(unknown.keys[0]) for unknown in self.unknowns])
+
+    @property
+    def lower(self) -> Array:
+        """Lower bounds (K,)."""
+        return np.array([unknown.lower for unknown in self.unknowns])
+
+    @property
+    def range(self) -> Array:
+        """From lower to upper bounds (K,)."""
+        return np.array([unknown.range for unknown in self.unknowns])
+
+    def from_fractions(self, fractions: Array) -> Array:
+        """Return the values (K,) at fractions of the bounds' ranges, 0 at the lower bound."""
+        return np.asarray(self.lower + self.range * fractions)
+
+    def fractions(self, values: Array) -> Array:
+        """Return where values (K,) are between their bounds, from 0 to 1."""
+        return np.asarray((values - self.lower) / self.range)
+
+    def at_bounds(self, values: Array) -> NDArray[np.bool_]:
+        """Return which unknowns are at a bound (K,)."""
+        fractions = self.fractions(values)
+        return np.asarray(np.minimum(fractions, 1 - fractions) < AT_BOUND)
+
+    def names_at_bounds(self, values: Array) -> tuple[str, ...]:
+        """Return the names of the unknowns that are at a bound."""
+        return tuple(self.unknowns[k].name for k in np.flatnonzero(self.at_bounds(values)))
+
+    def priors(self, values: Array) -> tuple[Array, Array]:
+        """Return residuals (m,) of priors, and their derivatives (m, K) by unknowns from 0 to 1."""
+        rows = [(k, *unknown.prior) for k, unknown in enumerate(self.unknowns) if unknown.prior]
+        which = [k for k, *_ in rows]
+        mean, std = np.array([row[1:] for row in rows]).reshape(-1, 2).T
+        return (values[which] - mean) / std, np.diag(self.range)[which] / std[:, None]
+
+    def setting(self, values: Array, session: str = "", near: Setting | None = None) -> Setting:
+        """Return the setting of values (K,) of the unknowns that belong to a session; see its `at`.
+
+        InputError where no such arm can be.
+        """
+        pairs = [
+            (key, value)
+            for unknown, value in zip(self.unknowns, values.tolist(), strict=True)
+            if unknown.belongs(session)
+            for key in unknown.keys
+        ]
+        return self.given.at([key for key, _ in pairs], [value for _, value in pairs], near)
+
+    def derivatives(
+        self,
+        function: Callable[[Array], Sequence[Array]],
+        at_values: Sequence[Array],
+        values: Array,
+        session: str = "",
+    ) -> list[Array]:
+        """Return the derivatives (..., K) of arrays that are functions of values (K,).
+
+        By difference quotients, away from the nearer bound: for what is put together from the
+        unknowns by low powers, and not settled for, they are good to seven digits or more.
+        """
+        columns = []
+        steps = np.where(self.fractions(values) < 0.5, _STEP, -_STEP) * self.range
+        for k, unknown in enumerate(self.unknowns):
+            if not unknown.belongs(session):
+                columns.append([np.zeros_like(part) for part in at_values])
+                continue
+            there = function(values + steps * (np.arange(len(values)) == k))
+            columns.append([(b - a) / steps[k] for a, b in zip(at_values, there, strict=True)])
+        return [np.stack(parts, axis=-1) for parts in zip(*columns, strict=True)]
+
+    def multistart(self, count: int, seed: int) -> list[Array]:
+        """Return the values of arm and scene (K,), then others spread evenly over the bounds."""
+        if not isinstance(seed, int) or seed < 0:
+            raise InputError("seed", seed, "a whole number of at least 0")
+        if count == 1:
+            return [self.start]
+        from scipy.stats import qmc  # takes as long to load as all else that a plan needs
+
+        draws = qmc.Halton(len(self.unknowns), seed=seed).random(count - 1)
+        return [self.start, *map(self.from_fractions, draws)]
+
+
+def neighbour(
+    system: System,
+    arm: Arm,
+    scene: Scene,
+    before: Sequence[float] = (),
+    after: Sequence[float] = (),
+) -> System:
+    """Return the equations of an arm in a scene near those of another, node by node.
+
+    Nodes that were at arc lengths `before` are now at `after` [m]. Raises InputError
+    where places that coincided part, or pass each other.
+    """
+    form, now = system.of.form, (*places(arm, scene), *after)
+    old = landmarks(system.arm, (*places(system.arm, system.scene), *before))
+    mesh = _stretched_mesh(system.mesh, old, landmarks(arm, now))
+    result = System(arm, scene, mesh, form.stages, form.loaded, form.machine_code)
+    # A quaternion has either sign.
+    if result.base[:4] @ system.base[:4] < 0:
+        result.base[:4] *= -1
+    return result
+
+
+def _stretched_mesh(mesh: Mesh, before: Array, new: Array) -> Mesh:
+    """Return a mesh with landmarks (n,) [m] as it fits their new places, node by node.
+
+    Raises InputError where landmarks that coincide would part, or pass each other.
+    """
+    if np.array_equal(before, new):
+        return mesh
+    if before.size != new.size:
+        allowed = f"as many knots and loads as before, {before.size}"
+        raise InputError("places along the arm", new.size, allowed)
+    order, room = np.argsort(before, kind="stable"), SAME * mesh.s[-1]
+    before, after = before[order], new[order]
+    apart, ahead = np.diff(before) > room, np.diff(after)
+    parted, passed = ~apart & (np.abs(ahead) > 2 * room), apart & (ahead <= room)
+    for wrong, allowed in (
+        (parted, "to move all that is there together: tie their keys in one unknown"),
+        (passed, "to stay on its side of its neighbour"),
+    ):
+        if wrong.any():
+            raise InputError("a place along the arm", float(before[:-1][wrong][0]), allowed)
+    kept = np.concatenate([[True], apart])
+    return Mesh(np.interp(mesh.s, before[kept], after[kept]), mesh.active)

@@ -1,0 +1,89 @@
+"""Mirror images: other tensions that do the same on the other side of a plane of the arm.
+
+A plane through the base's axis in which the tendons of each anchorage are mirrored maps tensions to
+those of the mirrored tendons. Where arm, loads and targets are alike on both sides too, the mirror
+image of a plan is a plan of the same effort. That is checked by the shapes themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from octoplan.model.arm import Arm
+from octoplan.model.paths import Array
+from octoplan.model.settle import settle
+from octoplan.model.shape import Shape
+from octoplan.model.support.errors import OctoplanError
+from octoplan.model.winches import pulls
+from octoplan.planner.program.terms import Targets
+from octoplan.planner.question import Limits
+from octoplan.planner.task import Task
+
+
+def _planes(arm: Arm, limits: Limits) -> Iterator[tuple[float, Array]]:
+    """Yield the planes that map the tendons to others of the same section, path and limits.
+
+    Their angles in the base's n and b, in [0, pi) [rad], and the mirror image (n_tendons,) of each
+    tendon. None for arms whose anchorages are turned.
+    """
+    angles = np.array([phi for _, phi in arm.tendons])
+    paths = [arm.offset_paths[i] for i in arm.offset_of]
+    kinds = list(zip(paths, limits.lower, limits.upper, strict=True))
+    alike = np.array([[one == other for other in kinds] for one in kinds])
+    alike &= all(section.turn is None for section in arm.sections)
+    for double in np.unique((angles[0] + angles[alike[0]]) % (2 * np.pi)):
+        apart = (double - angles[:, None] - angles + np.pi) % (2 * np.pi) - np.pi
+        images = alike & np.isclose(apart, 0.0)
+        if images.any(axis=1).all():
+            yield float(double) / 2, images.argmax(axis=1)
+
+
+def _mirrored(arm: Arm, angle: float, poses: Array) -> Array:
+    """Return the mirror images of poses (K, 7), their frames right-handed like those.
+
+    Frames are mirrored in the base's plane and in their own: reflections are half turns about the
+    normals, but for their signs, which cancel.
+    """
+    own_normal = np.array([0.0, -np.sin(angle), np.cos(angle)])
+    normal = np.array(arm.base_frame) @ own_normal
+    half, own_half = (Rotation.from_rotvec(np.pi * axis) for axis in (normal, own_normal))
+    frames = half * Rotation.from_quat(poses[:, :4], scalar_first=True) * own_half
+    heights = (poses[:, 4:] - arm.base_position) @ normal
+    return np.hstack(
+        [frames.as_quat(scalar_first=True), poses[:, 4:] - 2 * np.outer(heights, normal)]
+    )
+
+
+def mirror_images(task: Task, shape: Shape) -> Iterator[tuple[float, Array]]:
+    """Yield angles of planes [rad], and mirrored tensions (n_tendons,) that meet the targets too.
+
+    As well as the shape does, to ten times the accuracy. None for targets of stiffness, with limits
+    on strokes, where nothing pulls, and of tensions that are their own mirror image.
+    """
+    arm, targets, limits = task.arm, task.together, task.limits
+    T, stations = shape.tensions, np.array(targets.stations)
+    if targets.requests or limits.strokes is not None or not pulls(arm, T).any():
+        return
+    poses = shape.poses(stations)
+    most = _largest_residual(targets, poses) + 10 * task.accuracy
+    for angle, images in _planes(arm, limits):
+        other = T[images]
+        likely = _largest_residual(targets, _mirrored(arm, angle, poses)) <= most
+        if not likely or np.abs(T - other).max() <= task.accuracy * T.max():
+            continue
+        with suppress(OctoplanError):
+            settled = settle(arm, other, task.scene, task.accuracy, compile=shape.machine_code)
+            if _largest_residual(targets, settled.poses(stations)) <= most:
+                yield angle, other
+
+
+def _largest_residual(targets: Targets, poses: Array) -> float:
+    """Return how far poses (K, 7) are from the targets, the largest residual."""
+    equality, soft_residual, inequality, _ = targets.values(poses, ())
+    gaps = [np.abs(value) for value in (*equality.values(), *soft_residual.values())]
+    gaps += [-value for value in inequality.values()]
+    return max((float(gap.max(initial=0.0)) for gap in gaps), default=0.0)

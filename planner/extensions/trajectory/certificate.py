@@ -1,0 +1,227 @@
+"""The certificate of a motion: limits and rates exactly, targets, and clearance in between."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from octoplan.model.forward import FINEST_ACCURACY
+from octoplan.model.loads import contacts, is_loaded
+from octoplan.model.shape import Shape
+from octoplan.model.support.errors import OctoplanError
+from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, check_time, tell
+from octoplan.model.support.text import Shown, told
+from octoplan.planner.certificate import Certificate, certify, tension_excess
+from octoplan.planner.extensions.trajectory.clear import between, strokes_between
+from octoplan.planner.extensions.trajectory.question import Question
+from octoplan.planner.extensions.trajectory.time_law import Timed, fastest_pace
+from octoplan.planner.question import Statement
+from octoplan.planner.targets.base import Target
+from octoplan.planner.task import Task
+
+# What rates and accelerations of strokes and tip may be off by, over their limit: at instants.
+SAMPLED = 1e-3
+# What is told over its limit: its name, label, words, and what it may be off by.
+_RATIOS = (
+    ("rate", "rate of tension over limit [-]", "a rate of tension", FINEST_ACCURACY),
+    ("stroke_rate", "rate of stroke over limit [-]", "a rate of stroke", SAMPLED),
+    (
+        "stroke_acceleration",
+        "stroke acceleration over limit",
+        "an acceleration of a stroke",
+        SAMPLED,
+    ),
+    ("tip_acceleration", "tip acceleration over limit", "the tip's acceleration", SAMPLED),
+)
+
+
+@dataclass(frozen=True)
+class MotionCertificate(Shown):
+    """What the check of a motion found.
+
+    Attributes
+    ----------
+    at_targets : (M,)
+        The certificates of the waypoints at which targets are met, as plans have them: by another
+        integrator.
+    bounds : float
+        Largest violation of a tension limit [N]; between waypoints there is none beyond theirs.
+    strokes : float
+        Largest violation of a limit of strokes, at waypoints and between them, by more than they
+        are met to [m]: of the settled arm at 320 instants from each waypoint to the next.
+    rate : float
+        Largest rate of tension over its limit; exact, as tensions are linear in between.
+    stroke_rate, stroke_acceleration, tip_acceleration : float
+        Largest rate and acceleration of a stroke, and acceleration of the tip, over their limits,
+        of the settled arm at 320 instants from each waypoint to the next.
+    clearance : float
+        What is kept of the clearance asked for, at waypoints and between them [m]; a lower bound,
+        refined until it is 0 or more or close to the truth, below 0 where it is not kept, and
+        -infinite where it cannot be verified. Infinite where nothing was asked. Proven without
+        loads; under loads verified at steps, see
+        octoplan.planner.extensions.avoidance.strain_bounds.
+    nearest : float
+        When that is [s].
+    step : float
+        Under loads the largest of these steps: how far places of the arm go at the most between two
+        shapes that were compared [m]; 0 where clearance is proven.
+    jumps : tuple of int
+        Waypoints, from 0 where the motion begins, on the way to which an arm in contact or under
+        loads jumps, or is unstable.
+    problem : str
+        Why the check could not be made, if so.
+    """
+
+    at_targets: tuple[Certificate, ...] = ()
+    bounds: float = np.inf
+    strokes: float = 0.0
+    rate: float = np.inf
+    stroke_rate: float = 0.0
+    stroke_acceleration: float = 0.0
+    tip_acceleration: float = 0.0
+    clearance: float = np.inf
+    nearest: float = 0.0
+    step: float = 0.0
+    jumps: tuple[int, ...] = ()
+    problem: str = ""
+
+    @property
+    def residuals(self) -> tuple[float, ...]:
+        """The largest residual of what has to be met at each target; lengths over the arm's."""
+        return tuple(one.residual for one in self.at_targets)
+
+    @property
+    def inequalities(self) -> tuple[float, ...]:
+        """The least of what has to be 0 or above at each target."""
+        return tuple(min(one.inequality.values(), default=0.0) for one in self.at_targets)
+
+    @property
+    def reached(self) -> tuple[bool, ...]:
+        """Which targets are met."""
+        return tuple(one.attained for one in self.at_targets)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was not required at targets and yet is impossible or doubtful, a sentence each."""
+        return tuple(
+            f"at target {i} {warning}"
+            for i, one in enumerate(self.at_targets)
+            for warning in one.warnings
+        )
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """What did not pass, a sentence each."""
+        sentences = [self.problem] * bool(self.problem)
+        pairs = enumerate(zip(self.residuals, self.inequalities, self.at_targets, strict=True))
+        missed = [(i, max(size, -least)) for i, (size, least, of) in pairs if not of.attained]
+        sentences += [f"target {i} is off by {size:.2g}" for i, size in missed[:3]]
+        for i, one in enumerate(self.at_targets):
+            # Targets and limits are told of already.
+            kept = replace(one, equality={}, inequality={}, bounds=0.0, strokes=0.0)
+            sentences += [f"at target {i} {failure}" for failure in kept.failures]
+        if self.bounds > 0:
+            sentences.append(f"a tension limit is violated by {self.bounds:.2g} N")
+        if self.strokes > 0:
+            sentences.append(f"a limit of strokes is passed by {1e3 * self.strokes:.2g} mm")
+        for name, _, words, allowed in _RATIOS:
+            if getattr(self, name) > 1 + allowed:
+                sentences.append(f"{words} is {getattr(self, name):.4g} times its limit")
+        if self.jumps:
+            places = ", ".join(map(str, self.jumps))
+            sentences.append(f"the arm jumps on its way to waypoint {places}")
+        if self.clearance < 0:
+            short = f"{-1e3 * self.clearance:.3g} mm less than asked at {self.nearest:.4g} s"
+            sentences.append(f"the arm is clear by {short}, or that is not verified")
+        return tuple(sentences)
+
+    @property
+    def passed(self) -> bool:
+        """Whether targets, limits, rates and clearance are verified."""
+        return not self.failures
+
+    @property
+    def rows(self) -> list[list[str]]:
+        """What was checked: name with unit and value; first the names of columns."""
+        numbers = {
+            "limits violated by [N]": self.bounds,
+            "stroke limits passed by [mm]": 1e3 * self.strokes,
+            **{label: getattr(self, name) for name, label, *_ in _RATIOS},
+            "clearance less asked [mm]": 1e3 * self.clearance,
+            "verified at steps of [mm]": 1e3 * self.step,
+        }
+        met = ["targets met", f"{sum(self.reached)} of {len(self.reached)}"]
+        return [["checked", "value"], met, *([name, f"{x:.3g}"] for name, x in numbers.items())]
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """What it found, by name, for files."""
+        each = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "at_targets"}
+        names = "residuals", "inequalities", "failures"
+        return {name: getattr(self, name) for name in names} | each
+
+    def __str__(self) -> str:
+        return told(self)
+
+
+def certify_motion(
+    question: Question, way: Timed, settled: Callable[[], tuple[Shape, ...]]
+) -> MotionCertificate:
+    """Check a motion; `settled` returns the shapes at the waypoints, each near the one before.
+
+    If the time limit is reached first, `problem` says so.
+    """
+    rates, parts = question.rates, way.progress.c[2].astype(int)
+    changes = (np.abs(np.diff(way.tensions, axis=0)) / rates.tension).max(axis=1)
+    stroke_rate, stroke, tip = map(float, way.largest / rates.of_places)
+    result = MotionCertificate(
+        bounds=max(tension_excess(T, question.limits) for T in way.tensions),
+        rate=float((changes[parts] * fastest_pace(way.progress)).max()),
+        stroke_rate=stroke_rate,
+        stroke_acceleration=stroke,
+        tip_acceleration=tip,
+    )
+    try:
+        return _checked(result, question, way, settled())
+    except OutOfTime:
+        return replace(result, problem=OUT_OF_TIME)
+    except OctoplanError as reason:
+        return replace(result, problem=str(reason))
+
+
+def _checked(
+    result: MotionCertificate, question: Question, way: Timed, shapes: tuple[Shape, ...]
+) -> MotionCertificate:
+    """Return a certificate with the checks at targets and of what lies between them."""
+    pairs = zip(question.targets, (shapes[k] for k in way.met), strict=True)
+    result = replace(
+        result,
+        at_targets=tuple(_at_target(question, targets, shape) for targets, shape in pairs),
+        jumps=tuple(k for k, shape in enumerate(shapes) if k and shape.snaps),
+    )
+    check_time()  # a certificate at a target catches OutOfTime
+    if contacts(question.scene):
+        return result
+    tell("verifying between waypoints")
+    lines, loaded = question.lines(), is_loaded(question.scene)
+    if loaded or question.limits.strokes is not None:
+        left, _, jumps = strokes_between(question, lines, way)
+        result = replace(result, strokes=max(0.0, -float(left.min())), jumps=jumps)
+    bound, when, step = between(lines, way, question.surroundings)
+    k = int(np.argmin(bound))
+    return replace(
+        result,
+        clearance=float(bound[k]),
+        nearest=float(when[k]),
+        step=step * loaded,
+    )
+
+
+def _at_target(question: Question, targets: tuple[Target, ...], shape: Shape) -> Certificate:
+    """Return the certificate of a waypoint, of which optimality is not asked; all has to be met."""
+    stated = question.arm, targets, question.scene, question.limits, Statement()
+    one = certify(Task(*stated, question.accuracy), shape.tensions, lambda: shape, lambda: 0.0)
+    return replace(one, equality={**one.equality, **one.soft_residual}, soft_residual={})

@@ -1,0 +1,110 @@
+"""Several programs solved as one: each has unknowns of its own, and all have some in common.
+
+    minimise    sum f_k(x_k, z) + f_0(z)
+    subject to  g_k(x_k, z) within bounds           the constraints of each program
+                c(x_1, ..., x_N, z) within bounds   the constraints that couple them
+
+The unknowns are x_1, ..., x_N, z, the rows those of the programs, then c. Jacobian and Hessian are
+block-diagonal but for the columns of z and the rows of c.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, Self
+
+import casadi as ca
+import numpy as np
+
+from octoplan.model.paths import Array
+from octoplan.model.support.machine.functions import Buffered
+from octoplan.planner.program.problem import Bounds, Solution
+from octoplan.planner.solve.ipopt import Options, named, nlp_solver, solved
+
+
+class Part(NamedTuple):
+    """Objective and constraints of one program, with derivatives by its unknowns (x_k, z).
+
+    Of the coupling, objective and Hessian are of z, and the Jacobian is by all unknowns.
+    """
+
+    f: ca.MX
+    gradient: ca.MX
+    g: ca.MX
+    jacobian: ca.MX
+    hessian: ca.MX
+
+
+class SideBySide:
+    """N programs as one, in CasADi's symbols; their parts are made of these, then it is `stated`.
+
+    Attributes
+    ----------
+    x, p, sigma, lam : casadi.MX
+        Unknowns, parameters, and the weights of objective and constraints in the Hessian.
+    unknowns, multipliers : list of casadi.MX
+        The unknowns of each program, then those in common; the weights of the constraints of each
+        program, then of the coupling.
+    ends : list of int
+        Where the unknowns of each program begin, and those in common.
+    """
+
+    def __init__(
+        self, sizes: Sequence[int], rows: Sequence[int], common: int, coupled: int, n_p: int
+    ) -> None:
+        self.ends, last = (np.cumsum([0, *each]).tolist() for each in (sizes, rows))
+        self.x, self.lam = (ca.MX.sym("x", n) for n in (self.ends[-1] + common, last[-1] + coupled))
+        self.p, self.sigma = ca.MX.sym("p", n_p), ca.MX.sym("sigma")
+        self.unknowns = ca.vertsplit(self.x, [*self.ends, self.x.numel()])
+        self.multipliers = ca.vertsplit(self.lam, [*last, self.lam.numel()])
+        self._solvers = dict[tuple[tuple[str, object], ...], Buffered]()
+
+    def stated(self, parts: Sequence[Part], coupling: Part) -> Self:
+        """Return it, stated as CasADi's solvers take it, with its derivatives."""
+        f, gradient, g, jacobian, hessian = zip(*parts, strict=True)
+        n, common = self.ends[-1], self.x.numel() - self.ends[-1]
+        ends = [[0, each.numel() - common, each.numel()] for each in gradient]
+        gradients = zip(*map(ca.vertsplit, gradient, ends), strict=True)
+        jacobians = zip(*map(ca.horzsplit, jacobian, ends), strict=True)
+        blocks = map(ca.blocksplit, hessian, ends, ends)
+        hessians = zip(*([*top, *bottom] for top, bottom in blocks), strict=True)
+        by_own, by_common = gradients
+        slope = ca.vertcat(*by_own, coupling.gradient + sum(by_common))
+        by_own, by_common = jacobians
+        J = ca.vertcat(ca.horzcat(ca.diagcat(*by_own), ca.vertcat(*by_common)), coupling.jacobian)
+        by_own, across, _, by_common = hessians
+        H = ca.horzcat(ca.diagcat(*by_own), ca.vertcat(*across))
+        corner = ca.horzcat(ca.MX(common, n), coupling.hessian + sum(by_common))
+        whole = [ca.MX(coupling.f + sum(f)), ca.vertcat(*g, coupling.g)]
+        symbols = self.x, self.p, self.sigma, self.lam
+        self._nlp = {"x": self.x, "p": self.p, "f": whole[0], "g": whole[1]}
+        self.derivatives = named(symbols, slope, J, ca.triu(ca.vertcat(H, corner)))
+        self.values = ca.Function("values", [self.x, self.p], whole)
+        return self
+
+    def split(self, x: Array) -> list[Array]:
+        """Return the unknowns (size,) of each program, then those in common."""
+        return np.split(x, self.ends[1:])
+
+    def solve(
+        self,
+        options: Options,
+        x: Array,
+        p: Array,
+        bounds: Bounds,
+        multipliers: tuple[Array, Array] | None = None,
+    ) -> Solution:
+        """Return what ipopt makes of unknowns x, by options that go with cold or warm starts."""
+        key = tuple(options.items())
+        if key not in self._solvers:
+            self._solvers[key] = nlp_solver(self._nlp, self.derivatives, options)
+        return solved(self._solvers[key], x, p, bounds, multipliers)
+
+
+def joined(
+    each: Sequence[Bounds], common: tuple[Array, Array], coupled: tuple[Array, Array]
+) -> Bounds:
+    """Return the bounds of all from those of each, of the unknowns in common and the coupling."""
+    lbx, ubx, lbg, ubg = (list(item) for item in zip(*each, strict=True))
+    pairs = (lbx, common[0]), (ubx, common[1]), (lbg, coupled[0]), (ubg, coupled[1])
+    return tuple(np.concatenate([*item, last]) for item, last in pairs)  # type: ignore[return-value]

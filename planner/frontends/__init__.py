@@ -1,0 +1,1 @@
+"""Files, commands, pages, figures and exports."""

@@ -1,0 +1,106 @@
+"""Files of a settled arm for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from octoplan.model.effects import NeoHookean
+from octoplan.model.shape import Shape
+from octoplan.model.support.checks import kind, within
+from octoplan.model.support.errors import InputError, needed
+from octoplan.planner.frontends.bodies.links import ros_messages, urdf
+from octoplan.planner.frontends.bodies.mjcf import mjcf
+from octoplan.planner.frontends.bodies.surface import surface
+from octoplan.planner.frontends.io.files import path_of, placed, to_json, write_together
+
+MESHES = (".stl", ".glb", ".ply", ".obj")
+What = Literal["mesh", "mjcf", "urdf"]
+KINDS = get_args(What)
+
+
+def save_mesh(shape: Shape, path: str | Path, along: int = 200, around: int = 32) -> Path:
+    """Write the surface of a settled arm to a .stl, .glb (glTF), .ply or .obj file, in metres.
+
+    The triangles close; the file is there whole or not at all.
+
+    Parameters
+    ----------
+    along, around : int
+        Rings along the arm, 2 to 10000, and points in each, 3 to 1000.
+
+    Raises
+    ------
+    InputError
+        For another suffix, where it cannot be written, and for numbers that are not allowed.
+    MissingExtraError
+        Where trimesh is not installed; it comes with the extra `mesh`.
+    """
+    within("along", along, 2, 10_000)
+    within("around", around, 3, 1000)
+    path = path_of(path)
+    with placed(path, *MESHES) as part:
+        part.write_bytes(_mesh(shape, path.suffix.lower(), along, around))
+    return path
+
+
+def export_shape(
+    shape: Shape, to: str | Path, what: What, name: str = "arm", links: int = 30
+) -> tuple[Path, ...]:
+    """Write a settled arm for other programs into a folder; return the files.
+
+    Parameters
+    ----------
+    shape : Shape
+    to : path
+        The folder.
+    what : "mesh", "mjcf" or "urdf"
+        NAME.stl and NAME.glb, see save_mesh; NAME.xml, see mjcf; or NAME.urdf and NAME.ros.json,
+        see urdf and ros_messages.
+    name : str
+        Of the files, without their suffix.
+    links : int
+        Of a chain.
+
+    Raises
+    ------
+    InputError
+        For what is not allowed, and where the files cannot be written; for MJCF of a scene whose
+        loads it cannot have, see mjcf.
+    MissingExtraError
+        For a mesh where trimesh is not installed.
+
+    Warns
+    -----
+    ExportWarning
+        For loads that a file lacks, see mjcf and urdf. A mesh is the shape alone.
+    """
+    if what == "mesh":
+        kinds = ".stl", ".glb"
+        contents = {f"{name}{suffix}": _mesh(shape, suffix, 200, 32) for suffix in kinds}
+    elif what == "mjcf":
+        contents = {f"{name}.xml": mjcf(shape, links, name).encode()}
+    elif what == "urdf":
+        contents = {f"{name}.urdf": urdf(shape, links, name).encode()}
+        contents[f"{name}.ros.json"] = to_json(ros_messages(shape, links))
+    else:
+        raise InputError("what", what, ", ".join(KINDS))
+    folder = path_of(to, "to")
+    write_together(folder, contents)
+    return tuple(folder / file for file in contents)
+
+
+def _mesh(shape: Shape, suffix: str, along: int, around: int) -> bytes:
+    kind("shape", shape, Shape, "a Shape, as settle returns it")
+    trimesh = needed("trimesh", "mesh")
+    s = np.linspace(0.0, shape.arm.length, along)
+    radius = shape.arm.radius.evaluate(s, shape.arm.length)[0]
+    if shape.scene.has(NeoHookean):
+        # A cross-section of constant volume swells where it is shortened.
+        radius = radius / np.sqrt(1 + shape.strain(s)[:, 3])
+    vertices, faces = surface(shape.arm, s, shape.poses(s), around, radius)
+    mesh: Any = trimesh.Trimesh(vertices, faces, process=False)
+    content = mesh.export(file_type=suffix[1:])
+    return content.encode() if isinstance(content, str) else bytes(content)

@@ -1,0 +1,262 @@
+"""A settled arm as a chain of rigid links, and that chain for ROS as URDF and messages."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from octoplan.model.effects import NeoHookean
+from octoplan.model.loads import volume
+from octoplan.model.paths import Array
+from octoplan.model.scene import Scene
+from octoplan.model.settle import settle
+from octoplan.model.shape import Shape
+from octoplan.model.support.checks import kind, within
+from octoplan.planner.frontends.bodies.forces import Bodies, left_out_of_urdf, point_masses, warn_of
+from octoplan.planner.frontends.bodies.xml import child_of, remark, to_text
+from octoplan.planner.frontends.io.records import POINTS
+from octoplan.planner.measure import strokes
+
+MOST_LINKS = 1000
+# Of the rest shape, over the arm's length.
+_ACCURACY = 1e-9
+# Of URDF: the root, and no displacement or rotation.
+BASE = "base_link"
+_NOT = (0.0, 0.0, 0.0)
+_NO_PRODUCTS = {"ixy": 0, "ixz": 0, "iyz": 0}
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """N links between N + 1 nodes, evenly spaced on the midline at rest, and the tip's frame.
+
+    Link i has its origin at node i and its x axis along the chord to the next; the last link, N, is
+    the tip's frame, without extent. Link i + 1 hangs on link i by a slide along that chord and
+    three hinges at its own origin, about its axes x, y, z in turn; link 0 on the base by hinges.
+
+    Attributes
+    ----------
+    s : (N + 1,)
+        Arc lengths of the nodes [m].
+    chords : (N,)
+        Distances of the nodes at rest [m].
+    rest : (N + 1, 3, 3)
+        Orientation of each link in the one before, at rest; of link 0 in the base frame.
+    angles : (N + 1, 3)
+        Of the hinges in the settled arm [rad].
+    slides : (N,)
+        Of the slides in the settled arm [m].
+    radii, masses : (N,)
+        Of the links [m], [kg].
+    hinge_stiffness : (N + 1, 3)
+        About x, y, z: G J_t / h, E J / h, E J / h [N m/rad]; of a neo-Hookean body at the settled
+        stretch.
+    slide_stiffness : (N,)
+        E A / h [N/m], at the settled stretch too.
+    bodies : Bodies
+        Links and tip at the settled shape.
+    """
+
+    s: Array
+    chords: Array
+    rest: Array
+    angles: Array
+    slides: Array
+    radii: Array
+    masses: Array
+    hinge_stiffness: Array
+    slide_stiffness: Array
+    bodies: Bodies
+
+    @property
+    def moved(self) -> Array:
+        """Positions (N + 1, 4) of slide [m] and hinges [rad] of each body in the settled arm."""
+        return np.column_stack([np.append(0.0, self.slides), self.angles])
+
+    @property
+    def stiffness(self) -> Array:
+        """Stiffness (N + 1, 4) of slide and hinges of each body; infinite of the base's slide."""
+        return np.column_stack([np.append(np.inf, self.slide_stiffness), self.hinge_stiffness])
+
+    @property
+    def joints(self) -> dict[str, float]:
+        """Positions of all joints in the settled arm [m], [rad], by name, from the base on."""
+        names = [f"{kind}_{i}" for i in range(self.s.size) for kind in ("slide", "x", "y", "z")]
+        # Link 0 hangs on the base by hinges alone.
+        return dict(zip(names[1:], self.moved.ravel().tolist()[1:], strict=True))
+
+
+def chain_of(shape: Shape, links: int) -> Chain:
+    """Return the chain of so many links that follows a shape; InputError for none or too many."""
+    kind("shape", shape, Shape, "a Shape, as settle returns it")
+    within("links", links, 1, MOST_LINKS)
+    arm = shape.arm
+    s = np.linspace(0.0, arm.length, links + 1)
+    at_rest = settle(arm, np.zeros(arm.n_tendons), Scene(), _ACCURACY)
+    rest, chords, _ = _relative(at_rest, s)
+    now, lengths, frames = _relative(shape, s)
+    turned = Rotation.from_matrix(np.swapaxes(rest, 1, 2) @ now).as_euler("XYZ")
+    h = np.diff(s)
+    middle = (s[:-1] + s[1:]) / 2
+    radius = arm.radius.evaluate(s, arm.length)[0]
+    middle_radius = arm.radius.evaluate(middle, arm.length)[0]
+    masses = -arm.material.density * np.diff(volume(arm, s))
+    # A hinge stands for half a link on either side.
+    spans = (np.append(0.0, h) + np.append(h, 0.0)) / 2
+    EJ = arm.material.E * np.pi * radius**4 / 4
+    GJ = arm.material.G * np.pi * radius**4 / 2
+    EA = arm.material.E * np.pi * middle_radius**2
+    if shape.scene.has(NeoHookean):
+        stretch = 1 + shape.strain(s)[:, 3]
+        middle_stretch = 1 + shape.strain(middle)[:, 3]
+        EJ = EJ * (1 + 2 / stretch**3) / (3 * stretch)
+        GJ = GJ / stretch
+        EA = EA * (1 + 2 / middle_stretch**3) / 3
+    hinges = np.stack([GJ, EJ, EJ], axis=1) / spans[:, None]
+    return Chain(
+        s,
+        chords,
+        rest,
+        turned,
+        lengths - chords,
+        middle_radius,
+        masses,
+        hinges,
+        EA / h,
+        Bodies(s, shape.position(s), frames),
+    )
+
+
+def _relative(shape: Shape, s: Array) -> tuple[Array, Array, Array]:
+    """Return the orientation of each link in the one before, the nodes' distances, the frames."""
+    middle = (s[:-1] + s[1:]) / 2
+    chords = np.diff(shape.position(s), axis=0)
+    lengths = np.linalg.norm(chords, axis=1)
+    # By the least rotations that turn the x axes t along the chords: quaternions are scaled.
+    frames, along = shape.frame(middle), chords / lengths[:, None]
+    t = frames[:, :, 0]
+    cosines = np.sum(t * along, axis=1)
+    least = Rotation.from_quat(np.column_stack([np.cross(t, along), 1 + cosines]))
+    frames = least.as_matrix() @ frames
+    world = np.array([np.array(shape.arm.base_frame), *frames, shape.tip_frame])
+    return np.swapaxes(world[:-1], 1, 2) @ world[1:], lengths, world[1:]
+
+
+def urdf(shape: Shape, links: int = 30, name: str = "arm") -> str:
+    """Return a chain of links that follows a settled arm as URDF.
+
+    Its root is `base_link`, at the arm's base; joints are named slide_i, x_i, y_i, z_i, and their
+    positions in the settled shape are in `ros_messages`, for robot_state_publisher. Links are named
+    after the joints that they hang on; link_z_i has the body, the others between a slide and three
+    hinges have no extent. link_z_N, N the number of links, is the tip's frame. A PointMass is a
+    link mass_i. URDF has no loads: an ExportWarning and a comment name those of the scene.
+
+    Raises InputError for a number of links that is not 1 to 1000.
+    """
+    chain = chain_of(shape, links)
+    remarks = left_out_of_urdf(shape)
+    warn_of(remarks)
+    root = ET.Element("robot", name=name)
+    remark(root, *remarks)
+    bodies = list[ET.Element]()
+    parent = child_of(root, "link", name=BASE)
+    for i in range(links + 1):
+        if i:
+            place, along = (chain.chords[i - 1], 0, 0), (1, 0, 0)
+            parent = _jointed(root, parent, f"slide_{i}", "prismatic", along, xyz=place)
+        turned = Rotation.from_matrix(chain.rest[i]).as_euler("xyz")
+        for letter, axis, rpy in zip("xyz", np.eye(3), [turned, _NOT, _NOT], strict=True):
+            parent = _jointed(root, parent, f"{letter}_{i}", "revolute", axis, rpy=rpy)
+        bodies.append(parent)
+        if i < links:
+            _solid(parent, chain, i)
+    for each in point_masses(shape, chain.bodies):
+        child = _jointed(root, bodies[each.body], each.name, "fixed", (1, 0, 0), xyz=each.place)
+        inertial = child_of(child, "inertial")
+        child_of(inertial, "mass", value=each.mass)
+        child_of(inertial, "inertia", **dict.fromkeys(("ixx", "iyy", "izz"), 0), **_NO_PRODUCTS)
+    return to_text(root)
+
+
+def _jointed(
+    root: ET.Element,
+    parent: ET.Element,
+    joint: str,
+    kind: str,
+    axis: Any,
+    xyz: Any = _NOT,
+    rpy: Any = _NOT,
+) -> ET.Element:
+    """Hang a link on another by a joint; return it."""
+    child = f"link_{joint}"
+    values = child_of(root, "joint", name=joint, type=kind)
+    child_of(values, "parent", link=parent.get("name"))
+    child_of(values, "child", link=child)
+    child_of(values, "origin", xyz=xyz, rpy=rpy)
+    child_of(values, "axis", xyz=axis)
+    if kind != "fixed":
+        most = 1.0 if kind == "prismatic" else np.pi
+        child_of(values, "limit", lower=-most, upper=most, effort=1000, velocity=1000)
+    return child_of(root, "link", name=child)
+
+
+def _solid(link: ET.Element, chain: Chain, i: int) -> None:
+    """Give a link its body and mass."""
+    length, radius, mass = (float(x[i]) for x in (chain.chords, chain.radii, chain.masses))
+    # Cylinders stand along z; the link's own axis is x.
+    place = {"xyz": (length / 2, 0, 0), "rpy": (0, np.pi / 2, 0)}
+    for tag in ("visual", "collision"):
+        values = child_of(link, tag)
+        child_of(values, "origin", **place)
+        child_of(child_of(values, "geometry"), "cylinder", radius=radius, length=length)
+    values = child_of(link, "inertial")
+    child_of(values, "origin", **place)
+    child_of(values, "mass", value=mass)
+    across, along = mass * (3 * radius**2 + length**2) / 12, mass * radius**2 / 2
+    child_of(values, "inertia", ixx=across, iyy=across, izz=along, **_NO_PRODUCTS)
+
+
+def ros_messages(shape: Shape, links: int = 30) -> dict[str, Any]:
+    """Return a settled arm as ROS messages, as JSON has them (rosbridge, `ros2 topic pub`).
+
+    `tendons` is a sensor_msgs/JointState of strokes [m] and tensions [N], `chain` one of the joints
+    of `urdf`, `path` a nav_msgs/Path of the frames along the midline as the base sees them, their x
+    axes along the arm.
+    """
+    joints, arm = chain_of(shape, links).joints, shape.arm
+    header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": BASE}
+    # The frames along the midline, as the base sees them.
+    base, s = np.array(arm.base_frame), np.linspace(0.0, arm.length, POINTS)
+    places = (shape.position(s) - np.array(arm.base_position)) @ base
+    turned = Rotation.from_matrix(base.T @ shape.frame(s)).as_quat()
+    poses = [
+        {
+            "position": dict(zip("xyz", place, strict=True)),
+            "orientation": dict(zip("xyzw", quaternion, strict=True)),
+        }
+        for place, quaternion in zip(places.tolist(), turned.tolist(), strict=True)
+    ]
+    return {
+        "tendons": {
+            "header": header,
+            "name": arm.tendon_names,
+            "position": strokes(shape).tolist(),
+            "velocity": [],
+            "effort": shape.tensions.tolist(),
+        },
+        "chain": {
+            "header": header,
+            "name": list(joints),
+            "position": list(joints.values()),
+            "velocity": [],
+            "effort": [],
+        },
+        "path": {
+            "header": header,
+            "poses": [{"header": header, "pose": pose} for pose in poses],
+        },
+    }

@@ -1,0 +1,160 @@
+"""The surfaces of a settled arm and of obstacles as triangles, and tendons as paths."""
+
+from __future__ import annotations
+
+from functools import singledispatch
+from itertools import product
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
+from scipy.spatial.transform import Rotation, Slerp
+
+from octoplan.model.arm import Arm
+from octoplan.model.extensions.obstacles import HalfSpace, Mesh
+from octoplan.model.extensions.obstacles.base import Convex, axes_with
+from octoplan.model.extensions.obstacles.mesh import TranslatedMesh
+from octoplan.model.paths import Array
+from octoplan.model.rotations import matrices
+from octoplan.model.shape import Shape
+from octoplan.model.stations import stations, tendon_offsets
+
+# Points of an obstacle's outline along half a circle; how far from its point a plane is shown [m].
+_STEPS, _SHOWN = 12, 0.15
+
+
+def surface(
+    arm: Arm, s: Array, poses: Array, around: int, radius: Array | None = None
+) -> tuple[Array, NDArray[np.int64]]:
+    """Return the surface of the body: closed, its triangles turned outwards.
+
+    Rings of points about the midline, across its frames, with a flat end at base and tip.
+
+    Parameters
+    ----------
+    s, poses : (along,), (along, 7)
+        Arc lengths of the rings from base to tip [m], and the midline's poses there.
+    around : int
+        Points in each ring.
+    radius : (along,)
+        Of the rings [m]; that of the arm at rest unless given.
+
+    Returns
+    -------
+    vertices : (along * around + 2, 3)
+        Rings from base to tip, then the middles of base and tip [m].
+    faces : (2 * along * around, 3)
+        Which three vertices make each triangle.
+    """
+    if radius is None:
+        radius = arm.radius.evaluate(s, arm.length)[0]
+    skin = rings(poses, radius, around).reshape(-1, 3)
+    return np.vstack([skin, poses[[0, -1], 4:]]), _faces(s.size, around)
+
+
+def rings(poses: Array, radius: Array, around: int) -> Array:
+    """Return points (N, around, 3) [m] about poses (N, 7), at radii (N,) across their frames."""
+    phi = 2 * np.pi * np.arange(around) / around
+    circle = np.stack([np.zeros_like(phi), np.cos(phi), np.sin(phi)])
+    turned = np.swapaxes(matrices(poses[:, :4]) @ circle, 1, 2)
+    return np.asarray(poses[:, None, 4:] + radius[:, None, None] * turned)
+
+
+def tendon_lines(arm: Arm, s: Array, poses: Array) -> list[Array]:
+    """Return the tendons (N_j, 3) [m] along u + y d, eqs. (5), (6), from the midline's poses.
+
+    At those of the arc lengths `s` (along,) [m] that are not beyond their anchorages.
+    """
+    across = matrices(poses[:, :4])[:, :, 1:]
+    lines = poses[:, 4:] + np.einsum("nij,tnj->tni", across, offsets(arm, s))
+    ends = [arm.sections[i].at for i, _ in arm.tendons]
+    return [line[s <= end] for line, end in zip(lines, ends, strict=True)]
+
+
+def along(arm: Arm, count: int) -> Array:
+    """Return arc lengths [m] from base to tip, evenly spread, and the anchorages among them."""
+    return np.union1d(np.linspace(0.0, arm.length, count), [section.at for section in arm.sections])
+
+
+def sketched_poses(shape: Shape, s: Array) -> Array:
+    """Return poses (N, 7) at arc lengths s (N,) [m], between those of the mesh's nodes.
+
+    Rotations at constant speed from node to node, and positions by a cubic in the length of such
+    arcs: on the mesh of a rough accuracy within a thousandth of L, at a tenth of the time that
+    Shape.poses takes, which integrates.
+    """
+    turned = Rotation.from_quat(shape.states[:, :4], scalar_first=True)
+    place, half = shape.states[:, 4:7], (turned[:-1].inv() * turned[1:]).magnitude() / 2
+    chords = np.linalg.norm(np.diff(place, axis=0), axis=1)
+    arcs = np.append(0.0, np.cumsum(chords / np.sinc(half / np.pi)))
+    midline = CubicHermiteSpline(arcs, place, turned.as_matrix()[:, :, 0])
+    quaternions = Slerp(shape.s, turned)(s).as_quat(scalar_first=True)
+    return np.hstack([quaternions, midline(np.interp(s, shape.s, arcs))])
+
+
+def _faces(along: int, around: int) -> NDArray[np.int64]:
+    here = np.arange((along - 1) * around).reshape(-1, around)
+    beside = np.roll(here, -1, axis=1)
+    first, base = np.arange(around), np.full(around, along * around)
+    last, tip = first + (along - 1) * around, base + 1
+    triangles = [
+        (here, beside, here + around),
+        (beside, beside + around, here + around),
+        (np.roll(first, -1), first, base),
+        (last, np.roll(last, -1), tip),
+    ]
+    return np.vstack([np.stack(corners, axis=-1).reshape(-1, 3) for corners in triangles])
+
+
+def offsets(arm: Arm, s: Array) -> Array:
+    """Return Y = y d of the tendons along n and b (n_tendons, N, 2) [m] at arc lengths s (N,).
+
+    As if they crossed all of them.
+    """
+    crossed = np.full(s.size, len(arm.sections))
+    return np.asarray(tendon_offsets(arm, stations(arm, s, crossed))[0].transpose(2, 1, 0))
+
+
+@singledispatch
+def outline(obstacle: Any) -> tuple[Array, NDArray[np.int64]]:
+    """Return points (N, 3) [m] and triangles (M, 3) of an obstacle's surface, for figures."""
+    raise TypeError(f"there is no outline of {obstacle}")
+
+
+@outline.register
+def _of_convex(body: Convex) -> tuple[Array, NDArray[np.int64]]:
+    """Return the hull of balls as large as the layer about the box's corners."""
+    center, axes, half, layer, _ = np.split(body.numbers, [3, 12, 15, 16])
+    corners = np.array(list(product((-1, 1), repeat=3))) * half
+    angles = np.pi / _STEPS * np.arange(2 * _STEPS)
+    theta, phi = (each.ravel() for each in np.meshgrid(angles[: _STEPS + 1], angles))
+    across = np.sin(theta) * np.array([np.cos(phi), np.sin(phi)])
+    ball = layer * np.array([np.cos(theta), *across]).T
+    points = np.unique((corners[:, None] + ball).reshape(-1, 3), axis=0) @ axes.reshape(3, 3)
+    hull = scipy.spatial.ConvexHull(points)
+    a, b, c = points[hull.simplices.T]
+    outwards = np.einsum("ki,ki->k", np.cross(b - a, c - a), hull.equations[:, :3]) > 0
+    turned = np.where(outwards[:, None], hull.simplices, hull.simplices[:, ::-1])
+    kept, triangles = np.unique(turned, return_inverse=True)
+    return center + points[kept], np.reshape(triangles, (-1, 3))
+
+
+@outline.register
+def _of_half_space(body: HalfSpace) -> tuple[Array, NDArray[np.int64]]:
+    """Return a square of the plane."""
+    axes = axes_with(np.array(body.normal))
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * _SHOWN
+    return np.array(body.point) + corners @ axes[:, 1:].T, np.array([(0, 1, 2), (0, 2, 3)])
+
+
+@outline.register
+def _of_mesh(body: Mesh) -> tuple[Array, NDArray[np.int64]]:
+    return np.array(body.vertices), np.array(body.faces)
+
+
+@outline.register
+def _of_translated_mesh(body: TranslatedMesh) -> tuple[Array, NDArray[np.int64]]:
+    points, triangles = outline(body.mesh)
+    return points + np.array(body.by), triangles

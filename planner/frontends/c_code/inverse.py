@@ -1,0 +1,101 @@
+"""The inverse as C: what follows a moving tip target, by the map's derivatives."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from octoplan.model.paths import Array
+from octoplan.model.shape import Shape
+from octoplan.model.support.errors import InputError
+from octoplan.planner.frontends.c_code.source import Precision, numbers
+from octoplan.planner.plan import Plan, plan
+from octoplan.planner.program.problem import units
+from octoplan.planner.targets import TipPosition
+
+# What counts as a target that is met (over the length), as effort that is least (its slope over the
+# largest tension), how soft the target is held within a step, and how much is lost in rounding.
+_SETTINGS: dict[Precision, tuple[float, ...]] = {
+    "double": (1e-9, 1e-8, 1e-6, 1e-12),
+    "float": (1e-5, 2e-4, 1e-5, 1e-5),
+}
+# Of targets and tensions, besides what the mesh takes.
+_ROUNDED: dict[Precision, tuple[float, float]] = {"double": (1e-8, 1e-6), "float": (1e-5, 5e-3)}
+# How far the targets of the test vector are moved, over the arm's length, and what the tensions may
+# differ by over their largest where meshes differ by a part of the length.
+_MOVED, _LEVER = 0.02, 100.0
+_MOVES = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 0, 1), (0, -1, -1), (0, 0, 0))
+# No limit is higher, in what bends the arm by about 1 rad, so that single precision holds it.
+_NO_LIMIT = 1e9
+
+
+def check_inverse(p: Plan) -> None:
+    """Raise InputError for a plan whose inverse is not exported."""
+    exported = "exported is a plan of one TipPosition, of least squares of the tensions"
+    is_tip = len(p.targets) == 1 and type(p.targets[0]) is TipPosition
+    checks: list[tuple[bool, str, object, str]] = [
+        (not is_tip, "target", p.targets, "one TipPosition"),
+        (p.limits.total is not None, "total_pull", p.limits.total, "no limit of all tensions"),
+        (p.statement.norm != "2", "norm", p.statement.norm, "2"),
+        (bool(p.surroundings), "obstacles", p.surroundings, "nothing to keep clear of"),
+    ]
+    for wrong, field, value, allowed in checks:
+        if wrong:
+            raise InputError(field, value, f"{allowed}; {exported}")
+    if p.mode != "exact" or not p.reached:
+        raise InputError("target", p.targets[0], f"a target within reach; {p.outcome}")
+
+
+def inverse_values(p: Plan, shape: Shape, precision: Precision) -> dict[str, str]:
+    """Return what fills the places in the files of the inverse."""
+    arm, n, unit = p.arm, p.arm.n_tendons, units(p.arm, p.limits)
+    upper = np.minimum(p.limits.upper, _NO_LIMIT * unit)
+    met, level, soft, rounding = _SETTINGS[precision]
+    targets, tensions = _followed(p)
+    off, apart = _ROUNDED[precision]
+    values = {
+        "SCALE": unit.max(),
+        "ARM_LENGTH": arm.length,
+        "MET": met,
+        "LEVEL": level,
+        "SOFT": soft,
+        "ROUNDING": rounding,
+        "TENSION_MIN": p.limits.lower,
+        "TENSION_MAX": upper,
+        "FIRST_TARGET": p.targets[0].parameters(arm),
+        "FIRST_TENSION": p.tensions,
+        "UNIT": unit,
+        "TEST_TARGET": targets,
+        "TEST_FOUND": tensions,
+        "TEST_MET": off,
+        "TEST_ALIKE": apart + _LEVER * max(shape.error, p.accuracy),
+    }
+    static = 14 + 11 * n + 2 * n * n + 4 * n
+    return {
+        **{place: numbers(value, precision) for place, value in values.items()},
+        "TEST_TARGETS": str(len(targets)),
+        "PLAN_NUMBERS": str(static),
+        "SQRT": "sqrt" if precision == "double" else "sqrtf",
+    }
+
+
+def _followed(p: Plan) -> tuple[Array, Array]:
+    """Return targets (K, 3) [m] about that of a plan, and their tensions (K, n_tendons) [N].
+
+    Each is planned near the one before.
+    """
+    start, results, targets = p.targets[0].parameters(p.arm), list[Array](), list[Array]()
+    options: dict[str, Any] = {"tension_min": p.limits.lower, "accuracy": p.accuracy}
+    options["certify"] = False
+    upper, near = p.limits.upper, p
+    for move in _MOVES:
+        place = start + _MOVED * p.arm.length * np.array(move)
+        target = TipPosition(tuple(place.tolist()))
+        moved = plan(p.arm, target, p.scene, upper, near=near, **options)
+        if moved.mode != "exact" or moved.jump:
+            continue
+        near = moved
+        targets.append(place)
+        results.append(np.ravel(moved.tensions))
+    return np.array(targets).reshape(-1, 3), np.array(results)

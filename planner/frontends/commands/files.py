@@ -1,0 +1,214 @@
+"""Commands for other files than scenes: new, sweep, calibrate, design, schema."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from shlex import quote
+from typing import Annotated, Any, Literal
+
+import msgspec
+from cyclopts import Parameter
+
+from octoplan.model import InputError, OctoplanError
+from octoplan.model.support.progress import OutOfTime, time_limit
+from octoplan.model.support.text import shortened_lines, told
+from octoplan.planner.extensions.fit.calibrate import calibrate as find_calibration
+from octoplan.planner.frontends.cli import FileOptions, Options, Output
+from octoplan.planner.frontends.io.files import to_json, write_together
+from octoplan.planner.frontends.io.fit_files import (
+    CalibrationFile,
+    DesignFile,
+    load_asked,
+    run_design,
+)
+from octoplan.planner.frontends.io.records import (
+    EffectsRecord,
+    ExportRecord,
+    ShapeRecord,
+    StiffnessRecord,
+    SweepRecord,
+    TrajectoryRecord,
+    record,
+)
+from octoplan.planner.frontends.io.saved_records import CalibrationRecord, DesignRecord, PlanRecord
+from octoplan.planner.frontends.io.scene_tables import SceneTable
+from octoplan.planner.frontends.report import figure
+from octoplan.planner.frontends.sweeps.definition import load_sweep
+from octoplan.planner.frontends.sweeps.sweep import written
+
+_DEFAULT = FileOptions()
+# A commented file for each kind, that runs as it is.
+TEMPLATES = Path(__file__).with_name("templates")
+Kind = Literal["plan", "trajectory", "sweep", "calibrate", "design"]
+
+
+def new(
+    file: Annotated[Path | None, Parameter(help="scene.toml unless given, or KIND.toml")] = None,
+    /,
+    *,
+    kind: Kind = "plan",
+) -> Output:
+    """Write a commented file to start from, that runs as it is; never over one that is there.
+
+    Parameters
+    ----------
+    kind
+        The command that it is for.
+    """
+    path = file or Path("scene.toml" if kind == "plan" else f"{kind}.toml")
+    if path.suffix.lower() != ".toml":
+        raise InputError("FILE", str(path), "a file name that ends in .toml")
+    contents = {path.name: (TEMPLATES / f"{kind}.toml").read_text("utf-8")}
+    if kind == "calibrate":
+        shapes = "calibrate_shapes.csv"
+        beside = f"{path.stem}_shapes.csv"
+        contents = {path.name: contents[path.name].replace(shapes, beside)}
+        contents[beside] = (TEMPLATES / shapes).read_text("utf-8")
+    for there in map(path.with_name, contents):
+        if os.path.lexists(there):
+            raise InputError("FILE", str(there), "a file that does not exist yet")
+    if not path.parent.is_dir():
+        raise InputError("FILE", str(path), "a file in a folder that is there")
+    write_together(path.parent, {name: text.encode() for name, text in contents.items()})
+    written = " and ".join(str(path.with_name(name)) for name in contents)
+    verb, more = "is" if len(contents) == 1 else "are", " --out out" * (kind != "sweep")
+    return Output(
+        lambda: f"{written} {verb} written; next: octoplan {kind} {quote(str(path))}{more}"
+    )
+
+
+def sweep(
+    file: Annotated[Path, Parameter(help="sweep file, SWEEP.toml")],
+    /,
+    *,
+    out: Path | None = None,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    options: Options = _DEFAULT,
+) -> Output:
+    """Find shapes, plans or stiffness at many values of a scene, and go on where it was killed.
+
+    Stopped by --time-limit, the same command goes on too.
+
+    Parameters
+    ----------
+    out
+        The Dataset, .nc (NetCDF) or .zarr; unless given, beside the sweep file as .nc.
+    jobs
+        Processes; -1 is all processors (1).
+    scheduler
+        tcp://HOST:PORT of a Dask scheduler, whose workers work on it.
+    """
+    to = file.with_suffix(".nc") if out is None else out
+    try:
+        with time_limit(options.time_limit):
+            wanted = load_sweep(file)
+            attributes, is_earlier = written(wanted, to, jobs=jobs, scheduler=scheduler)
+    except OutOfTime:
+        kept = "what is finished is kept: start the sweep again, and it goes on"
+        limit = f"the time limit of {options.time_limit:g} s was reached"
+        raise OctoplanError(f"{limit}; {kept}") from None
+    more = {"met": int(attributes["met"]), "failures": json.loads(attributes["failures"])}
+    result = record(SweepRecord, wanted, file=str(to), earlier=is_earlier, **more)
+    return Output(lambda: _sweep_text(result), result)
+
+
+def _sweep_text(record: SweepRecord) -> str:
+    dims = " x ".join(f"{name} ({size})" for name, size in record.dims.items())
+    word = "reached" if record.compute == "plan" else "settled"
+    lines = [
+        "finished by an earlier run, not run again; remove the file to run it"
+    ] * record.earlier
+    lines += [f"{record.file}: {dims}", f"  {record.met} of {record.points} points {word}"]
+    failures = [f"  {count} x such as: {text}" for text, count in record.failures.items()]
+    return "\n".join([*lines, *shortened_lines(failures, 4)])
+
+
+def calibrate(
+    file: Annotated[Path, Parameter(help="calibration file, FILE.toml")],
+    /,
+    *,
+    leave_out: bool = False,
+    options: FileOptions = _DEFAULT,
+) -> Output:
+    """Find numbers of an arm from measured shapes.
+
+    Parameters
+    ----------
+    leave_out
+        Also tell how well fits predict shapes left out.
+    """
+    result = find_calibration(**load_asked(file))
+
+    def text() -> str:
+        if not leave_out:
+            return told(result)
+        error = f"{1e3 * result.leave_out().mean_error:.3g} mm in the mean"
+        return f"{told(result)}\n  shapes left out are predicted to {error}"
+
+    return Output(text, record(CalibrationRecord, result), "calibration", result.plot)
+
+
+def design(
+    file: Annotated[Path, Parameter(help="design file, FILE.toml")],
+    /,
+    *,
+    options: FileOptions = _DEFAULT,
+) -> Output:
+    """Find the arm for which several tasks take least effort."""
+    result = run_design(file)
+    return Output(
+        lambda: told(result),
+        record(DesignRecord, result),
+        "design",
+        lambda: figure("plan", "plot_together")(result.plans),
+        reached=result.feasible,
+    )
+
+
+# Schemas
+
+_DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+RECORDS: dict[str, type[msgspec.Struct]] = {
+    "plan": PlanRecord,
+    "settle": ShapeRecord,
+    "stiffness": StiffnessRecord,
+    "effects": EffectsRecord,
+    "sweep": SweepRecord,
+    "calibrate": CalibrationRecord,
+    "design": DesignRecord,
+    "export": ExportRecord,
+    "trajectory": TrajectoryRecord,
+}
+"""The records by the commands that print them with --json."""
+
+FILES: dict[str, type[msgspec.Struct]] = {
+    "scene": SceneTable,
+    "calibration-file": CalibrationFile,
+    "design-file": DesignFile,
+}
+"""The files that are read."""
+
+SCHEMAS = ("scene", *RECORDS, *(name for name in FILES if name != "scene"))
+
+
+def schema_of(what: str) -> dict[str, Any]:
+    """Return the JSON Schema of files ("scene"), or of a command's JSON, by its name.
+
+    What depends on several keys, such as a place beyond the arm's tip, only what reads them knows.
+    """
+    title = f"octoplan {what}" if what in FILES else f"octoplan {what} --json"
+    schema = msgspec.json.schema({**FILES, **RECORDS}[what])
+    return {"$schema": _DIALECT, "title": title, **schema}
+
+
+_WHAT = Parameter(choices=SCHEMAS, help="scene unless given")
+
+
+def schema(what: Annotated[str, _WHAT] = "scene", /) -> Output:
+    """Print the JSON Schema of files, or of what a command prints with --json."""
+    # It is JSON for people too.
+    return Output(lambda: to_json(schema_of(what)).decode())

@@ -1,0 +1,205 @@
+"""Commands that answer for a scene file: plan, settle, stiffness and the others."""
+
+from __future__ import annotations
+
+import re
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from octoplan.model import OctoplanError
+from octoplan.model.settle import ACCURACY
+from octoplan.model.support.progress import OutOfTime
+from octoplan.model.support.text import plotted, told
+from octoplan.planner.frontends.bodies.files import What, export_shape
+from octoplan.planner.frontends.c_code.export import TAKEN, export_plan
+from octoplan.planner.frontends.c_code.export import export as export_map
+from octoplan.planner.frontends.c_code.source import Precision
+from octoplan.planner.frontends.cli import (
+    Accuracy,
+    FileOptions,
+    Folder,
+    Options,
+    Output,
+    SceneFile,
+    SceneOptions,
+)
+from octoplan.planner.frontends.effect_ablation import switch_effects
+from octoplan.planner.frontends.io.calls import check_complete, in_motion, planned, settled, stiff
+from octoplan.planner.frontends.io.csv_files import motion_csv, plan_csv, shape_csv
+from octoplan.planner.frontends.io.records import (
+    EffectsRecord,
+    ExportRecord,
+    ShapeRecord,
+    StiffnessRecord,
+    TrajectoryRecord,
+    record,
+)
+from octoplan.planner.frontends.io.saved_records import plan_record
+from octoplan.planner.frontends.io.scene_file import load
+from octoplan.planner.frontends.live.handles import handle_of
+from octoplan.planner.frontends.live.page import Page
+from octoplan.planner.frontends.live.session import Session
+from octoplan.planner.frontends.report import figure, switch_table
+from octoplan.planner.plan import Plan
+from octoplan.planner.plan import plan as make_plan
+
+_DEFAULT = SceneOptions()
+
+
+def plan(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Output:
+    """Find the tensions of least effort for the scene's target."""
+    result = planned(options.question(scene))
+    tables = {"plan.csv": lambda: plan_csv(result), "shape.csv": lambda: _shape_csv(result)}
+    record, certificate = plan_record(result), result.certificate
+    draw = None if certificate.problem else result.plot
+    return Output(lambda: str(result), record, "plan", draw, tables, certificate.passed)
+
+
+def _shape_csv(result: Plan) -> bytes:
+    """Return the shape as CSV, of no lines where the tensions do not settle."""
+    with suppress(OctoplanError, OutOfTime):
+        return shape_csv(result.shape)
+    return b""
+
+
+def trajectory(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Output:
+    """Find tensions over time through the scene's waypoints."""
+    result = in_motion(options.question(scene))
+    return Output(
+        lambda: told(result),
+        record(TrajectoryRecord, result),
+        "trajectory",
+        result.plot,
+        {"trajectory.csv": lambda: motion_csv(result)},
+        result.certificate.passed,
+    )
+
+
+def settle(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Output:
+    """Find the shape under the scene's tensions or lengths."""
+    shape = settled(options.question(scene))
+    tables = {"shape.csv": lambda: shape_csv(shape)}
+    return Output(lambda: told(shape), record(ShapeRecord, shape), "shape", shape.plot, tables)
+
+
+def stiffness(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Output:
+    """Find the compliance that the scene's [stiffness] table asks for."""
+    k = stiff(options.question(scene))
+    return Output(lambda: repr(k), record(StiffnessRecord, k), "stiffness", lambda: plotted(k))
+
+
+def effects(
+    scene: SceneFile, /, *, accuracy: Accuracy | None = None, options: FileOptions = _DEFAULT
+) -> Output:
+    """Settle the scene with each effect switched in turn."""
+    question = options.loaded(scene, accuracy)
+    check_complete(question, "tensions")
+    accuracy = question.accuracy
+    switches = switch_effects(question.arm, question.tensions, question.scene, accuracy)
+    return Output(
+        lambda: switch_table(switches, accuracy),
+        record(EffectsRecord, switches, accuracy=accuracy),
+        "effects",
+        lambda: figure("results", "plot_effects")(switches, accuracy),
+    )
+
+
+def live(
+    scene: SceneFile,
+    /,
+    *,
+    host: str = "localhost",
+    port: int = 8080,
+    accuracy: Accuracy | None = None,
+    compile: bool = False,  # noqa: A002  (the name of the option)
+) -> Output:
+    """Open a page on which the scene's target is dragged and the arm follows.
+
+    It is served until the last browser that looked at it is gone.
+
+    Parameters
+    ----------
+    host
+        Where the page is served (localhost).
+    port
+        Its port (8080).
+    compile
+        Work by machine code, see octoplan plan.
+    """
+    question = load(scene)
+    check_complete(question, "target", "limits")
+    more = {} if accuracy is None else {"accuracy": accuracy}
+    question = question.but(compile=compile or question.options["compile"], time_limit=None, **more)
+    handle = handle_of(question.arm, question.targets)
+    page = Page(Session(question.arm, question.scene, handle, question.of(make_plan)), host, port)
+    sys.stderr.write(f"octoplan: http://{host}:{port} (ends with the last browser)\n")
+    page.wait()
+    page.end()
+    return Output(lambda: "The last browser is gone.")
+
+
+# Exports
+
+_WHAT = (
+    "As C: tensions to shape (map), a moving tip target to tensions besides (plan); the settled "
+    "arm as STL and glTF (mesh), for MuJoCo (mjcf), as URDF and ROS messages (urdf)."
+)
+
+
+def export(
+    scene: SceneFile,
+    /,
+    *,
+    to: Folder,
+    what: Annotated[Literal["map", "plan"] | What, Parameter(help=_WHAT)] = "map",
+    links: int = 30,
+    precision: Precision = "double",
+    accuracy: Accuracy | None = None,
+    options: Options = _DEFAULT,
+) -> Output:
+    """Write the scene's map from tensions to shape or its inverse as C, or its settled arm.
+
+    Parameters
+    ----------
+    to
+        Folder to write to.
+    links
+        Of the chain of mjcf and urdf (30).
+    precision
+        Of the C code (double).
+    """
+    question, name, more, static_bytes = options.loaded(scene, accuracy), c_name(scene), "", 0
+    if what == "map" or what == "plan":
+        if what == "map":
+            check_complete(question, "tensions")
+            arguments = (question.arm, question.scene, to, question.tensions, question.accuracy)
+            result = export_map(*arguments, precision, name)
+        else:
+            # The plan that an inverse begins from is no less accurate than others.
+            fine = question.but(accuracy=min(question.accuracy, ACCURACY))
+            result = export_plan(planned(fine), to, question.accuracy, precision, name)
+        files, shape, static_bytes = result.files, result.shape, result.static_bytes
+        more = (
+            f"\n  {shape.s.size} nodes, tip error {shape.error:.1e} of the length at the "
+            f"tensions of the scene or its plan, work arrays {static_bytes} bytes\n"
+            f"  check them: make -C {to} check"
+        )
+    else:
+        driven = question.tensions is not None or "lengths" in question.options
+        by_plan = question.targets and not driven
+        shape = planned(question).shape if by_plan else settled(question)
+        files = export_shape(shape, to, what, name, links)
+    text = f"{', '.join(file.name for file in files)} in {to}{more}"
+    names = list(map(str, files))
+    written = record(ExportRecord, shape, files=names, static_bytes=static_bytes)
+    return Output(lambda: text, written, name)
+
+
+def c_name(scene: Path) -> str:
+    """Return a name for C made from that of a scene file: fetch-3d.toml gives fetch_3d."""
+    name = re.sub(r"[\W_]+", "_", scene.stem, flags=re.ASCII).strip("_")
+    return name if name[:1].isalpha() and name.lower() not in TAKEN else f"arm_{name}".strip("_")

@@ -1,0 +1,210 @@
+"""Which effects matter: a scene settled with each of its effects switched off, and others on."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from octoplan.model.arm import Arm
+from octoplan.model.effects import (
+    Buoyancy,
+    Effect,
+    ExactTendons,
+    Extension,
+    NeoHookean,
+    PrintedStatics,
+    Shear,
+    Weight,
+)
+from octoplan.model.forward import COLLOCATIONS, by_collocation, explicit_map, schemes_of
+from octoplan.model.loads import is_loaded
+from octoplan.model.scene import NEEDS, Scene
+from octoplan.model.settle import ACCURACY, settle
+from octoplan.model.support.errors import InputError, OctoplanError
+from octoplan.model.support.progress import reported
+
+# Effects that need no numbers of the user's, by name.
+_KNOWN: dict[str, Effect] = {
+    type(effect).__name__: effect
+    for effect in (Extension(), ExactTendons(), NeoHookean(), Shear(), Weight(), Buoyancy())
+}
+
+
+@dataclass(frozen=True)
+class ProblemSize:
+    """Counts that do not depend on the machine.
+
+    Attributes
+    ----------
+    states : int
+        Numbers carried along the arm: the pose, and what is integrated with it.
+    unknowns, constraints : int
+        Of the boundary value problem; none where the shape is an explicit function.
+    instructions : int
+        Elementary operations to evaluate the shape, or the constraints, on the coarsest mesh.
+    """
+
+    states: int
+    unknowns: int
+    constraints: int
+    instructions: int
+
+
+def problem_size(arm: Arm, scene: Scene) -> ProblemSize:
+    """Return the sizes of a scene's functions, by the scheme that is used unless one is named."""
+    scheme = schemes_of(scene)[0]
+    if not is_loaded(scene):
+        function = explicit_map(arm, scene, scheme, 1).function
+        carried = 7 + (function.size1_out(2) if function.n_out() > 2 else 0)
+        return ProblemSize(carried, 0, 0, function.expand().n_instructions())
+    of = by_collocation(arm, scene, COLLOCATIONS[scheme], 1).system.of
+    instructions = sum(
+        term.count * term.kernel.value.n_instructions() for term in of.equations.terms
+    )
+    return ProblemSize(of.node_size + of.form.strains, of.n_states, of.n_states, instructions)
+
+
+@dataclass(frozen=True)
+class Switch:
+    """One effect, and the scene with and without it.
+
+    Attributes
+    ----------
+    effect : str
+        Its name, with the names of what had to be switched along with it.
+    enabled : bool
+        Whether the scene has it.
+    tip_change : float
+        Distance between the tips with and without it, over L; NaN where one does not settle.
+    sizes, sizes_without : ProblemSize
+        Of the scene with and without it.
+    time_factor : float
+        Processor time of a settle with it over that without it.
+    matters : bool
+        Whether the tip change is above the accuracy, or the arm does not settle without it or
+        with it.
+    problem : str
+        Why one of the two does not settle, if so.
+    """
+
+    effect: str
+    enabled: bool
+    tip_change: float
+    sizes: ProblemSize
+    sizes_without: ProblemSize
+    time_factor: float
+    matters: bool
+    problem: str = ""
+
+    @property
+    def states_added(self) -> int:
+        """How many states it adds."""
+        return self.sizes.states - self.sizes_without.states
+
+    @property
+    def unknowns_added(self) -> int:
+        """How many unknowns it adds; below 0 where a coarser mesh is as accurate with it."""
+        return self.sizes.unknowns - self.sizes_without.unknowns
+
+
+def switch_effects(
+    arm: Arm, tensions: Any, scene: Scene, accuracy: float = ACCURACY, repeats: int = 5
+) -> tuple[Switch, ...]:
+    """Settle a scene with each of its effects switched off in turn, and others switched on.
+
+    The others are those that have natural values: extension, exact tendons, the neo-Hookean body,
+    shear, weight in air and in water. What an effect needs is switched along with it.
+
+    Parameters
+    ----------
+    arm, tensions, scene, accuracy
+        As settle takes them.
+    repeats : int
+        Of each settle that is timed.
+
+    Returns
+    -------
+    tuple of Switch
+        First the scene's own effects, then the others.
+
+    Raises
+    ------
+    InputError
+        As settle does, and for no repeats; the scene itself has to settle.
+    """
+    if type(repeats) is not int or repeats < 1:
+        raise InputError("repeats", repeats, "a whole number from 1")
+    settle(arm, tensions, scene, accuracy)
+    others = [(_without(scene, effect), effect) for effect in scene.effects]
+    addable = {} if scene.has(PrintedStatics) else _KNOWN
+    for effect in addable.values():
+        if not scene.has(type(effect)):
+            added = [effect, *(_KNOWN[name] for name in _needs(effect))]
+            missing = [each for each in added if not scene.has(type(each))]
+            others.append((Scene(*scene.effects, *missing), effect))
+    return tuple(
+        switch_effect(arm, tensions, scene, *other, accuracy, repeats)
+        for other in reported("effects switched", others)
+    )
+
+
+def _needs(effect: Effect) -> set[str]:
+    """Return the names of the effects that an effect needs."""
+    return {name for name, _ in NEEDS.get(type(effect).__name__, ())}
+
+
+def _without(scene: Scene, effect: Effect) -> Scene:
+    """Return the scene without an effect, and without those that need it."""
+    left = [other for other in scene.effects if other != effect]
+    names = {type(other).__name__ for other in left}
+    return Scene(*(other for other in left if _needs(other) <= names))
+
+
+def switch_effect(
+    arm: Arm,
+    tensions: Any,
+    scene: Scene,
+    other: Scene,
+    effect: Effect,
+    accuracy: float = ACCURACY,
+    repeats: int = 5,
+) -> Switch:
+    """Settle a scene, and another that has or lacks an effect, which gives the switch its name.
+
+    The time factor is the median of so many repeats, of the two in turn.
+    """
+    enabled = effect in scene.effects
+    with_it, without = (scene, other) if enabled else (other, scene)
+    added = [each for each in with_it.effects if each not in without.effects]
+    names = [type(each).__name__ for each in sorted(added, key=lambda each: each != effect)]
+    change, factor, problem = np.nan, np.nan, ""
+    calls = [partial(settle, arm, tensions, each, accuracy) for each in (with_it, without)]
+    try:
+        tips = [call().tip for call in calls]
+        times = [[_seconds(call) for call in calls] for _ in range(repeats)]
+        change = float(np.linalg.norm(tips[0] - tips[1])) / arm.length
+        factor = float(np.median([pair[0] / pair[1] for pair in times]))
+    except OctoplanError as reason:
+        problem = str(reason)
+    return Switch(
+        " and ".join(names),
+        enabled,
+        change,
+        problem_size(arm, with_it),
+        problem_size(arm, without),
+        factor,
+        not change <= accuracy,
+        problem,
+    )
+
+
+def _seconds(call: Callable[[], object]) -> float:
+    """Return how long a call takes; not by timeit, which warnings would name as the caller."""
+    begin = time.process_time()
+    call()
+    return time.process_time() - begin

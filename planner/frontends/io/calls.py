@@ -1,0 +1,84 @@
+"""What a scene file asks, handed to the functions that compute it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from octoplan.model import Shape, settle
+from octoplan.model.stiffness import Stiffness, stiffness
+from octoplan.model.support.errors import FileError
+from octoplan.planner.extensions.trajectory.motion import trajectory
+from octoplan.planner.extensions.trajectory.result import Trajectory
+from octoplan.planner.frontends.io.codec import names_of
+from octoplan.planner.frontends.io.mistakes import located
+from octoplan.planner.frontends.io.scene_file import Question
+from octoplan.planner.frontends.io.scene_tables import MotionTable
+from octoplan.planner.plan import Plan, plan
+
+R = TypeVar("R")
+_EXAMPLES = {
+    "target": 'a [target] table, such as [target] type = "tip-position", '
+    "position_mm = [250, 0, -150]",
+    "limits": "a [limits] table, such as [limits] tension_max = 20.0 (N, each tendon)",
+    "waypoints": '[[waypoints]] tables, such as type = "tip-position", '
+    "position_mm = [250, 0, -150]",
+    "motion": "a [motion] table, such as [motion] rate_max = 5.0 (N/s), or times_s",
+}
+
+
+def check_complete(question: Question, *keys: str) -> None:
+    """Raise FileError for the first of some keys that a scene file needs and lacks."""
+    has = {
+        "target": question.targets,
+        "limits": "tension_max" in question.options,
+        "waypoints": question.waypoints,
+        "motion": any(question.options.get(name) for name in names_of(MotionTable)),
+        "tensions": question.tensions is not None,
+    }
+    for key in keys:
+        if not has[key]:
+            example = _EXAMPLES.get(key) or _tensions_example(question)
+            raise FileError(question.name, key, f"missing; needed is {example}")
+
+
+def _tensions_example(question: Question) -> str:
+    rows = (f"[{', '.join(['0.0'] * len(item.angles))}]" for item in question.arm.sections)
+    place = "at the top of the file, above the first [table]"
+    return f"tensions = [{', '.join(rows)}] (N) {place}"
+
+
+def check_held(question: Question) -> None:
+    """Raise FileError for a scene file that has neither tensions nor lengths."""
+    if "lengths" not in question.options:
+        check_complete(question, "tensions")
+
+
+def _computed(question: Question, function: Callable[..., R], what: Any, **more: Any) -> R:
+    """Return what a function computes of a question, and of tensions or targets."""
+    with located(question.name, ""):
+        return function(question.arm, what, question.scene, **question.of(function) | more)
+
+
+def settled(question: Question) -> Shape:
+    """Return the shape under a scene file's tensions or lengths; FileError without any."""
+    check_held(question)
+    return _computed(question, settle, question.tensions)
+
+
+def stiff(question: Question) -> Stiffness:
+    """Return the stiffness that a scene file asks for; FileError without tensions or lengths."""
+    check_held(question)
+    return _computed(question, stiffness, question.tensions, **question.stiffness)
+
+
+def planned(question: Question) -> Plan:
+    """Return the plan that a scene file asks for; FileError without target or limits."""
+    check_complete(question, "target", "limits")
+    return _computed(question, plan, question.targets)
+
+
+def in_motion(question: Question) -> Trajectory:
+    """Return the motion that a scene file asks for; FileError for what it lacks."""
+    check_complete(question, "waypoints", "motion", "limits")
+    return _computed(question, trajectory, list(question.waypoints))

@@ -1,0 +1,338 @@
+"""How values are written, and read again, by the annotations of their classes.
+
+People write numbers in the units that keys name; where every bit counts they are in SI units, under
+the arguments' own names (the exact form, with None for the unit). The types of both are derived in
+octoplan.planner.frontends.io.tables.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import json
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from decimal import Decimal
+from functools import cache
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+import numpy as np
+from msgspec import UNSET, Meta
+
+from octoplan.model.paths import Array, Linear, Path, Sampled
+from octoplan.model.scene import Scene
+from octoplan.model.support.errors import InputError
+from octoplan.planner.frontends.io.files import versions
+
+# Units of keys by their names, as powers of ten of SI's, None where they are none; and SI's.
+UNITS = {"mm": -3, "mm/s": -3, "mm/s2": -3, "g": -3, "kPa": 3, "deg": None}
+SI = {"mm": "m", "g": "kg", "kPa": "Pa", "deg": "rad"}
+
+
+UNIONS = (Union, UnionType)
+_signature = cache(inspect.signature)
+
+
+def arguments(kind: Any) -> tuple[str, ...]:
+    """Return the names of the arguments of a class, or of a function."""
+    return tuple(_signature(kind).parameters)
+
+
+@cache
+def hints_of(kind: Any) -> dict[str, Any]:
+    """Return the annotations of a class or of a table, units and bounds with them."""
+    return get_type_hints(kind, include_extras=True)
+
+
+def is_of_project(kind: Any) -> bool:
+    """Return whether a type is a class of the project's."""
+    return isinstance(kind, type) and kind.__module__.partition(".")[0] == "octoplan"
+
+
+def is_union(kind: Any) -> bool:
+    """Return whether a type is a choice of types."""
+    return get_origin(kind) in UNIONS
+
+
+def choice(kinds: Iterable[Any]) -> Any:
+    """Return the type of what is of one of several types."""
+    return Union[tuple(kinds)]  # noqa: UP007  (of types that are made here)
+
+
+def metas(kind: Any) -> Iterator[Meta]:
+    """Yield what annotations a type carries, from the outside in."""
+    if get_origin(kind) is Annotated:
+        yield from (item for item in kind.__metadata__[::-1] if isinstance(item, Meta))
+        yield from metas(kind.__origin__)
+    elif is_union(kind) or get_origin(kind) in (tuple, list):
+        for item in get_args(kind):
+            yield from metas(item)
+
+
+def unit_of_type(kind: Any) -> str:
+    """Return the unit that the annotations of a type name; empty without one."""
+    named = (item.extra["unit"] for item in metas(kind) if item.extra and item.extra.get("unit"))
+    return next(named, "")
+
+
+def about_type(kind: Any) -> str:
+    """Return what the annotations of a key's type say that it holds."""
+    return next((item.description for item in metas(kind) if item.description), "")
+
+
+def quantity(about: str, unit: str = "", **bounds: Any) -> Meta:
+    """Return the annotation of a key: what it holds, and its unit."""
+    text = f"{about} [{unit}]".strip() if unit else about
+    return Meta(description=text, extra={"unit": unit}, **bounds)
+
+
+def suffix(unit: str) -> str:
+    """Return the end of the keys of a unit; SI's have none."""
+    return f"_{unit.replace('/', '_')}" if unit in UNITS else ""
+
+
+# How keys end, and the units of their numbers.
+ENDS = {"": "", **{suffix(unit): unit for unit in UNITS}}
+
+
+# What annotations are read and written by
+
+
+class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """A table of a file; keys that it does not know are refused."""
+
+
+@dataclass(frozen=True)
+class Form:
+    """An argument of a class that is written by keys of its own.
+
+    `keys` has their types and defaults, `read` takes their values in order, `write` returns them.
+    """
+
+    keys: Mapping[str, tuple[Any, Any]]
+    read: Callable[..., Any]
+    write: Callable[[Any], dict[str, Any]]
+
+
+# How a table is read, and how values of a class are written; None for those that are written in the
+# exact form alone.
+READ: dict[Any, Callable[[Any], Any]] = {}
+WRITE: dict[Any, Callable[[Any], dict[str, Any]] | None] = {Linear: None, Sampled: None}
+# Classes that the place where they stand tells, so that in the exact form no kind stands with them.
+PLACED: set[Any] = set()
+# Of tables of classes: their own keys by argument, annotations of these, other arguments' forms.
+KEYS: dict[Any, tuple[Mapping[str, str], Mapping[str, Any], Mapping[str, Form]]] = {}
+
+
+def sample_keys(unit: str) -> tuple[str, str]:
+    """Return the keys of a function of arc length by samples, whose values have a unit."""
+    return "s_mm", f"values{suffix(unit)}"
+
+
+# Reading
+
+
+def value_of(value: msgspec.Struct) -> Any:
+    """Return the value of a table; InputError that names a key, or an argument of the class."""
+    return READ[type(value)](value)
+
+
+def arguments_of(value: Table, kind: type[Table] | None = None) -> dict[str, Any]:
+    """Return what the keys of a table hold in SI units: the arguments of the class that it writes.
+
+    Of a table that is no class's, by the names of its keys without the unit. It may be read as one
+    of a kind of which it has all keys.
+    """
+    kind = kind or type(value)
+    keys, hints, forms = KEYS.get(kind) or (names_of(kind), None, {})
+    result = {
+        name: read(hints[name] if hints else hints_of(kind)[key], getattr(value, key), key)
+        for name, key in keys.items()
+    }
+    for name, form in forms.items():
+        result[name] = form.read(*(getattr(value, key) for key in form.keys))
+    return result
+
+
+@cache
+def names_of(kind: Any) -> dict[str, str]:
+    """Return the keys of a table by their names without the unit."""
+    hints = hints_of(kind)
+    units = {key: unit_of_type(hints[key]).replace("/", "_") for key in hints}
+    return {key.removesuffix(f"_{unit}" if unit else ""): key for key, unit in units.items()}
+
+
+def read(hint: Any, value: Any, key: str = "", unit: str | None = "") -> Any:
+    """Return what a key holds as the value that an annotation asks for; lists as tuples.
+
+    Numbers are in the units that annotations name, in SI's with None for the unit.
+    """
+    if value is None:
+        return None
+    if hint is float:
+        return float(value) if isinstance(value, str) else in_si(value, unit)
+    origin, inside, own_unit = _parts(hint)
+    if origin is Annotated:
+        return read(inside[0], value, key, unit if unit is None else own_unit or unit)
+    if origin in UNIONS:
+        return read(_chosen(inside, value, unit), value, key, unit)
+    if type(value) in READ:
+        return value_of(value)
+    if hint is Path:
+        return _read_path(value, key, unit)
+    if hint == Array:
+        return np.array(value, dtype=float)
+    if isinstance(value, list | tuple):
+        each = inside[:1] if not inside or inside[-1] is Ellipsis or origin is list else inside
+        each = tuple(hints_of(hint).values()) if hasattr(hint, "_fields") else each
+        of = each if len(each) == len(value) else (each or (Any,))[:1] * len(value)
+        return tuple(read(item, one, key, unit) for item, one in zip(of, value, strict=True))
+    return in_si(value, unit)
+
+
+@cache
+def _parts(hint: Any) -> tuple[Any, tuple[Any, ...], str]:
+    """Return what an annotation is made of, and its unit: looked up for each value of a sweep."""
+    return get_origin(hint), get_args(hint), unit_of_type(hint)
+
+
+def _chosen(kinds: tuple[Any, ...], value: Any, unit: str | None) -> Any:
+    """Return which of several annotations a value is of: lists of paths hold lists or samples.
+
+    In SI units paths are no lists.
+    """
+    is_list, others = isinstance(value, list | tuple), [k for k in kinds if k is not type(None)]
+    if Path in kinds and is_list:
+        several = unit is None or any(not isinstance(item, float | int) for item in value)
+        return next((item for item in kinds if several and item is not Path), Path)
+    return next((item for item in others if _is_list(item) == is_list), others[0])
+
+
+def _is_list(kind: Any) -> bool:
+    kind = kind.__origin__ if get_origin(kind) is Annotated else kind
+    return get_origin(kind) in (tuple, list) or hasattr(kind, "_fields")
+
+
+def in_si(value: Any, unit: str | None) -> Any:
+    """Return a number in a unit, or numbers in lists, in SI's; what is no number as it is."""
+    if isinstance(value, list | tuple):
+        return tuple(in_si(item, unit) for item in value)
+    if unit in UNITS and isinstance(value, int | float) and not isinstance(value, bool):
+        return _number_in_si(value, unit)
+    return value
+
+
+def _number_in_si(value: float, unit: str) -> float:
+    """Return a number in a unit in SI's, as decimals are: 6.5 mm are 0.0065, as in scripts."""
+    power = UNITS[unit]
+    if power is None:
+        return value * (math.pi / 180)
+    return float(Decimal(repr(float(value))).scaleb(power))
+
+
+def _read_path(value: Any, key: str, unit: str | None) -> Path:
+    if isinstance(value, Table):
+        s, values = (getattr(value, item) for item in value.__struct_fields__)
+        return Sampled(in_si(s, "mm"), in_si(values, unit))
+    if len(value) != 2:
+        end = "tip" if unit == "1/m" else "end"
+        keys = ", ".join(f"{item} = [...]" for item in sample_keys(unit or ""))
+        raise InputError(key, value, f"[base, {end}] or {{ {keys} }}")
+    return Linear(*in_si(value, unit))
+
+
+def read_exact(kind: Any, table: Any) -> Any:
+    """Return the value of a class that a table in the exact form holds."""
+    present = {name: getattr(table, name) for name in arguments(kind)}
+    values = {
+        key: read(hints_of(kind)[key], x, unit=None) for key, x in present.items() if x is not UNSET
+    }
+    return Scene(*values["effects"]) if kind is Scene else kind(**values)
+
+
+# Writing
+
+
+def table_of(value: Any) -> dict[str, Any]:
+    """Return the table that is read as a value, as TOML is decoded: keys with their units.
+
+    Raises InputError for a value of a kind that has no keys.
+    """
+    write = WRITE.get(type(value))
+    if write is None:
+        allowed = ", ".join(sorted(kind.__name__ for kind in WRITE if WRITE[kind]))
+        raise InputError("to write", value, f"one of {allowed}: others have no keys")
+    return {key: item for key, item in write(value).items() if item is not None}
+
+
+def keys_of(value: Any, kind: type[Table]) -> dict[str, Any]:
+    """Return the keys of a table of a value's class, or of values by the names of its keys."""
+    keys, hints, forms = KEYS.get(kind) or (names_of(kind), None, {})
+    tag = kind.__struct_config__.tag
+    result: dict[str, Any] = {} if tag is None else {"type": tag}
+    for name, key in keys.items():
+        hint = hints[name] if hints else hints_of(kind)[key]
+        result[key] = written(getattr(value, name), unit_of_type(hint))
+    for name, form in forms.items():
+        result |= form.write(getattr(value, name))
+    return result
+
+
+def written(value: Any, unit: str | None = "") -> Any:
+    """Return a value as it is written under a key of a unit; InputError if it cannot be."""
+    if value is None or isinstance(value, bool | str):
+        return value
+    if isinstance(value, np.ndarray | np.generic):
+        return written(value.tolist(), unit)
+    if isinstance(value, float) and unit is None:
+        return value if math.isfinite(value) else str(value)
+    if isinstance(value, int | float):
+        return number_in(value, unit or "")
+    if unit is None and type(value) in WRITE.keys() | PLACED:
+        kind = {} if type(value) in PLACED else {"kind": type(value).__name__}
+        return kind | attributes_of(value, arguments(type(value)))
+    if isinstance(value, list | tuple | range):
+        return [written(item, unit) for item in value]
+    if isinstance(value, dict):
+        return {key: written(item, unit) for key, item in value.items()}
+    if unit is None:
+        raise InputError("to save", value, f"one of {', '.join(item.__name__ for item in WRITE)}")
+    if isinstance(value, Linear):
+        return written((value.base, value.end), unit)
+    if isinstance(value, Sampled):
+        s, values = sample_keys(unit)
+        return {s: written(value.s, "mm"), values: written(value.values, unit)}
+    return table_of(value)
+
+
+def number_in(value: float, unit: str) -> float:
+    """Return a number of SI in a unit: the one of fewest digits that is read as it, or nearest."""
+    if unit not in UNITS:
+        return value
+    power = UNITS[unit]
+    near = math.degrees(value) if power is None else value * 10.0**-power
+    short = [float(f"{near:.{digits}g}") for digits in (15, 16)]
+    beside = [near, math.nextafter(near, math.inf), math.nextafter(near, -math.inf)]
+    return next((item for item in short + beside if _number_in_si(item, unit) == value), near)
+
+
+def plain(value: Any) -> Any:
+    """Return a value in the exact form; InputError for what could not be read back."""
+    return written(value, None)
+
+
+def attributes_of(value: Any, names: Iterable[str]) -> dict[str, Any]:
+    """Return attributes of a value in the exact form."""
+    return {name: plain(getattr(value, name)) for name in names}
+
+
+def identity(*values: Any) -> str:
+    """Return a hash of values and of the versions that compute with them.
+
+    It is the same in every process, and for equal values.
+    """
+    text = json.dumps([plain(values), versions()], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,108 @@
+"""Files of calibrations and designs: TOML, with the measured shapes in a CSV file beside it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta
+
+from octoplan.model.support.errors import FileError
+from octoplan.model.support.quantities import NotNegative, Positive
+from octoplan.planner.extensions.fit.design import design
+from octoplan.planner.extensions.fit.designed import Design
+from octoplan.planner.extensions.fit.making import Making, Objective, Reach
+from octoplan.planner.extensions.fit.unknowns import Unknown
+from octoplan.planner.frontends.io.codec import Table, arguments_of, quantity, value_of
+from octoplan.planner.frontends.io.csv_files import MarkerColumns, load_shapes
+from octoplan.planner.frontends.io.files import path_of, read_toml
+from octoplan.planner.frontends.io.mistakes import checked, located, made
+from octoplan.planner.frontends.io.object_tables import ObjectiveTable, TargetTable
+from octoplan.planner.frontends.io.scene_file import Question, scene_beside, written_question
+from octoplan.planner.frontends.io.scene_tables import SceneKey
+from octoplan.planner.frontends.io.tables import Accuracy, table
+
+MakingTable: Any = table(Making)
+ReachTable: Any = table(Reach, tag="reach")
+UnknownTable: Any = table(Unknown)
+
+
+class CalibrationFile(Table, frozen=True):
+    """A calibration file: a scene, measured shapes, and what is unknown."""
+
+    scene: SceneKey
+    measured: Annotated[str, Meta(description="a CSV file of shapes, from this file's folder")]
+    unknowns: Annotated[tuple[UnknownTable, ...], Meta(min_length=1)]
+    points: Annotated[tuple[MarkerColumns, ...], Meta(description="the markers")] = ()
+    std_mm: Annotated[Positive | None, quantity("standard deviation of places", "mm")] = None
+    length_std_mm: Annotated[
+        Positive | None, quantity("of lengths and strokes; std_mm unless given", "mm")
+    ] = None
+    tension_std: Annotated[NotNegative, quantity("standard deviation of tensions", "N")] = 0.0
+    absolute_std: Annotated[bool, Meta(description="whether that holds as it is")] = False
+    loss: Annotated[
+        Literal["linear", "huber", "soft_l1", "cauchy"], Meta(description="robust unless linear")
+    ] = "linear"
+    starts: Annotated[int, Meta(ge=1, le=1000, description="how many fits begin")] = 1
+    accuracy: Annotated[Accuracy, Meta(description="tip error over arm length")] = 1e-5
+
+
+class DesignFile(Table, frozen=True):
+    """A design file: a scene, tasks, and what of the arm is unknown."""
+
+    scene: SceneKey
+    tasks: Annotated[tuple[TargetTable, ...], Meta(min_length=1, description="a target each")]
+    unknowns: Annotated[tuple[UnknownTable, ...], Meta(min_length=1)]
+    making: MakingTable = MakingTable()
+    objective: Annotated[
+        ObjectiveTable | ReachTable | None,
+        Meta(description="what is best while all tasks are met; the least effort unless given"),
+    ] = None
+
+
+def load_asked(path: str | Path) -> dict[str, Any]:
+    """Return what a calibration file asks, as the arguments of calibrate.
+
+    Raises FileError with the file, the key and what is allowed.
+    """
+    path = path_of(path)
+    name = str(path)
+    file, question, unknowns = _read(path, CalibrationFile, "unknowns", "calibrate")
+    names = [point.name for point in file.points]
+    if len(set(names)) < len(names):
+        raise FileError(name, "points", f"got {', '.join(names)}; allowed is each name once")
+    values = arguments_of(file)
+    stds = {key: values[key] for key in ("std", "length_std", "tension_std")}
+    return {
+        "arm": question.arm,
+        "scene": question.scene,
+        "measured": load_shapes(path.parent / file.measured, question.arm, file.points, **stds),
+        "unknowns": unknowns,
+        **{key: values[key] for key in ("loss", "absolute_std", "starts", "accuracy")},
+    }
+
+
+def run_design(path: str | Path) -> Design:
+    """Return the design that a file asks for; FileError with the file and the key."""
+    name = str(path)
+    file, question, unknowns = _read(path_of(path), DesignFile, "tasks", "design")
+    if question.options.get("tension_min") or question.options.get("total_pull"):
+        text = "got tension_min or total_pull, allowed is tension_max alone in a design"
+        raise FileError(name, "limits", text)
+    most = question.options.get("tension_max", math.inf)
+    with located(name, ""):
+        objective: Objective = "effort" if file.objective is None else value_of(file.objective)
+        tasks, making = [value_of(item) for item in file.tasks], value_of(file.making)
+        arguments = question.arm, tasks, unknowns, question.scene, most
+        return design(*arguments, making=making, objective=objective)
+
+
+def _read(path: Path, kind: Any, needed: str, command: str) -> tuple[Any, Question, list[Unknown]]:
+    """Return what a file holds as a table of a kind, and its scene and unknowns."""
+    name = str(path)
+    file = checked(read_toml(path)[0], kind, name, needed, command)
+    with scene_beside(file.scene, path) as (scene, scene_name, _):
+        question = written_question(scene, scene_name)
+    tables = enumerate(file.unknowns)
+    return file, question, [made(name, f"unknowns[{i}]", value_of, each) for i, each in tables]

@@ -1,0 +1,293 @@
+"""Mistakes and likely slips in files, in plain words: where, what is there, what is allowed.
+
+What a table may not hold by its type (`checked`), what a TOML parser does not understand
+(`no_toml`), and what a class refuses, at the key of its argument (`_as_written`).
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+import re
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, nullcontext
+from typing import Any, TypeVar
+
+import msgspec
+import numpy as np
+from msgspec import inspect
+
+from octoplan.model.support.errors import FileError, InputError, as_given, shortened
+from octoplan.model.support.units import UnitWarning, millimetres, warn
+from octoplan.planner.frontends.io.codec import ENDS, about_type, in_si
+from octoplan.planner.frontends.io.key_paths import (
+    Step,
+    described,
+    hint,
+    keys_in,
+    kinds_at,
+    places,
+    steps,
+    tag_of,
+    type_at,
+    value_at,
+)
+from octoplan.planner.frontends.io.scene_tables import KEYS
+
+R = TypeVar("R")
+_LONG = 60
+_WORDS: dict[type[inspect.Type], str] = {
+    inspect.IntType: "a whole number",
+    inspect.FloatType: "a number",
+    inspect.StrType: "text in quotes",
+    inspect.BoolType: "true or false",
+    inspect.ListType: "a list [...]",
+    inspect.VarTupleType: "a list [...]",
+}
+_SIGNS: dict[str, Any] = {
+    "gt": (operator.gt, "above"),
+    "ge": (operator.ge, "of at least"),
+    "lt": (operator.lt, "below"),
+    "le": (operator.le, "up to"),
+}
+
+
+def checked(table: Any, kind: type[R], name: str, needed: str = "", command: str = "") -> R:
+    """Return what a file holds as a table of a kind; FileError where a key is missing or wrong.
+
+    `needed` is a key without which it is no file for a command.
+    """
+    if needed and needed not in table:
+        such = f"`octoplan new --kind {command} FILE` writes a file that has it"
+        raise FileError(name, needed, f"missing; {such}")
+    try:
+        return msgspec.convert(table, kind)
+    except msgspec.ValidationError as reason:
+        _, _, path = str(reason).rstrip("`").partition(" - at `$")
+        raise _mistake(name, table, kind, path.removeprefix(".")) from None
+
+
+@contextmanager
+def located(name: str, where: str, part: Any = None) -> Iterator[None]:
+    """Let what is not allowed inside the block be an error of a file, at a place in it.
+
+    With the part that the file holds there, it is told at the key of the argument, lengths in mm.
+    """
+    try:
+        with nullcontext() if part is None else millimetres():
+            yield
+    except InputError as reason:
+        if isinstance(reason, FileError):
+            raise
+        raise _as_written(reason, name, where, part) from None
+
+
+def made(name: str, where: str, make: Callable[..., R], *of: Any, part: Any = None) -> R:
+    """Return what is made of arguments; an error is told at a place in a file, see located."""
+    with located(name, where, part):
+        return make(*of)
+
+
+def _mistake(name: str, table: Any, root: Any, path: str) -> FileError:
+    """Return what is wrong at a path in what a file holds, which is not of its type `root`.
+
+    The error names the file, the key and its like.
+    """
+    where = steps(path)
+    value, kinds = value_at(table, where), kinds_at(root, table, where)
+    tables = [kind for kind in kinds if isinstance(kind, inspect.StructType)]
+    if isinstance(value, dict) and tables:
+        return _wrong_keys(name, path, value, tables, root)
+    literals = [kind for kind in kinds if isinstance(kind, inspect.LiteralType)]
+    options = list(dict.fromkeys(item for kind in literals for item in kind.values))
+    words = [f"one of {', '.join(dict.fromkeys(map(str, options)))}"] if options else []
+    words += [_words(kind, value) for kind in kinds if kind not in literals]
+    allowed = " or ".join(dict.fromkeys(words))
+    about = about_type(type_at(table, where, root))
+    if any("a list" in item for item in words) and about:
+        allowed = f"{allowed}: {about}"
+    text = f"got {shown(value)}, allowed is {allowed}{hint(value, options)}"
+    return FileError(name, path or "the file", text)
+
+
+def shown(value: Any) -> str:
+    """Return a value as a file would write it, shortened."""
+    text = {True: "true", False: "false"}[value] if isinstance(value, bool) else as_given(value)
+    return text if len(text) <= _LONG else f"{text[: _LONG - 4]} ..."
+
+
+def _words(kind: inspect.Type, value: Any) -> str:
+    """Return a type in words, of its bounds those that a value is not within."""
+    if isinstance(kind, inspect.StructType):
+        return f"a table {{ ... }} of the keys {', '.join(keys_in(kind))}"
+    if isinstance(kind, inspect.TupleType):
+        return f"a list of {len(kind.item_types)}"
+    least = getattr(kind, "min_length", None) or 0
+    if isinstance(value, list) and len(value) < least:
+        return f"a list of at least {least}"
+    result = _WORDS.get(type(kind), "something else")
+    for key, (holds, words) in _SIGNS.items():
+        bound = getattr(kind, key, None)
+        if bound is not None and isinstance(value, int | float) and not holds(value, bound):
+            result += f" {words} {bound if isinstance(bound, int) else f'{bound:g}'}"
+    return result
+
+
+def _wrong_keys(
+    name: str, path: str, entries: dict[str, Any], tables: list[inspect.StructType], root: Any
+) -> FileError:
+    """Return which key of a table is not known, or missing."""
+    tags = [tag for tag in map(tag_of, tables) if tag]
+    allowed = dict.fromkeys([*(key for key, _ in tags), *(k for of in tables for k in keys_in(of))])
+    strict = all(item.forbid_unknown_fields for item in tables)
+    unknown = next((key for key in entries if strict and key not in allowed), None)
+    where = f"{path}.".removeprefix(".")
+    if unknown is not None:
+        elsewhere = list(dict.fromkeys(places(described(root), unknown)))
+        more = hint(unknown, list(allowed))
+        if "" in elsewhere:
+            more = "; it belongs at the top of the file, above the first [table]"
+        elif len(elsewhere) == 1:
+            more = f"; it belongs in [{elsewhere[0]}]"
+        text = f"no such key{more} (known here: {', '.join(allowed)})"
+        return FileError(name, f"{where}{shortened(unknown)}", text)
+    if tags and entries.get(tags[0][0]) is None:
+        text = f"missing, allowed is one of {', '.join(str(tag) for _, tag in tags)}"
+        return FileError(name, f"{where}{tags[0][0]}", text)
+    required = (field.name for item in tables for field in item.fields if field.required)
+    missing = next((key for key in required if key not in entries), "")
+    text = f"missing; {f'[{path}]' if path else 'the file'} needs it"
+    return FileError(name, f"{where}{missing}", text)
+
+
+def _as_written(reason: InputError, name: str, key: str, part: Any) -> FileError:
+    """Return what a class refuses as an error of the file that said so, at the argument's key.
+
+    Parameters
+    ----------
+    reason : InputError
+        Its field names an argument: Arm.sections[0].at.
+    name, key : str
+        The file, and the path of the part of it that was built.
+    part : Any
+        What the file holds there.
+    """
+    if not _FIELD.fullmatch(reason.field):
+        return FileError.of(reason, name, key)
+    names = steps(reason.field)
+    if names[0] in _EFFECTS:
+        names[0] = _EFFECTS[names[0]]
+    elif names[0] == key or str(names[0])[0].isupper():  # the part, or the class it is built as
+        del names[0]
+    matches = [item for item in _arguments(key, part, names) if item[0] != key]
+    if not matches:
+        return FileError.of(reason, name, key)
+    # Of several effects of a kind, the first that has this value.
+    fitting = (item for item in matches if len(matches) == 1 or _is_same(item, reason.given))
+    path, unit, value = next(fitting, matches[0])
+    held = shown(value if unit or isinstance(reason.given, tuple) else reason.given)
+    return FileError(name, path, f"got {held}, allowed is {reason.allowed}")
+
+
+_FIELD = re.compile(r"\w[\w.\[\]]*")
+_EFFECTS: dict[Step, str] = {kind.__name__: key for kind, key in KEYS.items()}
+
+
+def _is_same(written: tuple[str, str, Any], argument: Any) -> bool:
+    """Return whether a number that a file holds, or a list of them, is a value in SI units."""
+    _, unit, value = written
+    a, b = np.array(in_si(value, unit)), np.array(argument)
+    return {a.dtype.kind, b.dtype.kind} <= {"i", "f"} and np.array_equal(a, b, equal_nan=True)
+
+
+def _arguments(
+    path: str, value: Any, names: list[Step], unit: str = ""
+) -> Iterator[tuple[str, str, Any]]:
+    """Yield path, unit and value of the keys that the names of an argument lead to."""
+    if not names:
+        yield path, unit, value
+    elif isinstance(value, dict):
+        for end, unit in ENDS.items():
+            key = f"{names[0]}{end}"
+            if key in value:
+                yield from _arguments(f"{path}.{key}", value[key], names[1:], unit)
+    elif isinstance(value, list):
+        which, rest = range(len(value)), names
+        if isinstance(names[0], int):
+            which, rest = range(len(value))[names[0] : names[0] + 1], names[1:]
+        for i in which:
+            yield from _arguments(f"{path}[{i}]", value[i], rest, unit)
+
+
+# Likely slips: what is allowed is told with the number that was likely meant. A fraction of pi
+# under a key in degrees, a density in g/cm3; what is softer than any elastomer is refused, as no
+# shape of such an arm under tendons settles.
+
+# Of fractions of pi that people round to 3.14, over pi / 12.
+_ROUNDED = 7e-3
+# Young's modulus of the softest gels [kPa]; about the density of water in g/cm3.
+_SOFTEST, _WATER = 0.3, (0.9, 1.1)
+_FLUIDS = ("effects.buoyancy.density", "effects.current.density")
+
+
+def check_modulus(E_kPa: float, name: str) -> None:
+    """Raise FileError for Young's modulus of an arm in MPa or GPa in place of kPa."""
+    if E_kPa < _SOFTEST:
+        unit, factor = ("megapascals", 1e3) if 1e3 * E_kPa >= _SOFTEST else ("gigapascals", 1e6)
+        meant = f"give {factor * E_kPa:g} if {unit} were meant (kPa)"
+        text = f"got {E_kPa:g}, softer than any elastomer; allowed is {_SOFTEST:g} kPa or more"
+        raise FileError(name, "arm.E_kPa", f"{text}: {meant}")
+
+
+def warn_of_slips(raw: dict[str, Any]) -> None:
+    """Warn of likely slips in what a scene file holds, with UnitWarning."""
+    for path, value in _entries("", raw):
+        warn_of_slip(path, value)
+
+
+def _entries(path: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Yield path and value of all keys that hold no tables."""
+    if isinstance(value, dict):
+        for key, inside in value.items():
+            yield from _entries(f"{path}.{key}".removeprefix("."), inside)
+    elif isinstance(value, list) and any(isinstance(item, dict) for item in value):
+        for i, inside in enumerate(value):
+            yield from _entries(f"{path}[{i}]", inside)
+    else:
+        yield path, value
+
+
+def warn_of_slip(path: str, value: Any) -> None:
+    """Warn of a value, or of several, at a key path, that are likely slips; with UnitWarning."""
+    held = value if isinstance(value, list) else [value]
+    numbers = [item for item in held if isinstance(item, int | float)]
+    if not numbers:
+        return
+    if path in _FLUIDS and all(_WATER[0] <= item <= _WATER[1] for item in numbers):
+        text = f"{path} is {_listed(numbers)} kg/m3, a thousandth of that of water"
+        meant = f"if g/cm3 were meant, give {_listed([1e3 * item for item in numbers])} (kg/m3)"
+        constant = f"{path} is a thousandth of that of water; if g/cm3 were meant, give kg/m3"
+        warn(constant, UnitWarning, f"{text}; {meant}")
+    key = next(item for item in reversed(steps(path)) if isinstance(item, str))
+    small = all(abs(item) < 7 for item in numbers)
+    # A plain half degree is meant as it is.
+    fractions = [x for x in numbers if _fraction_of_pi(x) and (2 * x) % 1 > 1e-9]
+    if key.endswith("_deg") and small and fractions:
+        several = " of which some are fractions" if isinstance(value, list) else " a fraction"
+        text = f"a key in degrees holds {_listed(numbers)},{several} of pi ({path})"
+        degrees = [_fraction_of_pi(x) or math.degrees(x) for x in numbers]
+        constant = f"{path} holds fractions of pi; if radians were meant, give degrees"
+        details = f"{text}; if radians were meant, give {_listed(degrees)} (degrees)"
+        warn(constant, UnitWarning, details)
+
+
+def _listed(numbers: Iterable[float]) -> str:
+    return ", ".join(f"{item:g}" for item in numbers)
+
+
+def _fraction_of_pi(radians: float) -> float:
+    """Return in degrees what is about a multiple of pi / 12, as people round it; 0 for others."""
+    if not abs(radians) < 7:
+        return 0.0
+    twelfths = round(radians / (math.pi / 12))
+    return 15.0 * twelfths * (abs(radians / (math.pi / 12) - twelfths) < _ROUNDED)

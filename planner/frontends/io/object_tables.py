@@ -1,0 +1,310 @@
+"""The arm, obstacles and targets of a scene file, each a key or a table of its own."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from msgspec import structs
+from scipy.spatial.transform import Rotation
+
+import octoplan.model.effects
+import octoplan.model.extensions.obstacles
+import octoplan.planner.targets
+from octoplan.model.anchorage import Anchorage, Material, RestCurvature
+from octoplan.model.arm import PAPER_ARMS, PAPER_FRAME, Arm
+from octoplan.model.effects import Contact
+from octoplan.model.extensions.obstacles import Box, Mesh, Moving, Obstacle
+from octoplan.model.extensions.obstacles.base import Convex
+from octoplan.model.support.errors import FileError, InputError
+from octoplan.model.support.quantities import Vector
+from octoplan.planner.frontends.io.codec import (
+    READ,
+    WRITE,
+    Form,
+    Table,
+    arguments,
+    arguments_of,
+    choice,
+    hints_of,
+    in_si,
+    quantity,
+    read,
+    suffix,
+    table_of,
+    unit_of_type,
+    written,
+)
+from octoplan.planner.frontends.io.tables import TABLES, fields_of, struct, table, type_in_file
+from octoplan.planner.targets import Hold, MinimumStiffness, Softest, Stiffest, Target, TipPose
+
+Frame = tuple[tuple[float, ...], ...]
+Numbers = tuple[float, ...]
+# Vectors of frames may be rounded to three digits.
+_ROUNDED = 2e-3
+VECTOR: Any = type_in_file(Vector)
+
+
+def frame(tangent: Numbers, normal: Numbers) -> Frame:
+    """Return the frame (3, 3), columns t, n and t x n, row by row.
+
+    Vectors may be rounded to three digits; InputError for what is not orthonormal then.
+    """
+    t, n = np.array(tangent), np.array(normal)
+    for key, vector in (("tangent", t), ("normal", n)):
+        if not abs(np.linalg.norm(vector) - 1) < _ROUNDED:
+            raise InputError(key, vector.tolist(), "a vector of length 1")
+    if not abs(t @ n) < _ROUNDED:
+        raise InputError("normal", n.tolist(), f"a vector at right angles to {t.tolist()}, tangent")
+    t = t / np.linalg.norm(t)
+    n = n - (t @ n) * t
+    n = n / np.linalg.norm(n)
+    columns = np.column_stack([t, n, np.cross(t, n)])
+    return tuple(tuple(row) for row in columns.tolist())
+
+
+def columns_of(matrix: Frame) -> dict[str, Any]:
+    """Return the keys of a frame: its first two columns."""
+    t, n, _ = np.array(matrix).T.tolist()
+    return {"tangent": t, "normal": n}
+
+
+def keyed(of: Any, about: str, *default: Any, unit: str = "") -> Any:
+    """Return the type of a key and its default, if it has one."""
+    return Annotated[of, quantity(about, unit)], *default
+
+
+def frame_form(tangent: str, normal: str, *default: Numbers) -> Form:
+    """Return how a frame is written: by two of its columns (t, n, b), told what they are."""
+    about = {"tangent": tangent, "normal": normal}
+    keys: dict[str, Any] = {
+        key: keyed(VECTOR, f"{item}, of length 1", *default[i : i + 1])
+        for i, (key, item) in enumerate(about.items())
+    }
+    return Form(keys, frame, columns_of)
+
+
+_COLUMNS = frame_form("t, along the arm", "n, across the arm and towards tendon 1")
+FrameTable: Any = struct(
+    "FrameTable",
+    [(key, *held) for key, held in _COLUMNS.keys.items()],
+    "A frame by two of its columns (t, n, b); b is their cross product.",
+)
+
+
+def _base(value: Any, rotation_deg: Numbers) -> Frame:
+    base: Frame = PAPER_FRAME if value is None else frame(value.tangent, value.normal)
+    if not any(rotation_deg):
+        return base
+    rotated = np.array(base) @ Rotation.from_rotvec(np.radians(rotation_deg)).as_matrix()
+    return tuple(tuple(row) for row in rotated.tolist())
+
+
+_ROTATION = "rotation vector about t, n, b by which the base is off base_frame"
+_BASE = Form(
+    {
+        "base_frame": keyed(FrameTable | None, "frame of the base; the paper's unless given", None),
+        "base_rotation_deg": keyed(VECTOR, _ROTATION, (0.0, 0.0, 0.0), unit="deg"),
+    },
+    _base,
+    lambda item: {"base_frame": columns_of(item)},
+)
+
+
+def _inline(kind: Any) -> Form:
+    """Return how an argument is written whose own arguments are keys beside those of the others."""
+    keys = {
+        name + suffix(unit_of_type(type_)): (type_, default)
+        for name, type_, default in fields_of(kind, {})
+    }
+    hints = [hints_of(kind)[name] for name in arguments(kind)]
+    table(kind)
+    return Form(keys, lambda *each: kind(*map(read, hints, each)), table_of)
+
+
+_PRESETS = {name: Arm.from_paper(name) for name in PAPER_ARMS}
+Preset: Any = Literal[tuple(_PRESETS)]
+TABLES[RestCurvature], TABLES[Anchorage] = table(RestCurvature), table(Anchorage)
+_PRESET = "an arm of the paper, in place of length_mm, radius_mm and sections"
+ArmTable: Any = table(
+    Arm,
+    more={"preset": keyed(Preset | None, _PRESET, None)},
+    material=_inline(Material),
+    base_frame=_BASE,
+)
+
+
+def arm_of(argument: Any) -> Arm:
+    """Return the arm of a table; raises InputError that names a key, or a field of Arm."""
+    required = {key: getattr(argument, key) for key in ("length_mm", "radius_mm", "sections")}
+    missing = [key for key, value in required.items() if not value]
+    if argument.preset is not None and len(missing) < len(required):
+        allowed = "either a preset, or length_mm, radius_mm and sections of an arm of your own"
+        raise InputError("preset", argument.preset, allowed)
+    if argument.preset is None and missing:
+        allowed = f"a preset ({', '.join(_PRESETS)}), or length_mm, radius_mm and sections"
+        raise InputError("arm", f"no {', no '.join(missing)}", allowed)
+    result = arguments_of(argument)
+    if argument.preset is not None:
+        like = _PRESETS[argument.preset]
+        result |= {"length": like.length, "radius": like.radius, "sections": like.sections}
+    return Arm(**result)
+
+
+READ[ArmTable] = arm_of
+
+
+# Obstacles
+
+
+def public(module: Any) -> list[Any]:
+    """Return the classes that a package exports: each is written in some way, or no import."""
+    exported = (getattr(module, name) for name in module.__all__)
+    return [item for item in exported if isinstance(item, type)]
+
+
+def tag_of(kind: type) -> str:
+    """Return by which type the tables of a class are told: tip-position of TipPosition."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "-", kind.__name__).lower()
+
+
+def _vertices(values: list[Numbers] | None, position: Numbers, t: Numbers, n: Numbers) -> Any:
+    axes, origin = np.array(frame(t, n)), np.array(in_si(position, "mm"))
+    places = np.array(in_si(values or [], "mm")).reshape(-1, 3)
+    return tuple(map(tuple, (places @ axes.T + origin).tolist()))
+
+
+_EDGES = frame_form("along its first edge", "along its second edge", (1, 0, 0), (0, 1, 0))
+_AXES = frame_form("its own x axis", "its own y axis", (1, 0, 0), (0, 1, 0))
+_VERTICES = Form(
+    {
+        "vertices_mm": keyed(list[VECTOR] | None, "along its own axes", None, unit="mm"),
+        "position_mm": keyed(VECTOR, "of its own origin", (0, 0, 0), unit="mm"),
+        **_AXES.keys,
+    },
+    _vertices,
+    lambda item: {"vertices_mm": written(item, "mm")},
+)
+_FROM = ".stl, .obj, .ply or .off, from where the scene file is"
+_FILE: dict[str, tuple[Any, Any]] = {
+    "file": keyed(str | None, _FROM, None),
+    "unit": keyed(Literal["mm", "cm", "m", "in"], "of the file", "mm"),
+}
+_OBSTACLE_FORMS: dict[Any, dict[str, Any]] = {
+    Box: {"frame": _EDGES},
+    Mesh: {"vertices": _VERTICES, "more": _FILE},
+}
+_KINDS = [
+    kind for kind in public(octoplan.model.extensions.obstacles) if kind not in (Obstacle, Moving)
+]
+_SHAPES = {kind: table(kind, tag=tag_of(kind), **_OBSTACLE_FORMS.get(kind, {})) for kind in _KINDS}
+
+
+def inlined(value: Any, folder: Path) -> Any:
+    """Return the table of an obstacle with the numbers of its file, looked for from a folder.
+
+    Raises InputError for both or neither of them, and for a file that cannot be read.
+    """
+    if not isinstance(value, _SHAPES[Mesh]):
+        return value
+    mesh: Any = value
+    numbers = (mesh.vertices_mm is not None, mesh.faces is not None)
+    if numbers != ((mesh.file is None,) * 2):
+        there = [key for key in ("file", "vertices_mm", "faces") if getattr(mesh, key) is not None]
+        raise InputError("file", there, "a file, or vertices_mm and faces in its place")
+    if mesh.file is None:
+        return mesh
+    try:
+        result = Mesh.read(folder / mesh.file, mesh.unit)
+    except FileError as reason:
+        raise InputError("file", mesh.file, f"a file of a closed mesh: {reason.problem}") from None
+    corners = [tuple(item) for item in written(result.vertices, "mm")]
+    faces = [(a, b, c) for a, b, c in result.faces]
+    return structs.replace(mesh, file=None, vertices_mm=corners, faces=faces)
+
+
+def _with_key(
+    shape: type[Table], prefix: str, key: str, held: tuple[Any, Any], read: Any
+) -> type[Table]:
+    """Return the table of an obstacle that has one key more, and how that is read with it."""
+    name, tag = f"{prefix}{shape.__name__}", str(shape.__struct_config__.tag)
+    made: type[Table] = struct(name, [(key, *held)], shape.__doc__, tag, shape)
+    READ[made] = lambda table: read(READ[shape](table), getattr(table, key))
+    return made
+
+
+def _avoided(obstacle: Obstacle, rows: Any) -> Obstacle | Moving:
+    if rows is None:
+        return obstacle
+    return Moving(obstacle, tuple(row[0] for row in rows), in_si([row[1:] for row in rows], "mm"))
+
+
+_ROWS = "time [s] and how far it has moved by then along x, y, z [mm], row by row"
+_PATH = keyed(tuple[tuple[float, float, float, float], ...] | None, _ROWS, None)
+_FRICTION = next(item[1:] for item in fields_of(Contact, {"obstacle"}))
+_CONVEX = [_SHAPES[kind] for kind in _KINDS if issubclass(kind, Convex)]
+# What is wrapped round or held; what is kept clear of, and may move in motions; what is leant on.
+TABLES[Convex] = choice(_CONVEX)
+ObstacleTable: Any = choice(
+    [_with_key(item, "Avoided", "path_s_mm", _PATH, _avoided) for item in _SHAPES.values()]
+)
+TABLES[Contact] = choice(
+    [_with_key(item, "Contact", "friction", _FRICTION, Contact) for item in _CONVEX]
+)
+
+
+def _moving(each: Moving) -> dict[str, Any]:
+    rows = zip(each.times, written(each.path, "mm"), strict=True)
+    return {**table_of(each.obstacle), "path_s_mm": [[t, *x] for t, x in rows]}
+
+
+WRITE[Moving] = _moving
+WRITE[Contact] = lambda item: {**table_of(item.obstacle), "friction": item.friction}
+
+
+def _stiffness(direction: Numbers | None, matrix: Any) -> Any:
+    if (direction is None) == (matrix is None):
+        inputs = "neither" if matrix is None else "both"
+        raise InputError("minimum-stiffness", inputs, "a direction, or a matrix")
+    return matrix if direction is None else direction
+
+
+_MATRIX = "symmetric and positive definite, in place of a direction"
+_AGAINST: dict[str, tuple[Any, Any]] = {
+    "direction": keyed(VECTOR | None, "in the base frame", None),
+    "matrix": keyed(tuple[VECTOR, VECTOR, VECTOR] | None, _MATRIX, None),
+}
+_ABOUT = "about its centre; taken up elsewhere without"
+_WRENCH: dict[str, Any] = {
+    "force": keyed(VECTOR, "on the object, base frame", unit="N"),
+    "moment": keyed(VECTOR | None, _ABOUT, None, unit="N m"),
+}
+
+
+_TARGET_FORMS: dict[Any, dict[str, Any]] = {
+    TipPose: {"frame": frame_form("t wanted at the tip", "n wanted at the tip, across t")},
+    MinimumStiffness: {
+        "direction": Form(
+            _AGAINST,
+            _stiffness,
+            lambda each: {"matrix" if np.ndim(each) == 2 else "direction": np.array(each).tolist()},
+        )
+    },
+    Hold: {
+        "wrench": Form(
+            _WRENCH,
+            lambda force, moment: (*force, *(moment or ())),
+            lambda each: {"force": list(each[:3]), "moment": list(each[3:]) or None},
+        )
+    },
+}
+_TABLES = {
+    kind: table(kind, tag=tag_of(kind), **_TARGET_FORMS.get(kind, {}))
+    for kind in public(octoplan.planner.targets)
+    if hasattr(kind, "terms") and kind is not Target
+}
+TARGETS = tuple(_TABLES)
+TargetTable: Any = choice(list(_TABLES.values()))
+ObjectiveTable: Any = choice([_TABLES[Stiffest], _TABLES[Softest]])

@@ -1,0 +1,237 @@
+"""Results as records with a schema each: what is written and told to machines.
+
+SI units, angles in rad; keys name the unit of numbers that have one. Keys are added, never renamed
+or removed, while the number at the end of `schema` stays. A key is an attribute of the result, but
+for the unit at its end, or `about` says what function of the result it is.
+"""
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from octoplan.model.support.errors import OctoplanError
+from octoplan.model.support.progress import OutOfTime
+from octoplan.planner.frontends.effect_ablation import Switch
+from octoplan.planner.frontends.io.codec import hints_of
+from octoplan.planner.frontends.io.files import versions
+from octoplan.planner.frontends.io.tables import attributes_told, sentence
+from octoplan.planner.measure import length_error, strokes
+
+
+def about(text: str = "", of: Callable[[Any], Any] | None = None) -> Meta:
+    """Return the annotation of a key: what it holds, and its function of a result if no attribute.
+
+    Annotations are evaluated where they stand in these files, so that they can name functions.
+    """
+    return Meta(description=text or None, extra={"of": of})
+
+
+POINTS, _SECTIONS = 101, 21
+
+Rows = Annotated[Any, about("a row a section, tip first, or flat")]
+Floats = list[float]
+Matrix = list[list[float]]
+Schema = Meta(description="what this is")
+R = TypeVar("R", bound=msgspec.Struct)
+
+
+class Record(msgspec.Struct, kw_only=True):
+    """What a command found."""
+
+    versions: Annotated[dict[str, str], about("of what computed it", lambda _: versions())]
+
+
+def record(kind: type[R], result: Any, **others: Any) -> R:
+    """Return the record of a result; keys that are nothing of it are handed over by name."""
+    keys = [key for key in kind.__struct_fields__ if key not in others]
+    return kind(**others, **{key: _value(kind, key, result) for key in keys})
+
+
+def derived(kind: Any, *left_out: str, **more: Any) -> Any:
+    """Return the record of a class: its fields but some, as its docstring has them, and more keys.
+
+    Numbers that are infinite or none are null.
+    """
+    descriptions = attributes_told(kind)
+    fields = [
+        (name, Annotated[_or_null(hint), about(descriptions.get(name, ""))])
+        for name, hint in hints_of(kind).items()
+        if name not in left_out
+    ]
+    space = {"__doc__": sentence(kind)}
+    return msgspec.defstruct(f"{kind.__name__}Record", [*fields, *more.items()], namespace=space)
+
+
+def _or_null(hint: Any) -> Any:
+    if get_origin(hint) is Mapping:
+        return dict[str, _or_null(get_args(hint)[1])]  # type: ignore[misc]
+    return float | None if hint is float else hint
+
+
+def records(kind: type[R], results: Any) -> list[R]:
+    """Return the record of each of several results."""
+    return [record(kind, result) for result in results]
+
+
+def schema_name(kind: Any) -> str:
+    """Return what the records of a kind are, by name and version."""
+    return str(get_args(hints_of(kind)["schema"].__origin__)[0])
+
+
+def _value(kind: Any, key: str, result: Any) -> Any:
+    hint = hints_of(kind)[key]
+    if key == "schema":
+        return schema_name(kind)
+    for item in getattr(hint, "__metadata__", ()):
+        if isinstance(item, Meta) and item.extra and item.extra.get("of"):
+            return item.extra["of"](result)
+    while not hasattr(result, key):
+        key = key.rpartition("_")[0]
+    return getattr(result, key)
+
+
+def _stations(shape: Any) -> Any:
+    return np.linspace(0.0, shape.arm.length, POINTS)
+
+
+def _sections(k: Any) -> Any:
+    return np.linspace(0.0, k.shape.arm.length, _SECTIONS)
+
+
+class ShapeRecord(Record, kw_only=True):
+    """A settled shape."""
+
+    schema: Annotated[Literal["octoplan shape 1"], Schema]
+    tip_m: Floats
+    tip_frame: Annotated[Matrix, about("columns t, n, b")]
+    tensions_N: Annotated[Rows, about(of=lambda shape: shape.arm.by_section(shape.tensions))]
+    error: Annotated[float, about("estimated tip error over arm length")]
+    tendon_lengths_m: Annotated[Floats, about("in tendon order")]
+    strokes_m: Annotated[Floats, about("taken in from the straight arm at rest", strokes)]
+    slack: Annotated[list[bool], about("in tendon order", lambda shape: shape.slack.ravel())]
+    s_m: Annotated[Floats, about("arc lengths from the base", _stations)]
+    position_m: Annotated[Matrix, about("at s_m", lambda shape: shape.position(_stations(shape)))]
+    strain: Annotated[
+        Matrix,
+        about("tau, xi, k [1/m] and q [-] at s_m", lambda shape: shape.strain(_stations(shape))),
+    ]
+
+
+def of_shape(plan: Any) -> dict[str, Any]:
+    """Return what depends on a plan's shape: None where the tensions do not settle."""
+    keys = ("tip_m", "tip_frame", "slack", "lengths_m", "strokes_m", "tip_error_per_length")
+    result: dict[str, Any] = dict.fromkeys(keys)
+    with suppress(OctoplanError, OutOfTime):
+        shape = plan.shape
+        result |= {"tip_m": shape.tip, "tip_frame": shape.tip_frame, "slack": shape.slack}
+        result["tip_error_per_length"] = length_error(shape)
+        result |= {"lengths_m": plan.lengths, "strokes_m": plan.strokes}
+    return result
+
+
+class StiffnessRecord(Record, kw_only=True):
+    """The compliance of a settled shape at a point, and the stiffness of its sections."""
+
+    schema: Annotated[Literal["octoplan stiffness 1"], Schema]
+    tensions_N: Annotated[Rows, about(of=lambda k: k.shape.arm.by_section(k.shape.tensions))]
+    tendon_lengths_m: Annotated[Floats, about("in tendon order", lambda k: k.shape.tendon_lengths)]
+    tip_m: Annotated[Floats, about(of=lambda k: k.shape.tip)]
+    hold: Annotated[Literal["tension", "length"], about("what holds the tendons")]
+    at_m: Annotated[float, about("arc length of the point")]
+    position_m: Annotated[
+        Floats, about("of the point, base frame", lambda k: k.shape.position(k.at))
+    ]
+    compliance: Annotated[
+        Matrix, about("[displacement m; rotation rad] per [force N; moment N m], base frame")
+    ]
+    half_axes_m_per_N: Annotated[
+        Floats, about("of displacements, softest first", lambda k: k.ellipsoid()[0])
+    ]
+    directions: Annotated[Matrix, about("of the half axes, as columns", lambda k: k.ellipsoid()[1])]
+    tension_response: Annotated[Matrix, about("of each tendon per force and moment")]
+    locked: Annotated[
+        list[str],
+        about(
+            "tendons whose length is held", lambda k: [k.shape.arm.tendon_name(j) for j in k.locked]
+        ),
+    ]
+    slack: Annotated[list[str], about("tendons without tension")]
+    stable: Annotated[bool, about("at held tensions", lambda k: bool(k.stable))]
+    error: Annotated[float, about("estimated relative error of the compliance")]
+    s_m: Annotated[Floats, about(of=_sections)]
+    section_N_m2: Annotated[
+        Matrix, about("flexural stiffness about n and b at s_m", lambda k: k.section(_sections(k)))
+    ]
+
+
+class TrajectoryRecord(Record, kw_only=True):
+    """Tensions over time, and what the check of them found."""
+
+    schema: Annotated[Literal["octoplan trajectory 1"], Schema]
+    outcome: Annotated[str, about("what happened and what to try")]
+    certified: Annotated[bool, about(of=lambda motion: motion.certificate.passed)]
+    duration_s: float
+    times_s: Annotated[Floats, about("between which tensions change linearly")]
+    tensions_N: Annotated[
+        Matrix, about("at each time, in tendon order", lambda motion: motion.flat)
+    ]
+    lengths_m: Annotated[Matrix, about("of the tendons, at each time")]
+    tendons: Annotated[
+        list[str], about("their names, in tendon order", lambda motion: motion.arm.tendon_names)
+    ]
+    stops: Annotated[list[int], about("at which of the times each target is met")]
+    reached: list[bool]
+    certificate: Annotated[
+        dict[str, Any],
+        about(
+            "what the check found, see MotionCertificate", lambda motion: motion.certificate.numbers
+        ),
+    ]
+
+
+EffectRecord: Any = derived(Switch)
+
+
+class EffectsRecord(Record, kw_only=True):
+    """What each effect does and costs: the scene's own, then others."""
+
+    schema: Annotated[Literal["octoplan effects 1"], Schema]
+    accuracy: Annotated[float, about("tip change over arm length that matters")]
+    effects: Annotated[
+        list[EffectRecord], about(of=lambda switches: records(EffectRecord, switches))
+    ]
+
+
+class ExportRecord(Record, kw_only=True):
+    """The files of an exported map or arm, and how large and how good it is."""
+
+    schema: Annotated[Literal["octoplan export 1"], Schema]
+    files: list[str]
+    nodes: Annotated[
+        int,
+        about("at which a map gives the pose, or of the shape's mesh", lambda shape: shape.s.size),
+    ]
+    error: Annotated[float, about("estimated tip error over arm length")]
+    static_bytes: Annotated[int, about("of work arrays of C; 0 of other files")]
+
+
+class SweepRecord(Record, kw_only=True):
+    """A sweep that is finished."""
+
+    schema: Annotated[Literal["octoplan sweep 1"], Schema]
+    file: Annotated[str, about("where the Dataset is")]
+    compute: Annotated[
+        Literal["settle", "plan", "stiffness"], about(of=lambda sweep: sweep.job.compute)
+    ]
+    dims: Annotated[dict[str, int], about("what points lie along, and how many there")]
+    points: Annotated[int, about(of=lambda sweep: sweep.size)]
+    met: Annotated[int, about("points that settled, or whose targets are reached")]
+    failures: Annotated[
+        dict[str, int],
+        about("outcomes of the others: one of each kind, that differ by numbers alone"),
+    ]
+    earlier: Annotated[bool, about("whether an earlier run had found it all")] = False

@@ -1,0 +1,141 @@
+"""Plans and calibrations that are loaded from files: checked as if they were asked afresh."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from octoplan.model.arm import Arm
+from octoplan.model.forward import checked_accuracy
+from octoplan.model.loads import contacts
+from octoplan.model.support.checks import not_negative, positive, within
+from octoplan.model.support.errors import FileError
+from octoplan.model.support.progress import time_limit as limited_to
+from octoplan.model.support.progress import with_progress
+from octoplan.planner.extensions.avoidance.surroundings import surroundings
+from octoplan.planner.extensions.fit.calibration import Calibration
+from octoplan.planner.frontends.io.codec import read, value_of
+from octoplan.planner.frontends.io.files import path_of, read_json
+from octoplan.planner.frontends.io.mistakes import checked, located, made
+from octoplan.planner.frontends.io.records import schema_name
+from octoplan.planner.frontends.io.saved_records import (
+    AnswerRecord,
+    CalibrationQuestion,
+    CalibrationRecord,
+    FitRecord,
+    PlanRecord,
+    QuestionRecord,
+)
+from octoplan.planner.plan import HeldPlan, Plan
+from octoplan.planner.question import check_targets, checked_limits, planned_scene
+from octoplan.planner.task import Task
+
+
+class SavedPlan(msgspec.Struct):
+    """What a plan is loaded from; see octoplan.planner.frontends.io.saved_records."""
+
+    question: QuestionRecord
+    answer: AnswerRecord
+
+
+class SavedCalibration(msgspec.Struct):
+    """What a calibration is loaded from; see octoplan.planner.frontends.io.saved_records."""
+
+    question: CalibrationQuestion
+    fit: FitRecord
+
+
+@with_progress
+def load_plan(
+    path: str | Path, *, time_limit: float | None = None, progress: bool | None = None
+) -> Plan:
+    """Return the plan that `Plan.save` or `octoplan plan --json` wrote.
+
+    It is equal to the one that was saved. Only question, tensions and multipliers are read. Shape,
+    certificate and outcome are computed anew, for at most `time_limit` [s]; the outcome says if the
+    limit was reached. `progress` is as in `plan`.
+
+    Raises
+    ------
+    FileError
+        With the file and the place, for what cannot be read or is not a plan.
+    """
+    name = str(path)
+    saved = checked(read_json(path_of(path), schema_name(PlanRecord)), SavedPlan, name)
+    question, answer = saved.question, saved.answer
+    task = _task(name, question, answer)
+    result = made(name, "answer", value_of, answer)
+    flat = made(name, "answer.tensions", task.arm.flat, result.tensions)
+    result = replace(result, tensions=task.arm.by_section(flat))
+    for key in ("jump", "lost"):
+        made(name, f"answer.{key}", not_negative, key, getattr(result, key))
+    for i, T in enumerate(result.load_path):
+        made(name, f"answer.load_path[{i}]", task.arm.flat, T)
+    obstacles, clear = read(Any, question.obstacles), (question.clearance, question.self_clearance)
+    at = "question.obstacles"
+    around = made(name, at, surroundings, task.arm, task.targets, obstacles, *clear)
+    kind = HeldPlan if contacts(task.scene) else Plan
+    plan: Plan = kind.of(task, result, surroundings=around)
+    _check_multipliers(plan, name)
+    with limited_to(None if time_limit is None else positive("time_limit", time_limit)):
+        plan.complete()
+    return plan
+
+
+def _task(name: str, question: QuestionRecord, answer: Any) -> Task:
+    """Return what was asked, checked as `plan` does."""
+    arm: Arm = made(name, "question.arm", value_of, question.arm)
+    scene = made(name, "question.scene", value_of, question.scene)
+    made(name, "question.scene", planned_scene, arm, scene)
+    with located(name, "question.limits"):
+        limits = checked_limits(arm, scene, **value_of(question.limits).keywords)
+    targets = made(name, "question.targets", check_targets, arm, read(Any, question.targets))
+    accuracy = made(name, "question.accuracy", checked_accuracy, question.accuracy)
+    statement = value_of(answer.statement)
+    made(name, "answer.statement", within, "stability_margin", statement.margin, 0.0, 1.0)
+    return Task(arm, targets, scene, limits, statement, accuracy)
+
+
+def _check_multipliers(plan: Plan, name: str) -> None:
+    """Refuse multipliers that are not finite, or not those of the problem; there may be none."""
+    sizes = len(plan.lam_x), len(plan.lam_g)
+    if any(sizes) and isinstance(plan, HeldPlan) and not plan.beside:
+        wanted = plan.arm.n_tendons, sizes[1]
+    elif any(sizes):
+        problem = plan.problem
+        wanted = problem.n_free, problem.n_outer
+    if any(sizes) and sizes != wanted:
+        text = "got {} and {} numbers, allowed are {} and {}, or none".format(*sizes, *wanted)
+        raise FileError(name, "answer.lam_x and answer.lam_g", text)
+    for where, lam in (("answer.lam_x", plan.lam_x), ("answer.lam_g", plan.lam_g)):
+        if not np.all(np.isfinite(lam)):
+            raise FileError(name, where, "allowed are finite numbers")
+
+
+def load_calibration(path: str | Path) -> Calibration:
+    """Return the calibration that `Calibration.save` or `octoplan calibrate --json` wrote.
+
+    It is equal to the one that was saved; residuals, standard errors and outcome are worked out
+    anew. Raises FileError for what cannot be read or is none.
+    """
+    name = str(path)
+    saved = checked(
+        read_json(path_of(path), schema_name(CalibrationRecord)), SavedCalibration, name
+    )
+    question, fit = saved.question, saved.fit
+    with located(name, "question"):
+        arm, scene = value_of(question.arm), value_of(question.scene)
+        unknowns = tuple(map(value_of, question.unknowns))
+        shapes = tuple(item.checked(arm, item.name) for item in map(value_of, question.measured))
+    if len(fit.values) != len(unknowns) or not np.all(np.isfinite(fit.values)):
+        raise FileError(name, "fit.values", f"{len(unknowns)} finite numbers are needed")
+    kept = {key: getattr(fit, key) for key in fit.__struct_fields__}
+    values = {key: read(Any, x) for key, x in kept.items() if x is not msgspec.UNSET}
+    with located(name, "fit"):
+        result = Calibration(arm, scene, shapes, unknowns, **values)
+        result.parameters  # noqa: B018  (checks keys and sessions)
+    return result

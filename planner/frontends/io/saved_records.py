@@ -1,0 +1,226 @@
+"""Records of plans, calibrations and designs: plans and calibrations are loaded from theirs.
+
+Of these `question` and `answer`, or `fit`, are what is read; all else is derived of them.
+"""
+
+from operator import attrgetter
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from octoplan.model.arm import Arm
+from octoplan.model.extensions.obstacles import Moving, Obstacle
+from octoplan.model.scene import Scene
+from octoplan.planner.certificate import Certificate
+from octoplan.planner.extensions.avoidance.rows import Apart, Avoidance, Place
+from octoplan.planner.extensions.fit.fitted import Fitted, Start
+from octoplan.planner.extensions.fit.measured import Measured
+from octoplan.planner.extensions.fit.residuals import Residual
+from octoplan.planner.extensions.fit.unknowns import Unknown
+from octoplan.planner.frontends.io.codec import WRITE, arguments, attributes_of, choice, plain
+from octoplan.planner.frontends.io.object_tables import TARGETS
+from octoplan.planner.frontends.io.records import (
+    Floats,
+    Matrix,
+    Record,
+    Rows,
+    Schema,
+    about,
+    derived,
+    of_shape,
+    record,
+    records,
+)
+from octoplan.planner.frontends.io.tables import Number, exact, exact_choices, struct
+from octoplan.planner.question import Limits
+from octoplan.planner.task import SearchResult
+
+WRITE |= dict.fromkeys((Avoidance, Apart, Place))
+ObstacleKind: Any = choice([*exact_choices(Obstacle), exact(Moving)])
+TargetKind: Any = choice(map(exact, TARGETS))
+ArmKind: Any = exact(Arm)
+SceneKind: Any = exact(Scene)
+LimitsKind: Any = exact(Limits, placed=True)
+ShapeKind: Any = exact(Measured, placed=True)
+UnknownKind: Any = exact(Unknown, placed=True)
+
+
+class QuestionRecord(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """What was asked; arm, scene and targets are tables with a kind and its fields."""
+
+    arm: Annotated[ArmKind, about(of=lambda plan: plain(plan.arm))]
+    scene: Annotated[SceneKind, about(of=lambda plan: plain(plan.scene))]
+    targets: Annotated[list[TargetKind], about(of=lambda plan: plain(plan.targets))]
+    limits: Annotated[LimitsKind, about(of=lambda plan: plain(plan.limits))]
+    accuracy: float
+    obstacles: Annotated[
+        list[ObstacleKind], about(of=lambda plan: plain(plan.surroundings.obstacles))
+    ] = []
+    clearance: Annotated[float, about(of=attrgetter("surroundings.clearance"))] = 0.0
+    self_clearance: Annotated[bool, about(of=attrgetter("surroundings.of_itself"))] = False
+
+
+AnswerRecord: Any = exact(SearchResult, placed=True)
+
+CertificateRecord: Any = derived(
+    Certificate,
+    "clearances",
+    "load_factor",
+    "gaps_asked",
+    passed=bool,
+    clearance=float | None,
+    gaps=dict[str, float | None],
+    nearest=str,
+    load_factor=float | None,
+)
+
+
+def _answer(plan: Any) -> dict[str, Any]:
+    result = attributes_of(plan, arguments(SearchResult))
+    return result | {"tensions": plain(np.ravel(plan.tensions))}
+
+
+class PlanRecord(Record, kw_only=True):
+    """A plan. `question` and `answer` are what it is loaded from, the rest is derived of them."""
+
+    schema: Annotated[Literal["octoplan plan 1"], Schema]
+    outcome: Annotated[str, about("what happened, what holds it, what to try")]
+    certified: Annotated[bool, about(of=lambda plan: plan.certificate.passed)]
+    mode: Literal["exact", "closest", "nearest"]
+    tensions_N: Rows
+    tendons: Annotated[
+        list[str], about("their names, in tendon order", lambda plan: plan.arm.tendon_names)
+    ]
+    lengths_m: Annotated[Any, about("of the tendons, like tensions_N")] = None
+    strokes_m: Annotated[Any, about("taken in from where winches are zeroed")] = None
+    tip_error_per_length: Annotated[
+        dict[str, float] | None, about("of taut tendons: m of the tip per m of a winch")
+    ] = None
+    effort_N: float
+    tip_m: Floats | None
+    tip_frame: Annotated[Matrix | None, about("columns t, n, b")]
+    certificate: Annotated[
+        CertificateRecord, about(of=lambda plan: record(CertificateRecord, plan.certificate))
+    ]
+    question: Annotated[QuestionRecord, about(of=lambda plan: record(QuestionRecord, plan))]
+    answer: Annotated[AnswerRecord, about(of=_answer)]
+
+
+def plan_record(plan: Any) -> PlanRecord:
+    """Return the record of a Plan.
+
+    Raises InputError where arm, scene or targets are of kinds that could not be read back.
+    """
+    shape = {key: item for key, item in of_shape(plan).items() if key != "slack"}
+    return record(PlanRecord, plan, **shape)
+
+
+# Calibrations and designs
+
+
+class ValueRecord(msgspec.Struct, kw_only=True):
+    """An unknown's value and standard error, in the unit of its key; "inf" if nothing tells it."""
+
+    name: str
+    value: float
+    std: Number
+    unit: str
+
+
+def _values(fit: Any) -> list[ValueRecord]:
+    rows = zip(fit.unknowns, fit.values, fit.std.tolist(), strict=True)
+    return [
+        ValueRecord(name=item.name, value=x, std=plain(std), unit=fit.parameters.unit(item))
+        for item, x, std in rows
+    ]
+
+
+ResidualRecord: Any = derived(Residual)
+
+
+class CalibrationQuestion(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """What was asked: arm and scene as they were given, what was measured, and what is unknown."""
+
+    arm: Annotated[ArmKind, about(of=lambda fit: plain(fit.given_arm))]
+    scene: Annotated[SceneKind, about(of=lambda fit: plain(fit.given_scene))]
+    measured: Annotated[list[ShapeKind], about(of=lambda fit: plain(fit.measured))]
+    unknowns: Annotated[list[UnknownKind], about(of=lambda fit: plain(fit.unknowns))]
+
+
+_ASKED = ("given_arm", "given_scene", "measured", "unknowns")
+_NOT_KEPT = (*_ASKED, "machine_code", "known")
+_FIT = tuple(name for name in arguments(Fitted) if name not in _NOT_KEPT)
+# How residuals were counted and what was found; the values are loaded from here.
+FitRecord: Any = struct(
+    "FitRecord",
+    [("starts", list[exact(Start, placed=True)])],  # type: ignore[misc]
+    base=exact(Fitted, placed=True, names=tuple(name for name in _FIT if name != "starts")),
+)
+
+
+def _scene_of(of: Any) -> dict[str, Any]:
+    table = of.parameters.setting(of.array).table
+    return {key: table[key] for key in ("arm", "effects")}
+
+
+_SCENE = Meta(description="arm and effects as a scene file has them")
+
+
+class CalibrationRecord(Record, kw_only=True):
+    """A calibration; `question` and `fit` are what it is loaded from, the rest is derived."""
+
+    schema: Annotated[Literal["octoplan calibration 1"], Schema]
+    outcome: Annotated[str, about("what was found, and how well it is known")]
+    values: Annotated[list[ValueRecord], about(of=_values)]
+    unidentified: Annotated[list[str], about(of=lambda fit: list(map(str, fit.unidentified)))]
+    mean_error_m: float | None
+    residuals: Annotated[
+        list[ResidualRecord], about(of=lambda fit: records(ResidualRecord, fit.residuals))
+    ]
+    scene: Annotated[dict[str, Any], _SCENE, about(of=_scene_of)]
+    question: Annotated[CalibrationQuestion, about(of=lambda fit: record(CalibrationQuestion, fit))]
+    fit: Annotated[FitRecord, about(of=lambda fit: attributes_of(fit, _FIT))]
+
+
+class DesignedRecord(msgspec.Struct):
+    """An unknown's value, in the unit of its key."""
+
+    name: str
+    value: float
+    before: float
+
+
+class DesignRecord(Record, kw_only=True):
+    """A designed arm and its plans."""
+
+    schema: Annotated[Literal["octoplan design 1"], Schema]
+    outcome: str
+    feasible: Annotated[bool, about("whether every plan is certified")]
+    effort_N: Annotated[float, about("root of the sum of the squared efforts")]
+    objective: Annotated[
+        str,
+        about(
+            "effort, Stiffest, Softest or Reach",
+            lambda d: d.objective if d.objective == "effort" else type(d.objective).__name__,
+        ),
+    ]
+    value: Annotated[float, about("of the objective: [N], [N/m] or [m]")]
+    value_before: Annotated[float, about("the same of the given arm")]
+    gain: Annotated[
+        float | None, about("share of effort saved, or by which stiffness or reach grow")
+    ]
+    values: Annotated[
+        list[DesignedRecord],
+        about(
+            of=lambda d: [
+                DesignedRecord(item.name, x, old)
+                for item, x, old in zip(d.unknowns, d.values, d.parameters.start, strict=True)
+            ]
+        ),
+    ]
+    scene: Annotated[dict[str, Any], _SCENE, about(of=_scene_of)]
+    plans: Annotated[
+        list[PlanRecord], about(of=lambda design: list(map(plan_record, design.plans)))
+    ]

@@ -1,0 +1,299 @@
+"""Scene files: TOML, checked key by key. The keys name their units where these are not SI."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from octoplan.model import Arm, InputError, Scene
+from octoplan.model.effects import SelfContact
+from octoplan.model.loads import check_loads
+from octoplan.model.support.errors import FileError
+from octoplan.model.support.units import STROKE, length_text, warn_unusual
+from octoplan.model.winches import Winches, rest_lengths
+from octoplan.planner.extensions.avoidance.surroundings import surroundings
+from octoplan.planner.frontends.io.codec import (
+    arguments,
+    arguments_of,
+    in_si,
+    table_of,
+    value_of,
+    written,
+)
+from octoplan.planner.frontends.io.files import path_of, read_toml, toml_of
+from octoplan.planner.frontends.io.key_paths import steps, value_at
+from octoplan.planner.frontends.io.mistakes import check_modulus, checked, made, warn_of_slips
+from octoplan.planner.frontends.io.object_tables import arm_of, inlined
+from octoplan.planner.frontends.io.scene_tables import (
+    LimitsTable,
+    OptionsTable,
+    SceneTable,
+    StiffnessTable,
+    scene_of,
+    whole,
+)
+from octoplan.planner.question import Limits, check_targets
+from octoplan.planner.targets import Target
+
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a scene file asks: an arm and a scene, and what to find or to settle.
+
+    Attributes
+    ----------
+    arm, scene
+    targets : tuple of Target
+        What `plan` is to reach; none if the file has none.
+    waypoints : tuple of Target
+        What `trajectory` is to reach, in order.
+    tensions : list or None
+        [N], as settle takes them.
+    options : dict
+        Further arguments of settle, stiffness, plan and trajectory, by their names in these.
+    stiffness : dict
+        Those of stiffness alone.
+    name : str
+        Of the file.
+    """
+
+    arm: Arm
+    scene: Scene
+    targets: tuple[Target, ...]
+    waypoints: tuple[Target, ...]
+    tensions: Any
+    options: dict[str, Any]
+    stiffness: dict[str, Any]
+    name: str = "scene"
+
+    def of(self, function: Callable[..., Any]) -> dict[str, Any]:
+        """Return the options that a function takes."""
+        return {key: self.options[key] for key in arguments(function) if key in self.options}
+
+    @property
+    def accuracy(self) -> float:
+        """Tip error over arm length."""
+        return float(self.options["accuracy"])
+
+    @property
+    def time_limit(self) -> float | None:
+        """After how long an answer has to be there [s]."""
+        return self.options.get("time_limit")
+
+    def but(self, **options: Any) -> Question:
+        """Return the question with other options."""
+        return replace(self, options=self.options | options)
+
+
+def load(path: str | Path) -> Question:
+    """Return the question of a scene file.
+
+    Raises
+    ------
+    FileError
+        With the file, the key's path, what is there and what is allowed.
+    """
+    return written_question(read_toml(path_of(path))[0], str(path))
+
+
+def read(text: bytes, name: str = "scene") -> Question:
+    """Return the question of a scene file's text; see load."""
+    return written_question(toml_of(text, name), name)
+
+
+def written_question(raw: dict[str, Any], name: str) -> Question:
+    """Return the question of what somebody wrote: likely slips in it are told as UnitWarning."""
+    question = question_of(raw, name)
+    warn_of_slips(raw)
+    return question
+
+
+def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
+    """Return the question of what a scene file holds, as TOML is decoded; see load."""
+    table = checked_table(raw, name)
+    check_modulus(table.arm.E_kPa, name)
+
+    def build(key: str, make: Callable[[Any], R], of: Any = None) -> R:
+        """Return what is made of a part of the table; an error is told at its key."""
+        return made(name, key, make, of, part=value_at(raw, steps(key)) or {})
+
+    def each(key: str, make: Callable[[Any], R]) -> tuple[R, ...]:
+        """Return what is made of one table, or of several, under a key; none of none."""
+        item = getattr(table, key)
+        if not isinstance(item, tuple):
+            return () if item is None else (build(key, make, item),)
+        return tuple(build(f"{key}[{i}]", make, inside) for i, inside in enumerate(item))
+
+    arm = build("arm", arm_of, table.arm)
+    scene = build("effects", partial(_scene, arm), table.effects)
+    by = "lengths_mm" if table.strokes_mm is None else "strokes_mm"
+    winches = build(by, partial(_winches, arm), table)
+    if table.tensions is not None and not winches:
+        build("tensions", arm.flat, table.tensions)
+    targets, ways = (
+        sum((each(key, partial(_target, arm)) for key in keys), start=())
+        for keys in (("target", "targets"), ("waypoints",))
+    )
+    if targets:
+        build("targets", partial(check_targets, arm), targets)
+    options = _but_none(arguments_of(table, OptionsTable)) | winches
+    obstacles = list(each("obstacles", lambda item: value_of(inlined(item, Path(name).parent))))
+    clear = options["clearance"], options["self_clearance"]
+    where, moves = "obstacles" if obstacles else "clearance_mm", bool(ways)
+    build(where, lambda of: surroundings(arm, targets + ways, of, *clear, moves), obstacles)
+    options |= {"obstacles": obstacles} | _but_none(arguments_of(table.motion))
+    if table.limits is not None:
+        options |= build("limits", partial(_limits, arm), table.limits)
+    stiff = build("stiffness", partial(_stiffness, arm), table.stiffness)
+    return Question(arm, scene, targets, ways, table.tensions, options, stiff, name)
+
+
+def _but_none(arguments: dict[str, Any]) -> dict[str, Any]:
+    return {key: item for key, item in arguments.items() if item is not None}
+
+
+def _scene(arm: Arm, table: Any) -> Scene:
+    """Return the scene of a table, checked on an arm.
+
+    Contact of the arm with itself is refused by what does not state it: settle does.
+    """
+    scene = scene_of(table)
+    apart = Scene(*(effect for effect in scene.effects if not isinstance(effect, SelfContact)))
+    check_loads(arm, apart, contact=True)
+    return scene
+
+
+def _target(arm: Arm, table: Any) -> Target:
+    target: Target = value_of(table)
+    target.check(arm)
+    return target
+
+
+@contextmanager
+def scene_beside(
+    scene: str | dict[str, Any], path: Path
+) -> Iterator[tuple[dict[str, Any], str, str]]:
+    """Yield what a scene holds that a file at a path holds or names, its name, and its text.
+
+    Mistakes inside the block are told where they are: under the key `scene` if it is in the file.
+    """
+    if isinstance(scene, str):
+        beside = path.parent / scene
+        raw, text = read_toml(beside)
+        yield raw, str(beside), text
+        return
+    try:
+        yield scene, str(path), ""
+    except FileError as reason:
+        raise FileError(reason.path, f"scene.{reason.where}", reason.problem) from None
+
+
+def checked_table(raw: dict[str, Any], name: str) -> SceneTable:
+    """Return the table of what a scene file holds, its keys checked one by one; FileError."""
+    if "sweep" in raw:
+        raise FileError(name, "sweep", f"this is a sweep file, for `octoplan sweep {name}`")
+    return checked(raw, SceneTable, name, "arm", "plan")
+
+
+def _limits(arm: Arm, table: LimitsTable) -> dict[str, Any]:
+    """Return the limits as plan takes them, checked."""
+    result = _but_none(arguments_of(table))
+    limits = Limits.of(arm, result["tension_max"], result["tension_min"], result.get("total_pull"))
+    limits.with_strokes(arm, result.get("stroke_max"), result.get("stroke_min"))
+    return result
+
+
+def _stiffness(arm: Arm, table: StiffnessTable) -> dict[str, Any]:
+    result = _but_none(arguments_of(table))
+    if result.get("at", 0.0) > arm.length:
+        allowed = f"up to the arm's length, {length_text(arm.length)}"
+        raise InputError("at", result["at"], allowed)
+    if table.tendon_EA is not None and table.hold != "length":
+        raise InputError("tendon_EA", table.tendon_EA, 'none, unless hold is "length"')
+    return result
+
+
+# Winches
+
+
+def _winches(arm: Arm, table: SceneTable) -> dict[str, Any]:
+    """Return the further arguments of settle: none where a file has tensions alone; InputError."""
+    if table.lengths_mm is None and table.strokes_mm is None:
+        for key in ("tendon_EA", "tendon_outside_mm"):
+            if getattr(table, key):
+                raise InputError(key, getattr(table, key), "none without lengths_mm or strokes_mm")
+        return {}
+    if table.lengths_mm is not None and table.strokes_mm is not None:
+        raise InputError("strokes_mm", "given beside lengths_mm", "one of the two")
+    if table.stiffness.tendon_EA is not None:
+        item = table.stiffness.tendon_EA
+        raise InputError("stiffness.tendon_EA", item, "tendon_EA at the top, beside lengths")
+    outside = in_si(table.tendon_outside_mm, "mm")
+    lengths: Any = in_si(table.lengths_mm, "mm")
+    if table.strokes_mm is not None:
+        lengths = _left(arm, in_si(table.strokes_mm, "mm"))
+    Winches.of(arm, table.tensions, lengths, table.tendon_EA, outside)
+    return {"lengths": lengths, "tendon_outside": outside}
+
+
+def _left(arm: Arm, strokes: Any) -> list[float]:
+    """Return what is left of tendons by strokes (n_tendons,) [m], nan where these are nan.
+
+    Raises InputError for strokes of another form, and for more than there is of a tendon.
+    """
+    arm.flat([np.zeros(np.shape(row)).tolist() for row in strokes], "strokes")
+    taken, rest = np.hstack([np.ravel(row) for row in strokes]), rest_lengths(arm)
+    for j in np.flatnonzero(np.isinf(taken) | (taken >= rest)):
+        field, stroke = f"strokes[{j}] ({arm.tendon_name(int(j))})", f"{1e3 * taken[j]:g} mm"
+        allowed = f"below {1e3 * rest[j]:.6g} mm, its length at rest, and negative where paid out"
+        raise InputError(field, stroke, allowed)
+    warn_unusual("strokes_mm", (taken / arm.length).tolist(), STROKE)
+    return [*(rest - taken).tolist()]
+
+
+# Objects as files
+
+
+def scene_table(
+    arm: Arm,
+    scene: Scene | None = None,
+    target: Target | Iterable[Target] | None = None,
+    *,
+    tensions: Any = None,
+    tension_max: Any = None,
+    **keys: Any,
+) -> dict[str, Any]:
+    """Return the scene file that has this arm, scene and target, as TOML is decoded.
+
+    Further keys are those of scene files; arrays, and objects of ours in them such as obstacles,
+    are written. Raises InputError for what has no keys.
+    """
+    more = {key: item for key, item in keys.items() if item is not None}
+    table: dict[str, Any] = {"arm": table_of(arm), "effects": table_of(scene or Scene())}
+    table |= written(more)
+    if tensions is not None:
+        table["tensions"] = written(tensions)
+    if target is not None:
+        several = isinstance(target, tuple | list)
+        result = [table_of(item) for item in (target if several else [target])]  # type: ignore[union-attr]
+        table |= {"targets": result} if several else {"target": result[0]}
+    if tension_max is not None:
+        table["limits"] = {"tension_max": written(tension_max)} | table.get("limits", {})
+    return table
+
+
+def filled(raw: dict[str, Any], name: str) -> dict[str, Any]:
+    """Return what a scene file holds with all defaults, its meshes as numbers; FileError.
+
+    Likely slips in it are told as UnitWarning.
+    """
+    warn_of_slips(raw)
+    return whole(checked_table(raw, name), Path(name).parent)

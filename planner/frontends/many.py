@@ -1,0 +1,128 @@
+"""Plans for many targets in one call: along a path each begins at the one before."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from octoplan.model.arm import Arm
+from octoplan.model.extensions.batches import Errors
+from octoplan.model.paths import Array
+from octoplan.model.scene import Scene
+from octoplan.model.shape import Shape
+from octoplan.model.support.checks import kind
+from octoplan.model.support.errors import InputError, OctoplanError
+from octoplan.model.support.progress import OutOfTime
+from octoplan.planner.certificate import Certificate
+from octoplan.planner.plan import Plan, plan
+from octoplan.planner.question import Statement, checked_limits, planned_scene
+from octoplan.planner.targets.base import Target
+from octoplan.planner.task import SearchResult, Task
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FailedPlan(Plan):
+    """The row of a target for which there is no plan, as it is not allowed or led to an error.
+
+    Its numbers are nan, `reached` is False, and certificate and outcome tell the reason.
+
+    Attributes
+    ----------
+    reason : str
+        What was wrong.
+    """
+
+    reason: str = ""
+
+    @property
+    def shape(self) -> Shape:
+        """Raises OctoplanError with the reason: there is none."""
+        raise OctoplanError(self.reason)
+
+    @property
+    def tip(self) -> Array:
+        """Three times nan."""
+        return np.full(3, np.nan)
+
+    @property
+    def lengths(self) -> Array:
+        """As many times nan as there are tendons."""
+        return np.full_like(self.tensions, np.nan)
+
+    strokes = lengths
+
+    @property
+    def certificate(self) -> Certificate:
+        """A certificate that is not passed, with the reason."""
+        return Certificate(problem=self.reason, tolerance=self.accuracy)
+
+
+def plan_many(
+    arm: Arm,
+    targets: Iterable[Target | Iterable[Target]],
+    scene: Scene | None = None,
+    tension_max: Any = float("inf"),
+    *,
+    path: bool = True,
+    errors: Errors = "raise",
+    **others: Any,
+) -> list[Plan]:
+    """Return a plan for each of many targets, in order; `others` as plan takes them.
+
+    Parameters
+    ----------
+    arm, scene, tension_max
+        As plan takes them.
+    targets : sequence of Target, or of several to be met together
+    path : bool
+        Whether each target is near the one before, so that its plan starts at the other's optimum:
+        some ten times sooner, and tensions that change smoothly. What is followed is one optimum;
+        plans that start afresh may find a better one.
+    errors : "raise" or "nan"
+        Whether a target that is not allowed, or at which something goes wrong, ends all with its
+        error, or is a FailedPlan that tells the reason, its numbers nan.
+
+    Raises
+    ------
+    InputError
+        As plan does, naming the target, unless `errors` is "nan"; always for what is not allowed
+        whatever the target.
+    """
+    if errors not in ("raise", "nan"):
+        raise InputError("errors", errors, '"raise" or "nan"')
+    scene = planned_scene(arm, scene)
+    limits = checked_limits(arm, scene, tension_max, **others)
+    kind("targets", targets, Iterable, "a sequence of targets")
+    plans: list[Plan] = []
+    near: Plan | None = None
+    for i, target in enumerate(targets):
+        try:
+            plans.append(plan(arm, target, scene, tension_max, near=near, **others))
+            near = plans[-1] if path else None
+        except OutOfTime:
+            raise  # the limit of an outer call
+        except Exception as error:
+            reason = _of_target(error, f"targets[{i}]")
+            if errors == "raise":
+                raise reason from None
+            request: Any = target if isinstance(target, tuple | list) else (target,)
+            accuracy = others.get("accuracy", 1e-6)
+            task = Task(arm, tuple(request), scene, limits, Statement(), accuracy)
+            T = np.nan * arm.by_section(np.zeros(arm.n_tendons))
+            nothing = SearchResult(Statement(), T, (), (), ())
+            kind_of = "" if isinstance(reason, OctoplanError) else f"{type(reason).__name__}: "
+            plans.append(FailedPlan.of(task, nothing, reason=f"{kind_of}{reason}"))
+    return plans
+
+
+def _of_target(reason: Exception, which: str) -> Exception:
+    """Return an error as that of one target, such as "targets[3]"."""
+    if isinstance(reason, InputError):
+        return InputError(f"{which}: {reason.field}", reason.given, reason.allowed)
+    if isinstance(reason, OctoplanError):
+        return reason.of_set(which)
+    reason.add_note(f"the failed target is {which}")
+    return reason

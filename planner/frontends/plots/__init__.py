@@ -1,0 +1,23 @@
+"""Figures; nothing else in the project knows matplotlib, which is loaded with this folder."""
+
+from octoplan.planner.frontends.plots.motion import (
+    animate_trajectory,
+    plot_motion,
+    plot_trajectory,
+    save_motion,
+)
+from octoplan.planner.frontends.plots.plan import plot_plan, plot_shape, plot_strains
+from octoplan.planner.frontends.plots.results import plot_effects, plot_ellipsoids, plot_residuals
+
+__all__ = [
+    "animate_trajectory",
+    "plot_effects",
+    "plot_ellipsoids",
+    "plot_motion",
+    "plot_plan",
+    "plot_residuals",
+    "plot_shape",
+    "plot_strains",
+    "plot_trajectory",
+    "save_motion",
+]

@@ -1,0 +1,226 @@
+"""Figures of plans and shapes: the arm in space, strains along it, and its tensions."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from octoplan.model.arm import Arm
+from octoplan.model.paths import Array
+from octoplan.model.shape import Shape
+from octoplan.model.support.checks import kind
+from octoplan.planner.frontends.io.files import path_of, placed
+from octoplan.planner.frontends.plots.arm import draw_arm, look
+from octoplan.planner.frontends.plots.style import (
+    DPI,
+    INK,
+    MM,
+    PULL,
+    ROUND_STEPS,
+    SIZE,
+    axes_of,
+    labelled,
+    pull_norm,
+)
+from octoplan.planner.plan import Plan
+
+_CURVATURES = (("τ", "#8a8f98"), ("ξ", "#1f6fb4"), ("k", "#d1495b"))
+_STRETCH = "#2a8c6e"
+_COMPARABLE = 3.0
+
+
+def plot_plan(plan: Plan, ax: Any = None) -> Figure | Axes:
+    """Draw a plan: the arm with its target in 3-D, strains along it, and tensions.
+
+    With 3-D axes given, draws the arm and the target in them and returns them; colours are those
+    of tensions, and `figure.colorbar(ax.collections[-1])` tells them. Otherwise returns a Figure.
+    """
+    kind("plan", plan, Plan)
+    if ax is not None:
+        draw_plan(plan, axes_of(ax, form="3d")[1])
+        return ax  # type: ignore[no-any-return]
+    figure, shape = Figure(figsize=(10, 5.8), dpi=DPI), plan.shape
+    ax = figure.add_axes((0.0, 0.14, 0.56, 0.80), projection="3d")
+    finish(ax, shape, draw_plan(plan, ax))
+    plot_strains(shape, figure.add_axes((0.618, 0.515, 0.30, 0.36)))
+    bars = figure.add_axes((0.618, 0.09, 0.30, 0.27))
+    plot_tensions(shape.arm, shape.tensions, np.array(plan.limits.upper), bars)
+    title = f"{plan.outcome.split(':')[0]}; effort {plan.effort:.3g} N"
+    figure.suptitle(title, fontsize=SIZE + 2, y=0.975)
+    return figure
+
+
+def plot_together(plans: Sequence[Plan]) -> Figure:
+    """Draw the arms of several plans with their targets in one 3-D figure."""
+    figure, ax = _alone()
+    points = [draw_plan(plan, ax) for plan in plans]
+    finish(ax, plans[0].shape, np.vstack(points))
+    return figure
+
+
+def plot_shape(shape: Shape, ax: Any = None) -> Figure | Axes:
+    """Draw the arm in 3-D; returns a new Figure, or the 3-D axes if given."""
+    kind("shape", shape, Shape)
+    if ax is not None:
+        draw_arm(shape, axes_of(ax, form="3d")[1])
+        return ax  # type: ignore[no-any-return]
+    figure, ax = _alone()
+    finish(ax, shape, draw_arm(shape, ax))
+    return figure
+
+
+def draw_plan(plan: Plan, ax: Any) -> Array:
+    """Draw the arm of a plan with its targets and obstacles; return points (N, 3) [m] of them."""
+    result = plan.certificate.clearances.values()
+    nearest = min(result, key=lambda clear: clear.gap, default=None)
+    return draw_arm(plan.shape, ax, plan.targets, plan.surroundings.obstacles, nearest)
+
+
+def save(figure: Figure, path: str | Path) -> Path:
+    """Write a figure as .png or .pdf; the file appears whole or not at all."""
+    path = path_of(path)
+    with placed(path, ".png", ".pdf") as part:
+        part.write_bytes(drawn(figure, path.suffix[1:].lower()))
+    return path
+
+
+def drawn(figure: Figure, kind: str) -> bytes:
+    """Return a figure as a file of a kind, "png" or "pdf"."""
+    file = io.BytesIO()
+    figure.savefig(file, format=kind, dpi=DPI if kind == "png" else 2 * DPI)
+    return file.getvalue()
+
+
+def _alone() -> tuple[Figure, Any]:
+    figure = Figure(figsize=(7, 6.2), dpi=DPI)
+    return figure, figure.add_axes((0.02, 0.15, 0.94, 0.83), projection="3d")
+
+
+def finish(ax: Any, shape: Shape, points: Array) -> None:
+    """Turn a panel to where points (N, 3) [m] are seen best; add its legend and its colours."""
+    look(ax, shape, points)
+    if shape.tensions.any():
+        add_scale(ax, ax.collections[-1])
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(loc="upper left", frameon=False, fontsize=SIZE)
+
+
+def add_scale(ax: Any, pulled: Any) -> None:
+    """Add the scale of what colours tendons below a panel."""
+    x, y, width, _ = ax.get_position(original=True).bounds
+    place = ax.figure.add_axes((x + 0.3 * width, y - 0.04, 0.4 * width, 0.018))
+    bar = ax.figure.colorbar(pulled, cax=place, orientation="horizontal")
+    bar.set_label("tension [N]", fontsize=SIZE)
+    bar.ax.tick_params(labelsize=SIZE - 1)
+    bar.outline.set_visible(False)
+
+
+def plot_strains(shape: Shape, ax: Axes | None = None) -> Figure | Axes:
+    """Draw curvatures [1/m] and longitudinal strain [-] along the arm, as in figure 12.
+
+    Returns a new Figure, or the axes if given. Torsion is drawn only where there is any; a jump at
+    an anchorage is a gap between two lines. Both scales have their zero at the same height.
+    """
+    kind("shape", shape, Shape)
+    shown, ax = axes_of(ax)
+    s, strain = broken_strains(shape)
+    right: Any = ax.twinx()
+    for column, (name, colour) in enumerate(_CURVATURES):
+        values = strain[:, column]
+        if column or np.nanmax(np.abs(values)) > 1e-6 / shape.arm.length:
+            ax.plot(MM * s, values, color=colour, lw=1.6, label=f"{name} [1/m]")
+    right.plot(MM * s, strain[:, 3], color=_STRETCH, lw=1.6, ls=(0, (5, 1.5)), label="q [-]")
+    for section in shape.arm.sections:
+        ax.axvline(MM * section.at, color=INK, lw=0.7, ls=":", zorder=0.5)
+    ax.axhline(0, color=INK, lw=0.6, zorder=0.5)
+    _common_zero(ax, right, strain)
+    _label_strains(ax, right, MM * shape.arm.length)
+    return shown  # type: ignore[no-any-return]
+
+
+def broken_strains(shape: Shape) -> tuple[Array, Array]:
+    """Return arc lengths (N,) [m] and strains (N, 4), with NaN between the sides of an anchorage.
+
+    Shape.strain gives the base side at an anchorage; the tip side is read a billionth of L beyond.
+    """
+    L = shape.arm.length
+    ends = sorted({0.0, L, *(section.at for section in shape.arm.sections)})
+    rows = []
+    for start, end in pairwise(ends):
+        if end - start > 1e-6 * L:
+            inside = np.linspace(start, end, max(20, round(300 * (end - start) / L)))
+            inside[0] += 1e-9 * L if start > 0 else 0.0
+            rows.append(np.column_stack([inside, shape.strain(inside)]))
+            rows.append(np.array([[end, *[np.nan] * 4]]))
+    table = np.concatenate(rows[:-1])
+    return table[:, 0], table[:, 1:]
+
+
+def _common_zero(left: Axes, right: Axes, strain: Array) -> None:
+    """Set both vertical ranges so that the zeros are at one height, with some air around."""
+    ranges = []
+    for values in (strain[:, :3], strain[:, 3]):
+        low, high = min(np.nanmin(values), 0.0), max(np.nanmax(values), 0.0)
+        size = high - low
+        ranges.append((low / size, high / size, size) if size > 1e-12 else (0.0, 0.0, 1.0))
+    low, high = min(r[0] for r in ranges) - 0.06, max(r[1] for r in ranges) + 0.06
+    for ax, (_, _, size) in zip((left, right), ranges, strict=True):
+        ax.set_ylim(low * size, high * size)
+        ax.yaxis.set_major_locator(MaxNLocator(6, steps=ROUND_STEPS))
+
+
+def _label_strains(ax: Axes, right: Axes, length: float) -> None:
+    ax.set_xlim(0, length * 1.01)
+    labelled(ax, "s [mm]", "curvature [1/m]")
+    labelled(right, y="longitudinal strain q [-]")
+    right.yaxis.label.set_color(_STRETCH)
+    right.tick_params(colors=_STRETCH)
+    lines = [line for line in ax.get_lines() if not str(line.get_label()).startswith("_")]
+    lines += [*right.get_lines(), Line2D([], [], color=INK, lw=0.7, ls=":", label="anchorage")]
+    ax.legend(
+        handles=lines,
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.0),
+        ncol=len(lines),
+        frameon=False,
+        fontsize=SIZE,
+        handlelength=1.2,
+        handletextpad=0.4,
+        columnspacing=0.8,
+    )
+
+
+def plot_tensions(arm: Arm, tensions: Array, upper: Array, ax: Axes) -> None:
+    """Draw tensions (n,) [N] as bars by tendon name, with their maxima where comparable.
+
+    Of up to 16 tendons numbers are above the bars, upright where bars are narrow.
+    """
+    n, most = arm.n_tendons, float(tensions.max())
+    bars = ax.bar(range(n), tensions, width=0.7, color=PULL(pull_norm(tensions)(tensions)))
+    near = np.isfinite(upper) & (upper <= _COMPARABLE * most if most > 0 else True)
+    if near.any():
+        at = np.flatnonzero(near)
+        ax.hlines(upper[at], at - 0.42, at + 0.42, color=INK, lw=1.2, label="maximum")
+        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=SIZE)
+    top, narrow, many = max(most, float(upper[near].max(initial=0.0))) or 1.0, n > 8, n > 16
+    if not many:
+        texts = [f"{each:.3g}" if each > 0.02 * top else "" for each in tensions]
+        ax.bar_label(bars, texts, padding=2, rotation=90 * narrow, fontsize=SIZE - 1.5)
+    labelled(ax, y="tension [N]")
+    names = [f"$T_{{{name[2:]}}}$" for name in arm.tendon_names]
+    ax.set_xticks(range(n), names, fontsize=SIZE - 2 * many, rotation=90 * many)
+    ax.tick_params(axis="x", length=0)
+    ax.set_xlim(-0.6, n - 0.4)
+    ax.set_ylim(0, (1.32 if narrow and not many else 1.15) * top)
+    for end in np.cumsum([len(section.angles) for section in arm.sections])[:-1]:
+        ax.axvline(float(end) - 0.5, color=INK, lw=0.5, ls=":")
+    ax.yaxis.set_major_locator(MaxNLocator(5, steps=ROUND_STEPS))

@@ -1,0 +1,171 @@
+"""Figures of other results: calibrations, stiffnesses, and what effects do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
+
+from octoplan.model.paths import Array
+from octoplan.model.stiffness import Stiffness
+from octoplan.planner.frontends.effect_ablation import Switch
+from octoplan.planner.frontends.plots.arm import draw_arm, fit, look
+from octoplan.planner.frontends.plots.style import INK, MM, SIZE, axes_of, labelled, several
+
+# Shapes that are drawn at most, evenly spread over the measurements.
+_SHAPES = 12
+_SKIN, _LINE = "#b3123f", "#7a0c2b"
+_MATTERS, _IDLE, _COST = "#b3123f", "#9aa0a6", "#1f6fb4"
+
+
+def plot_calibration(result: Any, ax: Axes | None = None) -> Figure | Axes:
+    """Draw measured markers over settled arms, residuals in order, and standard errors as bars.
+
+    Only residuals in `ax`, if it is given. Returns a new Figure, or the axes.
+    """
+    if ax is not None:
+        return plot_residuals(result, ax)
+    figure = Figure(figsize=(10.0, 6.4), layout="constrained")
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1.0))
+    _arms(result, figure.add_subplot(grid[:, 0], projection="3d"))
+    plot_residuals(result, figure.add_subplot(grid[0, 1]))
+    _errors(result, figure.add_subplot(grid[1, 1]))
+    return figure
+
+
+def _arms(result: Any, ax: Any) -> None:
+    """Draw settled midlines, predicted markers as lines to the measured ones."""
+    here, seen = result.evaluation, list[Array]()
+    present = list(here.equilibria)
+    which = present[:: max(1, -(-len(present) // _SHAPES))]
+    for k, i in enumerate(which):
+        equilibrium, shape = here.equilibria[i], result.measured[i]
+        places, miss = shape.places, here.residuals[i]
+        midline = equilibrium.system.poses(equilibrium.states)[:, 4:]
+        ax.plot(*(MM * midline).T, color=f"C{k % 10}", lw=1.2)
+        predicted = places + miss[: places.size].reshape(-1, 3)
+        for line in MM * np.stack([places, predicted], axis=1):
+            ax.plot(*line.T, color=f"C{k % 10}", lw=0.8)
+        ax.plot(*(MM * places).T, "o", ms=3, color=f"C{k % 10}")
+        seen += [midline, places]
+    fit(ax, np.vstack(seen), fresh=True)
+    ax.set_title("measured markers over settled arms", fontsize=SIZE)
+
+
+def plot_residuals(result: Any, ax: Axes | None = None) -> Figure | Axes:
+    """Draw the distance of each marker of each shape of a Calibration from its prediction [mm].
+
+    In the order of measurement. Returns a new Figure, or the axes if given.
+    """
+    shown, ax = axes_of(ax)
+    names = [shape.name for shape in result.measured]
+    rows = [row for row in result.residuals if row.is_place]
+    for what in dict.fromkeys(row.what for row in rows):
+        parts = [row for row in rows if row.what == what]
+        sizes = [MM * row.size for row in parts]
+        ax.plot([names.index(row.shape) for row in parts], sizes, "o-", ms=4, lw=0.8, label=what)
+    ax.set_xticks(range(len(names)), names, rotation=90, fontsize=SIZE)
+    labelled(
+        ax, y="off by [mm]", title=f"{MM * result.mean_error:.3g} mm off in the mean" * bool(rows)
+    )
+    if rows:
+        ax.set_ylim(bottom=0)
+        ax.legend(fontsize=SIZE, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return shown  # type: ignore[no-any-return]
+
+
+def _errors(result: Any, ax: Axes) -> None:
+    """Draw values between their bounds, with standard errors as bars; none where inf."""
+    of = result.parameters
+    std = np.where(np.isfinite(result.std), result.std, np.nan) / of.range
+    at = np.arange(len(result.values))
+    ax.errorbar(of.fractions(result.array), at, xerr=std, fmt="o", ms=4, capsize=3)
+    labels = [
+        f"{unknown.name}\n{value:.4g} +- {error:.2g} {of.unit(unknown)}".rstrip()
+        for unknown, value, error in zip(result.unknowns, result.values, result.std, strict=True)
+    ]
+    ax.set_yticks(at, labels, fontsize=SIZE)
+    ax.invert_yaxis()
+    ax.margins(y=0.2)
+    ax.set_xlim(-0.05, 1.05)
+    ax.set_xticks([0, 1], ["lower bound", "upper bound"], fontsize=SIZE)
+    ax.set_title("standard errors", fontsize=SIZE)
+
+
+def plot_ellipsoids(
+    result: Sequence[Stiffness], force: float = 1e-3, ax: Axes3D | None = None
+) -> Figure | Axes3D:
+    """Draw where a force of any direction would move points of the arm, on the arm, in mm.
+
+    Parameters
+    ----------
+    result : sequence of Stiffness
+        Of one shape, at the points to be shown.
+    force : float
+        The force [N]; half axes are its displacements, to scale.
+
+    Returns a new Figure, or the axes if given; raises InputError for none.
+    """
+    result = several("result", result, Stiffness)
+    shown, ax = axes_of(ax, (6.4, 4.8), "3d")
+    shape = result[0].shape
+    points = [draw_arm(shape, ax)]
+    for k in result:
+        surface = _surface(k, force)
+        ax.plot_surface(*(MM * surface), color=_SKIN, alpha=0.25, linewidth=0)
+        points.append(surface.reshape(3, -1).T)
+    held = "held tensions" if result[0].hold == "tension" else "locked lengths"
+    ax.set_title(f"where {1e3 * force:g} mN pushes it, with {held}", fontsize=SIZE)
+    look(ax, shape, np.vstack(points))
+    return shown
+
+
+def _surface(k: Stiffness, force: float) -> Array:
+    """Return the ellipsoid's points (3, 25, 49) [m]."""
+    axes, directions = k.ellipsoid()
+    down, around = np.linspace(0, np.pi, 25), np.linspace(0, 2 * np.pi, 49)
+    polar, turn = np.meshgrid(down, around, indexing="ij")
+    ball = np.array([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)])
+    moved = np.einsum("ij,j,jkl->ikl", directions, force * axes, ball)
+    return np.asarray(moved + k.shape.position(k.at)[:, None, None])
+
+
+def plot_effects(switches: tuple[Switch, ...], accuracy: float) -> Figure:
+    """Draw tip change over L against the accuracy, and the factor in time, effect by effect.
+
+    Effects of the scene come first, with a filled dot; others, which it lacks, are hollow. An
+    effect with or without which the arm does not settle has no dot.
+    """
+    figure = Figure(figsize=(7.2, 1.3 + 0.32 * len(switches)), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
+    rows = np.arange(len(switches))[::-1]
+    left.set_yticks(rows, [switch.effect for switch in switches], fontsize=SIZE - 1)
+    left.axvline(accuracy, color=INK, linewidth=0.8, linestyle="--", zorder=0)
+    left.annotate(
+        "accuracy",
+        (accuracy, 1.0),
+        (2, 2),
+        xycoords=("data", "axes fraction"),
+        textcoords="offset points",
+        fontsize=SIZE - 2,
+        color=INK,
+    )
+    for row, switch in zip(rows, switches, strict=True):
+        colour = _MATTERS if switch.matters else _IDLE
+        # On a logarithmic scale a change of nothing has its place at the left.
+        values = (left, max(switch.tip_change, 1e-12), colour), (right, switch.time_factor, _COST)
+        for ax, x, shade in values:
+            face = shade if switch.enabled else "white"
+            ax.plot([x], [row], "o", color=shade, markerfacecolor=face, markersize=6)
+    for face, label in ((INK, "in the scene"), ("white", "switched on")):
+        left.plot([], [], "o", color=INK, markerfacecolor=face, markersize=5, label=label)
+    left.legend(loc="lower left", fontsize=SIZE - 2, frameon=False)
+    right.axvline(1.0, color=INK, linewidth=0.8, linestyle="--", zorder=0)
+    for ax, label in ((left, "tip moves by [L]"), (right, "time of a settle, with over without")):
+        ax.set_xscale("log")
+        labelled(ax, label, grid=True)
+    return figure

@@ -1,0 +1,192 @@
+"""Results as people read them: what is told of them as text and in notebooks, and their figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import fields
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from octoplan.model.arm import Arm
+from octoplan.model.scene import Scene
+from octoplan.model.settle import settle
+from octoplan.model.shape import Shape
+from octoplan.model.stiffness import Stiffness
+from octoplan.model.support.errors import OctoplanError
+from octoplan.model.support.progress import OutOfTime
+from octoplan.model.support.text import Part, columns, parts_of, shape_text, shown_by, tendon_table
+from octoplan.planner.certificate import Certificate
+from octoplan.planner.extensions.fit.calibration import Calibration
+from octoplan.planner.extensions.fit.designed import Design
+from octoplan.planner.extensions.trajectory.certificate import MotionCertificate
+from octoplan.planner.extensions.trajectory.result import Trajectory
+from octoplan.planner.frontends.effect_ablation import Switch
+from octoplan.planner.frontends.many import FailedPlan
+from octoplan.planner.measure import length_error, strokes
+from octoplan.planner.plan import Plan
+
+# Text and tables
+
+# Rows of a table that are shown at most.
+_SCREEN = 40
+
+
+def _plan(plan: Plan) -> Iterator[Part]:
+    """Yield what fits a screen, outcome, tendons and tip, then all that was checked."""
+    arm, T, upper = plan.arm, np.ravel(plan.tensions), np.array(plan.limits.upper)
+    table = tendon_table("tensions [N]", arm.tendons_by_section, T)
+    if np.any(np.isfinite(upper)):
+        at = np.flatnonzero((upper > 0) & np.isclose(T, upper, 1e-9, 0.0))
+        held = [arm.tendon_name(int(j)) for j in at]
+        table += f"\n  at their maximum: {', '.join(held) or 'none'}"
+    tables = [plan.outcome, table]
+    # Where tensions do not settle there is no shape.
+    with suppress(OctoplanError, OutOfTime):
+        tables += _winches(plan.shape, plan.limits.stroke_zero)
+        tables.append("tip [mm]  " + "  ".join(f"{1e3 * x:.3f}" for x in plan.shape.tip))
+    yield "\n\n".join(tables)
+    yield ""
+    yield from parts_of(plan.certificate)
+
+
+def _winches(shape: Shape, zero: Any = None) -> list[str]:
+    """Return tables of the tendons' lengths and strokes [mm], and what errors of lengths do.
+
+    `zero` (n_tendons,) are the lengths where winches are zeroed [m], see strokes.
+    """
+    arm, error = shape.arm, length_error(shape)
+    lengths = tendon_table(
+        "tendon lengths [mm]", arm.tendons_by_section, 1e3 * shape.tendon_lengths
+    )
+    title = f"strokes [mm] from the {'straight arm at rest' if zero is None else 'zero given'}"
+    lines = [tendon_table(title, arm.tendons_by_section, 1e3 * strokes(shape, zero))]
+    slack = ", ".join(arm.tendon_name(int(j)) for j in np.flatnonzero(shape.slack))
+    lines.append(
+        f"  slack: {f'{slack}; their strokes are at most those above' if slack else 'none'}"
+    )
+    if shape.undetermined:
+        lines.append(f"  tensions not determined by lengths: {', '.join(shape.undetermined)}")
+    if error:
+        cells = ", ".join(f"{name} {x:.3g}" for name, x in error.items())
+        worst = max(error, key=lambda name: error[name])
+        lines.append(f"  tip error by a wrong length [mm per mm]: {cells}; worst {worst}")
+    return [lengths, "\n".join(lines)]
+
+
+def _shape(shape: Shape) -> Iterator[Part]:
+    """Yield a shape; of one by lengths also what winches take in."""
+    if shape.winches is None:
+        yield repr(shape)
+    else:
+        table = tendon_table("tensions [N]", shape.arm.tendons_by_section, shape.tensions)
+        tables = [table, *_winches(shape)]
+        yield shape_text(tables, shape.tip, shape.tip_frame, shape.error, shape.remarks)
+
+
+def _certificate(result: Certificate | MotionCertificate) -> Iterator[Part]:
+    by = f" (checked by {result.scheme})" if isinstance(result, Certificate) else ""
+    yield f"certificate: {'PASSED' if result.passed else 'FAILED'}{by}"
+    yield result.rows
+    if isinstance(result, Certificate):
+        yield from (f"  beware: {warning}" for warning in result.warnings)
+    yield from (f"  failed: {failure}" for failure in result.failures)
+
+
+def _scene(scene: Scene) -> Iterator[Part]:
+    rows = [["effect", "settings"]]
+    for effect in scene.effects:
+        shown = (f.name for f in fields(effect) if f.repr)
+        values = ", ".join(f"{name} = {getattr(effect, name)!r}" for name in shown)
+        rows.append([type(effect).__name__, values])
+    yield rows if scene.effects else [*rows, ["none: the bare arm", ""]]
+
+
+def _trajectory(motion: Trajectory) -> Iterator[Part]:
+    yield motion.outcome
+    count = motion.times.size
+    if count <= _SCREEN:
+        yield "\ntensions [N]"
+        shown = np.arange(count)
+    else:
+        yield f"\ntensions [N] where targets are met, of {count} times (`times`, `save`, --out)"
+        shown = np.array([0, *motion.stops])
+    pairs = zip(motion.times[shown], motion.flat[shown], strict=True)
+    rows = ([f"{t:.4g}", *(f"{x:.4f}" for x in T)] for t, T in pairs)
+    yield [["t [s]", *motion.arm.tendon_names], *rows]
+    yield ""
+    yield from parts_of(motion.certificate)
+
+
+def _calibration(fit: Calibration) -> Iterator[Part]:
+    yield fit.outcome
+    rows = zip(fit.unknowns, fit.values, fit.std, strict=True)
+    cells = ([x.name, f"{v:.6g}", f"{std:.2g}", fit.parameters.unit(x)] for x, v, std in rows)
+    yield [["unknown", "value", "std", "unit"], *cells]
+
+
+def _design(result: Design) -> Iterator[Part]:
+    yield result.outcome
+    of, values = result.parameters, zip(result.unknowns, result.values, strict=True)
+    pairs = zip(values, of.start, strict=True)
+    cells = ([x.name, f"{v:.5g}", f"{old:.5g}", of.unit(x)] for (x, v), old in pairs)
+    yield [["unknown", "designed", "given", "unit"], *cells]
+    plans = enumerate(zip(result.plans, result.before, strict=True), 1)
+    efforts = ([f"{i}", f"{now.effort:.4g}", f"{old.effort:.4g}"] for i, (now, old) in plans)
+    yield [["task", "effort [N]", "of the given arm [N]"], *efforts]
+
+
+def switch_table(switches: tuple[Switch, ...], accuracy: float) -> str:
+    """Return what each effect does to a scene and what it costs, a line each, and notes."""
+    head = ["effect", "in scene", "tip change [L]", "states", "unknowns", "instructions", "time"]
+    rows = [[*head, f"matters at {accuracy:.0e}"]]
+    notes = ["States, unknowns, instructions and time: of the scene with the effect, over without."]
+    fewer = [switch.effect for switch in switches if switch.unknowns_added < 0]
+    if fewer:
+        names = ", ".join(fewer)
+        notes.append(f"Fewer unknowns with {names}: a coarser mesh is as accurate there.")
+    for switch in switches:
+        more = switch.sizes.instructions / switch.sizes_without.instructions
+        change, factor = f"{switch.tip_change:.1e}", f"x {switch.time_factor:.2g}"
+        if switch.problem:
+            change = factor = "-"
+            notes.append(f"{switch.effect}: {switch.problem}")
+        counts = f"{switch.states_added:+}", f"{switch.unknowns_added:+}", f"x {more:.2g}"
+        ends = ["yes" if is_so else "no" for is_so in (switch.enabled, switch.matters)]
+        rows.append([switch.effect, ends[0], change, *counts, factor, ends[1]])
+    return "\n".join([*columns(rows), "", *notes])
+
+
+# Figures: matplotlib is loaded with the first
+
+
+def figure(module: str, name: str) -> Callable[..., Any]:
+    """Return a function of octoplan.planner.frontends.plots, imported when it is called."""
+    name_of_module = f"octoplan.planner.frontends.plots.{module}"
+    return lambda *of: getattr(import_module(name_of_module), name)(*of)
+
+
+_SHAPE = figure("plan", "plot_shape")
+
+
+def _stiffness(k: Stiffness, ax: Any = None) -> Any:
+    """Draw where a force of a power of ten pushes the point, by no more than L / 5."""
+    most = 0.2 * k.shape.arm.length / float(k.ellipsoid()[0][0])
+    force = 10.0 ** math.floor(math.log10(most))
+    return figure("results", "plot_ellipsoids")([k], force, ax)
+
+
+shown_by(Arm, lambda arm, *ax: _SHAPE(settle(arm, np.zeros(arm.n_tendons), accuracy=1e-2), *ax))
+shown_by(Shape, _SHAPE, _shape)
+shown_by(Stiffness, _stiffness)
+shown_by(Scene, None, _scene)
+shown_by(Certificate, None, _certificate)
+shown_by(MotionCertificate, None, _certificate)
+shown_by(Trajectory, lambda motion, *_: figure("motion", "plot_trajectory")(motion), _trajectory)
+shown_by(Calibration, None, _calibration)
+shown_by(Design, None, _design)
+shown_by(Plan, figure("plan", "plot_plan"), _plan)
+shown_by(FailedPlan, None, _plan)

@@ -1,0 +1,250 @@
+"""Where a sweep is kept: each chunk that is finished as a file, all of them as an xarray Dataset.
+
+A chunk's file is there whole or not at all, in a folder beside the sweep's output. Its name holds
+the sweep's identity and the chunk's number; which files are there is all that is known of an
+earlier run. Dask reads, chunk by chunk, what xarray writes, so that memory holds a few only.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+from zipfile import BadZipFile
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from octoplan.model.support.errors import InputError, OctoplanError, needed
+from octoplan.model.support.progress import check_time, tell
+from octoplan.planner.frontends.io.files import keep, versions, whole, why
+from octoplan.planner.frontends.sweeps.definition import Sweep
+from octoplan.planner.frontends.sweeps.points import LABELS, VARIABLES, Rows, Variable
+
+
+class FullDiskError(OctoplanError):
+    """What a sweep has computed cannot be written.
+
+    Attributes
+    ----------
+    path : str
+        What could not be written.
+    reason : str
+        Why, in the system's words.
+    """
+
+    def __init__(self, path: str, reason: str) -> None:
+        self.path, self.reason = path, reason
+        super().__init__(
+            f"{path} cannot be written: {reason}; what is finished is kept: start the sweep again "
+            "once it can, and it goes on"
+        )
+
+
+@contextmanager
+def writable(path: Path) -> Iterator[None]:
+    """Let what cannot be written inside the block be told as FullDiskError."""
+    try:
+        yield
+    except OSError as reason:
+        raise FullDiskError(str(path), why(reason)) from None
+
+
+def folder_of(out: Path) -> Path:
+    """Return the folder of the chunks of a sweep that is to be written to a path."""
+    return out.with_name(f"{out.name}.chunks")
+
+
+@dataclass(frozen=True)
+class ChunkFiles:
+    """The chunks of a sweep that are finished, as files.
+
+    Attributes
+    ----------
+    folder : Path
+        Made with the first of them.
+    sweep : Sweep
+    """
+
+    folder: Path
+    sweep: Sweep
+
+    def __post_init__(self) -> None:
+        """Raise InputError where the folder is another sweep's."""
+        there = self.folder.glob("*.npz")
+        if not all(path.name.startswith(self._prefix) for path in there):
+            allowed = (
+                "chunks of this same sweep: these are of another, or of another version; "
+                "name another output, or remove it"
+            )
+            raise InputError("out", str(self.folder), allowed)
+        self._keep()
+
+    def _keep(self) -> None:
+        text = f"what is finished is kept in {self.folder}: the same command goes on from there"
+        keep(self.folder, text)
+
+    @property
+    def left(self) -> list[int]:
+        """The chunks that are not finished."""
+        there = {path.name for path in self.folder.glob("*.npz")}
+        return [i for i in range(self.sweep.chunks) if self._path(i).name not in there]
+
+    def write(self, chunk: int, rows: Rows) -> None:
+        """Keep a chunk; it is on the disk when this returns. Raises FullDiskError."""
+        path, texts = self._path(chunk), {"outcome": rows["outcome"].astype(str)}
+        with writable(path), whole(path, self.folder.parent) as part, part.open("wb") as stream:
+            np.savez(stream, allow_pickle=False, **rows | texts)
+            stream.flush()
+            os.fsync(stream.fileno())
+        self._keep()
+
+    def read(self, chunk: int, name: str) -> NDArray[Any]:
+        """Return a variable of a chunk that is finished; InputError where its file was spoilt."""
+        path = self._path(chunk)
+        try:
+            with np.load(path, allow_pickle=False) as stored:
+                return np.asarray(stored[name])
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+            allowed = "a chunk as it was written: remove it, start again, and it is computed anew"
+            raise InputError("out", str(path), allowed) from None
+
+    def _path(self, chunk: int) -> Path:
+        return self.folder / f"{self._prefix}{chunk:06d}.npz"
+
+    @property
+    def _prefix(self) -> str:
+        return f"{self.sweep.identity[:16]}-"
+
+
+# The Dataset
+
+# Points that are read at a time; what is written at a time [bytes], and lies together in Zarr.
+_READ = 4096
+_BLOCK = 200_000
+_ENGINES = {".nc": "h5netcdf", ".zarr": "zarr"}
+_NUMBER = re.compile(r"-?\d[\d.]*(e[+-]?\d+)?")
+
+
+def gathered(sweep: Sweep, chunks: ChunkFiles) -> Any:
+    """Return the Dataset of a sweep, all of whose chunks can be read; it is read when looked at."""
+    xarray = needed("xarray", "sweep")
+    summary, width = _summary(sweep, chunks)
+    variables, coords = dict[str, Any](), dict[str, Any]()
+    for name, item in VARIABLES[sweep.job.compute].items():
+        units = {"units": item.units} if item.units else {}
+        array = _array(sweep, chunks, name, item, width)
+        variables[name] = ((*sweep.dims, *item.dims), array, {**units, "long_name": item.about})
+    for axis in sweep.axes:
+        attributes = {"key": axis.key, **({"units": axis.unit} if axis.unit else {})}
+        coords[axis.name] = (("draw" if axis.drawn else axis.name,), axis.values, attributes)
+    used = {dim for item in VARIABLES[sweep.job.compute].values() for dim in item.dims}
+    labels = {**LABELS, "tendon": list(sweep.job.tendons)}
+    coords |= {dim: ((dim,), text, {}) for dim, text in labels.items() if dim in used}
+    numbers = {f"{name}_version": number for name, number in versions().items()}
+    texts = {f"{name}_file": text for name, text in sweep.texts.items()}
+    computed = {"compute": sweep.job.compute, "identity": sweep.identity}
+    resolved = {"scene": msgspec.json.encode(sweep.job.scene).decode()}
+    made = {"title": "octoplan sweep", **computed, **numbers, **texts, **resolved, **summary}
+    return xarray.Dataset(variables, coords, made)
+
+
+def _array(sweep: Sweep, kept: ChunkFiles, name: str, each: Variable, width: int) -> Any:
+    """Return a variable as an array of Dask's, chunk after chunk in the shape of the grid."""
+    array = needed("dask.array", "sweep")
+    kind = np.dtype(f"U{width}" if each.blank == "" else type(each.blank))
+    sizes = each.sizes(len(sweep.job.tendons))
+    several = max(1, _READ // sweep.chunk)
+
+    def part(block_id: tuple[int, ...]) -> NDArray[Any]:
+        first = block_id[0] * several
+        there = range(first, min(first + several, sweep.chunks))
+        check_time()
+        tell("chunks gathered", there.stop, sweep.chunks)
+        return np.concatenate([kept.read(chunk, name).astype(kind) for chunk in there])
+
+    at_once = several * sweep.chunk
+    parts = tuple(min(at_once, sweep.size - i) for i in range(0, sweep.size, at_once))
+    like = np.empty((0,) * (1 + len(sizes)), kind)
+    chunks = (parts, *((size,) for size in sizes))
+    flat = array.map_blocks(part, chunks=chunks, dtype=kind, meta=like)
+    shape = (*sweep.dims.values(), *sizes)
+    blocks = array.core.normalize_chunks("auto", shape, _BLOCK, kind)
+    return flat.reshape(shape).rechunk(blocks)
+
+
+def save(data: Any, path: Path) -> None:
+    """Write a Dataset to a path, whole or not at all; raises FullDiskError. To be done in order."""
+    with writable(path), whole(path) as part:
+        if path.suffix.lower() == ".nc":
+            data.to_netcdf(part, engine="h5netcdf")
+        else:
+            # Texts are no settled part of Zarr's format 3 yet.
+            data.to_zarr(part, zarr_format=2, consolidated=True)
+
+
+@contextmanager
+def in_order() -> Iterator[None]:
+    """Let Dask compute block after block, so that memory holds one.
+
+    xarray would load all of distributed to see whether a cluster writes.
+    """
+    dask, name = needed("dask", "sweep"), "distributed"
+    hidden = {} if name in sys.modules else {name: None}
+    with dask.config.set(scheduler=dask.get), patch.dict(sys.modules, hidden):
+        yield
+
+
+def check_store(path: Path) -> None:
+    """Refuse a path that cannot be written, before anything runs; MissingExtraError, InputError."""
+    suffix = path.suffix.lower()
+    if suffix not in _ENGINES:
+        raise InputError("out", str(path), "a name that ends in .nc (NetCDF) or .zarr (Zarr)")
+    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+        raise InputError("out", str(path), "a name in a folder that is there and can be written to")
+    if path.exists() and path.is_dir() != (suffix == ".zarr"):
+        what = "a folder of Zarr, not a file" if suffix == ".zarr" else "a file, not a folder"
+        raise InputError("out", str(path), what)
+    packages = {"h5netcdf": "sweep", "h5py": "sweep"} if suffix == ".nc" else {"zarr": "zarr"}
+    for package, extra in packages.items():
+        needed(package, extra)
+
+
+def opened(path: Path) -> Any:
+    """Return a Dataset whose numbers are read from its file when they are looked at."""
+    xarray = needed("xarray", "sweep")
+    return xarray.open_dataset(path, engine=_ENGINES[path.suffix.lower()])
+
+
+def attributes_in(path: Path) -> dict[str, Any]:
+    """Return the attributes of the Dataset at a path; none where there is none."""
+    if path.exists():
+        with suppress(OSError, ValueError, KeyError), opened(path) as data:
+            return dict(data.attrs)
+    return {}
+
+
+def _summary(sweep: Sweep, kept: ChunkFiles) -> tuple[dict[str, Any], int]:
+    """Return what became of the points, as attributes, and how long the longest outcome is.
+
+    Of outcomes that differ by their numbers alone the first is counted with the others.
+    """
+    met, width, kinds = 0, 1, dict[str, tuple[str, int]]()
+    for chunk in range(sweep.chunks):
+        good = kept.read(chunk, "reached" if sweep.job.compute == "plan" else "settled")
+        outcomes = kept.read(chunk, "outcome")
+        met += int(good.sum())
+        width = max(width, outcomes.dtype.itemsize // 4)
+        for outcome in outcomes[~good].tolist():
+            example, count = kinds.get(kind := _NUMBER.sub("#", outcome), (outcome, 0))
+            kinds[kind] = (example, count + 1)
+    failures = dict(sorted(kinds.values(), key=lambda item: -item[1]))
+    return {"met": met, "failures": json.dumps(failures)}, width
