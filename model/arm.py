@@ -17,7 +17,7 @@ from octoplan.model.paths import Array, Linear, Path
 from octoplan.model.support.checks import LARGEST, SMALLEST, finite_array, is_several, numbers
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.quantities import Frame, Length, LengthPath, Place
-from octoplan.model.support.text import Shown, columns, ends_text, shortened_lines
+from octoplan.model.support.text import HtmlRepr, columns, ends_text, shortened_lines
 from octoplan.model.support.units import (
     LENGTH,
     PLASTICS,
@@ -60,7 +60,7 @@ def _evaluated(field: str, path: Path, s: Array, span: float) -> Array:
 
 
 @value
-class Arm(Shown):
+class Arm(HtmlRepr):
     """A tendon-driven arm, clamped at its base.
 
     Attributes
@@ -73,7 +73,7 @@ class Arm(Shown):
         From the tip to the base, so that section 1 is the one nearest the tip.
     material : Material
     base_frame : 3x3 nested tuple
-        Columns t, n, b of the base; the paper's unless given.
+        VectorInterpreter t, n, b of the base; the paper's unless given.
     base_position : tuple of three floats
         [m].
     hull : Path

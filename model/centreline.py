@@ -22,10 +22,10 @@ from octoplan.model.effects import NeoHookean
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.paths import SAME, Array
 from octoplan.model.rod.collocation import gauss, rotation_vectors
-from octoplan.model.rod.system import System
+from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.rotations import half_turn, multiply, unit_matrix
 from octoplan.model.scene import Scene
-from octoplan.model.support.machine.functions import Mapped, built
+from octoplan.model.support.machine.functions import BatchFunction, cached
 
 Counts = NDArray[np.int64]
 
@@ -65,11 +65,11 @@ class Centreline:
     machine_code: bool = False
 
     @classmethod
-    def at_states(cls, system: System, states: Array) -> Centreline:
+    def at_states(cls, system: DiscreteRod, states: Array) -> Centreline:
         """Return that of the states (n_states,) of a system with three stages to an element."""
         at = (system.arm, system.scene, system.mesh.s, system.poses(states))
-        form = system.of.form
-        result = cls.at_strains(*at, form.law, states[system.of.stages])
+        form = system.layout.form
+        result = cls.at_strains(*at, form.law, states[system.layout.stages])
         return replace(result, machine_code=form.machine_code)
 
     @classmethod
@@ -135,7 +135,7 @@ class Centreline:
             return np.zeros((0, 3)), np.zeros(0), np.zeros(0)
         h = np.diff(self.s)[element]
         arguments = (self.poses[element], self.kappa[element], self.nu[element], h, start, end)
-        position, length, turn = built(_part, self.machine_code)(*arguments)
+        position, length, turn = cached(_part, self.machine_code)(*arguments)
         return position, length[:, 0], turn[:, 0]
 
     def radius(self, element: Counts, share: Array) -> Array:
@@ -151,7 +151,7 @@ class Centreline:
         return np.asarray(outer / np.sqrt(np.maximum(stretch, 1e-3)))
 
 
-def _part(machine_code: bool) -> Mapped:
+def _part(machine_code: bool) -> BatchFunction:
     """Return pose, kappa, nu by stage, h, shares a, b -> position at b; length, turn from a."""
     g, h = ca.SX.sym("g", 7), ca.SX.sym("h")
     kappa, nu = ca.SX.sym("kappa", 3, STAGES), ca.SX.sym("nu", 3, STAGES)
@@ -176,4 +176,4 @@ def _part(machine_code: bool) -> Mapped:
         turned += h * (b - a) * weight * ca.sqrt(k[1] ** 2 + k[2] ** 2)
     arguments = [g, ca.vec(kappa), ca.vec(nu), h, a, b]
     result = ca.Function("part", arguments, [position, length, turned], {"cse": True})
-    return Mapped(result, machine_code)
+    return BatchFunction(result, machine_code)

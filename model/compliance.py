@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from octoplan.model.cross_section import cross_section_of
 from octoplan.model.cross_section.sections import Sections, strains_of
-from octoplan.model.equilibrium.linearised import Equilibrium, Index, Linearised
+from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, Index
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.equilibrium.sensitivities import Sensitivities
 from octoplan.model.forward import FINEST, maps_of, pair_for, refined
@@ -54,13 +54,13 @@ def sensitivities(shape: Shape, at: float, refinement: int) -> Response:
     forward = maps.on(refinement, places)
     if places or refinement != shape.refinement or maps.scheme != point.scheme:
         point = forward.solve(shape.tensions, shape.known)
-    if isinstance(point, Linearised):
+    if isinstance(point, Equilibrium):
         # Derivatives nearby have an error that no refinement shows.
         point = point.relinearised()
     return at_node(point, forward.mesh.node(at))
 
 
-def at_node(point: Equilibrium, node: int) -> Response:
+def at_node(point: AnyEquilibrium, node: int) -> Response:
     """Return the sensitivities of an equilibrium at a node of its mesh."""
     kind = MarchDerivative if isinstance(point, Marched) else Sensitivities
     return kind(point, node)  # type: ignore[arg-type]

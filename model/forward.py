@@ -28,7 +28,7 @@ from octoplan.model.support.checks import within
 from octoplan.model.support.errors import ConvergenceError, InputError
 from octoplan.model.support.progress import check_time
 from octoplan.model.unloaded.closed_form import ClosedForm
-from octoplan.model.unloaded.marched import March
+from octoplan.model.unloaded.marched import ExplicitMap
 
 T = TypeVar("T")
 LOOSEST, FINEST_ACCURACY = 0.1, 1e-12
@@ -47,7 +47,7 @@ COLLOCATIONS = {"gauss6": 3, "gauss4": 2, "gauss2": 1, "gauss8": 4}
 PRINTED = {scheme.name: scheme for scheme in (RK6, RK8, RK4)}
 SCHEMES = (*CLOSED_FORMS, *COLLOCATIONS, *PRINTED)
 
-ForwardMap = Collocation | March
+ForwardMap = Collocation | ExplicitMap
 
 
 def schemes_of(scene: Scene) -> tuple[str, ...]:

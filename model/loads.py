@@ -111,7 +111,7 @@ def check_not_printed(scene: Scene) -> None:
         raise InputError("scene", "as printed", "a scene whose equations hold under loads")
 
 
-class Acting(NamedTuple):
+class PointForce(NamedTuple):
     """A dead force (3,) [N] in the base frame, at an arc length [m].
 
     `offset` is that in the local frame (3,) [m], None on the midline; `kind` its effect's name.
@@ -123,13 +123,13 @@ class Acting(NamedTuple):
     kind: str
 
 
-def acting(scene: Scene) -> tuple[Acting, ...]:
+def acting(scene: Scene) -> tuple[PointForce, ...]:
     """Return the scene's point loads, and the weights of its point masses."""
     g = np.array(weight.g) if (weight := scene.find(Weight)) else np.zeros(3)
     return tuple(
-        Acting(each.s, each.force, None, "PointLoad")
+        PointForce(each.s, each.force, None, "PointLoad")
         if isinstance(each, PointLoad)
-        else Acting(each.s, tuple((each.mass * g).tolist()), each.offset, "PointMass")
+        else PointForce(each.s, tuple((each.mass * g).tolist()), each.offset, "PointMass")
         for each in scene.effects
         if isinstance(each, PointLoad | PointMass)
     )
@@ -198,7 +198,7 @@ def growth(arm: Arm, scene: Scene, s: Array) -> Array:
 def force_bound(arm: Arm, scene: Scene, s: Array) -> Array:
     """Return a bound of the resultant force (N,) of all loads beyond arc lengths s (N,) [N]."""
     tip = scene.find(TipLoad)
-    force = _capped_norm(heaviness(arm, scene)) * volume(arm, s)
+    force = _capped_norm(specific_weight(arm, scene)) * volume(arm, s)
     force += _capped_norm(tip.force) if tip else 0.0
     for load in acting(scene):
         force += _capped_norm(load.force) * (s <= load.s)
@@ -247,7 +247,7 @@ def beyond(arm: Arm, scene: Scene, s: Array, end: Array) -> Array:
     lie in.
     """
     tip = scene.find(TipLoad)
-    heavy, force = heaviness(arm, scene), np.zeros((3, s.size))
+    heavy, force = specific_weight(arm, scene), np.zeros((3, s.size))
     if heavy.any():
         force += np.outer(heavy, volume(arm, s))
     if tip and not tip.follower:
@@ -257,7 +257,7 @@ def beyond(arm: Arm, scene: Scene, s: Array, end: Array) -> Array:
     return np.asarray(force)
 
 
-def heaviness(arm: Arm, scene: Scene) -> Array:
+def specific_weight(arm: Arm, scene: Scene) -> Array:
     """Return the weight of a volume of the body, less that of the fluid displaced [N/m3]."""
     weight, fluid = scene.find(Weight), scene.find(Buoyancy)
     if weight is None:

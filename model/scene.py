@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from octoplan.model.effects import Effect, ExactTendons, Extension, NeoHookean, PrintedStatics
 from octoplan.model.support.checks import kind
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.text import Shown
+from octoplan.model.support.text import HtmlRepr
 from octoplan.model.support.value import value
 
 E = TypeVar("E", bound=Effect)
@@ -16,7 +16,7 @@ _WIDTH = 88
 
 
 @value(init=False)
-class Scene(Shown):
+class Scene(HtmlRepr):
     """What is simulated: nothing but bending, and each effect that is named.
 
     `Scene()` is the bare arm, `Scene(Extension())` the paper's, `Scene.as_printed()` the paper's to

@@ -14,12 +14,12 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.effects import PrintedStatics, SelfContact
-from octoplan.model.equilibrium.linearised import Equilibrium, Linearised, check_stretch
+from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, check_stretch
 from octoplan.model.equilibrium.load_changes import with_loads_of
 from octoplan.model.equilibrium.load_steps import ROUGHEST
 from octoplan.model.equilibrium.newton import SETTLED
 from octoplan.model.extensions.contact.gaps import THROUGH
-from octoplan.model.extensions.contact.path import Touching
+from octoplan.model.extensions.contact.path import ContactEquilibrium
 from octoplan.model.extensions.contact.self_contact import pressed_on_itself
 from octoplan.model.extensions.lengths.by_lengths import GivenLengths
 from octoplan.model.extensions.lengths.shortest import UnknownLeastError, too_short
@@ -205,10 +205,12 @@ def _winches(arm: Arm, scene: Scene, tensions: Any, lengths: Any, EA: Any, outsi
     return winches
 
 
-def _by_lengths(maps: Maps, winches: Winches, accuracy: float, near: Equilibrium | None) -> Shape:
+def _by_lengths(
+    maps: Maps, winches: Winches, accuracy: float, near: AnyEquilibrium | None
+) -> Shape:
     """Return the shape by lengths; InputError names the tendon that no shape has so short."""
 
-    def settled(held: Winches, accuracy: float, near: Equilibrium | None = None) -> Shape:
+    def settled(held: Winches, accuracy: float, near: AnyEquilibrium | None = None) -> Shape:
         given = GivenLengths(maps, held, None if near is None else near.tensions)
         shape = _settled(maps, given, accuracy, near)
         end = given.finished(maps.on(shape.refinement), shape.equilibrium)
@@ -238,7 +240,7 @@ def _on_itself(arm: Arm, tensions: Any, scene: Scene, accuracy: float, machine_c
 
 
 def _settled(
-    maps: Maps, value: Array | GivenLengths, accuracy: float, near: Equilibrium | None
+    maps: Maps, value: Array | GivenLengths, accuracy: float, near: AnyEquilibrium | None
 ) -> Shape:
     """Return the shape on the first mesh that is accurate enough."""
     # A first mesh is as good in any scene; what it gains by refinement may be less.
@@ -273,7 +275,7 @@ def _settled(
             coarse, fine, error = 0, 0, np.inf
             refinement = next_refinement(refinement, error, accuracy, maps.order)
             continue
-        if isinstance(point, Touching):
+        if isinstance(point, ContactEquilibrium):
             begun, snaps = time.process_time(), snaps + point.snaps
         near = point
         if coarse:
@@ -282,7 +284,7 @@ def _settled(
             pair = coarse, refinement
             error, known = larger_estimate(known, gap, *pair, maps.least_order, maps.rounding)
             jumpy, by_jumps = larger_estimate(by_jumps, gap, *pair, 1, maps.rounding)
-            if isinstance(point, Linearised) and point.jump is not None:
+            if isinstance(point, Equilibrium) and point.jump is not None:
                 error = jumpy
                 if by_jumps * refinement > accuracy * FINEST:
                     check_stretch(point)

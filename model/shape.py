@@ -15,12 +15,12 @@ from octoplan.model.cross_section import cross_section_of
 from octoplan.model.cross_section.sections import Sections, strains_of
 from octoplan.model.effects import ExactTendons, NeoHookean
 from octoplan.model.equilibrium.integration import sliding_tensions
-from octoplan.model.equilibrium.linearised import Equilibrium, History, Linearised
+from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, History
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.equilibrium.stability import stability
 from octoplan.model.extensions.clearance.nearest import from_itself
-from octoplan.model.extensions.contact.path import Touching
-from octoplan.model.extensions.contact.touches import Touch, touches_of
+from octoplan.model.extensions.contact.path import ContactEquilibrium
+from octoplan.model.extensions.contact.touches import ContactPoint, touches_of
 from octoplan.model.forward import by_collocation
 from octoplan.model.loads import check_not_printed, is_loaded
 from octoplan.model.mesh import Mesh
@@ -30,7 +30,7 @@ from octoplan.model.rotations import matrices
 from octoplan.model.scene import Scene
 from octoplan.model.support.checks import arc_lengths, finite_array
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.text import Shown, plotted, shape_text, tendon_table
+from octoplan.model.support.text import HtmlRepr, plotted, shape_text, tendon_table
 from octoplan.model.winches import Winches, pulls, rest_lengths, unfelt
 
 # What is left of a tendon, over the arm's length, from which on it is slack.
@@ -41,7 +41,7 @@ _PART = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Shape(Shown):
+class Shape(HtmlRepr):
     """The shape that an arm takes under given tensions.
 
     Attributes
@@ -50,7 +50,7 @@ class Shape(Shown):
         What was settled.
     error : float
         Estimated tip error over arm length [-].
-    equilibrium : Equilibrium
+    equilibrium : AnyEquilibrium
         The equations and their solution on the mesh that is accurate enough: what is read off.
     refinement : int
         Of that mesh.
@@ -58,7 +58,7 @@ class Shape(Shown):
         What held the tendons, if lengths were given.
     snaps : tuple of float
         With contact, at which shares of tensions and loads the arm jumped on its way from rest.
-    on_itself : tuple of Touch
+    on_itself : tuple of ContactPoint
         Where the arm presses on itself: two of each pair of places, from base to tip. The shape is
         that of the scene with these forces as point loads; so is its stability.
     """
@@ -66,11 +66,11 @@ class Shape(Shown):
     arm: Arm
     scene: Scene
     error: float
-    equilibrium: Equilibrium
+    equilibrium: AnyEquilibrium
     refinement: int
     winches: Winches | None = None
     snaps: tuple[float, ...] = ()
-    on_itself: tuple[Touch, ...] = ()
+    on_itself: tuple[ContactPoint, ...] = ()
 
     @property
     def tensions(self) -> Array:
@@ -178,7 +178,7 @@ class Shape(Shown):
             f"{gap}; SelfContact among the effects keeps its parts apart"
         )
         point = self.equilibrium
-        rubs = isinstance(point, Touching) and point.before is not None and self.contacts
+        rubs = isinstance(point, ContactEquilibrium) and point.before is not None and self.contacts
         led = rubs and (
             "friction of contacts acts against load steps: more of them may move the tip by some "
             "thousandths of the length, which is no part of its error; settle shapes in between, "
@@ -278,23 +278,23 @@ class Shape(Shown):
         """
         check_not_printed(self.scene)
         point = self.known
-        if point is None or not point.system.of.form.loaded:
+        if point is None or not point.system.layout.form.loaded:
             mesh = STAGES, self.refinement, (), True, self.machine_code
             point = by_collocation(self.arm, self.scene, *mesh).solve(self.tensions)
         return stability(point)
 
     @property
-    def contacts(self) -> tuple[Touch, ...]:
+    def contacts(self) -> tuple[ContactPoint, ...]:
         """What it leans on, from base to tip: obstacle, s [m], force (3,) [N] on it, gap [m]."""
         point = self.equilibrium
-        if not (isinstance(point, Linearised) and point.system.of.form.contacts):
+        if not (isinstance(point, Equilibrium) and point.system.layout.form.contacts):
             return self.on_itself
-        return touches_of(point, point.before if isinstance(point, Touching) else None)
+        return touches_of(point, point.before if isinstance(point, ContactEquilibrium) else None)
 
     @property
-    def known(self) -> Linearised | None:
+    def known(self) -> Equilibrium | None:
         """The equations by collocation and their solution, for other meshes to begin with."""
-        return self.equilibrium if isinstance(self.equilibrium, Linearised) else None
+        return self.equilibrium if isinstance(self.equilibrium, Equilibrium) else None
 
     def _places(self, s: Any) -> Array:
         """Return arc lengths of the arm (N,) [m] of a scalar or (N,); InputError for others."""

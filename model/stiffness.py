@@ -28,17 +28,17 @@ from octoplan.model.support.checks import arc_lengths, kind, literal, within
 from octoplan.model.support.errors import InputError, SingularError
 from octoplan.model.support.machine.compiled import Compile
 from octoplan.model.support.progress import limited
-from octoplan.model.support.text import Shown, columns, tendon_table
+from octoplan.model.support.text import HtmlRepr, columns, tendon_table
 from octoplan.model.unloaded.closed_form import ClosedForm
 from octoplan.model.unloaded.march_derivative import MarchDerivative
 from octoplan.model.unloaded.marched import Marched
-from octoplan.model.winches import FELT, checked_EA, pulls
+from octoplan.model.winches import RANK_TOL, checked_EA, pulls
 
 Hold = Literal["tension", "length"]
 
 
 @dataclass(frozen=True, eq=False)
-class Stiffness(Shown):
+class Stiffness(HtmlRepr):
     """How a settled shape answers; always with what holds the tendons.
 
     Attributes
@@ -109,7 +109,7 @@ class Stiffness(Shown):
     @property
     def pose_length(self) -> Array:
         """Displacement and rotation (6, n_tendons) per metre of each tendon paid out [-, rad/m]."""
-        return np.asarray(self.pose_tension @ np.linalg.pinv(self.length_tension, FELT))
+        return np.asarray(self.pose_tension @ np.linalg.pinv(self.length_tension, RANK_TOL))
 
     def section(self, s: Any) -> Array:
         """Flexural stiffness of the section about n and b (2,) or (N, 2) at s [N m2].

@@ -161,7 +161,7 @@ _TINY = 1e-14
 ROUNDING = 3e-14
 # Combinations of tensions that change lengths by less than these shares of what others do are not
 # felt well, and not felt.
-_WELL, FELT = 1e-8, 1e-9
+WELL_CONDITIONED, RANK_TOL = 1e-8, 1e-9
 # What is left that no tensions change, over rounding and as a share of all that is left, where one
 # of the tendons has to slacken.
 _KEPT, _MOSTLY = 10.0, 0.1
@@ -205,7 +205,7 @@ def _least_norm(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, b
     most = max(float(np.abs(z).max()), float(np.abs(w).max()) / max(float(values[0]), 1e-300))
     felt = values * most > rounding
     count = int(np.count_nonzero(felt))  # the largest are the first
-    well = count == 0 or bool(values[count - 1] > _WELL * values[0])
+    well = count == 0 or bool(values[count - 1] > WELL_CONDITIONED * values[0])
     # No combination changes by more than the largest tension: so far away w tells nothing of it.
     steps = ((w @ -left[:, :count]) / values[:count]).clip(-most, most)
     result = z + right[:count].T @ steps
@@ -225,7 +225,7 @@ def _least_norm(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, b
     E = np.vstack([idle, -result / size])
     f = np.eye(len(E))[-1]
     r = E @ scipy.optimize.nnls(E, f)[0] - f
-    if np.linalg.norm(r) <= FELT:  # inequalities exclude each other
+    if np.linalg.norm(r) <= RANK_TOL:  # inequalities exclude each other
         return result, well
     raises = idle.T @ (r[:-1] / (r @ r) * size)  # the last of r is -r.r, but for rounding
     if np.abs(raises).max() > most:
@@ -237,4 +237,4 @@ def _least_norm(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, b
 def unfelt(M: Array) -> Array:
     """Return the combinations (k, n) of tensions that lengths, by M (n, n), do not feel."""
     _, values, right = np.linalg.svd(M)
-    return np.asarray(right[values <= FELT * values.max(initial=0.0)])
+    return np.asarray(right[values <= RANK_TOL * values.max(initial=0.0)])

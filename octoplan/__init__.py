@@ -94,7 +94,7 @@ def __getattr__(name: str) -> Any:
         return import_module(f"octoplan.{name}")
     if not name.startswith("_"):
         # Figures of arms and shapes are the planner's, which is loaded where one is drawn.
-        import_module("octoplan.model.support.text").shown_later(
+        import_module("octoplan.model.support.text").register_display(
             partial(import_module, "octoplan.planner.frontends.report")
         )
         for module in map(import_module, _MODULES):

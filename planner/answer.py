@@ -20,7 +20,7 @@ from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError, UncertifiedError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, tell
 from octoplan.planner.certificate import Certificate, certify
-from octoplan.planner.extensions.avoidance.surroundings import NOTHING, Surroundings
+from octoplan.planner.extensions.avoidance.surroundings import NOTHING, Environment
 from octoplan.planner.extensions.contact.remarks import remarks
 from octoplan.planner.extensions.mirror import mirror_images
 from octoplan.planner.measure import remark_on_slack, strokes
@@ -50,7 +50,7 @@ class Answer(SearchResult, Task):
     each of them when it is first read.
     """
 
-    surroundings: Surroundings = NOTHING
+    surroundings: Environment = NOTHING
 
     @classmethod
     def of(cls, task: Task, result: SearchResult, **more: Any) -> Self:

@@ -30,8 +30,8 @@ from octoplan.model.rod.system import system
 from octoplan.model.shape import Shape, sharp, stretched
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, tell
-from octoplan.model.support.text import Shown, told
-from octoplan.planner.extensions.avoidance.surroundings import NOTHING, Surroundings
+from octoplan.model.support.text import HtmlRepr, told
+from octoplan.planner.extensions.avoidance.surroundings import NOTHING, Environment
 from octoplan.planner.extensions.contact.grasp import Grasp
 from octoplan.planner.measure import strokes
 from octoplan.planner.program.problem import KKT_TOLERANCE, STABILITY_TOLERANCE
@@ -48,7 +48,7 @@ COMPLEMENTARY = 1e-8
 
 
 @dataclass(frozen=True)
-class Certificate(Shown):
+class Certificate(HtmlRepr):
     """The results of a plan's check. Lengths are over the arm's length, angles in rad.
 
     Attributes
@@ -226,7 +226,7 @@ def certify(
     tensions: Array,
     settled: Callable[[], Shape],
     kkt: Callable[[], float],
-    surroundings: Surroundings = NOTHING,
+    surroundings: Environment = NOTHING,
 ) -> Certificate:
     """Verify the settled tensions by initial value integration, and evaluate targets and limits.
 
@@ -249,7 +249,7 @@ def _checked(
     task: Task,
     shape: Shape,
     kkt: Callable[[], float],
-    surroundings: Surroundings,
+    surroundings: Environment,
 ) -> Certificate:
     """Return a certificate with the checks of a shape; raise what integration does."""
     arm, targets, limits = task.arm, task.together, task.limits

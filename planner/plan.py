@@ -24,11 +24,11 @@ from octoplan.model.support.errors import InputError, OctoplanError
 from octoplan.model.support.machine.compiled import Compile, checked_compile
 from octoplan.model.support.progress import GRACE, OutOfTime, reserve, seconds_left, with_progress
 from octoplan.model.support.progress import time_limit as limited_to
-from octoplan.model.support.text import Told, plotted
+from octoplan.model.support.text import TextRepr, plotted
 from octoplan.planner.answer import Answer
 from octoplan.planner.certificate import BRINK
-from octoplan.planner.extensions.avoidance.around import Around, line_of
-from octoplan.planner.extensions.avoidance.surroundings import Surroundings, surroundings
+from octoplan.planner.extensions.avoidance.around import ObstacleSearch, line_of
+from octoplan.planner.extensions.avoidance.surroundings import Environment, surroundings
 from octoplan.planner.extensions.contact.grasp import Grip, grips_of
 from octoplan.planner.extensions.contact.load_path import is_same, rubs, settled_along
 from octoplan.planner.extensions.contact.search import ContactSearch, check_contact, optimality_of
@@ -63,7 +63,7 @@ CONTACT_SHARE = 0.25
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(Told, Answer):
+class Plan(TextRepr, Answer):
     """Tensions for a target; shape, certificate and outcome are derived from them."""
 
     @with_progress
@@ -118,7 +118,7 @@ class Plan(Told, Answer):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class HeldPlan(Plan):
+class ContactPlan(Plan):
     """A plan for an arm in contact; see octoplan.planner.extensions.contact.
 
     SearchResult has its load path; `shape.snaps` tells where the arm jumps at last. With
@@ -327,7 +327,7 @@ def plan(
     return result
 
 
-def _held_along(task: Task, around: Surroundings, plan: Plan) -> Plan:
+def _held_along(task: Task, around: Environment, plan: Plan) -> Plan:
     """Return the plan whose targets hold between their stations, too.
 
     Stations are added where the settled arm violates a target, and the plan is solved again from
@@ -344,11 +344,11 @@ def _held_along(task: Task, around: Surroundings, plan: Plan) -> Plan:
             return plan
         again = replace(task, targets=refined)
         # Without contacts, or beside them: from the plan's tensions, among the same obstacles.
-        beside = plan.beside if isinstance(plan, HeldPlan) else plan
+        beside = plan.beside if isinstance(plan, ContactPlan) else plan
         led = None
         if beside is not None:
             free = replace(again, scene=beside.scene)
-            led = Around(free, beside.surroundings).led_from(np.ravel(plan.tensions))
+            led = ObstacleSearch(free, beside.surroundings).led_from(np.ravel(plan.tensions))
         if led is None:
             plan = _planned(again, around, plan)
         else:
@@ -362,26 +362,26 @@ def _centreline(plan: Plan) -> Centreline:
     return plan.shape.centreline()
 
 
-def _planned(task: Task, around: Surroundings, near: Plan | None) -> Plan:
+def _planned(task: Task, around: Environment, near: Plan | None) -> Plan:
     """Return the plan for a task; raises OutOfTime where it has nothing to show by then."""
     if not contacts(task.scene):
         return Plan.of(task, searched(task, around, near), surroundings=around)
-    held = near if isinstance(near, HeldPlan) else None
+    held = near if isinstance(near, ContactPlan) else None
     # An arm that lies along something may keep clear of it. That has to be tried afresh, unless
     # the one nearby had to lean on something; or where it comes to something on its way from rest.
     question = None if held and not held.beside else beside_contacts(task)
     if question is not None:
         result = searched(*question, held and held.beside)
-        plan = HeldPlan.of(task, result, surroundings=question[1])
+        plan = ContactPlan.of(task, result, surroundings=question[1])
         with suppress(OctoplanError, OutOfTime):
             if result.stopped or (result.statement.mode == "exact" and not plan.shape.contacts):
                 return plan
     begin = None if near is None else tuple(np.ravel(near.tensions).tolist())
     load_path = None if begin is None else (*(held.load_path if held else ()), begin)
-    return HeldPlan.of(task, ContactSearch(task, load_path).run())
+    return ContactPlan.of(task, ContactSearch(task, load_path).run())
 
 
-def searched(task: Task, around: Surroundings, near: Answer | None) -> SearchResult:
+def searched(task: Task, around: Environment, near: Answer | None) -> SearchResult:
     """Return what a plan that is near leads to, or the best from all starts."""
     if near is not None and near.avoidance is not None and near.surroundings == around:
         # Among the same obstacles: by the inequalities of its program, if that keeps clear.
@@ -393,7 +393,7 @@ def searched(task: Task, around: Surroundings, near: Answer | None) -> SearchRes
     result = None if near is None else warm_start(near, task)
     left = result is None
     if around and not (result and result.stopped):
-        led = Around(task, around)
+        led = ObstacleSearch(task, around)
         result = led.run(result)
         left = led.searched
     elif result is None:

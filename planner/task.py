@@ -17,7 +17,7 @@ from octoplan.model.scene import Scene
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.quantities import Count
-from octoplan.planner.extensions.avoidance.rows import Avoidance
+from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints
 from octoplan.planner.program.terms import Targets
 from octoplan.planner.question import Limits, Mode, Statement
 from octoplan.planner.targets.base import Target
@@ -85,7 +85,7 @@ class Task:
         """The accuracy of what has to be judged by the task's: two digits more."""
         return max(self.accuracy / 100, FINEST_ACCURACY)
 
-    def avoiding(self, avoidance: Avoidance | None) -> Self:
+    def avoiding(self, avoidance: ClearanceConstraints | None) -> Self:
         """Return the task with inequalities that keep the arm clear, if there are any."""
         if avoidance is None:
             return self
@@ -156,7 +156,7 @@ class SearchResult:
         Of an arm in contact, tensions by which it comes to the shape: from rest tensions and loads
         grow in proportion to the first, then they change in straight lines to the next and to the
         plan's. Empty where it comes there from rest.
-    avoidance : Avoidance or None
+    avoidance : ClearanceConstraints or None
         The inequalities of the program that keep the arm clear.
     sampled : int
         Number of shapes that were sampled for further guesses; 0 if the first guesses sufficed.
@@ -173,7 +173,7 @@ class SearchResult:
     in_the_way: str = ""
     unstable: bool = False
     load_path: tuple[tuple[float, ...], ...] = ()
-    avoidance: Avoidance | None = None
+    avoidance: ClearanceConstraints | None = None
     sampled: Count = 0
 
 

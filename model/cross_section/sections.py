@@ -24,7 +24,7 @@ from octoplan.model.stations import (
     tendon_paths,
 )
 from octoplan.model.support.errors import CollapsedError, UnsettledSectionError
-from octoplan.model.support.machine.functions import Mapped, built
+from octoplan.model.support.machine.functions import BatchFunction, cached
 
 # Exact tendons keep a crushed section from turning inside out: what is left of its length then is
 # the width that keeps their roots smooth (see octoplan.model.cross_section.law), and no shape.
@@ -188,7 +188,7 @@ class Sections:
 
     def _kernel(self, kernel_of: Callable[[CrossSection], ca.Function], *value: Array) -> Array:
         """Return what a kernel of the law has of arguments (N, n), a row each."""
-        return built(Mapped, built(kernel_of, self.law), self.machine_code)(*value)[0]
+        return cached(BatchFunction, cached(kernel_of, self.law), self.machine_code)(*value)[0]
 
 
 def _turning_rate(law: CrossSection) -> ca.Function:
@@ -252,9 +252,9 @@ class Extremes(NamedTuple):
         return cls(*map(float, values))
 
 
-def _kernels(statics: ClosedStatics, machine_code: bool) -> list[Mapped]:
+def _kernels(statics: ClosedStatics, machine_code: bool) -> list[BatchFunction]:
     """Return (pull, data) -> strains; or what steps to these begin with, and such a step."""
-    return [Mapped(each, machine_code) for each in statics.functions()]
+    return [BatchFunction(each, machine_code) for each in statics.functions()]
 
 
 def settled(statics: ClosedStatics, pull: Array, data: Array, machine_code: bool = False) -> Array:
@@ -262,7 +262,7 @@ def settled(statics: ClosedStatics, pull: Array, data: Array, machine_code: bool
 
     Data may have fewer rows, which are taken again and again.
     """
-    begin, *step = built(_kernels, statics, machine_code)
+    begin, *step = cached(_kernels, statics, machine_code)
     u, *w = begin(pull, data)
     if isinstance(statics, PaperStatics):
         return u
@@ -286,18 +286,18 @@ def reported(law: CrossSection, v: Array) -> Array:
 
     Curvature per unit deformed length [1/m], eq. (1).
     """
-    return built(Mapped, built(_paper_strains, law))(v)[0]
+    return cached(BatchFunction, cached(_paper_strains, law))(v)[0]
 
 
 def strains_of(law: CrossSection, rows: Array) -> Array:
     """Return a law's strains (N, n) of tau, xi, k, q, and nu_n, nu_b if given (N, 4 or 6)."""
     padded = np.hstack([rows, np.zeros((len(rows), 6 - rows.shape[1]))])
-    return built(Mapped, built(_law_strains, law))(padded)[0]
+    return cached(BatchFunction, cached(_law_strains, law))(padded)[0]
 
 
 def kinematics(law: CrossSection, v: Array) -> tuple[Array, Array]:
     """Return kappa and nu (N, 3) per unit reference length of a law's strains v (N, n)."""
-    twist = built(Mapped, built(_kinematics, law))(v)[0]
+    twist = cached(BatchFunction, cached(_kinematics, law))(v)[0]
     return twist[:, :3], twist[:, 3:]
 
 

@@ -32,9 +32,9 @@ from octoplan.model.rod.friction import hermite, turning_function
 from octoplan.model.rod.kernels import Places
 from octoplan.model.rod.layout import POSE
 from octoplan.model.rod.numbers import friction_coefficients
-from octoplan.model.rod.system import System
+from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.rotations import multiply, unit_matrix
-from octoplan.model.support.machine.functions import Mapped, built
+from octoplan.model.support.machine.functions import BatchFunction, cached
 
 SCHEME = RK8
 # Strains that differ by less, relative to their size and 1, are linearised well enough: what that
@@ -58,12 +58,12 @@ class Integration:
 
     def __init__(
         self,
-        system: System,
+        system: DiscreteRod,
         x: Array,
         substeps: int = 1,
         parts: tuple[Places, Array] | None = None,
     ) -> None:
-        of, load = system.of, x[system.of.n_tendons]
+        of, load = system.layout, x[system.layout.n_tendons]
         self._system, self._x, self._states, self._form = system, x, x[of.first :], of.form
         self._elements, reach = parts or (np.arange(of.elements), np.ones(of.elements))
         places = _places(system, substeps, *parts) if parts else _whole(system, substeps)
@@ -86,7 +86,7 @@ class Integration:
 
     def _through_stages(self, weights: Array, places: Places) -> Array:
         """Return the sums (..., P, n) of states at the stages of each part's element by weights."""
-        rows = self._states[places].reshape(self._system.of.elements, self._form.stages, -1)
+        rows = self._states[places].reshape(self._system.layout.elements, self._form.stages, -1)
         return np.asarray(np.einsum("...pm,pmn->...pn", weights, rows[self._elements]))
 
     def begin(self, before: Array | None = None) -> Array:
@@ -96,7 +96,7 @@ class Integration:
         all but crushed no polynomial is near enough. Else of the polynomials through the stages of
         collocation, or through those of one step an element `before` (nodes, P, n).
         """
-        of = self._system.of
+        of = self._system.layout
         if not (of.form.loaded or of.form.friction):
             alone = self._sections.unloaded(self._x[None, : of.n_tendons])
             return alone.reshape(*self._shape, -1)
@@ -112,7 +112,7 @@ class Integration:
         Begun about strains (..., P, n); NaN where none are found. The last are those at the ends,
         by pose and wrench that are `known` there (P, n), NaN where they are not.
         """
-        of, states = self._system.of, self._states
+        of, states = self._system.layout, self._states
         begin = states[of.nodes[self._elements, : of.node_size - of.touching]]
         wrenches = slice(POSE, POSE + of.form.wrench)
         begin[:, wrenches] = self._system.wrenches_beyond(self._x)[self._elements]
@@ -144,7 +144,7 @@ class Integration:
             inverse = np.full_like(at.jacobian, np.nan)
         self._inverse = inverse.reshape(*v.shape, v.shape[-1])
         if form.friction:
-            n = system.of.n_tendons
+            n = system.layout.n_tendons
             unit, slope = np.zeros((2, len(flat), n, flat.shape[1]))
             tensions, turning = np.zeros((2, len(flat), n))
             unit[place, tendon], tensions[place, tendon] = at.units, pulls
@@ -161,14 +161,14 @@ class Integration:
         at, form, w = (step, k), self._form, POSE + self._form.wrench
         wrench = self._wrench[at]
         if form.friction:
-            pulls = self._x[: self._system.of.n_tendons] * np.exp(-self._friction * y[:, w:])
+            pulls = self._x[: self._system.layout.n_tendons] * np.exp(-self._friction * y[:, w:])
             wrench = wrench + np.einsum("pnm,pm->pn", self._unit[at], pulls - self._tensions[at])
         inputs = [y[:, :w], self._v[at], wrench, self._inverse[at], self._dead[at], self._drag[at]]
         if form.pressed:
             normals = distances(self._bodies, y[:, 4:POSE])[1]
             inputs.append(np.einsum("nk,nki->ni", self._pressure[at], normals))
             inputs.append(self._traction[at])
-        rates, strains[k] = built(_rates, form)(*inputs)
+        rates, strains[k] = cached(_rates, form)(*inputs)
         if not form.friction:
             return np.asarray(rates)
         change = strains[k] - self._v[at]
@@ -178,7 +178,7 @@ class Integration:
     def _press(self) -> None:
         """Note what presses and rubs where the arm lies on obstacles, linear between nodes."""
         system, states, form = self._system, self._states, self._form
-        of, x = system.of, self._share[:, :, :, None, None]
+        of, x = system.layout, self._share[:, :, :, None, None]
         numbers = system.p[of.equations.numbers_of("pressure")]
         lies = numbers.reshape(of.elements, form.contacts, -1)[self._elements, :, -1:]
 
@@ -194,20 +194,20 @@ class Integration:
 
 
 @lru_cache(maxsize=32)
-def _whole(system: System, substeps: int) -> tuple[Array, Sections, Array, Array]:
+def _whole(system: DiscreteRod, substeps: int) -> tuple[Array, Sections, Array, Array]:
     """Return what `_places` does of whole elements."""
     return _places(system, substeps, np.arange(system.mesh.steps), np.ones(system.mesh.steps))
 
 
 def _places(
-    system: System, substeps: int, elements: Places, reach: Array
+    system: DiscreteRod, substeps: int, elements: Places, reach: Array
 ) -> tuple[Array, Sections, Array, Array]:
     """Return what does not depend on states where the scheme looks, by step, node and part.
 
     Shares of the elements (substeps, nodes, P), cross-sections, the dead forces beyond (..., 3)
     [N], and of a stream what its drag is in proportion to, and velocity (..., 4).
     """
-    arm, scene, mesh, form = system.arm, system.scene, system.mesh, system.of.form
+    arm, scene, mesh, form = system.arm, system.scene, system.mesh, system.layout.form
     share = (np.arange(substeps)[:, None] + _SAMPLES)[:, :, None] / substeps * reach
     s = (mesh.s[elements] + share * np.diff(mesh.s)[elements]).ravel()
     active = np.broadcast_to(mesh.active[elements], share.shape).ravel()
@@ -222,7 +222,7 @@ def _places(
     return share, sections, dead, drag
 
 
-def _rates(form: Form) -> Mapped:
+def _rates(form: Form) -> BatchFunction:
     """Return the equations along s: pose and wrench of a cross-section -> their derivatives, v.
 
     Further arguments are v_0, w_0 and K (see above), the dead force beyond, drag and velocity of a
@@ -248,10 +248,10 @@ def _rates(form: Form) -> Mapped:
     inputs = [y, known, wrench, ca.vec(inverse), dead, drag]
     inputs += [presses, rubs] * form.pressed
     function = ca.Function("rates", inputs, [ca.vertcat(*rates), v], {"cse": True})
-    return Mapped(function, form.machine_code)
+    return BatchFunction(function, form.machine_code)
 
 
-def poses_and_strains(system: System, x: Array, s: Array) -> tuple[Array, Array]:
+def poses_and_strains(system: DiscreteRod, x: Array, s: Array) -> tuple[Array, Array]:
     """Return poses (N, 7), and strains (N, n) on the base side of arc lengths s (N,).
 
     Poses and wrenches at nodes are those of the states. Strains balance the wrench there by the law
@@ -260,16 +260,18 @@ def poses_and_strains(system: System, x: Array, s: Array) -> tuple[Array, Array]
     mesh = system.mesh
     elements = np.clip(np.searchsorted(mesh.s, s) - 1, 0, mesh.steps - 1)
     reach = (s - mesh.s[elements]) / np.diff(mesh.s)[elements]
-    at_nodes = x[system.of.first + system.of.nodes[elements + 1, : POSE + system.of.form.wrench]]
+    at_nodes = x[
+        system.layout.first + system.layout.nodes[elements + 1, : POSE + system.layout.form.wrench]
+    ]
     known = np.where(reach[:, None] < 1, np.nan, at_nodes)
     parts = Integration(system, x, 1, (elements, reach))
     y, strains = parts.run(parts.begin(), known)
     return y[:, :POSE], strains[-1, -1]
 
 
-def sliding_tensions(at: System, x: Array, s: Array, place: Places, tendon: Places) -> Array:
+def sliding_tensions(at: DiscreteRod, x: Array, s: Array, place: Places, tendon: Places) -> Array:
     """Return the tensions (P,) of tendons where they cross arc lengths s[place], unknowns x."""
-    T, of = x[tendon], at.of
+    T, of = x[tendon], at.layout
     if not of.form.friction:
         return np.asarray(T)
     m, (k, j) = of.form.stages, of.passages
@@ -280,7 +282,7 @@ def sliding_tensions(at: System, x: Array, s: Array, place: Places, tendon: Plac
     )
     numbers = at.p[of.equations.numbers_of("sliding_tendon")].reshape(k.size, -1).T
     rates = np.zeros((at.mesh.steps, of.n_tendons, m))
-    rates[k, j] = np.array(built(turning_function, of.form.law, m).map(k.size)(y, numbers)).T
+    rates[k, j] = np.array(cached(turning_function, of.form.law, m).map(k.size)(y, numbers)).T
     element = np.clip(np.searchsorted(at.mesh.s, s[place]) - 1, 0, at.mesh.steps - 1)
     share = (s[place] - at.mesh.s[element]) / h[element]
     powers = np.arange(1, m + 1)

@@ -24,7 +24,7 @@ from octoplan.model.mesh import Mesh
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.layout import POSE
-from octoplan.model.rod.system import System
+from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.support.errors import CollapsedError, SingularError, UnsettledSectionError
 from octoplan.model.unloaded.marched import Marched
 
@@ -40,15 +40,15 @@ JUMP_WIDTH = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class Linearised:
+class Equilibrium:
     """The equations linearised at a point; derivatives and factors are computed when needed.
 
     Attributes
     ----------
-    system : System
+    system : DiscreteRod
     x : (n_x,)
         Tensions, load factor and states.
-    near : Linearised
+    near : Equilibrium
         The equations linearised so near that their Jacobian and its factors are as good.
     jacobian : (nnz,)
         The nonzeros, where they are known, or not those of the system: of a body that resists more.
@@ -56,14 +56,14 @@ class Linearised:
         How the arm came to the equilibrium.
     """
 
-    system: System
+    system: DiscreteRod
     x: Array
-    near: Linearised | None = None
+    near: Equilibrium | None = None
     jacobian: Array | None = None
     history: History = "loads first"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Linearised, (self.system, self.x, None, None, self.history)
+        return Equilibrium, (self.system, self.x, None, None, self.history)
 
     @cached_property
     def nonzeros(self) -> Array:
@@ -72,25 +72,27 @@ class Linearised:
             return self.near.nonzeros
         if self.jacobian is not None:
             return self.jacobian
-        return self.system.of.equations.jacobian(self.x, self.system.p)[: -self.system.of.n_states]
+        return self.system.layout.equations.jacobian(self.x, self.system.p)[
+            : -self.system.layout.n_states
+        ]
 
     @property
     def tensions(self) -> Array:
         """The tensions (n_tendons,)."""
-        return self.x[: self.system.of.n_tendons]
+        return self.x[: self.system.layout.n_tendons]
 
     @cached_property
     def states(self) -> Array:
         """The states (n_states,)."""
-        return self.x[self.system.of.first :]
+        return self.x[self.system.layout.first :]
 
     @cached_property
     def factor(self) -> tuple[Array, Array] | None:
         """The LU factors of the Jacobian against the states; None where it is singular."""
         if self.near:
             return self.near.factor
-        at = self.system.of.band
-        stored = np.zeros(self.system.of.n_states * at.height)
+        at = self.system.layout.band
+        stored = np.zeros(self.system.layout.n_states * at.height)
         stored[at.stored] = self.nonzeros[at.inside]
         columns = stored.reshape(-1, at.height).T
         factors, pivots, info = dgbtrf(columns, at.below, at.above, overwrite_ab=1)
@@ -103,7 +105,7 @@ class Linearised:
         """
         if self.factor is None:
             raise SingularError("the equations of equilibrium are singular: the arm buckles")
-        (factors, pivots), at = self.factor, self.system.of.band
+        (factors, pivots), at = self.factor, self.system.layout.band
         before, after = at.equations, at.states
         if transposed:
             before, after = after, before
@@ -116,23 +118,23 @@ class Linearised:
     @cached_property
     def by_tensions(self) -> Array:
         """The derivatives of the states by the tensions (n_states, n_tendons)."""
-        return self.by_unknowns(0, self.system.of.n_tendons)
+        return self.by_unknowns(0, self.system.layout.n_tendons)
 
     def by_unknowns(self, first: int, last: int) -> Array:
         """Return the derivatives of the states (n_states, n) by tensions and load factor.
 
         By those from `first` on, up to `last`. Raises SingularError.
         """
-        at, right = self.system.of.band, np.zeros((self.system.of.n_states, last - first))
+        at, right = self.system.layout.band, np.zeros((self.system.layout.n_states, last - first))
         inside = (at.columns >= first) & (at.columns < last)
         right[at.rows[inside], at.columns[inside] - first] = self.nonzeros[inside]
         return -self.solve(right)
 
-    def relinearised(self) -> Linearised:
+    def relinearised(self) -> Equilibrium:
         """Return the equilibrium with derivatives at its own states, not at those nearby."""
         if self.near is None:
             return self
-        return Linearised(self.system, self.x, history=self.history)
+        return Equilibrium(self.system, self.x, history=self.history)
 
     def by_direction(self, direction: Array) -> Array:
         """Return the derivative of the states (n_states,) along a line.
@@ -140,8 +142,8 @@ class Linearised:
         `direction` (n_tendons + 1,) are changes of tensions [N] and load factor. Raises
         SingularError.
         """
-        at, right = self.system.of.band, np.zeros(self.system.of.n_states)
-        inside = at.columns < self.system.of.first
+        at, right = self.system.layout.band, np.zeros(self.system.layout.n_states)
+        inside = at.columns < self.system.layout.first
         np.add.at(right, at.rows[inside], self.nonzeros[inside] * direction[at.columns[inside]])
         return -self.solve(right)
 
@@ -163,12 +165,12 @@ class Linearised:
     @property
     def poses(self) -> Array:
         """Quaternions and positions [m] at the nodes (N + 1, 7)."""
-        return self.states[self.system.of.nodes[:, :POSE]]
+        return self.states[self.system.layout.nodes[:, :POSE]]
 
     @cached_property
     def extremes(self) -> Extremes:
         """Least stretch, of stages and of ends of elements, and largest curvature, of stages."""
-        of, at, s = self.system.of, self.system.sections, self.system.mesh.s
+        of, at, s = self.system.layout, self.system.sections, self.system.mesh.s
         _, xi, k, q = reported(of.form.law, self.states[of.stages])[:, :4].T
         ends = gauss(of.form.stages).at(np.array([0.0, 1.0])) @ q.reshape(of.elements, -1).T
         places = np.concatenate([at.s, s[:-1], s[1:]])
@@ -181,7 +183,7 @@ class Linearised:
         A tendon that a section bends around has two equilibria there, and the arm may change from
         one to the other. No mesh has a node at such a place, so that errors fall by order one.
         """
-        of, at = self.system.of, self.system.sections
+        of, at = self.system.layout, self.system.sections
         _, xi, k, q = reported(of.form.law, self.states[of.stages])[:, :4].T
         radius = at.stations.radius
         values = np.array([radius * xi, radius * k, q])
@@ -194,12 +196,12 @@ class Linearised:
     @property
     def scheme(self) -> str:
         """The name of the scheme."""
-        return f"gauss{2 * self.system.of.form.stages}"
+        return f"gauss{2 * self.system.layout.form.stages}"
 
     @property
     def machine_code(self) -> bool:
         """Whether compiled kernels solve it."""
-        return self.system.of.form.machine_code
+        return self.system.layout.form.machine_code
 
     def at(self, s: Array) -> tuple[Array, Array]:
         """Return poses (K, 7) and strains at arc lengths s (K,) [m], on their base side.
@@ -209,34 +211,34 @@ class Linearised:
         poses, v = poses_and_strains(self.system, self.x, s)
         nodes = np.minimum(np.searchsorted(self.mesh.s, s), self.mesh.steps)
         exact = (self.mesh.s[nodes] == s)[:, None]
-        return np.where(exact, self.poses[nodes], poses), reported(self.system.of.form.law, v)
+        return np.where(exact, self.poses[nodes], poses), reported(self.system.layout.form.law, v)
 
 
 def linearised(
-    system: System, x: Array, near: Sequence[Linearised | None]
-) -> tuple[list[Linearised], Array]:
+    system: DiscreteRod, x: Array, near: Sequence[Equilibrium | None]
+) -> tuple[list[Equilibrium], Array]:
     """Return equations linearised at points (M, n_x), by themselves or near others.
 
     And their residuals there (M, n_states).
     """
-    n, alone = system.of.n_states, np.array([each is None for each in near], dtype=bool)
+    n, alone = system.layout.n_states, np.array([each is None for each in near], dtype=bool)
     jacobians, residuals = iter(np.zeros((0, 0))), np.empty((len(x), n))
     if alone.any():
-        whole = system.of.equations.jacobian(x[alone], system.p)
+        whole = system.layout.equations.jacobian(x[alone], system.p)
         jacobians, residuals[alone] = iter(whole[:, :-n]), whole[:, -n:]
     if not alone.all():
         residuals[~alone] = system.residual(x[~alone])
     points = [
-        Linearised(system, row, each, None if each else next(jacobians))
+        Equilibrium(system, row, each, None if each else next(jacobians))
         for row, each in zip(x, near, strict=True)
     ]
     return points, residuals
 
 
-Equilibrium = Linearised | Marched
+AnyEquilibrium = Equilibrium | Marched
 
 
-def check_stretch(at: Equilibrium) -> None:
+def check_stretch(at: AnyEquilibrium) -> None:
     """Refuse an equilibrium where a section has none, or where 1 + q comes down to nothing.
 
     Raises UnsettledSectionError, and CollapsedError.

@@ -9,11 +9,11 @@ from copy import copy
 from dataclasses import replace
 
 from octoplan.model.effects import Buoyancy, Current, Effect, PointLoad, PointMass, TipLoad, Weight
-from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.newton import CLOSE, Start, newton
-from octoplan.model.equilibrium.stability import stands
+from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.paths import Array
-from octoplan.model.rod.system import System
+from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.scene import Scene
 from octoplan.model.support.progress import check_time
 
@@ -60,30 +60,32 @@ def _without_force(effect: Effect) -> Effect | None:
     return None
 
 
-def change_loads(system: System, begin: Linearised, strains: Array) -> Linearised | None:
+def change_loads(system: DiscreteRod, begin: Equilibrium, strains: Array) -> Equilibrium | None:
     """Return the equilibrium under the loads of a system, on the branch of one under other loads.
 
     Parameters
     ----------
-    system : System
+    system : DiscreteRod
         The equations with the new loads.
-    begin : Linearised
+    begin : Equilibrium
         The equilibrium under the old loads, whose tensions stay.
     strains : (N stages, strains)
         Its strains at the stages of the system.
 
     Returns
     -------
-    Linearised or None
+    Equilibrium or None
         None if the arm snaps, folds or buckles on the way, or if the scenes differ in more than
         their loads.
     """
     scene = with_loads_of(system.scene, begin.system.scene)
     if scene is None:
         return None
-    form = system.of.form
-    before = System(system.arm, scene, system.mesh, form.stages, form.loaded, form.machine_code)
-    if before.of is not system.of:
+    form = system.layout.form
+    before = DiscreteRod(
+        system.arm, scene, system.mesh, form.stages, form.loaded, form.machine_code
+    )
+    if before.layout is not system.layout:
         return None
     states = before.start(begin.tensions, strains, 1.0)
     (point,) = newton(before, [Start(begin.tensions, 1.0, states, history="near")], CLOSE)
@@ -97,7 +99,7 @@ def change_loads(system: System, begin: Linearised, strains: Array) -> Linearise
         after.p = before.p + (fraction + step) * change
         guess = point.states - point.solve(after.residual(point.x))
         (there,) = newton(after, [Start(begin.tensions, 1.0, guess, history="near")])
-        if there is None or not stands(there):
+        if there is None or not is_stable(there):
             step /= 2
             continue
         point = there

@@ -16,15 +16,15 @@ from typing import NamedTuple
 import numpy as np
 
 from octoplan.model.cross_section.sections import Sections
-from octoplan.model.equilibrium.linearised import Equilibrium, History, Linearised, linearised
+from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, History, linearised
 from octoplan.model.equilibrium.load_changes import change_loads
 from octoplan.model.equilibrium.newton import CLOSE, FOLLOWED, TURN, Start, newton, step_sizes
-from octoplan.model.equilibrium.stability import stands, stands_each
+from octoplan.model.equilibrium.stability import are_stable, is_stable
 from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
-from octoplan.model.rod.system import System
+from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.support.errors import (
     CollapsedError,
     OctoplanError,
@@ -51,14 +51,14 @@ class BranchEnd(NamedTuple):
 
     Attributes
     ----------
-    point : Linearised
+    point : Equilibrium
     fraction : float
         The fraction of the line of tensions and loads that is reached.
     why : str
         What happens beyond; empty at the end of the line.
     """
 
-    point: Linearised
+    point: Equilibrium
     fraction: float
     why: str = ""
 
@@ -96,7 +96,7 @@ def continue_branches(
     fractions = [0.0] * len(starts)
     levels = [on_the_way] * len(starts)
     begin_stable: list[bool | None] = [None] * len(starts)
-    n, quaternions = system.of.n_tendons, system.of.nodes[:, :4]
+    n, quaternions = system.layout.n_tendons, system.layout.nodes[:, :4]
     tried, going = 0, [*range(len(starts))]
     while going:
         check_time()
@@ -132,10 +132,10 @@ def continue_branches(
                 both = ends[i].point.states[quaternions] * there.states[quaternions]
                 if np.abs(both.sum(axis=1)).min() <= np.cos(FOLLOWED / 2):
                     points[k] = None
-        for i, there, stable in zip(going, points, stands_each(points), strict=True):
+        for i, there, stable in zip(going, points, are_stable(points), strict=True):
             if there is not None and not stable and begin_stable[i] is None:
                 # An instability that exists at the start does not end the branch.
-                begin_stable[i] = stands(starts[i].point)
+                begin_stable[i] = is_stable(starts[i].point)
             if there is None or (not stable and begin_stable[i]):
                 ends[i] = ends[i]._replace(why=SNAPS if there is None else BUCKLES)
                 steps[i], levels[i] = (fractions[i] - ends[i].fraction) / 2, 1.0
@@ -149,15 +149,15 @@ class Collocation:
 
     Attributes
     ----------
-    system : System
+    system : DiscreteRod
     """
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: DiscreteRod) -> None:
         self.system, self.mesh, self._loaded = system, system.mesh, is_loaded(system.scene)
 
     def solve(
-        self, tensions: Array, near: Equilibrium | None = None, looser: float = 1.0
-    ) -> Linearised:
+        self, tensions: Array, near: AnyEquilibrium | None = None, looser: float = 1.0
+    ) -> Equilibrium:
         """Return the equilibrium under tensions (n_tendons,).
 
         With `near`, an equilibrium of this or another mesh, that on its branch if the branch leads
@@ -170,13 +170,13 @@ class Collocation:
         UnsettledSectionError
             If a cross-section has no equilibrium, or a tendon is left no length.
         """
-        begin = list[Linearised]()
-        if self._loaded and isinstance(near, Linearised):
+        begin = list[Equilibrium]()
+        if self._loaded and isinstance(near, Equilibrium):
             begin = [near]
         elif self._loaded and near is not None:
             # The loads act on an arm that is pulled without them.
             (loaded,) = self._loaded_last(near.tensions[None], looser)
-            if isinstance(loaded, Linearised):
+            if isinstance(loaded, Equilibrium):
                 begin = [replace(loaded, history="near")]
         (end,) = self.many(tensions[None], begin, looser)
         if isinstance(end, OctoplanError):
@@ -184,14 +184,14 @@ class Collocation:
         return end
 
     def many(
-        self, tensions: Array, near: Sequence[Linearised | None] = (), looser: float = 1.0
-    ) -> list[Linearised | OctoplanError]:
+        self, tensions: Array, near: Sequence[Equilibrium | None] = (), looser: float = 1.0
+    ) -> list[Equilibrium | OctoplanError]:
         """Return the equilibria under sets of tensions (M, n_tendons), or why there are none.
 
         As `solve` does. Each set may begin near an equilibrium of its own, of any other mesh, or
         near none.
         """
-        ends: list[Linearised | OctoplanError | None] = [None] * len(tensions)
+        ends: list[Equilibrium | OctoplanError | None] = [None] * len(tensions)
         begun = [(i, each) for i, each in enumerate(near) if each is not None]
         if begun:
             points = self._from_nearby(tensions[[i for i, _ in begun]], [e for _, e in begun])
@@ -203,7 +203,9 @@ class Collocation:
                 ends[i] = end
         return [end for end in ends if end]
 
-    def _from_nearby(self, tensions: Array, near: Sequence[Linearised]) -> list[Linearised | None]:
+    def _from_nearby(
+        self, tensions: Array, near: Sequence[Equilibrium]
+    ) -> list[Equilibrium | None]:
         """Return the equilibria on the branches of others, each under tensions of its own.
 
         In one step if the tangent leads there; else along the line of tensions from those of the
@@ -224,7 +226,7 @@ class Collocation:
         begun = newton(self.system, starts, CLOSE)
         for k, other in enumerate(others):
             if begun[k] is None and other.system.scene != self.system.scene:
-                strains = other.states[other.system.of.stages]
+                strains = other.states[other.system.layout.stages]
                 strains = carried_strains(other.system, strains, self.system)
                 begun[k] = change_loads(self.system, other, strains)
         on_line = [(i, point) for i, point in zip(far, begun, strict=True) if point is not None]
@@ -240,7 +242,7 @@ class Collocation:
         return ends
 
     def _starts(
-        self, tensions: Array, near: Sequence[Linearised], moved: Sequence[bool]
+        self, tensions: Array, near: Sequence[Equilibrium], moved: Sequence[bool]
     ) -> list[Start]:
         """Return where Newton's method begins; `moved` says which tensions or loads are new."""
         states = self.carried(tensions, near)
@@ -249,7 +251,7 @@ class Collocation:
             for T, row, each, new in zip(tensions, states, near, moved, strict=True)
         ]
 
-    def towards(self, tensions: Array) -> Linearised:
+    def towards(self, tensions: Array) -> Equilibrium:
         """Return the equilibrium from rest that comes nearest to tensions (n_tendons,) on its line.
 
         The place where the branch ends is located roughly.
@@ -268,7 +270,7 @@ class Collocation:
             return False
         return not self._under_loads.why
 
-    def _from_rest(self, tensions: Array, looser: float) -> list[Linearised | OctoplanError]:
+    def _from_rest(self, tensions: Array, looser: float) -> list[Equilibrium | OctoplanError]:
         """Return the equilibria that the arm reaches from rest under sets (M, n_tendons)."""
         if self._loads_first:
             return self._pulled(self._under_loads.point, tensions, looser)
@@ -277,22 +279,22 @@ class Collocation:
     @cached_property
     def _under_loads(self) -> BranchEnd:
         """The arm without tension as far as it bears its loads."""
-        none = np.zeros(self.system.of.n_tendons)
+        none = np.zeros(self.system.layout.n_tendons)
         x = self.system.x(none, 0.0, self.without_loads(none))
-        start = BranchEnd(Linearised(self.system, x), 0.0)
+        start = BranchEnd(Equilibrium(self.system, x), 0.0)
         lines = self._line(none[None], 0.0), self._line(none[None], 1.0)
         return continue_branches([start], lines, LEAST_STEP, on_the_way=ROUGHEST)[0]
 
     def _pulled(
-        self, rest: Linearised, tensions: Array, looser: float
-    ) -> list[Linearised | OctoplanError]:
+        self, rest: Equilibrium, tensions: Array, looser: float
+    ) -> list[Equilibrium | OctoplanError]:
         """Return the equilibria of a loaded arm whose tendons are pulled in proportion."""
         at = self.system.sections
         crushed = [partial(_crushed, at, T) for T in tensions]
         starts = [BranchEnd(rest, 0.0)] * len(tensions)
         lines = self._line(0 * tensions, 1.0), self._line(tensions, 1.0)
         followed = continue_branches(starts, lines, LEAST_STEP, crushed, looser, ROUGHEST)
-        ends = list[Linearised | OctoplanError]()
+        ends = list[Equilibrium | OctoplanError]()
         for end, fails in zip(followed, crushed, strict=True):
             if not end.why and end.fraction == 1.0:
                 ends.append(end.point)
@@ -302,12 +304,12 @@ class Collocation:
                 ends.append(SnapError(1.0, end.why or SNAPS, end.fraction, "loads first"))
         return ends
 
-    def _loaded_last(self, tensions: Array, looser: float) -> list[Linearised | OctoplanError]:
+    def _loaded_last(self, tensions: Array, looser: float) -> list[Equilibrium | OctoplanError]:
         """Return the equilibria of arms that are pulled before their loads act.
 
         Without loads each cross-section settles by itself.
         """
-        at, ends = self.system, list[Linearised | OctoplanError]()
+        at, ends = self.system, list[Equilibrium | OctoplanError]()
         is_unique = not self._loaded or has_unique_equilibrium(at.arm, at.scene)
         unpulled = None if is_unique else self._under_loads
         history: History = "loads first" if is_unique else "tensions first"
@@ -325,7 +327,7 @@ class Collocation:
                 lines = self._line(T, 0.0), self._line(T, 1.0)
                 followed = continue_branches(starts, lines, LEAST_STEP, crushed, looser, ROUGHEST)
             else:
-                followed = [BranchEnd(Linearised(at, row), 1.0) for row in x]
+                followed = [BranchEnd(Equilibrium(at, row), 1.0) for row in x]
         known = iter(zip(followed, crushed, strict=True))
         before = ""
         if unpulled is not None and tensions.any():
@@ -351,9 +353,9 @@ class Collocation:
         """Return points of lines (M, n_tendons + 1): tensions (M, n_tendons), load factor."""
         return np.column_stack([tensions, np.full(len(tensions), load)])
 
-    def led_to(self, at: Linearised, tensions: Array) -> Linearised | None:
+    def led_to(self, at: Equilibrium, tensions: Array) -> Equilibrium | None:
         """Return the equilibrium under tensions near another of this mesh; None for none."""
-        of, change = at.system.of, at.by_tensions @ (tensions - at.tensions)
+        of, change = at.system.layout, at.by_tensions @ (tensions - at.tensions)
         _, (size,) = step_sizes(at.system, change[None], at.states[None])
         load, states = float(at.x[of.n_tendons]), at.states + change
         start = Start(tensions, load, states, near=at if size < CLOSE else None)
@@ -363,20 +365,22 @@ class Collocation:
         """Return the states under tensions without loads; raises UnsettledSectionError."""
         return self.system.start(tensions, self.system.sections.strains(tensions))
 
-    def carried(self, tensions: Array, near: Sequence[Linearised]) -> Array:
+    def carried(self, tensions: Array, near: Sequence[Equilibrium]) -> Array:
         """Return the states (M, n_states) of this mesh by the strains of equilibria on others.
 
         Each set of tensions (M, n_tendons) has an equilibrium of its own, on a mesh of its own.
         Where its tensions differ, derivatives predict the states under these first.
         """
-        result = np.empty((len(near), self.system.of.n_states))
+        result = np.empty((len(near), self.system.layout.n_states))
         systems = np.array([id(each.system) for each in near])
         for one in np.unique(systems):
             alike = np.flatnonzero(systems == one).tolist()
             before = near[alike[0]].system
             states = np.array([predicted(near[i], tensions[i]) for i in alike])
-            if before.of is not self.system.of or not np.array_equal(before.mesh.s, self.mesh.s):
-                strains = states[:, before.of.stages].transpose(1, 2, 0)
+            if before.layout is not self.system.layout or not np.array_equal(
+                before.mesh.s, self.mesh.s
+            ):
+                strains = states[:, before.layout.stages].transpose(1, 2, 0)
                 strains = carried_strains(before, strains, self.system).transpose(2, 0, 1)
                 states = self.system.start(tensions[alike], strains, 1.0)
             result[alike] = states
@@ -391,17 +395,17 @@ def _crushed(sections: Sections, tensions: Array) -> CollapsedError | UnsettledS
         return problem
 
 
-def predicted(near: Linearised, tensions: Array) -> Array:
+def predicted(near: Equilibrium, tensions: Array) -> Array:
     """Return states under tensions (n_tendons,) by the derivatives of an equilibrium nearby."""
     if np.array_equal(tensions, near.tensions):
         return near.states
     return near.states + near.by_tensions @ (tensions - near.tensions)
 
 
-def carried_strains(before: System, strains: Array, after: System) -> Array:
+def carried_strains(before: DiscreteRod, strains: Array, after: DiscreteRod) -> Array:
     """Return the strains (N stages, ...) at the stages of a mesh by those of another's stages."""
-    mesh, m = before.mesh, before.of.form.stages
-    step = np.clip(np.searchsorted(mesh.s, after.s) - 1, 0, before.of.elements - 1)
+    mesh, m = before.mesh, before.layout.form.stages
+    step = np.clip(np.searchsorted(mesh.s, after.s) - 1, 0, before.layout.elements - 1)
     x = (after.s - mesh.s[step]) / np.diff(mesh.s)[step]
-    by_element = strains.reshape(before.of.elements, m, *strains.shape[1:])
+    by_element = strains.reshape(before.layout.elements, m, *strains.shape[1:])
     return np.asarray(np.einsum("nm,nm...->n...", gauss(m).at(x), by_element[step]))

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octoplan.model.equilibrium.linearised import History, Linearised, linearised
+from octoplan.model.equilibrium.linearised import Equilibrium, History, linearised
 from octoplan.model.paths import Array
-from octoplan.model.rod.system import System
+from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.support.progress import check_time
 
 # Of an element, unless a scheme asks for fewer.
@@ -46,7 +46,7 @@ class Start(NamedTuple):
     ----------
     tensions, load, states : (n_tendons,), float, (n_states,)
         Tensions and load factor, which stay, and the states.
-    near : Linearised
+    near : Equilibrium
         The equations linearised nearby, whose factorisation is begun with.
     looser : float
         How many times larger the last steps may be; the root of that for how far from where they
@@ -58,17 +58,17 @@ class Start(NamedTuple):
     tensions: Array
     load: float
     states: Array
-    near: Linearised | None = None
+    near: Equilibrium | None = None
     looser: float = 1.0
     history: History = "loads first"
 
 
 def newton(
-    system: System,
+    system: DiscreteRod,
     starts: Sequence[Start],
     farthest: float = TURN,
-    touching: Callable[[System, Array], System] | None = None,
-) -> list[Linearised | None]:
+    touching: Callable[[DiscreteRod, Array], DiscreteRod] | None = None,
+) -> list[Equilibrium | None]:
     """Return the equilibria near given states, each under tensions of its own.
 
     None where steps are not small or do not contract: that keeps to the branch of the states. In
@@ -82,15 +82,15 @@ def newton(
         Equations in contact and states -> the equations with what touches at these states; of one
         start.
     """
-    ends, going = list[Linearised | None](), list[int]()
-    near, unknowns, first = list[Linearised | None](), list[Array](), system.of.first
+    ends, going = list[Equilibrium | None](), list[int]()
+    near, unknowns, first = list[Equilibrium | None](), list[Array](), system.layout.first
     for start in starts:
         going.append(len(ends))
         ends.append(None)
         near.append(start.near and (start.near.near or start.near))
         unknowns.append(system.x(start.tensions, start.load, start.states))
     begun, before, path = near.copy(), [0.0] * len(starts), [math.inf] * len(starts)
-    x, rubs = np.array(unknowns), system.of.form.contact_friction
+    x, rubs = np.array(unknowns), system.layout.form.contact_friction
     for _ in range(STEPS_IN_CONTACT if touching else STEPS):
         if not going:
             break
@@ -121,7 +121,7 @@ def newton(
                 # So near to where they were linearised the equations have the same derivatives.
                 is_close = path[i] < math.sqrt(SETTLED * looser) and not rubs
                 close = near[i] if is_close else None
-                ends[i] = Linearised(system, x[i], close, history=starts[i].history)
+                ends[i] = Equilibrium(system, x[i], close, history=starts[i].history)
                 continue
             far = CLOSE if begun[i] is None else math.inf
             if rubs or size > (KEPT * before[i] if before[i] else far):
@@ -132,13 +132,13 @@ def newton(
     return ends
 
 
-def step_sizes(system: System, steps: Array, states: Array) -> tuple[list[float], list[float]]:
+def step_sizes(system: DiscreteRod, steps: Array, states: Array) -> tuple[list[float], list[float]]:
     """Return how far each of steps (M, n_states) rotates a frame at most (M,), as its quaternion.
 
     And its size (M,), of that, of strains relative to these, curvatures to 1 / L at least, and of
     friction of contacts relative to the largest force: strains may be too stiff to tell of it.
     """
-    of = system.of
+    of = system.layout
     rotation = np.abs(steps[:, of.nodes[:, :4]]).max(axis=(1, 2))
     relative = steps[:, of.stages] / (system.units + np.abs(states[:, of.stages]))
     size = np.maximum(rotation, np.abs(relative).max(axis=(1, 2)))

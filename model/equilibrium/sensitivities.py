@@ -17,8 +17,8 @@ import numpy as np
 
 from octoplan.model.cross_section.sections import kinematics
 from octoplan.model.equilibrium.integration import poses_and_strains
-from octoplan.model.equilibrium.linearised import Index, Linearised
-from octoplan.model.equilibrium.stability import stands, turns
+from octoplan.model.equilibrium.linearised import Equilibrium, Index
+from octoplan.model.equilibrium.stability import is_stable, turns
 from octoplan.model.paths import Array
 from octoplan.model.rotations import matrices
 
@@ -29,13 +29,13 @@ class Sensitivities:
 
     Attributes
     ----------
-    point : Linearised
+    point : Equilibrium
         The equilibrium.
     node : int
         The node that is pushed and watched.
     """
 
-    point: Linearised
+    point: Equilibrium
     node: int
 
     @cached_property
@@ -70,11 +70,11 @@ class Sensitivities:
     @property
     def stable(self) -> bool:
         """Whether the equilibrium stands, tensions held."""
-        return stands(self.point)
+        return is_stable(self.point)
 
     def _pose(self, change: Array) -> Array:
         """Return displacement and rotation (6, n) of the node that changes of the states are."""
-        of = self.point.system.of
+        of = self.point.system.layout
         places = of.nodes[self.node]
         q = self.point.states[places[:4]]
         return np.vstack([change[places[4:7]], 4 * turns(q[None, :])[0].T @ change[places[:4]]])
@@ -86,7 +86,7 @@ class ByNumbers:
 
     Attributes
     ----------
-    point : Linearised
+    point : Equilibrium
         The equilibrium.
     numbers, length_numbers : (n_p, K), (n, K)
         Of the numbers of its equations, and of those of the tendons' lengths.
@@ -94,7 +94,7 @@ class ByNumbers:
         Of its tensions [N].
     """
 
-    point: Linearised
+    point: Equilibrium
     numbers: Array
     length_numbers: Array
     tensions: Array
@@ -103,7 +103,7 @@ class ByNumbers:
     def states(self) -> Array:
         """Of the states (n_states, K)."""
         at = self.point.system
-        right = at.of.equations.along_numbers(self.point.x, at.p, self.numbers)
+        right = at.layout.equations.along_numbers(self.point.x, at.p, self.numbers)
         result = -self.point.solve(np.asfortranarray(right))
         return result + self.point.by_tensions @ self.tensions if self.tensions.any() else result
 
@@ -111,15 +111,15 @@ class ByNumbers:
     def lengths(self) -> Array:
         """Of the lengths of the tendons (n_tendons, K) [m]."""
         at, x = self.point.system, self.point.x
-        direct = at.of.lengths.along_numbers(x, at.length_numbers, self.length_numbers)
+        direct = at.layout.lengths.along_numbers(x, at.length_numbers, self.length_numbers)
         return np.asarray(at.length_jacobian(x) @ self.states + direct)
 
 
-def along(point: Linearised, nodes: Index) -> Array:
+def along(point: Equilibrium, nodes: Index) -> Array:
     """Return how poses change along the arm at nodes (n, 7), per m of arc length."""
     system = point.system
     poses, v = poses_and_strains(system, point.x, system.mesh.s[nodes])
-    kappa, nu = kinematics(system.of.form.law, v)
+    kappa, nu = kinematics(system.layout.form.law, v)
     local = np.stack([kappa, nu], axis=2)
     turned, moved = np.moveaxis(matrices(poses[:, :4]) @ local, 2, 0)
     return np.hstack([(turns(poses[:, :4]) @ turned[:, :, None])[:, :, 0], moved])

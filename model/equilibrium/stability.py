@@ -21,12 +21,12 @@ from scipy.sparse import csr_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from octoplan.model.cross_section.law import CrossSection, components
-from octoplan.model.equilibrium.linearised import Index, Linearised
+from octoplan.model.equilibrium.linearised import Equilibrium, Index
 from octoplan.model.loads import is_conservative, is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.layout import POSE, Layout
-from octoplan.model.rod.system import System
+from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.support.errors import SingularError
 
 # Of Arnoldi's method, vectors for each mode and restarts; the tolerance of an eigenvalue alone,
@@ -43,12 +43,12 @@ _REAL = 1e-9
 _LOWEST = -1e6
 
 
-def stands(point: Linearised, margin: float = 0.0) -> bool:
+def is_stable(point: Equilibrium, margin: float = 0.0) -> bool:
     """Return whether the stability of an equilibrium is above a margin, with contacts closed."""
-    return bool(stands_each([_less_stiff(point, margin) if margin else point])[0])
+    return bool(are_stable([_less_stiff(point, margin) if margin else point])[0])
 
 
-def stands_each(candidates: Sequence[Linearised | None]) -> NDArray[np.bool_]:
+def are_stable(candidates: Sequence[Equilibrium | None]) -> NDArray[np.bool_]:
     """Return whether equilibria of one system are stable, with contacts closed; None is not.
 
     Without contacts: whether all pivots of the Hessian of the arm's energy are positive.
@@ -62,10 +62,10 @@ def stands_each(candidates: Sequence[Linearised | None]) -> NDArray[np.bool_]:
     points = [each for each in candidates if each is not None]
     if not points:
         return stable
-    if points[0].system.of.form.contacts:
+    if points[0].system.layout.form.contacts:
         stable[stable] = [p.factor is not None and unstable_mode(p) is None for p in points]
         return stable
-    of = points[0].system.of
+    of = points[0].system.layout
     nonzeros = np.array([np.append(each.nonzeros, 0.0) for each in points])  # the last for place -1
     blocks, at_tip = _block_places(of)
     J, tip = nonzeros.take(blocks, axis=1), nonzeros.take(at_tip, axis=1)
@@ -132,7 +132,7 @@ def _block_places(of: Layout) -> tuple[Index, Index]:
     return np.array(blocks), numbered[last[POSE:]][:, columns].toarray() - 1
 
 
-def stability(point: Linearised) -> float:
+def stability(point: Equilibrium) -> float:
     """Return the least eigenvalue of the scaled Hessian of the energy; below 0 it is unstable.
 
     With contacts closed, of the directions in which the arm can move with them. Of a Hessian that
@@ -142,7 +142,7 @@ def stability(point: Linearised) -> float:
     if not is_loaded(point.system.scene):
         # No wrench couples the cross-sections: each has a Hessian of its own.
         at = point.system.sections
-        v, pulls = point.states[point.system.of.stages], point.tensions[at.tendon]
+        v, pulls = point.states[point.system.layout.stages], point.tensions[at.tendon]
         jacobian, root = at.balance(v, pulls).jacobian, np.sqrt(_at_rest(at.law, at.body).T)
         scaled = jacobian / root[:, :, None] / root[:, None, :]
         return float(np.linalg.eigvals(scaled).real.min())
@@ -152,7 +152,7 @@ def stability(point: Linearised) -> float:
         return 0.0
 
 
-def least_modes(point: Linearised, count: int) -> tuple[Array, Array]:
+def least_modes(point: Equilibrium, count: int) -> tuple[Array, Array]:
     """Return the least eigenvalues (count,), and the changes of the states in their modes.
 
     Modes are (n_states, count): the changes y of the states with J y = lambda B y, where J is the
@@ -163,17 +163,17 @@ def least_modes(point: Linearised, count: int) -> tuple[Array, Array]:
     return values.real, _spread(shifted, (bends * values).real)
 
 
-def _spread(point: Linearised, bends: Array, transposed: bool = False) -> Array:
+def _spread(point: Equilibrium, bends: Array, transposed: bool = False) -> Array:
     """Return the changes of the states (n_states, count) in modes (n, count) at the stages."""
-    right = np.zeros((point.system.of.n_states, bends.shape[1]), bends.dtype)
-    right[np.ravel(point.system.of.stages)] = rest_stiffness(point.system)[1][:, None] * bends
+    right = np.zeros((point.system.layout.n_states, bends.shape[1]), bends.dtype)
+    right[np.ravel(point.system.layout.stages)] = rest_stiffness(point.system)[1][:, None] * bends
     if np.isrealobj(right):
         return point.solve(right, transposed)
     parts = [point.solve(np.ascontiguousarray(x), transposed) for x in (right.real, right.imag)]
     return np.asarray(parts[0] + 1j * parts[1])
 
 
-def unstable_mode(point: Linearised) -> Array | None:
+def unstable_mode(point: Equilibrium) -> Array | None:
     """Return the strains of the least stable mode (N stages, strains), that rotate by some 1 rad.
 
     None where an equilibrium is stable with its contacts closed, or about to buckle.
@@ -184,20 +184,20 @@ def unstable_mode(point: Linearised) -> Array | None:
     least = int(np.argmin(values.real))
     if values[least].real > -_NONE:
         return None
-    of, (weight, _) = point.system.of, rest_stiffness(point.system)
+    of, (weight, _) = point.system.layout, rest_stiffness(point.system)
     mode = bends[:, least].real.reshape(of.stages.shape)
     turns = weight.reshape(mode.shape)[:, :1] * np.abs(mode[:, : 2 + of.form.law.torsion])
     return np.asarray(mode / turns.sum(axis=0).max())
 
 
-def stability_slope(point: Linearised) -> tuple[float, Array]:
+def stability_slope(point: Equilibrium) -> tuple[float, Array]:
     """Return the stability, and its derivatives by the tensions (n_tendons,) [1/N].
 
     With modes y and w of J and of its transpose, J y = lambda B y, the eigenvalue changes by
     w . dJ y / (w . B y), dJ that of the equations' Jacobian as tensions and states change. Where
     loads have no potential both may be complex. Raises SingularError.
     """
-    of, (weight, stiff) = point.system.of, rest_stiffness(point.system)
+    of, (weight, stiff) = point.system.layout, rest_stiffness(point.system)
     (value,), bends, shifted = _least(point, 1)
     if abs(value.imag) <= _REAL * abs(value):
         # Inverse iteration, from the mode where there is an energy: of the same of two alike.
@@ -218,8 +218,8 @@ def stability_slope(point: Linearised) -> tuple[float, Array]:
 
 
 def _least(
-    point: Linearised, count: int, transposed: bool = False, tolerance: float = 0.0
-) -> tuple[Array, Array, Linearised]:
+    point: Equilibrium, count: int, transposed: bool = False, tolerance: float = 0.0
+) -> tuple[Array, Array, Equilibrium]:
     """Return the least eigenvalues, their modes at the stages (n, count), and what spreads these.
 
     Those that are nearest to a number below them all; the last are the equations with so much less
@@ -229,9 +229,9 @@ def _least(
     """
     more = 0 if is_conservative(point.system.scene) else _MORE
     if more and point.near:  # of an unsymmetric matrix eigenvalues may magnify any error
-        point = Linearised(point.system, point.x)
+        point = Equilibrium(point.system, point.x)
     below, shifted = 0.0, point
-    while not stands(shifted) and below > _LOWEST:
+    while not is_stable(shifted) and below > _LOWEST:
         below = min(4 * below, -1.0)
         shifted = _less_stiff(point, below)
     values, bends = _reciprocals(shifted, (count, count + more), "LM", tolerance, transposed)
@@ -242,7 +242,7 @@ def _least(
 
 
 def _reciprocals(
-    point: Linearised,
+    point: Equilibrium,
     sought: tuple[int, int],
     which: Literal["LM", "SR"],
     tolerance: float,
@@ -255,7 +255,7 @@ def _reciprocals(
     as equations this is, in the strains, the Hessian's inverse where the arm can move with them,
     and 0 across.
     """
-    of, (weight, stiff) = point.system.of, rest_stiffness(point.system)
+    of, (weight, stiff) = point.system.layout, rest_stiffness(point.system)
     places, before, after = np.ravel(of.stages), np.sqrt(stiff / weight), np.sqrt(weight * stiff)
 
     def inverse(bends: Array) -> Array:
@@ -283,25 +283,25 @@ def _reciprocals(
     return values, (vectors.T / after).T
 
 
-def _less_stiff(point: Linearised, by: float) -> Linearised:
+def _less_stiff(point: Equilibrium, by: float) -> Equilibrium:
     """Return the equations with so much less of the stiffness at rest."""
-    at, of = point.system.of.band, point.system.of
+    at, of = point.system.layout.band, point.system.layout
     diagonal = np.flatnonzero(at.rows == at.columns - of.first)
     at_rest, nonzeros = np.zeros(of.n_states), point.nonzeros.copy()
     at_rest[np.ravel(of.stages)] = rest_stiffness(point.system)[1]
     nonzeros[diagonal] -= by * at_rest[at.rows[diagonal]]
-    return Linearised(point.system, point.x, jacobian=nonzeros)
+    return Equilibrium(point.system, point.x, jacobian=nonzeros)
 
 
 @lru_cache(maxsize=32)
-def rest_stiffness(system: System) -> tuple[Array, Array]:
+def rest_stiffness(system: DiscreteRod) -> tuple[Array, Array]:
     """Return the weight of each strain's stage [m], and the stiffness of the body at rest there.
 
     Both by stage and strain (n,), base to tip.
     """
-    m = system.of.form.stages
+    m = system.layout.form.stages
     weight = np.outer(np.diff(system.mesh.s), gauss(m).b).ravel()
-    stiff = _at_rest(system.of.form.law, system.sections.body)
+    stiff = _at_rest(system.layout.form.law, system.sections.body)
     return np.repeat(weight, stiff.shape[0]), stiff.ravel("F")
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from octoplan.model.equilibrium.integration import SCHEME, Integration
-from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.forward import estimate
 from octoplan.model.paths import Array
 from octoplan.model.rod.layout import POSE
@@ -23,7 +23,7 @@ from octoplan.model.support.progress import check_time
 SUBSTEPS = (1, 2, 4, 8, 16)
 
 
-def verified(point: Linearised, accuracy: float) -> tuple[Linearised, float]:
+def verified(point: Equilibrium, accuracy: float) -> tuple[Equilibrium, float]:
     """Return an equilibrium corrected by what an integrator says of it, and its estimated error.
 
     Steps are halved until the corrections of two of them differ by less than an accuracy, over the
@@ -37,19 +37,19 @@ def verified(point: Linearised, accuracy: float) -> tuple[Linearised, float]:
         x, elements = point.x.copy(), Integration(system, point.x, substeps)
         y, first = elements.run(elements.begin(strains))
         strains = first[0] if strains is None else strains
-        x[system.of.first :] -= point.solve(_defects(point, y))
-        poses = system.poses(x[system.of.first :]) / scale
+        x[system.layout.first :] -= point.solve(_defects(point, y))
+        poses = system.poses(x[system.layout.first :]) / scale
         if before is not None:
             error = estimate(float(np.abs(poses - before).max()), 1, 2, SCHEME.order)
             if error <= accuracy:
-                return Linearised(system, x, point), error
+                return Equilibrium(system, x, point), error
         before = poses
     raise ConvergenceError(accuracy, error, f"its check by {SCHEME.name} does not converge")
 
 
-def _defects(point: Linearised, y: Array) -> Array:
+def _defects(point: Equilibrium, y: Array) -> Array:
     """Return by how much nodes miss what the integrator finds there, y (N, n); (n_states,)."""
-    of, states = point.system.of, point.states
+    of, states = point.system.layout, point.states
     missed = np.zeros(of.n_states)
     there, w = of.nodes[1:, : y.shape[1]], of.form.wrench
     missed[there[:, :POSE]] = states[there[:, :POSE]] - y[:, :POSE]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section.sections import LEAST_STRETCH
 from octoplan.model.effects import ExactTendons, SelfContact
-from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.forward import (
     Maps,
@@ -60,7 +60,7 @@ class Shapes:
     tip : (m, 3)
         [m].
     tip_frame : (m, 3, 3)
-        Columns t, n, b.
+        VectorInterpreter t, n, b.
     error : (m,)
         Estimated tip error over arm length [-].
     tensions : (m, n_tendons)
@@ -130,7 +130,7 @@ def _side_by_side(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
     poses, errors = np.zeros((len(T), 7)), np.full(len(T), np.nan)
     estimates, last = np.full(len(T), no_estimate(maps.least_order)), np.zeros(len(T), int)
     wanted = np.full(len(T), coarse)
-    near: list[Linearised | None] = [None] * len(T)
+    near: list[Equilibrium | None] = [None] * len(T)
     while wanted.any():
         check_time()
         refinement = int(wanted[wanted > 0].min())
@@ -141,7 +141,7 @@ def _side_by_side(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
             least = np.full(now.size, np.nan)
             ends = forward.many(T[now], [near[i] for i in now], looser)
             for j, (i, end) in enumerate(zip(now, ends, strict=True)):
-                if isinstance(end, Linearised):
+                if isinstance(end, Equilibrium):
                     near[i], poses[i], least[j] = end, end.poses[-1], end.extremes.stretch
         else:
             tips, least = forward.many(T[now])

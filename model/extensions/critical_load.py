@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import BranchEnd, continue_branches
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.forward import by_collocation, checked_accuracy, first_pair, refined
@@ -61,7 +61,7 @@ def critical_load_factor(
         """Return where the branch ends on the mesh of a refinement, four times as accurate."""
         forward = by_collocation(arm, scene, STAGES, refinement)
         x = forward.system.x(T, 0.0, forward.without_loads(T))
-        begin = BranchEnd(Linearised(forward.system, x), 0.0)
+        begin = BranchEnd(Equilibrium(forward.system, x), 0.0)
         lines = np.append(T, 0.0)[None], np.append(T, most)[None]
         first_step = min(1.0, 1 / most)
         return continue_branches([begin], lines, accuracy / 4, first_step=first_step)[0]

@@ -32,8 +32,8 @@ from octoplan.model.stations import (
     tendon_offsets,
 )
 from octoplan.model.support.machine.compiled import kernel
-from octoplan.model.support.machine.functions import Buffered
-from octoplan.model.unloaded.marched import March
+from octoplan.model.support.machine.functions import BufferedFunction
+from octoplan.model.unloaded.marched import ExplicitMap
 
 
 def strain_rate(
@@ -99,7 +99,7 @@ def section_numbers(arm: Arm, s: Array, active: Counts, T: Any) -> Any:
     return ca.vertcat(sums, body)
 
 
-class PrintedMap(March):
+class PrintedMap(ExplicitMap):
     """The forward map of a scene as printed, on one mesh.
 
     Its `stretch_at` are the nodes from the tip on, on their base side, then the same on the tip
@@ -144,7 +144,7 @@ class PrintedMap(March):
         self.radius = arm.radius.evaluate(self.stretch_at, arm.length)[0]
         results = [anchor(poses[:, 0], poses), ca.vec(along.T).T, ca.horzcat(begun, after)[7:, :]]
         self.function = ca.Function("printed", [T], results)
-        self._called = Buffered(self.function)
+        self._called = BufferedFunction(self.function)
 
     def _samples(self, start: Array, h: Array, active: Counts, T: Any) -> Any:
         samples = np.array(self.scheme.samples)
@@ -152,7 +152,7 @@ class PrintedMap(March):
         return section_numbers(self.arm, s, np.repeat(active, samples.size), T)
 
     def run(self, tensions: Array) -> tuple[Array, Array]:
-        """See March.run."""
+        """See ExplicitMap.run."""
         poses, along, strains = self._called(tensions)
         return poses, np.hstack([strains, along - 1])
 

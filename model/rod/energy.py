@@ -18,7 +18,7 @@ from octoplan.model.rod.equations import Equations, Term
 from octoplan.model.rod.kernels import Kernel, Steps
 from octoplan.model.rod.layout import POSE, Layout
 from octoplan.model.rotations import unit_matrix
-from octoplan.model.support.machine.functions import built
+from octoplan.model.support.machine.functions import cached
 
 
 def body_energy(law: EnergySection) -> Kernel:
@@ -58,7 +58,7 @@ def off_midline() -> Kernel:
 
 def kinematics(law: CrossSection, m: int) -> Kernel:
     """Return the kernel of an element's kinematics: the residuals of the pose at its end."""
-    return built(element, Form(law, m, loaded=False)).part("kinematics", slice(-POSE, None))
+    return cached(element, Form(law, m, loaded=False)).part("kinematics", slice(-POSE, None))
 
 
 def node_gap() -> Kernel:
@@ -89,7 +89,7 @@ def potential_energy(of: Layout) -> Equations:
     assert isinstance(law, EnergySection)
     terms = [
         (body_energy(law), v),
-        (built(run, law), v[:, of.crossings[0]]),
+        (cached(run, law), v[:, of.crossings[0]]),
         (dead_loads(law, m), np.vstack([nodes[:-1, :4].T, of.inside])),
         (off_midline(), nodes[list(of.levers), :4].T),
         (stretched(), n + np.arange(of.n_tendons)[None]),
@@ -107,7 +107,7 @@ def held_rows(of: Layout, obstacles: int) -> Equations:
     places = np.vstack([nodes[:-1].T, of.inside, nodes[1:].T])
     terms = [
         Term(kinematics(law, of.form.stages), places, poses),
-        Term(built(run, law), of.stages.T[:, stage], lengths[:, tendon]),
+        Term(cached(run, law), of.stages.T[:, stage], lengths[:, tendon]),
         Term(longer(), n + tendons, lengths),
         Term(node_gap(), np.repeat(nodes[1:, 4:], obstacles, axis=0).T, gaps),
     ]

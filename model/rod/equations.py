@@ -18,7 +18,13 @@ from scipy.sparse import csr_array
 from octoplan.model.paths import Array
 from octoplan.model.rod.kernels import Kernel, Places, What
 from octoplan.model.support.machine.compiled import kernels
-from octoplan.model.support.machine.functions import FEW, Buffered, Columns, Mapped, built
+from octoplan.model.support.machine.functions import (
+    FEW,
+    BatchFunction,
+    BufferedFunction,
+    VectorInterpreter,
+    cached,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +58,11 @@ class Equations:
 
     Attributes
     ----------
-    value : Sum
+    value : AssembledValue
         Of (x, p): g.
-    jacobian, by_numbers : Sum
+    jacobian, by_numbers : AssembledValue
         Of (x, p): dg/dx and as a last column g (n_g, n_x + 1); dg/dp (n_g, n_p).
-    hessian : Sum
+    hessian : AssembledValue
         Of (x, p, lam): the Hessian of lam . g in x (n_x, n_x), all of it.
     """
 
@@ -68,10 +74,10 @@ class Equations:
         self.n_p = int(ends[-1])
         names = (term.kernel.name for term in self.terms)
         self._numbers = dict(zip(names, self.slices, strict=True))
-        self.value = Sum(self, "value", (n_g, 1))
-        self.jacobian = Sum(self, "jacobian", (n_g, n_x + 1))
-        self.by_numbers = Sum(self, "by_numbers", (n_g, self.n_p))
-        self.hessian = Sum(self, "hessian", (n_x, n_x))
+        self.value = AssembledValue(self, "value", (n_g, 1))
+        self.jacobian = AssembledValue(self, "jacobian", (n_g, n_x + 1))
+        self.by_numbers = AssembledValue(self, "by_numbers", (n_g, self.n_p))
+        self.hessian = AssembledValue(self, "hessian", (n_x, n_x))
 
     def numbers_of(self, name: str) -> slice:
         """Return where the numbers of a kernel, by its name, are among all."""
@@ -93,7 +99,7 @@ class Equations:
         return np.asarray(J @ change)
 
 
-class Sum:
+class AssembledValue:
     """What the kernels of equations add up to: the nonzeros of the residuals or of a derivative."""
 
     def __init__(self, of: Equations, what: What, shape: tuple[int, int]) -> None:
@@ -156,9 +162,11 @@ class Sum:
         return np.ascontiguousarray((self._adding @ np.concatenate(values)).T)
 
     @cached_property
-    def _columns(self) -> list[Columns | None]:
+    def _columns(self) -> list[VectorInterpreter | None]:
         """The kernels for all repetitions of many unknowns; None for what these cannot do."""
-        return [built(Mapped, each, self._of.machine_code).columns for each in self._functions]
+        return [
+            cached(BatchFunction, each, self._of.machine_code).columns for each in self._functions
+        ]
 
     @cached_property
     def _adding(self) -> csr_array:
@@ -182,7 +190,7 @@ class Sum:
         return ca.Function(self._what, arguments, [ca.DM(add, 1.0) @ values])
 
     @cached_property
-    def _each(self) -> Buffered:
+    def _each(self) -> BufferedFunction:
         """The values of the kernels: the results of each, whose columns are repetitions."""
         of, what = self._of, self._what
         sizes = [("x", of.n_x), ("p", of.n_p), ("lam", of.n_g)]
@@ -195,7 +203,7 @@ class Sum:
             gathered += [weights[term.rows.ravel("F").tolist()] for weights in lam]
             columns = [ca.reshape(values, -1, term.count) for values in gathered]
             results += f.map(term.count).call(columns)
-        return Buffered(ca.Function(f"{what}_of_kernels", arguments, results))
+        return BufferedFunction(ca.Function(f"{what}_of_kernels", arguments, results))
 
     @property
     def _functions(self) -> list[ca.Function]:

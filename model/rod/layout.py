@@ -32,7 +32,7 @@ from octoplan.model.rod.equations import Equations, Term
 from octoplan.model.rod.friction import body_rates, idle_tendon, kink, sliding_tendon
 from octoplan.model.rod.kernels import Places
 from octoplan.model.rod.touch import pressure, touch
-from octoplan.model.support.machine.functions import built
+from octoplan.model.support.machine.functions import cached
 
 POSE = 7
 
@@ -149,7 +149,7 @@ class Layout:
             np.repeat(np.arange(elements), m)[:, None] < np.array(ends)
         )
         crossed = self.first + self.stages[stage].T
-        term = Term(built(run, form.law), crossed, number[None, :])
+        term = Term(cached(run, form.law), crossed, number[None, :])
         self.lengths = Equations(self.n_x, self.n_tendons, [term], form.machine_code)
         at = np.array(sorted({end for end in ends if end < elements}), dtype=np.int64)
         k, j = _pairs(at[:, None] < np.array(ends))
@@ -172,7 +172,7 @@ class Layout:
         rows = np.vstack([nodes[:-1, POSE:].T, self.inside, nodes[1:, :POSE].T])
         terms = [
             Term(clamp(), at + nodes[:1, :POSE].T, nodes[:1, :POSE].T),
-            Term(built(element, form), unknowns, rows),
+            Term(cached(element, form), unknowns, rows),
         ]
         if form.loaded:
             last = nodes[-1]
@@ -205,7 +205,7 @@ class Layout:
             Q = self._frictions[1:].reshape(-1, 6)
             unknowns, rows = [*unknowns, near, Q], [*rows, Q]
             none = np.hstack([none, self._frictions[0].reshape(1, -1)])
-        kernel = built(touch, law, m, form.contact_friction)
+        kernel = cached(touch, law, m, form.contact_friction)
         terms = [
             Term(kernel, at + np.hstack(unknowns).T, np.hstack(rows).T),
             Term(at_zero(), at + none, none),
@@ -215,7 +215,7 @@ class Layout:
             rubbed = np.concatenate([self.tractions[:-1], self.tractions[1:]], axis=2)
             both = np.hstack([both, rubbed.reshape(len(both), -1)])
             values = at + np.hstack([before, inside, both]).T
-            kernel = built(pressure, law, m, form.contact_friction)
+            kernel = cached(pressure, law, m, form.contact_friction)
             terms.append(Term(kernel, values, np.hstack([wrench[:-K], inside]).T))
         return terms
 
@@ -225,8 +225,8 @@ class Layout:
         stage, number = self.crossings
         unknowns = np.vstack([number, self.first + strains[:, stage]])
         return [
-            Term(built(body, law), self.first + strains, strains),
-            Term(built(tendon, law), unknowns, strains[:, stage]),
+            Term(cached(body, law), self.first + strains, strains),
+            Term(cached(tendon, law), unknowns, strains[:, stage]),
         ]
 
     def _sliding(self) -> list[Term]:
@@ -238,7 +238,7 @@ class Layout:
         inside = self.inside[:, k]
         unknowns = [np.full(j.size, self.n_tendons), j, at + turned[k, j], at + turned[k + 1, j]]
         slides = Term(
-            built(sliding_tendon, law, m),
+            cached(sliding_tendon, law, m),
             np.vstack([*unknowns, at + inside]),
             np.vstack([inside, turned[k + 1, j]]),
         )
@@ -248,9 +248,9 @@ class Layout:
         # Beyond its end a tendon turns no further.
         held = np.vstack([at + turned[idle], at + turned[idle[0] + 1, idle[1]]])
         return [
-            Term(built(body_rates, law), at + both, both),
+            Term(cached(body_rates, law), at + both, both),
             slides,
-            Term(built(kink, law, m), bends, turned[k + 1, j][None, :]),
+            Term(cached(kink, law, m), bends, turned[k + 1, j][None, :]),
             Term(at_zero(), at + turned[:1], turned[:1]),
             Term(idle_tendon(), held, turned[idle[0] + 1, idle[1]][None, :]),
         ]

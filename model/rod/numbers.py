@@ -7,7 +7,7 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section.sections import Sections
 from octoplan.model.effects import Current, Friction, TipLoad
-from octoplan.model.loads import beyond, bodies_of, contacts, directions, heaviness, levers
+from octoplan.model.loads import beyond, bodies_of, contacts, directions, levers, specific_weight
 from octoplan.model.mesh import Mesh
 from octoplan.model.paths import Array
 from octoplan.model.rod.element import Form
@@ -105,5 +105,5 @@ def element_numbers(arm: Arm, scene: Scene, form: Form, s: Array, nodes: Array) 
         drag = by_element(current.density * current.coefficient * radius)
         rows += [drag, np.repeat(np.array(current.velocity)[:, None], N, axis=1)]
     if form.friction:
-        rows.append(by_element(np.outer(heaviness(arm, scene), np.pi * radius**2)))
+        rows.append(by_element(np.outer(specific_weight(arm, scene), np.pi * radius**2)))
     return np.vstack(rows)

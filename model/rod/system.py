@@ -28,19 +28,19 @@ from octoplan.model.rod.numbers import numbers
 from octoplan.model.rotations import cross
 from octoplan.model.scene import Scene
 from octoplan.model.support.machine.compiled import kernel
-from octoplan.model.support.machine.functions import Buffered, Mapped, built
+from octoplan.model.support.machine.functions import BatchFunction, BufferedFunction, cached
 
 # Kernels of what acts at nodes, by which moments and forces differ on both sides of these.
 _AT_NODES = ("lever", "touch")
 
 
-class System:
+class DiscreteRod:
     """The equations of an arm in a scene on a mesh.
 
     Attributes
     ----------
     mesh : Mesh
-    of : Layout
+    layout : Layout
     p : (n_p,)
         Numbers of the equations.
     length_numbers : (n,)
@@ -79,20 +79,20 @@ class System:
         )
         at = [mesh.node(section.at) for section in arm.sections]
         off = tuple(mesh.node(s) for s in levers(scene)[0].tolist())
-        self.of = layout(form, tuple(at[i] for i, _ in arm.tendons), mesh.steps, off)
+        self.layout = layout(form, tuple(at[i] for i, _ in arm.tendons), mesh.steps, off)
         self.s, weights, active = mesh.points(stages)
         self.sections = Sections(arm, scene, form.law, self.s, active, machine_code)
         curvatures = np.arange(form.strains) < 2 + form.law.torsion
         self.units = np.where(curvatures, 1 / arm.length, 1.0)
-        self.p, self.length_numbers = numbers(arm, scene, mesh, self.of, self.sections, weights)
+        self.p, self.length_numbers = numbers(arm, scene, mesh, self.layout, self.sections, weights)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        form = self.of.form
+        form = self.layout.form
         structure = form.stages, form.loaded, form.machine_code, form.pressed
         return _restored, (self.arm, self.scene, self.mesh, *structure, self.p)
 
-    def __copy__(self) -> System:
-        result = object.__new__(System)
+    def __copy__(self) -> DiscreteRod:
+        result = object.__new__(DiscreteRod)
         vars(result).update(vars(self), p=self.p.copy())
         return result
 
@@ -108,15 +108,15 @@ class System:
 
     def residual(self, x: Array) -> Array:
         """Return the residuals of equilibrium (..., n_states)."""
-        return np.asarray(self.of.equations.value(x, self.p))
+        return np.asarray(self.layout.equations.value(x, self.p))
 
     def lengths(self, x: Array) -> Array:
         """Return the length of each tendon (n_tendons,) [m]."""
-        return np.asarray(self.of.lengths.value(x, self.length_numbers))
+        return np.asarray(self.layout.lengths.value(x, self.length_numbers))
 
     def length_jacobian(self, x: Array) -> Array:
         """Return the derivatives of the lengths against the states (n_tendons, n_states)."""
-        of, lengths = self.of, self.of.lengths
+        of, lengths = self.layout, self.layout.lengths
         nonzeros = lengths.jacobian(x, self.length_numbers)
         whole = csr_array((nonzeros, lengths.jacobian.triplet), (of.n_tendons, of.n_x + 1))
         return np.asarray(whole.toarray()[:, of.first : -1])
@@ -126,22 +126,22 @@ class System:
 
         They enter as numbers of the elements on its base side and of the node beyond the last one.
         """
-        steps, numbers_of = self.mesh.steps, self.of.equations.numbers_of
+        steps, numbers_of = self.mesh.steps, self.layout.equations.numbers_of
         change = np.zeros((self.p.size, 6))
         elements = change[numbers_of("element")].reshape(steps, -1, 6)
         elements[:node, 1:4, :3] = np.eye(3)
         moment = elements[node - 1, 4:7] if node < steps else change[numbers_of("tip")][6:9]
         moment[:, 3:] = np.eye(3)
-        values = [self.of.equations.value(x, self.p + each) for each in change.T]
+        values = [self.layout.equations.value(x, self.p + each) for each in change.T]
         return np.stack(values, axis=1) - self.residual(x)[:, None]
 
     def poses(self, states: Array) -> Array:
         """Return the poses at the nodes (N + 1, 7), from base to tip."""
-        return states[self.of.nodes[:, :POSE]]
+        return states[self.layout.nodes[:, :POSE]]
 
     def wrenches_beyond(self, x: Array) -> Array:
         """Return moments, and forces that are unknown, on the tip side of the nodes (N + 1, w)."""
-        states, of = x[self.of.first :].copy(), self.of
+        states, of = x[self.layout.first :].copy(), self.layout
         for term in of.equations.terms:
             if term.kernel.name in _AT_NODES:
                 # Rows stand where the states do whose balance they are part of.
@@ -150,17 +150,19 @@ class System:
 
     def rows_of(self, name: str, x: Array) -> Array:
         """Return the residuals (N, n_r) of all that a kernel is repeated for, by its name."""
-        (term,) = [term for term in self.of.equations.terms if term.kernel.name == name]
-        c = self.p[self.of.equations.numbers_of(name)].reshape(term.count, -1)
-        return built(Mapped, term.kernel.value, self.of.form.machine_code)(x[term.unknowns].T, c)[0]
+        (term,) = [term for term in self.layout.equations.terms if term.kernel.name == name]
+        c = self.p[self.layout.equations.numbers_of(name)].reshape(term.count, -1)
+        return cached(BatchFunction, term.kernel.value, self.layout.form.machine_code)(
+            x[term.unknowns].T, c
+        )[0]
 
     def stretch_beside(self, strains: Array) -> tuple[Array, Array]:
         """Return the stretch (N,) on the base and on the tip side of the nodes but the base.
 
         By strains (N stages, strains).
         """
-        method = gauss(self.of.form.stages)
-        stretch = kinematics(self.of.form.law, strains)[1][:, 0].reshape(self.mesh.steps, -1)
+        method = gauss(self.layout.form.stages)
+        stretch = kinematics(self.layout.form.law, strains)[1][:, 0].reshape(self.mesh.steps, -1)
         before, beyond = stretch @ method.at(1.0), np.roll(stretch @ method.at(0.0), -1)
         beyond[-1] = before[-1]
         return before, beyond
@@ -178,7 +180,7 @@ class System:
 
     def marched(self, strains: Array) -> Array:
         """Return the poses at the nodes (N + 1, 7) of strains at the stages (N stages, strains)."""
-        call, base = built(_march, self.of.form, self.mesh.steps), self.p[:POSE]
+        call, base = cached(_march, self.layout.form, self.mesh.steps), self.p[:POSE]
         (result,) = call(base, strains.ravel(), np.diff(self.mesh.s))
         return np.vstack([base, result])
 
@@ -191,7 +193,7 @@ class System:
         moments from the tip on; with the forces `pressed` (N, contacts) of obstacles on the nodes
         but the base, if given [N].
         """
-        of, m = self.of, self.of.form.stages
+        of, m = self.layout, self.layout.form.stages
         x = self.x(tensions, load, np.zeros((*tensions.shape[:-1], of.n_states)))
         states = x[..., of.first :]
         states[..., of.stages] = strains
@@ -225,9 +227,9 @@ def _from_tip(steps: Array) -> Array:
     return np.asarray(np.cumsum(steps[..., ::-1, :], axis=-2)[..., ::-1, :])
 
 
-def _restored(*value: Any) -> System:
+def _restored(*value: Any) -> DiscreteRod:
     """Return equations with numbers of their own: the last that is given."""
-    result = System(*value[:-1])
+    result = DiscreteRod(*value[:-1])
     result.p = value[-1]
     return result
 
@@ -242,7 +244,7 @@ def system(
     loaded: bool = True,
     machine_code: bool = False,
     steps_per_unit: float = 2.0,
-) -> System:
+) -> DiscreteRod:
     """Return the equations on a mesh of a refinement that has the arc lengths `at` as nodes.
 
     Where nothing is `loaded`, forces and moments are left out; with `machine_code` the kernels are
@@ -251,16 +253,16 @@ def system(
     rate = partial(growth, arm, scene) if is_loaded(scene) else None
     nodes = *at, *places(arm, scene)
     mesh = graded(arm, refinement, nodes, rate, steps_per_unit=steps_per_unit)
-    return System(arm, scene, mesh, stages, loaded, machine_code)
+    return DiscreteRod(arm, scene, mesh, stages, loaded, machine_code)
 
 
-def _march(form: Form, N: int) -> Buffered:
+def _march(form: Form, N: int) -> BufferedFunction:
     """Return (pose, strains of each of N elements, h (1, N)) -> pose at the end of each."""
-    values = built(element, replace(form, friction=False))
+    values = cached(element, replace(form, friction=False))
     g, v, h = ca.SX.sym("g", POSE), ca.SX.sym("v", form.stages * form.strains), ca.SX.sym("h")
     none = ca.SX.zeros(form.wrench)
     y = ca.vertcat(ca.SX.zeros(int(form.loaded)), g, none, v, ca.SX.zeros(POSE), none)
     numbers_of = ca.vertcat(h, ca.SX.zeros(values.c.numel() - 1))
     after = -values.value(y, numbers_of)[-POSE:]
     step = ca.Function("march", [g, v, h], [after], {"cse": True})
-    return Buffered(kernel(step, form.machine_code).mapaccum(N))
+    return BufferedFunction(kernel(step, form.machine_code).mapaccum(N))

@@ -28,7 +28,7 @@ from octoplan.model.rod.collocation import gauss, rotation_vectors, weighted_sum
 from octoplan.model.rod.kernels import Kernel
 from octoplan.model.rotations import half_turn, multiply, norm, unit_matrix
 from octoplan.model.support.checks import SMALLEST
-from octoplan.model.support.machine.functions import built
+from octoplan.model.support.machine.functions import cached
 
 # Numbers of a touch: the obstacle's, radius, its slope, h, flags; with friction mu, r and u before.
 # Flags of a node, 1 or 0: a force holds the gap shut, there is pressure, the node is a point that
@@ -54,7 +54,7 @@ def touch(law: CrossSection, m: int, friction: bool = False) -> Kernel:
     radius, slope, h = ca.vertsplit(c[SIZE : SIZE + 3])
     end, rate = v @ ca.DM(gauss(m).at(1.0)), v @ ca.DM(np.arange(m) @ gauss(m).powers) / h
     g, radii = ca.vertcat(q, u), ca.vertcat(radius, slope, 0)
-    gaps, normal, along = built(gap_along, law)(g, end, rate, c[:SIZE], radii)
+    gaps, normal, along = cached(gap_along, law)(g, end, rate, c[:SIZE], radii)
     gap, gap1, gap2 = ca.vertsplit(gaps)
     held, pressing, moves, lies = ca.vertsplit(c[FLAGS])
     curve, shift = ca.if_else(h * gap2 > _FLAT, gap2, 1 / h), moves * p

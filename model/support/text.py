@@ -87,7 +87,7 @@ def told(value: Any) -> str:
     )
 
 
-def shown_later(load: Callable[[], Any]) -> None:
+def register_display(load: Callable[[], Any]) -> None:
     """Let `load` be called where a figure is wanted first: it says how values are shown."""
     _later[:] = [load]
 
@@ -123,7 +123,7 @@ def _html(part: Part) -> str:
     return f"<table>{''.join(lines)}</table>"
 
 
-class Shown:
+class HtmlRepr:
     """What notebooks show by its figure and by what is told of it; see shown_by."""
 
     __slots__ = ()
@@ -140,7 +140,7 @@ class Shown:
         return f'<img src="data:image/png;base64,{png}" style="max-width: 100%"/>{text}'
 
 
-class Told(Shown):
+class TextRepr(HtmlRepr):
     """What is read by what is told of it: all where it is printed, the first part where named."""
 
     __slots__ = ()

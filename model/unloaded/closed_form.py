@@ -29,8 +29,14 @@ from octoplan.model.rotations import compose
 from octoplan.model.scene import Scene
 from octoplan.model.stations import Counts, Stations, base_pose, stations
 from octoplan.model.support.machine.compiled import kernel
-from octoplan.model.support.machine.functions import FEW, Buffered, Columns, Mapped, built
-from octoplan.model.unloaded.marched import March
+from octoplan.model.support.machine.functions import (
+    FEW,
+    BatchFunction,
+    BufferedFunction,
+    VectorInterpreter,
+    cached,
+)
+from octoplan.model.unloaded.marched import ExplicitMap
 
 # Arms at a time, interpreted and by machine code: their numbers stay in the processor's cache.
 _ARMS = 2048, 256
@@ -69,7 +75,7 @@ def _march(
     statics: ClosedStatics, scheme: Magnus, by_pull: bool, machine_code: bool, S: int, steps: int
 ) -> ca.Function:
     """Return (base, what is known of all sections, h) -> poses (7, S + 1), strains (4 m, steps)."""
-    march = kernel(built(_step, statics, scheme, by_pull), machine_code).mapaccum(steps)
+    march = kernel(cached(_step, statics, scheme, by_pull), machine_code).mapaccum(steps)
     inputs = march.mx_in()
     poses, strains = march.call(inputs)
     return ca.Function("march", inputs, [ca.horzcat(inputs[0], poses[:, :S]), strains])
@@ -108,7 +114,7 @@ def _placed(
     return mesh, places, statics.pulls(arm, places)
 
 
-class ClosedForm(March):
+class ClosedForm(ExplicitMap):
     """The forward map of an unloaded scene on a mesh of a refinement, with arc lengths as nodes.
 
     Its `stretch_at` are the scheme's nodes in the steps, then both ends of each segment.
@@ -135,10 +141,10 @@ class ClosedForm(March):
         self._data, self._base = statics.data(arm, scene, self._at), base_pose(arm)
         self._h = np.pad(np.diff(self.mesh.s), (0, self.stretch_at.size // m - self.mesh.steps))
         self._kind = (statics, scheme, statics.is_explicit)
-        march = built(_march, *self._kind, machine_code, self.mesh.steps, self._h.size)
+        march = cached(_march, *self._kind, machine_code, self.mesh.steps, self._h.size)
         if self._h.size <= _WRITTEN_OUT and not machine_code:
-            march = built(ca.Function.expand, march)
-        self._march = built(Buffered, march)
+            march = cached(ca.Function.expand, march)
+        self._march = cached(BufferedFunction, march)
 
     @cached_property
     def sections(self) -> Sections:
@@ -153,13 +159,13 @@ class ClosedForm(March):
         T, sizes = ca.MX.sym("T", self.arm.n_tendons), (self.mesh.steps, self._h.size)
         pull = ca.sparsify(ca.DM(self._maps.reshape(-1, T.numel()))) @ T
         known = [ca.reshape(each, -1, self._h.size) for each in (pull, ca.DM(self._data.T))]
-        march = built(_march, self._statics, self.scheme, True, self.machine_code, *sizes)
+        march = cached(_march, self._statics, self.scheme, True, self.machine_code, *sizes)
         poses, strains = march(self._base, *known, ca.DM(self._h).T)
         along = ca.reshape(strains, 4, -1)[3, :]
         return ca.Function("closed_form", [T], [poses, 1 + along])
 
     def run(self, tensions: Array) -> tuple[Array, Array]:
-        """See March.run."""
+        """See ExplicitMap.run."""
         known = self._known(self._maps, self._data, tensions)
         poses, strains = self._march(self._base, *known, self._h)
         return poses, strains.reshape(-1, 4)
@@ -173,10 +179,10 @@ class ClosedForm(March):
         return [settled(self._statics, pull, data, self.machine_code).ravel()]
 
     def many(self, tensions: Array, nodes: Sequence[int] | None = None) -> tuple[Array, Array]:
-        """See March.many: so many arms at a time that their numbers stay at hand."""
+        """See ExplicitMap.many: so many arms at a time that their numbers stay at hand."""
         if len(tensions) <= FEW and not self.machine_code:
             return super().many(tensions, nodes)
-        step = built(Columns, built(_step, *self._kind, True), self.machine_code)
+        step = cached(VectorInterpreter, cached(_step, *self._kind, True), self.machine_code)
         base, some, results = np.append(self._base, np.inf)[:, None], _ARMS[self.machine_code], []
         for i in range(0, max(len(tensions), 1), some):
             known = self._columns(tensions[i : i + some])
@@ -219,7 +225,7 @@ class ClosedForm(March):
 
         inside = (left[:, None] + (s - left)[:, None] * np.array(self.scheme.nodes)).ravel()
         known = self._known(*at(inside, np.repeat(active, len(self.scheme.nodes))), tensions)
-        across = built(Mapped, built(_step, *self._kind))
+        across = cached(BatchFunction, cached(_step, *self._kind))
         pose, _ = across(poses[step], *(each.reshape(s.size, -1) for each in known), s - left)
         maps, data = at(s, active)
         there = reported(statics.law, settled(statics, maps @ tensions, data))

@@ -24,7 +24,7 @@ from octoplan.model.integrators import Magnus
 from octoplan.model.paths import Array
 from octoplan.model.rotations import conjugate, exponential, matrix, multiply
 from octoplan.model.support.machine.compiled import kernel
-from octoplan.model.support.machine.functions import Buffered, built
+from octoplan.model.support.machine.functions import BufferedFunction, cached
 from octoplan.model.unloaded.closed_form import ClosedForm
 from octoplan.model.unloaded.marched import Marched
 
@@ -51,7 +51,7 @@ class MarchDerivative:
         self._weights, place = march.mesh.points(len(march.scheme.nodes))[1], point.poses[node, 4:]
         self._v = v = strains_of(law, point.strains[: at.s.size])
         self._balance = at.balance(v, point.tensions[at.tendon])
-        call = built(_step_twists, law, march.scheme, h.size, march.machine_code)
+        call = cached(_step_twists, law, march.scheme, h.size, march.machine_code)
         # Z transposed (P, 6 of kappa and nu, 6 of z) and Z twist' (P n, 6), 0 beyond the node.
         twists, by_strains = call(point.poses[:-1].ravel(), v.ravel(), h)
         twists, by_strains = twists.reshape(-1, 6, 6), by_strains.reshape(*v.shape, 6)
@@ -115,7 +115,9 @@ class MarchDerivative:
         return jacobian.reshape(len(jacobian), -1)
 
 
-def _step_twists(law: CrossSection, scheme: Magnus, steps: int, machine_code: bool) -> Buffered:
+def _step_twists(
+    law: CrossSection, scheme: Magnus, steps: int, machine_code: bool
+) -> BufferedFunction:
     """Return (pose before a step, strains at its nodes, h) -> Z and Z twist' of the module."""
     m = len(scheme.nodes)
     g, v, h = ca.SX.sym("g", 7), ca.SX.sym("v", size(law), m), ca.SX.sym("h")
@@ -125,7 +127,7 @@ def _step_twists(law: CrossSection, scheme: Magnus, steps: int, machine_code: bo
     seen = adjoint_function()(g) @ ca.substitute(local, e, twists)
     results = [ca.densify(seen), ca.densify(seen @ ca.jacobian(twists, ca.vec(v)))]
     function = ca.Function("twists", [g, ca.vec(v), h], results, {"cse": True})
-    return Buffered(kernel(function, machine_code).map(steps))
+    return BufferedFunction(kernel(function, machine_code).map(steps))
 
 
 def step_jacobian(scheme: Magnus, twists: list[ca.SX], h: ca.SX, e: ca.SX) -> tuple[ca.SX, ca.SX]:

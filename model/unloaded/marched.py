@@ -23,7 +23,7 @@ from octoplan.model.mesh import Mesh, graded
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import CollapsedError
-from octoplan.model.support.machine.functions import built
+from octoplan.model.support.machine.functions import cached
 
 # Strains are analytic between nodes: so many Gauss points on the coarsest mesh leave rounding only,
 # whatever mesh poses have. Measured on the paper's arms and random ones at thrice their tensions.
@@ -86,7 +86,7 @@ def tendon_lengths(
     return partial(Lengths.under, Sections(arm, scene, law, s, active, machine_code), weights)
 
 
-class March(ABC):
+class ExplicitMap(ABC):
     """A forward map of an arm on a mesh, where each cross-section is in equilibrium by itself.
 
     Attributes
@@ -107,7 +107,7 @@ class March(ABC):
 
     def __reduce__(self) -> tuple[Any, ...]:
         of = self.arm, self.scene, self.scheme, self.refinement, (), self.machine_code
-        return built, (type(self), *of)
+        return cached, (type(self), *of)
 
     @abstractmethod
     def run(self, tensions: Array) -> tuple[Array, Array]:
@@ -133,11 +133,11 @@ class March(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Marched:
-    """An equilibrium marched along the arm; see octoplan.model.equilibrium.linearised.Linearised.
+    """An equilibrium marched along the arm; see octoplan.model.equilibrium.linearised.Equilibrium.
 
     Attributes
     ----------
-    march : March
+    march : ExplicitMap
     tensions : (n_tendons,)
         [N].
     poses : (N + 1, 7)
@@ -146,34 +146,34 @@ class Marched:
         tau, xi, k, q at the march's `stretch_at`.
     """
 
-    march: March
+    march: ExplicitMap
     tensions: Array
     poses: Array
     strains: Array
 
     @property
     def mesh(self) -> Mesh:
-        """See Linearised."""
+        """See Equilibrium."""
         return self.march.mesh
 
     @property
     def scheme(self) -> str:
-        """See Linearised."""
+        """See Equilibrium."""
         return self.march.scheme.name
 
     @cached_property
     def extremes(self) -> Extremes:
-        """See Linearised."""
+        """See Equilibrium."""
         (_, xi, k, q), march = self.strains.T, self.march
         return Extremes.of(march.stretch_at, q, np.hypot(xi, k), march.radius)
 
     @property
     def machine_code(self) -> bool:
-        """See Linearised."""
+        """See Equilibrium."""
         return self.march.machine_code
 
     def at(self, s: Array) -> tuple[Array, Array]:
-        """See Linearised: a step from the nodes beside s."""
+        """See Equilibrium: a step from the nodes beside s."""
         return self.march.dense(self.tensions, self.poses, self.strains, s)
 
     @cached_property
@@ -183,12 +183,12 @@ class Marched:
 
     @property
     def length_tension(self) -> Array:
-        """See Linearised; of all but the equations as printed."""
+        """See Equilibrium; of all but the equations as printed."""
         return self._tendons.length_tension
 
     @cached_property
     def lengths(self) -> Array:
-        """See Linearised: the integral of ``|du_c/ds|`` by Gauss quadrature."""
+        """See Equilibrium: the integral of ``|du_c/ds|`` by Gauss quadrature."""
         arm, scene, mesh = self.march.arm, self.march.scene, self.mesh
         if not scene.has(PrintedStatics):
             return self._tendons.lengths

@@ -51,7 +51,7 @@ def warm_start(near: Answer, task: Task) -> SearchResult | None:
             return None
         optimum, apart = continued
         fine = refine(optimum)
-        if fine is None or not fine.problem.stands(
+        if fine is None or not fine.problem.is_stable(
             fine.x, margin and margin - STABILITY_TOLERANCE / PART
         ):
             return None

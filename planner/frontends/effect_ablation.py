@@ -62,7 +62,7 @@ def problem_size(arm: Arm, scene: Scene) -> ProblemSize:
         function = explicit_map(arm, scene, scheme, 1).function
         carried = 7 + (function.size1_out(2) if function.n_out() > 2 else 0)
         return ProblemSize(carried, 0, 0, function.expand().n_instructions())
-    of = by_collocation(arm, scene, COLLOCATIONS[scheme], 1).system.of
+    of = by_collocation(arm, scene, COLLOCATIONS[scheme], 1).system.layout
     instructions = sum(
         term.count * term.kernel.value.n_instructions() for term in of.equations.terms
     )

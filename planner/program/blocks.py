@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.cross_section.law import CrossSection, size
-from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.stability import least_modes, rest_stiffness
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
@@ -28,8 +28,8 @@ from octoplan.model.rod.element import run
 from octoplan.model.rod.equations import Term
 from octoplan.model.rod.kernels import Kernel, Places, What
 from octoplan.model.rod.layout import POSE, Layout
-from octoplan.model.rod.system import System
-from octoplan.model.support.machine.functions import built
+from octoplan.model.rod.system import DiscreteRod
+from octoplan.model.support.machine.functions import cached
 from octoplan.model.winches import least_compliance
 from octoplan.planner.targets.base import ComplianceRequest
 
@@ -44,7 +44,7 @@ class States:
 
     Attributes
     ----------
-    of : Layout
+    layout : Layout
     nodes : tuple of int
         Nodes of the poses that targets see.
     slim : tuple of (int, int)
@@ -52,40 +52,42 @@ class States:
         and 1 + q least; none without extension.
     """
 
-    of: Layout
+    layout: Layout
     nodes: tuple[int, ...]
     slim: tuple[tuple[int, int], ...]
 
     @classmethod
-    def seen(cls, at: System, stations: tuple[float, ...]) -> States:
+    def seen(cls, at: DiscreteRod, stations: tuple[float, ...]) -> States:
         """Return the states of an arm that targets see at arc lengths [m]."""
         mesh, slim = at.mesh, list[tuple[int, int]]()
         radius = at.arm.radius.evaluate(mesh.s, at.arm.length)[0]
-        for count in np.unique(mesh.active[mesh.active > 0]) if at.of.form.law.extension else ():
+        for count in (
+            np.unique(mesh.active[mesh.active > 0]) if at.layout.form.law.extension else ()
+        ):
             inside = np.flatnonzero(mesh.active == count)
             k, end = divmod(int(radius[inside[:, None] + [0, 1]].argmin()), 2)
             slim.append((int(inside[k]), end))
-        return cls(at.of, tuple(mesh.node(s) for s in stations), tuple(slim))
+        return cls(at.layout, tuple(mesh.node(s) for s in stations), tuple(slim))
 
     @property
     def size(self) -> int:
         """See octoplan.planner.program.blocks."""
-        return self.of.n_states
+        return self.layout.n_states
 
     def terms(self, place: Places, start: int, row: int) -> list[Term]:
         """See octoplan.planner.program.blocks."""
-        terms = self.of.equations.terms
+        terms = self.layout.equations.terms
         return [Term(term.kernel, place[term.unknowns], row + term.rows) for term in terms]
 
-    def numbers(self, at: System, forces: Array) -> list[Array]:
+    def numbers(self, at: DiscreteRod, forces: Array) -> list[Array]:
         """See octoplan.planner.program.blocks: those of the equations of equilibrium."""
-        equations = at.of.equations
+        equations = at.layout.equations
         terms = zip(equations.terms, equations.slices, strict=True)
         return [at.p[numbers].reshape(term.count, -1).T for term, numbers in terms]
 
-    def scales(self, at: System) -> tuple[Array, Array]:
+    def scales(self, at: DiscreteRod) -> tuple[Array, Array]:
         """See octoplan.planner.program.blocks."""
-        of, L = at.of, at.arm.length
+        of, L = at.layout, at.arm.length
         R = at.arm.radius.evaluate(np.concatenate([at.mesh.s, at.s]), L)[0]
         EA = at.arm.material.E * np.pi * R**2
         EJ = EA * R**2 / 4
@@ -105,14 +107,14 @@ class States:
 
     def poses(self, states: ca.MX) -> ca.MX:
         """Return the poses (7, K) at the stations, of states in SI."""
-        places = self.of.nodes[list(self.nodes), :POSE]
+        places = self.layout.nodes[list(self.nodes), :POSE]
         return ca.reshape(states[places.ravel().tolist()], POSE, len(places))
 
     def stretches(self, states: ca.MX) -> ca.MX:
         """Return 1 + q where it is least in each segment, by the polynomials through the stages."""
-        law, m, stretches = self.of.form.law, self.of.form.stages, [ca.MX(0, 1)]
+        law, m, stretches = self.layout.form.law, self.layout.form.stages, [ca.MX(0, 1)]
         for element, end in self.slim:
-            places = self.of.stages[element * m : (element + 1) * m, 2 + law.torsion]
+            places = self.layout.stages[element * m : (element + 1) * m, 2 + law.torsion]
             weights = ca.DM(gauss(m).at(float(end)))
             stretches.append(ca.dot(weights, states[places.tolist()]) + 1 - law.along_at_rest)
         return ca.vertcat(*stretches)
@@ -142,33 +144,33 @@ class Responses:
     @property
     def size(self) -> int:
         """See octoplan.planner.program.blocks."""
-        return self.request.width * self.states.of.n_x
+        return self.request.width * self.states.layout.n_x
 
     def terms(self, place: Places, start: int, row: int) -> list[Term]:
         """See octoplan.planner.program.blocks."""
-        shifts = np.arange(self.request.width) * self.states.of.n_x
+        shifts = np.arange(self.request.width) * self.states.layout.n_x
         each = (self._response(place, start + shift, row + shift) for shift in shifts.tolist())
         return [term for terms in each for term in terms]
 
     def _response(self, place: Places, start: int, row: int) -> list[Term]:
         """Return the terms of one response: of equilibrium, of the tensions, of the load factor."""
-        of, terms = self.states.of, list[Term]()
+        of, terms = self.states.layout, list[Term]()
         for term in of.equations.terms:
             unknowns = np.vstack([place[term.unknowns], start + term.unknowns])
             terms.append(Term(tangent(term.kernel), unknowns, row + term.rows))
         n, row = of.n_tendons, row + of.n_states
         tensions, rows = start + np.arange(n)[None, :], row + np.arange(n)[None, :]
-        terms.append(Term(built(_scaled), np.array([[start + n]]), np.array([[row + n]])))
+        terms.append(Term(cached(_scaled), np.array([[start + n]]), np.array([[row + n]])))
         if self.request.hold == "length":
             (lengths,) = of.lengths.terms
             own = start + lengths.unknowns, start + lengths.rows
             unknowns = np.vstack([place[lengths.unknowns], *own, place[lengths.rows]])
-            terms.append(Term(built(_locked, of.form.law), unknowns, row + lengths.rows))
-        return [*terms, Term(built(_scaled), tensions, rows)]
+            terms.append(Term(cached(_locked, of.form.law), unknowns, row + lengths.rows))
+        return [*terms, Term(cached(_scaled), tensions, rows)]
 
-    def numbers(self, at: System, forces: Array) -> list[Array]:
+    def numbers(self, at: DiscreteRod, forces: Array) -> list[Array]:
         """See octoplan.planner.program.blocks."""
-        columns, of, of_terms = list[Array](), self.states.of, self.states.numbers(at, forces)
+        columns, of, of_terms = list[Array](), self.states.layout, self.states.numbers(at, forces)
         for k in range(self.first, self.first + self.request.width):
             for term, numbers in zip(of.equations.terms, of_terms, strict=True):
                 change = np.zeros_like(numbers)
@@ -185,10 +187,10 @@ class Responses:
             columns.append(np.full((1, of.n_tendons), kept))
         return columns
 
-    def scales(self, at: System) -> tuple[Array, Array]:
+    def scales(self, at: DiscreteRod) -> tuple[Array, Array]:
         """See octoplan.planner.program.blocks."""
         state, row = self.states.scales(at)
-        force, n, width = at.arm.bending_force, self.states.of.n_tendons, self.request.width
+        force, n, width = at.arm.bending_force, self.states.layout.n_tendons, self.request.width
         length = at.arm.length if self.request.hold == "length" else force
         unknowns = np.concatenate([np.full(n + 1, force), state])
         rows = np.concatenate([row, np.full(n, length), [1.0]])
@@ -196,8 +198,10 @@ class Responses:
 
     def displaced(self, unknowns: ca.MX) -> ca.MX:
         """Return the displacements (3, width) of the tip, of its unknowns in SI."""
-        by_force = ca.reshape(unknowns, self.states.of.n_x, self.request.width)
-        return by_force[(self.states.of.first + self.states.of.nodes[-1, 4:POSE]).tolist(), :]
+        by_force = ca.reshape(unknowns, self.states.layout.n_x, self.request.width)
+        return by_force[
+            (self.states.layout.first + self.states.layout.nodes[-1, 4:POSE]).tolist(), :
+        ]
 
 
 def _locked(law: CrossSection) -> Kernel:
@@ -206,7 +210,7 @@ def _locked(law: CrossSection) -> Kernel:
     Strains, their changes, change of its tension, the tension; its path and a weight, 1 / E A of
     the tendon, which is as long as its path under its tension.
     """
-    kernel = built(run, law)
+    kernel = cached(run, law)
     change, pull, tension = ca.SX.sym("change", size(law)), ca.SX.sym("pull"), ca.SX.sym("tension")
     compliance = ca.SX.sym("compliance")
     stretch = kernel.r * compliance / (1 + compliance * tension)
@@ -231,11 +235,11 @@ class LeastMode:
     @property
     def size(self) -> int:
         """See octoplan.planner.program.blocks."""
-        return self.states.of.n_states + 1
+        return self.states.layout.n_states + 1
 
     def terms(self, place: Places, start: int, row: int) -> list[Term]:
         """See octoplan.planner.program.blocks."""
-        of, terms = self.states.of, list[Term]()
+        of, terms = self.states.layout, list[Term]()
         for term in of.equations.terms:
             rows = tuple(np.flatnonzero(term.unknowns[:, 0] >= of.first).tolist())
             change = start + term.unknowns[list(rows)] - of.first
@@ -243,34 +247,34 @@ class LeastMode:
             terms.append(Term(mode(term.kernel, rows), unknowns, row + term.rows))
         stages, last = np.ravel(of.stages), of.n_states
         unknowns = np.stack([np.full(stages.size, start + last), start + stages])
-        terms.append(Term(built(_inertia), unknowns, row + stages[None, :]))
+        terms.append(Term(cached(_inertia), unknowns, row + stages[None, :]))
         one = np.full((1, stages.size), row + last)
-        return [*terms, Term(built(_part), start + stages[None, :], one)]
+        return [*terms, Term(cached(_part), start + stages[None, :], one)]
 
-    def numbers(self, at: System, forces: Array) -> list[Array]:
+    def numbers(self, at: DiscreteRod, forces: Array) -> list[Array]:
         """See octoplan.planner.program.blocks."""
         stiff, equations = rest_stiffness(at)[1], self.states.numbers(at, forces)
         return [*equations, -stiff[None, :], np.zeros((2, stiff.size))]
 
-    def scales(self, at: System) -> tuple[Array, Array]:
+    def scales(self, at: DiscreteRod) -> tuple[Array, Array]:
         """See octoplan.planner.program.blocks."""
         state, row = self.states.scales(at)
         return np.append(state, 1.0), np.append(row, 1.0)
 
-    def at(self, equilibrium: Linearised) -> Array:
+    def at(self, equilibrium: Equilibrium) -> Array:
         """Return its unknowns (size,) in an equilibrium, strains of some 1 rad in all."""
-        system, stages = equilibrium.system, np.ravel(self.states.of.stages)
+        system, stages = equilibrium.system, np.ravel(self.states.layout.stages)
         values, y = least_modes(equilibrium, 1)
         strains = y[stages, 0] / self.states.scales(system)[0][stages]
         size = np.sqrt(rest_stiffness(system)[0] / system.arm.length @ strains**2)
         return np.append(y[:, 0] / size, values)
 
-    def share_of(self, y: Array, at: System) -> Array:
+    def share_of(self, y: Array, at: DiscreteRod) -> Array:
         """Return the numbers (2, N) of its size: the share of a mode y (size,) in it, less 1.
 
         Modes are orthogonal by the stiffness of the body at rest. So none becomes another.
         """
-        strains = y[np.ravel(self.states.of.stages)]
+        strains = y[np.ravel(self.states.layout.stages)]
         forces = rest_stiffness(at)[1] * strains
         return np.stack([forces / (forces @ strains), np.full(forces.size, 1 / forces.size)])
 
@@ -291,25 +295,25 @@ def _part() -> Kernel:
 class TendonLengths:
     """The lengths of the tendons, counted in the arm's, for limits of strokes and their rates."""
 
-    of: Layout
+    layout: Layout
 
     @property
     def size(self) -> int:
         """See octoplan.planner.program.blocks."""
-        return self.of.n_tendons
+        return self.layout.n_tendons
 
     def terms(self, place: Places, start: int, row: int) -> list[Term]:
         """See octoplan.planner.program.blocks."""
-        (runs,) = self.of.lengths.terms
+        (runs,) = self.layout.lengths.terms
         each = np.arange(self.size)[None, :]
         path = Term(runs.kernel, place[runs.unknowns], row + runs.rows)
-        return [path, Term(built(_scaled), start + each, row + each)]
+        return [path, Term(cached(_scaled), start + each, row + each)]
 
-    def numbers(self, at: System, forces: Array) -> list[Array]:
+    def numbers(self, at: DiscreteRod, forces: Array) -> list[Array]:
         """See octoplan.planner.program.blocks."""
         return [at.length_numbers.reshape(-1, 5).T, np.full((1, self.size), -1.0)]
 
-    def scales(self, at: System) -> tuple[Array, Array]:
+    def scales(self, at: DiscreteRod) -> tuple[Array, Array]:
         """See octoplan.planner.program.blocks."""
         length = np.full(self.size, at.arm.length)
         return length, length
@@ -337,7 +341,7 @@ class Tangent(Kernel):
     """
 
     def __init__(self, name: str, of: Kernel, rows: tuple[int, ...], by_numbers: bool) -> None:
-        self.of, n = of, of.y.numel()
+        self.layout, n = of, of.y.numel()
         change = ca.SX.sym("change", len(rows))
         numbers = ca.SX.sym("numbers", of.c.numel() * by_numbers)
         self.change_of = np.full(n, -1, dtype=np.int64)
@@ -354,8 +358,8 @@ class Tangent(Kernel):
         if what == "by_numbers":
             return super()._differentiated(what)
         lam, symmetric = ca.SX.sym("lam", self.r.numel()), what == "hessian"
-        function, i, j = self.of.derivative(what)
-        whole = function.call([self.of.y, self.of.c, lam][: 2 + symmetric])[0]
+        function, i, j = self.layout.derivative(what)
+        whole = function.call([self.layout.y, self.layout.c, lam][: 2 + symmetric])[0]
         changed = ca.sparsify(self._along(whole))
         kept = np.array(changed.sparsity().row(), dtype=np.int64)
         also = np.flatnonzero(self.change_of[j] >= 0)
@@ -372,15 +376,15 @@ class Tangent(Kernel):
 
     def _along(self, r: ca.SX) -> ca.SX:
         """Return the derivative of an expression along the changes."""
-        return ca.jtimes(r, self.of.y, self._dy) + ca.jtimes(r, self.of.c, self._dc)
+        return ca.jtimes(r, self.layout.y, self._dy) + ca.jtimes(r, self.layout.c, self._dc)
 
 
 def tangent(kernel: Kernel) -> Tangent:
     """Return the derivative of a kernel along changes of all its unknowns and numbers."""
     every = tuple(range(kernel.y.numel()))
-    return built(Tangent, f"{kernel.name}_tangent", kernel, every, True)
+    return cached(Tangent, f"{kernel.name}_tangent", kernel, every, True)
 
 
 def mode(kernel: Kernel, rows: tuple[int, ...]) -> Tangent:
     """Return the derivative of a kernel along changes of some of its unknowns, by their rows."""
-    return built(Tangent, f"{kernel.name}_mode", kernel, rows, False)
+    return cached(Tangent, f"{kernel.name}_mode", kernel, rows, False)

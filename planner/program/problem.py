@@ -23,10 +23,10 @@ from numpy.linalg import norm
 from scipy.sparse import csc_array
 
 from octoplan.model.arm import Arm
-from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import STAGES
-from octoplan.model.equilibrium.stability import stands
+from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
@@ -225,21 +225,21 @@ class Problem:
             x[self.n_free - program.n_slack : self.n_free] = np.maximum(missed, 0.0)
         return x
 
-    def linearised(self, x: Array) -> Linearised:
+    def linearised(self, x: Array) -> Equilibrium:
         """Return the equations at the tensions and states in unknowns x."""
         system, at = self.forward.system, self.program.places[self.program.states]
-        return Linearised(system, system.x(self.tensions(x), 1.0, x[at] * self.scale[at]))
+        return Equilibrium(system, system.x(self.tensions(x), 1.0, x[at] * self.scale[at]))
 
     def measured(self, x: Array) -> Array:
         """Return what is measured on the mesh at unknowns x, see Program.measured."""
         return self.program.measure(x, self._p)[0].ravel()
 
-    def stands(self, x: Array, margin: float = 0.0) -> bool:
+    def is_stable(self, x: Array, margin: float = 0.0) -> bool:
         """Return whether the stability of the equilibrium in unknowns x is above a margin.
 
         Without loads it is.
         """
-        return not is_loaded(self.scene) or stands(self.linearised(x), margin)
+        return not is_loaded(self.scene) or is_stable(self.linearised(x), margin)
 
 
 @lru_cache(maxsize=32)

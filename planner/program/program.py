@@ -33,9 +33,9 @@ from scipy.sparse.linalg import SuperLU, splu
 from octoplan.model.paths import Array
 from octoplan.model.rod.equations import Equations
 from octoplan.model.rod.layout import POSE
-from octoplan.model.rod.system import System
+from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.support.errors import SingularError
-from octoplan.model.support.machine.functions import Buffered
+from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.planner.program.blocks import Block, LeastMode, Responses, States, TendonLengths
 from octoplan.planner.program.terms import HIGH_PRIORITY, LOW_PRIORITY, TargetStructure
 from octoplan.planner.question import Statement
@@ -119,13 +119,13 @@ class Program:
         x, p, weights of the objective and of constraints -> objective (1,), its gradient,
         constraints, their Jacobian, the upper half of the Hessian of the weighted sum. Constraints
         are those besides the equations of `outer`, all of `function`.
-    measure : Buffered
+    measure : BufferedFunction
         x, p -> what is measured on the mesh.
     """
 
     def __init__(self, structure: Structure) -> None:
         targets, states = structure.targets, structure.states
-        of, self.terms = states.of, targets.terms
+        of, self.terms = states.layout, targets.terms
         self._number(structure)
         gaps = targets.avoidance.gaps(targets.stations) if targets.avoidance else None
         _, numbers, compliances = map(self.terms.function.numel_in, range(3))
@@ -151,7 +151,7 @@ class Program:
     def _number(self, structure: Structure) -> None:
         """Number the unknowns, block by block, and state the equations of the blocks."""
         states, statement = structure.states, structure.statement
-        of, requests, self.states = states.of, self.terms.requests, states
+        of, requests, self.states = states.layout, self.terms.requests, states
         # Inequalities have no slack, or those of low priority do, or all.
         kept = {"exact": (), "closest": (LOW_PRIORITY,), "nearest": (LOW_PRIORITY, HIGH_PRIORITY)}
         has_slack = np.isin(self.terms.inequality_weights, kept[statement.mode])
@@ -185,7 +185,7 @@ class Program:
         statement = structure.statement
         x, p, parts, terms, mode = self.x, self.p, self.parts, self.terms, statement.mode
         measured, none = self._what_is_measured(), ca.MX(0, 1)
-        self.measure = Buffered(ca.Function("measured", [x, p], [ca.densify(measured)]))
+        self.measure = BufferedFunction(ca.Function("measured", [x, p], [ca.densify(measured)]))
         ends = np.cumsum([0, *self.measured]).tolist()
         of_settled = ca.vertsplit(measured + p[parts["defect"]], ends)
         poses, stretches, compliances, modes, lengths = of_settled
@@ -193,7 +193,7 @@ class Program:
         clear = gaps.value.function(whole, p[parts["gaps"]]) / structure.length if gaps else none
         seen = ca.reshape(poses, POSE, -1)[:, list(structure.targets.seen)]
         met, missed, inequality, least = terms.function(seen, p[parts["targets"]], compliances)
-        cuts = [0, self.states.of.n_tendons, self.n_free - self.n_slack, self.n_free]
+        cuts = [0, self.states.layout.n_tendons, self.n_free - self.n_slack, self.n_free]
         tensions, peak, slacks = ca.vertsplit(x[: self.n_free], cuts)
         soft, weights = self._soft, ca.DM(terms.inequality_weights[self._soft])
         inequality += ca.DM.eye(inequality.numel())[:, soft] @ slacks
@@ -264,20 +264,20 @@ class Program:
         H += ca.triu(ca.MX(places, nonzeros * scale[column] * scale[row]))
         self.function = ca.Function("program", [x, p, sigma, lam], [f, gradient, g, J, H])
         values = list(map(ca.densify, (f, gradient, g_too, J.nz[:])))
-        self._evaluated = Buffered(ca.Function("program", [x, p], values))
+        self._evaluated = BufferedFunction(ca.Function("program", [x, p], values))
         self._nonzeros = np.array(J.row(), np.int32), np.array(J.sparsity().colind(), np.int32)
 
     def scale(self, p: Any) -> Any:
         """Return what one unit of each unknown is worth (size,), of parameters."""
         unit, scale = (p[self.parts[name]] for name in ("unit", "scale"))
-        return ca.vertcat(unit, ca.DM.ones(self.n_free - self.states.of.n_tendons + 1), scale)
+        return ca.vertcat(unit, ca.DM.ones(self.n_free - self.states.layout.n_tendons + 1), scale)
 
-    def numbers(self, at: System, forces: Array) -> Array:
+    def numbers(self, at: DiscreteRod, forces: Array) -> Array:
         """Return the numbers of the equations of an arm, by the forces (3, k) of responses [N]."""
         each = (number for block in self.places for number in block.numbers(at, forces))
         return np.concatenate([np.ravel(number, "F") for number in each])
 
-    def scales(self, at: System) -> tuple[Array, Array]:
+    def scales(self, at: DiscreteRod) -> tuple[Array, Array]:
         """Return what one unit of each unknown of the blocks, and each equation, is worth."""
         unknowns, rows = zip(*(block.scales(at) for block in self.places), strict=True)
         return np.concatenate(unknowns), np.concatenate(rows)

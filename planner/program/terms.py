@@ -16,8 +16,8 @@ from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.stiffness import stiffness
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.machine.functions import Buffered
-from octoplan.planner.extensions.avoidance.rows import Avoidance, AvoidanceStructure
+from octoplan.model.support.machine.functions import BufferedFunction
+from octoplan.planner.extensions.avoidance.rows import AvoidanceStructure, ClearanceConstraints
 from octoplan.planner.targets.base import Target, Terms, View
 
 HIGH_PRIORITY, LOW_PRIORITY = 1e2, 2e-4
@@ -64,7 +64,7 @@ class Targets:
         That every one of them lets pull.
     numbers : (n,)
         Their parameters, one after the other.
-    avoidance : Avoidance or None
+    avoidance : ClearanceConstraints or None
         The inequalities among them that keep the arm clear.
     """
 
@@ -75,7 +75,9 @@ class Targets:
         self.requests = tuple(filter(None, (target.compliance_request() for target in each)))
         self.tendons = every.intersection(*(target.tendons(arm) for target in each))
         self.numbers = np.concatenate([np.zeros(0), *(target.parameters(arm) for target in each)])
-        self.avoidance = next((target for target in each if isinstance(target, Avoidance)), None)
+        self.avoidance = next(
+            (target for target in each if isinstance(target, ClearanceConstraints)), None
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what travels by pickle: the targets, without the functions made of them."""
@@ -250,11 +252,11 @@ class TargetTerms:
         )
 
     @cached_property
-    def dense(self) -> Buffered:
+    def dense(self) -> BufferedFunction:
         """`function` of numbers, with its zeros."""
         arguments = self.function.mx_in()
         values = self.function.call(arguments, True, False)
-        return Buffered(ca.Function("terms", arguments, list(map(ca.densify, values))))
+        return BufferedFunction(ca.Function("terms", arguments, list(map(ca.densify, values))))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, TargetTerms) and self._key == other._key

@@ -21,7 +21,7 @@ from octoplan.model.arm import Arm
 from octoplan.model.effects import Extension
 from octoplan.model.forward import explicit_map
 from octoplan.model.paths import Array
-from octoplan.model.support.machine.functions import Mapped
+from octoplan.model.support.machine.functions import BatchFunction
 from octoplan.model.support.progress import check_time
 from octoplan.planner.program.problem import Candidate, units
 from octoplan.planner.program.program import factorised
@@ -215,7 +215,7 @@ def residuals_of(task: Task) -> Callable[[Array], Array]:
 
 
 @lru_cache(maxsize=16)
-def _residuals_of(terms: TargetTerms) -> Mapped:
+def _residuals_of(terms: TargetTerms) -> BatchFunction:
     """Return (poses (7 K,), target numbers) -> residuals (k,), as one list of instructions."""
     poses, numbers = (ca.MX.sym("given", *terms.function.size_in(i)) for i in range(2))
     wanted = ca.vertcat(ca.DM(0, 1), *(ca.vec(ca.DM.eye(each.width)) for each in terms.requests))
@@ -223,7 +223,7 @@ def _residuals_of(terms: TargetTerms) -> Mapped:
     gaps = ca.densify(ca.vertcat(equality, soft_residual, ca.fmin(inequality, 0)))
     function = ca.Function("gaps", [poses, numbers], [gaps])
     arguments = function.sx_in()
-    return Mapped(ca.Function("gaps", arguments, function.call(arguments), {"cse": True}))
+    return BatchFunction(ca.Function("gaps", arguments, function.call(arguments), {"cse": True}))
 
 
 def many_places(task: Task, tensions: Array) -> tuple[Array, Array]:

@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.paths import Array
-from octoplan.model.support.machine.functions import Buffered
+from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.model.support.progress import OutOfTime, check_time
 from octoplan.planner.program.problem import KKT_TOLERANCE, Bounds, Candidate, Problem, Solution
 from octoplan.planner.program.program import Program
@@ -175,7 +175,7 @@ def nlp_solver(
     derivatives: dict[str, ca.Function],
     purpose_options: Options,
     talks: bool = False,
-) -> Buffered:
+) -> BufferedFunction:
     """Return ipopt for a nonlinear program in symbols, with its own derivatives, and options.
 
     It takes x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0 and returns x, f, g, lam_x, lam_g, lam_p.
@@ -193,7 +193,7 @@ def nlp_solver(
         **derivatives,
         "ipopt": _QUIET | purpose_options | {"print_level": 5 if talks else 0},
     }
-    return Buffered(ca.nlpsol("ipopt", "ipopt", nlp, options))
+    return BufferedFunction(ca.nlpsol("ipopt", "ipopt", nlp, options))
 
 
 def relaxed(purpose: Purpose) -> float:
@@ -202,7 +202,7 @@ def relaxed(purpose: Purpose) -> float:
 
 
 @lru_cache(maxsize=32)
-def solver(of: Program, purpose: Purpose, mode: Mode, talks: bool = False) -> Buffered:
+def solver(of: Program, purpose: Purpose, mode: Mode, talks: bool = False) -> BufferedFunction:
     """Return ipopt for a program of a mode and a purpose, built once.
 
     The equalities, its first m rows, may be missed by `relaxed(purpose)` (t - c); unknowns are
@@ -273,7 +273,7 @@ def solve(
 
 
 def solved(
-    run: Buffered,
+    run: BufferedFunction,
     x: Array,
     p: Array,
     bounds: Bounds,

@@ -15,7 +15,7 @@ from itertools import islice
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.forward import REFINEMENTS
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
@@ -112,7 +112,7 @@ def _settled(task: Task, tensions: Array) -> Samples:
     taken = list[Array]()
     objectives = list[float]()
     for point in _points(problem, tensions):
-        if not isinstance(point, Linearised):
+        if not isinstance(point, Equilibrium):
             continue
         # Responses of an arm that buckles have no solution.
         with suppress(OctoplanError, np.linalg.LinAlgError):
@@ -126,7 +126,9 @@ def _settled(task: Task, tensions: Array) -> Samples:
     return Samples(task, len(tensions), found[order], np.array(objectives)[order])
 
 
-def _points(problem: Problem, tensions: Array, near: Sequence[Linearised] = ()) -> Iterator[object]:
+def _points(
+    problem: Problem, tensions: Array, near: Sequence[Equilibrium] = ()
+) -> Iterator[object]:
     """Yield the equilibrium under each of the tensions (m, n_tendons), or an error."""
     for k in range(0, len(tensions), _AT_ONCE):
         check_time()
@@ -147,7 +149,7 @@ def _tips(task: Task, tensions: Array) -> list[Array]:
     """Return the tip (3,) under each of the tensions (m, n_tendons), nan where none settles."""
     points = _points(Problem(task, task.coarse("nearest")), tensions)
     lost = np.full(3, np.nan)
-    return [point.poses[-1, 4:] if isinstance(point, Linearised) else lost for point in points]
+    return [point.poses[-1, 4:] if isinstance(point, Equilibrium) else lost for point in points]
 
 
 def fitted(task: Task, tensions: Array) -> tuple[Array, Array]:
@@ -178,7 +180,7 @@ class _Fit:
 
     Attributes
     ----------
-    point : Linearised
+    point : Equilibrium
         Its equilibrium.
     miss : float
         Norm of the weighted residuals; infinite without an equilibrium.
@@ -197,7 +199,7 @@ class _Fit:
     def accept(self, point: object) -> None:
         """Take a step that reduces the miss; otherwise increase the damping."""
         before = self.miss
-        if isinstance(point, Linearised):
+        if isinstance(point, Equilibrium):
             with suppress(OctoplanError, np.linalg.LinAlgError):
                 residuals, jacobian = _residuals(self._problem, point)
                 miss = float(np.linalg.norm(residuals))
@@ -226,7 +228,7 @@ class _Fit:
         return np.asarray(np.clip(z + step, low, high))
 
 
-def _residuals(problem: Problem, point: Linearised) -> tuple[Array, Array]:
+def _residuals(problem: Problem, point: Equilibrium) -> tuple[Array, Array]:
     """Return what the targets miss (k,), and its derivatives (k, n) by the scaled tensions."""
     program, x = problem.program, problem.closed(point.tensions, point.states)
     _, _, g, J = problem.program.evaluate(x, problem.parameters())

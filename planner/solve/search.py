@@ -212,7 +212,7 @@ class Reading:
         """Keep an optimum with those that are as stable as they have to be, or with the others."""
         x, margin = optimum.x, self.task.statement.margin
         if not any(_is_same(optimum, other) for other in self.optima):
-            stable = optimum.problem.stands(x, margin - COARSE * (margin > 0))
+            stable = optimum.problem.is_stable(x, margin - COARSE * (margin > 0))
             (self.met if stable else self.unstable).append(optimum)
 
     def _enough(self) -> bool:
@@ -288,7 +288,7 @@ class Reading:
                 check_time()
                 if not near.met:
                     return
-                if problem.stands(near.x, least - COARSE * least):
+                if problem.is_stable(near.x, least - COARSE * least):
                     yield near.f, near
                     return
 

@@ -16,7 +16,7 @@ from octoplan.model.paths import Array
 from octoplan.model.rotations import conjugate, matrix, multiply
 from octoplan.model.stiffness import Hold
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.machine.functions import built
+from octoplan.model.support.machine.functions import cached
 from octoplan.model.support.units import DISTANCE, warn_unusual
 
 # How the name of an inequality ends that is a share of what is wanted.
@@ -107,7 +107,7 @@ class View:
 
     def frame(self, s: float) -> ca.MX:
         """Return the frame (3, 3), columns t, n, b, at station s."""
-        return built(_frame)(self._poses[s][:4]) if s > 0 else self.base_frame
+        return cached(_frame)(self._poses[s][:4]) if s > 0 else self.base_frame
 
     def rotation_from(self, s: float, wanted: ca.MX) -> ca.MX:
         """Return 2 sin(a / 2) u (3,): rotation by a about u [rad] from a frame to that at s.
@@ -115,7 +115,7 @@ class View:
         The frame is given by its quaternion (4,); u has components along its columns. Smooth
         everywhere, of norm 2 at a = pi, and 0 where the frames are the same alone.
         """
-        return built(_rotation)(self._poses[s][:4], wanted)
+        return cached(_rotation)(self._poses[s][:4], wanted)
 
     @property
     def compliance(self) -> ca.MX:

@@ -14,7 +14,7 @@ from octoplan.model.paths import Array
 from octoplan.model.stiffness import Hold
 from octoplan.model.support.checks import finite_array, unit_vector
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.machine.functions import built
+from octoplan.model.support.machine.functions import cached
 from octoplan.model.support.quantities import Direction, Stiffness, Tension
 from octoplan.model.support.value import Rule, value
 from octoplan.planner.targets.base import OVER_WANTED, ComplianceRequest, Target, Terms, View
@@ -157,7 +157,7 @@ class MinimumStiffness(Target):
             return Terms(reciprocal={SHARE: view.compliance}, low_priority=frozenset({SHARE}))
         name = "stiffness above that wanted"
         return Terms(
-            inequality={name: built(_minors)(view.compliance)}, low_priority=frozenset({name})
+            inequality={name: cached(_minors)(view.compliance)}, low_priority=frozenset({name})
         )
 
 

@@ -114,7 +114,7 @@ class TipPose(_AtPlace):
     position : (3,)
         In the base frame [m].
     frame : (3, 3)
-        Columns t, n, b wanted at the tip.
+        VectorInterpreter t, n, b wanted at the tip.
     weights : (position, rotation)
         How much each counts where not both can be had: the sum of weights times squared residuals
         is made least, of distance over the arm's length and of 2 sin(a / 2), a being the angle of

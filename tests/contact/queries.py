@@ -41,7 +41,7 @@ class Query:
     tensions: Array
     obstacles: tuple[Obstacle, ...]
     rod: Rod
-    heaviness: Array
+    specific_weight: Array
     rubber: bool
 
 
@@ -96,8 +96,8 @@ def query(seed: int) -> Query:
         obstacles = _around(arm, free, int(rng.integers(1, 4)), rng)
         if obstacles:
             scene = Scene(*effects, *map(Contact, obstacles))
-            heaviness = np.array([0, 0, -G]) * (DENSITY - WATER) * heavy
-            return Query(arm, scene, T, obstacles, rod, heaviness, kind == "silicone")
+            specific_weight = np.array([0, 0, -G]) * (DENSITY - WATER) * heavy
+            return Query(arm, scene, T, obstacles, rod, specific_weight, kind == "silicone")
 
 
 def _around(arm: Arm, free, count: int, rng: np.random.Generator) -> tuple[Obstacle, ...]:  # type: ignore[no-untyped-def]
@@ -161,7 +161,7 @@ def imbalance(asked: Query, shape: Shape) -> float:
     cuts = cuts[(cuts < min(lying)) | (cuts > max(lying))] if lying else cuts
     at = cuts[:, None] + (L - cuts)[:, None] * (_GAUSS + 1) / 2
     spread = (L - cuts)[:, None] / 2 * _WEIGHTS * np.pi * np.asarray(rod.radius(at)) ** 2
-    weight = spread[:, :, None] * asked.heaviness
+    weight = spread[:, :, None] * asked.specific_weight
     line = shape.position(at.ravel()).reshape(*at.shape, 3)
     s = np.array([touch.s for touch in touches])
     loads = np.array([touch.force for touch in touches]).reshape(-1, 3)

@@ -11,7 +11,7 @@ from octoplan.model.extensions.obstacles import Box, Capsule
 from octoplan.planner import plan
 from octoplan.planner.extensions.contact.grasp import Grasp, grips_of
 from octoplan.planner.frontends.io.saved_files import load_plan
-from octoplan.planner.plan import HeldPlan
+from octoplan.planner.plan import ContactPlan
 from octoplan.planner.targets import Hold
 from octoplan.planner.targets.hold import WRENCH
 from tests.contact.cases import bar
@@ -37,13 +37,15 @@ def wrench(angle: float) -> tuple[float, ...]:
 
 
 @pytest.fixture(scope="module")
-def held() -> HeldPlan:
+def held() -> ContactPlan:
     p = plan(ARM, Hold(ROD, wrench(ASIDE), FRICTION), SCENE, 50.0, starts=1)
-    assert isinstance(p, HeldPlan)
+    assert isinstance(p, ContactPlan)
     return p
 
 
-def test_the_forces_on_the_object_balance_within_their_cones_by_numpy_alone(held: HeldPlan) -> None:
+def test_the_forces_on_the_object_balance_within_their_cones_by_numpy_alone(
+    held: ContactPlan,
+) -> None:
     assert held.reached, held.outcome
     [hold] = held.targets
     assert isinstance(hold, Hold)
@@ -61,22 +63,22 @@ def test_the_forces_on_the_object_balance_within_their_cones_by_numpy_alone(held
     assert held.certificate.complementarity < 1e-8
 
 
-def test_what_the_arm_presses_is_what_its_own_contacts_say(held: HeldPlan) -> None:
+def test_what_the_arm_presses_is_what_its_own_contacts_say(held: ContactPlan) -> None:
     for grip, touch in zip(held.grips, held.shape.contacts, strict=True):
         assert np.allclose(grip.normal, -touch.force, atol=1e-9)
 
 
-def test_a_hold_reads_as_other_plans_do(held: HeldPlan) -> None:
+def test_a_hold_reads_as_other_plans_do(held: ContactPlan) -> None:
     """It was printed as the fields of its object."""
     assert "tensions [N]" in str(held)
     assert held.outcome.split(":")[0] in str(held)
     assert "statement=" not in repr(held) + str(held)
 
 
-def test_a_hold_is_saved_and_loads_as_it_was(held: HeldPlan, tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_a_hold_is_saved_and_loads_as_it_was(held: ContactPlan, tmp_path) -> None:  # type: ignore[no-untyped-def]
     again = load_plan(held.save(tmp_path / "held.json"))
     assert again == held
-    assert isinstance(again, HeldPlan)
+    assert isinstance(again, ContactPlan)
     assert again.load_path == held.load_path
     assert again.reached
 
@@ -97,7 +99,7 @@ def test_a_hold_whose_friction_is_just_enough_is_an_optimum_at_the_edge_of_its_c
 
 
 def test_a_moment_that_no_force_at_a_point_has_is_left_over_a_tenth_of_the_arm(
-    held: HeldPlan,
+    held: ContactPlan,
 ) -> None:
     [grip] = held.grips
     force, center = -grip.normal - grip.tangential, np.array([0.2, 0.0, -0.04])

@@ -10,11 +10,11 @@ from scipy.optimize import root
 
 from octoplan.model import Arm, Scene, Shape, settle
 from octoplan.model.effects import Contact, Effect, ExactTendons, Extension, NeoHookean, TipLoad
-from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.extensions.contact.forward import TouchingMap
-from octoplan.model.extensions.contact.path import Touching
-from octoplan.model.extensions.contact.touches import Touches, forces, frictions, resultants
+from octoplan.model.extensions.contact.path import ContactEquilibrium
+from octoplan.model.extensions.contact.touches import ContactFlags, forces, frictions, resultants
 from octoplan.model.extensions.obstacles import Capsule, HalfSpace, Sphere
 from octoplan.model.loads import without_friction
 from octoplan.planner.extensions.contact.load_path import path_sensitivities
@@ -67,8 +67,8 @@ def cone(shape: Shape, mu: float) -> float:
     By NumPy: how far each place has slipped is told by the shape before the last step.
     """
     here = shape.equilibrium
-    assert isinstance(here, Touching) and here.before is not None
-    was = replace(shape, equilibrium=Touching(here.before.system, here.before.x))
+    assert isinstance(here, ContactEquilibrium) and here.before is not None
+    was = replace(shape, equilibrium=ContactEquilibrium(here.before.system, here.before.x))
     touches, L, off = shape.contacts, shape.arm.length, [0.0]
     most = max(float(np.linalg.norm(touch.force)) for touch in touches)
     for touch in touches:
@@ -197,7 +197,7 @@ def strip(refinement: int) -> Capstan:
     coarse = TouchingMap(arm, rough, 3, 1).solve(T, rest)
     here = TouchingMap(arm, rough, 3, refinement).solve(T, coarse)
     system, states = here.system, here.states
-    touches = Touches.of(system)
+    touches = ContactFlags.of(system)
     k = np.flatnonzero(touches.touching[:, 0])
     N, Q = resultants(system, states)[k, 0], frictions(system, states)[k, 0]
     assert np.linalg.norm(Q, axis=1) == pytest.approx(MU * N, rel=1e-9)
@@ -320,15 +320,15 @@ def test_a_place_that_slips_moves_with_tensions_as_all_of_its_way_does() -> None
     rough, smooth = (TouchingMap(arm, own, STAGES, 1) for own in (scene, without_friction(scene)))
     rest = smooth.solve(NONE)
 
-    def way(tensions: np.ndarray) -> Touching:
+    def way(tensions: np.ndarray) -> ContactEquilibrium:
         return rough.solve(tensions, rest, jumps=False)
 
-    def tip(here: Linearised) -> np.ndarray:
-        return here.states[here.system.of.nodes[-1, 4:7]]
+    def tip(here: Equilibrium) -> np.ndarray:
+        return here.states[here.system.layout.nodes[-1, 4:7]]
 
     here, h = way(T), 1e-5
     by_tensions = path_sensitivities(way(T).path)
     ends = [tip(way(T + sign * h * np.eye(4)[1])) for sign in (1, -1)]
     slope = (ends[0] - ends[1]) / (2 * h)
-    off = by_tensions[here.system.of.nodes[-1, 4:7], 1] - slope
+    off = by_tensions[here.system.layout.nodes[-1, 4:7], 1] - slope
     assert np.abs(off).max() < 1e-3 * np.abs(slope).max()

@@ -39,7 +39,7 @@ class Loads:
     moment: Array = field(default_factory=zeros)
     follower: bool = False
     points: tuple[tuple[float, Array], ...] = ()
-    heaviness: Array = field(default_factory=zeros)  # per volume of the body
+    specific_weight: Array = field(default_factory=zeros)  # per volume of the body
     velocity: Array = field(default_factory=zeros)
     drag: float = 1100.0  # density times coefficient
 
@@ -97,7 +97,7 @@ class LoadedRod:
         )
         v, t, r = self.loads.velocity, R[:, 0], float(self.rod.radius(s))
         across = v - t * (t @ v)
-        f = np.pi * r**2 * self.loads.heaviness
+        f = np.pi * r**2 * self.loads.specific_weight
         f = f + self.loads.drag * r * nu[0] * np.linalg.norm(across) * across
         u_rate = R @ nu
         return np.concatenate([u_rate, (R @ spin).ravel(), -share * f, -cross(u_rate, F)])

@@ -62,7 +62,11 @@ def scene_of(arm: Arm, rng: np.random.Generator) -> tuple[Scene, Loads, str]:
     kind = rng.choice(["none", "none", "water", "tip", "follower", "current"])
     if kind == "water":
         effects += [Weight((0.0, 0.0, -G)), Buoyancy(WATER)]
-        return Scene(*effects), Loads(heaviness=np.array([0, 0, -G]) * (DENSITY - WATER)), statics
+        return (
+            Scene(*effects),
+            Loads(specific_weight=np.array([0, 0, -G]) * (DENSITY - WATER)),
+            statics,
+        )
     if kind in ("tip", "follower"):
         effects.append(TipLoad(tuple(force.tolist()), follower=kind == "follower"))
         return Scene(*effects), Loads(force=force, follower=kind == "follower"), statics

@@ -24,7 +24,7 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
-from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.model.forward import Maps, maps_of
@@ -204,7 +204,7 @@ def test_guesses_may_come_from_different_meshes() -> None:
     near = [maps.on(1).solve(T[0]), None, maps.on(2).solve(T[2])]
     ends = maps.on(3).many(T, near)
     for row, end in zip(T, ends, strict=True):
-        assert isinstance(end, Linearised)
+        assert isinstance(end, Equilibrium)
         assert end.poses[-1] == pytest.approx(maps.on(3).solve(row).poses[-1], abs=1e-10)
 
 

@@ -21,7 +21,7 @@ from octoplan.model.effects import (
 )
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.verification import verified
-from octoplan.model.rod.system import System, system
+from octoplan.model.rod.system import DiscreteRod, system
 from tests.differences import Array, check_rows, fourth_order
 from tests.planner.cases import moderate
 
@@ -55,13 +55,13 @@ def test_the_error_of_the_tip_falls_with_twice_the_number_of_stages(name: str, s
         assert jacobian.max() < 2 * stages + 0.4
 
 
-def somewhere(here: System, seed: int) -> Array:
+def somewhere(here: DiscreteRod, seed: int) -> Array:
     """Unknowns of a bent arm off its equilibrium."""
-    rng, law = np.random.default_rng(seed), here.of.form.law
-    v = 3.0 * rng.normal(size=here.of.stages.shape)
+    rng, law = np.random.default_rng(seed), here.layout.form.law
+    v = 3.0 * rng.normal(size=here.layout.stages.shape)
     v[:, 3] = law.along_at_rest + 0.02 * v[:, 3]
     v[:, 4:] *= 0.02
-    T = rng.uniform(0.1, 0.5, here.of.n_tendons)
+    T = rng.uniform(0.1, 0.5, here.layout.n_tendons)
     states = here.start(T, v, 1.0)
     return here.x(T, 0.9, states * (1 + 1e-2 * rng.normal(size=states.size)))
 
@@ -72,11 +72,11 @@ def somewhere(here: System, seed: int) -> Array:
 def test_derivatives_of_the_equations_are_those_of_differences(name: str, scene: Scene) -> None:
     arm = Arm.from_paper(name)
     here = system(arm, scene, 2, 1)
-    of, x = here.of.equations, somewhere(here, 1)
+    of, x = here.layout.equations, somewhere(here, 1)
     rng = np.random.default_rng(2)
     # Ways in proportion to the unknowns, whose units differ; and the same for Hessians' rows.
     size = np.where(x == 0, 1e-3, np.abs(x))
-    way, lam = size * rng.normal(size=x.size), rng.normal(size=here.of.n_states)
+    way, lam = size * rng.normal(size=x.size), rng.normal(size=here.layout.n_states)
 
     def jacobian(x: Array) -> Array:
         nonzeros = of.jacobian.function(x, here.p)

@@ -18,7 +18,7 @@ from octoplan.model.shape import Shape
 from octoplan.planner import Plan, load_plan, plan
 from octoplan.planner.extensions.avoidance.around import line_of
 from octoplan.planner.extensions.avoidance.rows import avoiding, cubic, element_of, grid
-from octoplan.planner.extensions.avoidance.surroundings import Surroundings
+from octoplan.planner.extensions.avoidance.surroundings import Environment
 from octoplan.planner.frontends.io.scene_file import read
 from octoplan.planner.question import Limits, Statement
 from octoplan.planner.targets import BendingPlane, TipPosition
@@ -197,7 +197,7 @@ def test_places_are_read_off_the_stations_of_the_settled_arm() -> None:
     question = (ARM, (TARGET,), SCENE, Limits.of(ARM, 20.0), Statement(), 1e-6)
     line, shape = line_of(Task(*question), T), settle(ARM, T, SCENE, 1e-8)
     assert line is not None
-    avoidance, _ = avoiding(line, Surroundings(of_itself=True), None)
+    avoidance, _ = avoiding(line, Environment(of_itself=True), None)
     assert avoidance.rows
     for place in (row.place for row in avoidance.rows):
         k = element_of(ARM, place.s)

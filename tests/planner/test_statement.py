@@ -12,11 +12,11 @@ import pytest
 from octoplan.model import Arm, Material, Scene, conical
 from octoplan.model.effects import Extension, Weight
 from octoplan.model.extensions.obstacles import Box
-from octoplan.model.support.machine.functions import Buffered
+from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.planner import plan, trajectory
 from octoplan.planner.answer import sentence
 from octoplan.planner.certificate import Certificate
-from octoplan.planner.extensions.avoidance.rows import Avoidance
+from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints
 from octoplan.planner.program.program import Program
 from octoplan.planner.solve import ipopt
 from octoplan.planner.targets import BendingPlane, TipPosition
@@ -135,7 +135,10 @@ SENTENCES: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "stopped": ({"stopped": True}, "the nearest shape found is off in"),
     "no stable one": ({"unstable": True}, "the nearest shape found is off in"),
-    "around obstacles": ({"avoidance": Avoidance(())}, "the nearest shape found is off in"),
+    "around obstacles": (
+        {"avoidance": ClearanceConstraints(())},
+        "the nearest shape found is off in",
+    ),
 }
 
 
@@ -155,7 +158,7 @@ def test_what_is_not_reached_is_said_to_be_held_by_what_holds_it(
 class Rounding:
     """A solver that ends at an optimum by steps as small as rounding."""
 
-    def __init__(self, run: Buffered) -> None:
+    def __init__(self, run: BufferedFunction) -> None:
         self.run = run
 
     def __call__(self, *inputs: Any) -> Any:

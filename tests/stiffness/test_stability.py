@@ -20,8 +20,13 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
-from octoplan.model.equilibrium.linearised import Linearised
-from octoplan.model.equilibrium.stability import rest_stiffness, stability, stability_slope, stands
+from octoplan.model.equilibrium.linearised import Equilibrium
+from octoplan.model.equilibrium.stability import (
+    is_stable,
+    rest_stiffness,
+    stability,
+    stability_slope,
+)
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.model.rod.system import system
 from octoplan.planner import stiffness
@@ -116,10 +121,10 @@ def test_the_least_real_part_of_complex_eigenvalues_is_found() -> None:
     T = np.random.default_rng([9, 2]).uniform(size=12) * np.repeat([0.3, 2.5, 7.5], 4)
     point = settle(arm, T * (np.arange(12) % 3 == 0), scene, 1e-3).known
     assert point is not None
-    of, (_, stiff) = point.system.of, rest_stiffness(point.system)
+    of, (_, stiff) = point.system.layout, rest_stiffness(point.system)
     places, right = np.ravel(of.stages), np.zeros((of.n_states, stiff.size))
     right[places] = np.diag(stiff)
-    values = 1 / np.linalg.eigvals(Linearised(point.system, point.x).solve(right)[places])
+    values = 1 / np.linalg.eigvals(Equilibrium(point.system, point.x).solve(right)[places])
     assert stability(point) == pytest.approx(values.real.min(), rel=1e-6)
 
 
@@ -142,11 +147,11 @@ def own_weight(share: float) -> Weight:
     return Weight((-share * GREENHILL / per_g, 0.0, 0.0))
 
 
-def straight(*effects: Effect) -> Linearised:
+def straight(*effects: Effect) -> Equilibrium:
     """The straight column, which is in equilibrium under axial loads whether or not it stands."""
     here = system(COLUMN, Scene(*effects), 3, 4)
-    x = here.x(SLACK, 1.0, here.start(SLACK, np.zeros(here.of.stages.shape), 1.0))
-    return Linearised(here, x)
+    x = here.x(SLACK, 1.0, here.start(SLACK, np.zeros(here.layout.stages.shape), 1.0))
+    return Equilibrium(here, x)
 
 
 @pytest.mark.parametrize("load", [axial, own_weight], ids=["at the tip", "its own weight"])
@@ -166,7 +171,7 @@ def test_beyond_that_the_straight_column_does_not_stand(share: float, load: Any)
     here = straight(load(share))
     assert np.abs(here.system.residual(here.x)).max() < 1e-15
     assert stability(here) == pytest.approx(1 - share, abs=1e-6)
-    assert not stands(here)
+    assert not is_stable(here)
     with pytest.raises(SnapError, match="buckles") as caught:
         settle(COLUMN, SLACK, Scene(load(share)))
     assert caught.value.load_factor == pytest.approx(1 / share, abs=1e-3)
@@ -182,7 +187,7 @@ def test_at_rest_an_arm_is_as_stable_as_its_body(effects: tuple[Effect, ...]) ->
 def test_pulling_at_the_tip_makes_a_column_no_less_stable_and_so_does_what_follows_it() -> None:
     assert settle(COLUMN, SLACK, Scene(axial(-0.5))).stability == pytest.approx(1, abs=1e-9)
     follower = TipLoad((-3 * EULER, 0.0, 0.0), follower=True)
-    assert stands(straight(follower))
+    assert is_stable(straight(follower))
 
 
 @pytest.mark.parametrize("follows", [0.0, 0.2, 0.4])
@@ -196,7 +201,7 @@ def test_a_column_whose_load_follows_in_part_diverges_as_kordas_and_zyczkowski_h
     dead, follower = ((-part * share * critical, 0.0, 0.0) for part in (1 - follows, follows))
     here = straight(PointLoad(L, dead), TipLoad(follower, follower=True))
     assert stability(here) == pytest.approx(1 - share, abs=1e-5)
-    assert stands(here) == (share < 1)
+    assert is_stable(here) == (share < 1)
 
 
 @pytest.mark.quick("0.6-silicone")
@@ -215,7 +220,7 @@ def test_stability_under_followers_is_the_least_real_part_of_differences(
     shape = settle(Arm.from_paper("table-4"), T, scene, 1e-4)
     here = shape.known
     assert here is not None
-    of, steps = here.system.of, 1e-7 * np.eye(here.x.size)[here.system.of.first :]
+    of, steps = here.system.layout, 1e-7 * np.eye(here.x.size)[here.system.layout.first :]
     residual = here.system.residual
     J = [(residual(here.x + step) - residual(here.x - step)) / 2e-7 for step in steps]
     B = np.zeros(of.n_states)
@@ -230,4 +235,4 @@ def test_the_stability_of_an_arm_that_may_touch_something_is_the_least_of_severa
     far = Contact(Sphere((0.0, 1.0, 0.0), 0.1))
     for share in (0.5, 4.0, 12.0):
         assert stability(straight(axial(share), far)) == pytest.approx(1 - share, abs=1e-6)
-        assert stands(straight(axial(share), far)) == (share < 1)
+        assert is_stable(straight(axial(share), far)) == (share < 1)

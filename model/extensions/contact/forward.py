@@ -9,16 +9,16 @@ from functools import cached_property
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.equilibrium.linearised import Equilibrium, Linearised
+from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.extensions.contact.gaps import check_outside
-from octoplan.model.extensions.contact.path import Touching, follow, retraced
+from octoplan.model.extensions.contact.path import ContactEquilibrium, follow, retraced
 from octoplan.model.extensions.contact.sharp import Request, sharpened
 from octoplan.model.extensions.contact.touches import places_of
 from octoplan.model.loads import bodies_of, growth, places, without_friction
 from octoplan.model.mesh import Mesh, graded, landmarks
 from octoplan.model.paths import Array
-from octoplan.model.rod.system import System
+from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError, SnapError, UnsettledContactError
 
@@ -41,24 +41,24 @@ class TouchingMap(Collocation):
     ) -> None:
         base = mesh_with_contact(arm, scene, refinement, at)
         self._form = stages, refinement, at, machine_code
-        super().__init__(System(arm, scene, base, stages, True, machine_code))
-        self._rubs = self.system.of.form.contact_friction
+        super().__init__(DiscreteRod(arm, scene, base, stages, True, machine_code))
+        self._rubs = self.system.layout.form.contact_friction
         # Landmarks may be so near to each other that they are one node.
         self._fixed = base.s[
             sorted({base.node(s) for s in landmarks(arm, (*places(arm, scene), *at))})
         ]
         none = np.zeros(arm.n_tendons)
         x = self.system.x(none, 0.0, self.without_loads(none))
-        self._at_rest = Linearised(self.system, x)
+        self._at_rest = Equilibrium(self.system, x)
         check_outside(self.system, self._at_rest.states)
 
     def solve(
         self,
         tensions: Array,
-        near: Equilibrium | None = None,
+        near: AnyEquilibrium | None = None,
         looser: float = 1.0,
         jumps: bool = True,
-    ) -> Touching:
+    ) -> ContactEquilibrium:
         """Return the equilibrium that the arm comes to from another one or from rest.
 
         Friction acts against the steps from there, which are those on another mesh where tensions
@@ -67,36 +67,36 @@ class TouchingMap(Collocation):
         jump unless it may.
         """
         end = Request(self.system, self._fixed, tensions)
-        if not isinstance(near, Linearised):
+        if not isinstance(near, Equilibrium):
             if self._rubs:
                 free = self._contact_free(tensions)
                 return replace(self.solve(tensions, free), snaps=free.snaps)
             return follow(end, self._at_rest)
         stays = np.array_equal(tensions, near.tensions)
         if self._rubs:
-            past = near.path if stays and isinstance(near, Touching) else ()
+            past = near.path if stays and isinstance(near, ContactEquilibrium) else ()
             path = past or ((near, 0.0), (near, 1.0))
             begin = path[0][0]
             end = replace(end, before=begin)
             again = retraced(end, path) if stays else None
             return again or follow(end, begin, jumps)
         there = sharpened(end, near)
-        return follow(end, near, jumps) if there is None else Touching.of(there)
+        return follow(end, near, jumps) if there is None else ContactEquilibrium.of(there)
 
-    def led_to(self, at: Linearised, tensions: Array) -> Linearised | None:
+    def led_to(self, at: Equilibrium, tensions: Array) -> Equilibrium | None:
         """Return the equilibrium that another leads to, by load steps; None where it jumps."""
         with suppress(SnapError, UnsettledContactError):
             return self.solve(tensions, at, jumps=False)
         return None
 
-    def beside(self, at: Linearised, tensions: Array) -> Linearised | None:
+    def beside(self, at: Equilibrium, tensions: Array) -> Equilibrium | None:
         """Return the equilibrium under tensions near those of another; None where it is not near.
 
         Places move on, come and go from those of the other.
         """
         return sharpened(Request(self.system, self._fixed, tensions), at)
 
-    def _contact_free(self, tensions: Array) -> Touching:
+    def _contact_free(self, tensions: Array) -> ContactEquilibrium:
         """Return the equilibrium of an arm without friction that touches nothing; or InputError."""
         free = self.without_friction.solve(tensions)
         if places_of(free.system):

@@ -13,10 +13,10 @@ from octoplan.model.extensions.obstacles import distances
 from octoplan.model.loads import bodies_of, contacts
 from octoplan.model.paths import SAME, Array
 from octoplan.model.rod.collocation import gauss
-from octoplan.model.rod.system import System
+from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.rod.touch import gap_along
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.machine.functions import Mapped, built
+from octoplan.model.support.machine.functions import BatchFunction, cached
 
 # What a gap may be below 0, over the arm's length; of slopes, and over the largest of forces, what
 # is rounding.
@@ -26,25 +26,25 @@ THROUGH = SAME
 _SAMPLES, _AMONG = 6, 9
 
 
-def along(system: System, x: Array, s: Array, obstacles: Index) -> tuple[Array, Array]:
+def along(system: DiscreteRod, x: Array, s: Array, obstacles: Index) -> tuple[Array, Array]:
     """Return gap [m], gap' [-] and gap'' [1/m] (N, 3) at arc lengths s (N,), on their base side.
 
     Each of one of the obstacles (N,), by its number; and the midline's derivative (N, 3) there.
     """
-    of, mesh = system.of, system.mesh
+    of, mesh = system.layout, system.mesh
     poses, v = poses_and_strains(system, x, s)
     m, step = of.form.stages, np.clip(np.searchsorted(mesh.s, s) - 1, 0, mesh.steps - 1)
     h, p = np.diff(mesh.s)[step], np.arange(1, m)
     weights = p * ((s - mesh.s[step]) / h)[:, None] ** (p - 1) @ gauss(m).powers[1:] / h[:, None]
     stages = x[of.first + of.stages].reshape(-1, m, of.form.strains)[step]
     rate = np.einsum("km,kmn->kn", weights, stages)
-    call = built(Mapped, built(gap_along, of.form.law), of.form.machine_code)
+    call = cached(BatchFunction, cached(gap_along, of.form.law), of.form.machine_code)
     radii = np.array(system.arm.outer_radius(s)).T
     gaps, _, tangents = call(poses, v, rate, bodies_of(system.scene)[obstacles], radii)
     return gaps, tangents
 
 
-def gaps_along(system: System, states: Array, samples: int = _SAMPLES) -> tuple[Array, Array]:
+def gaps_along(system: DiscreteRod, states: Array, samples: int = _SAMPLES) -> tuple[Array, Array]:
     """Return arc lengths (n,) beyond the base, and the gaps there (n, K) [m].
 
     So many in each element, the last at its end.
@@ -55,13 +55,13 @@ def gaps_along(system: System, states: Array, samples: int = _SAMPLES) -> tuple[
     return s, distances(bodies_of(system.scene), points)[0] - radii[:, None]
 
 
-def least_gaps(system: System, x: Array, places: Places = ()) -> Places:
+def least_gaps(system: DiscreteRod, x: Array, places: Places = ()) -> Places:
     """Return where gaps are least, and below 0, by obstacle.
 
     But for `places`, where the arm touches already. Gaps change at most twice as fast as arc
     length, so that they may be below 0 beside samples which are nearer than that.
     """
-    s, gap = gaps_along(system, x[system.of.first :])
+    s, gap = gaps_along(system, x[system.layout.first :])
     apart, same, L = np.diff(s, prepend=0.0, append=s[-1]), SAME * s[-1], system.arm.length
     widest = np.maximum(apart[:-1], apart[1:])
     least = (gap <= minimum_filter1d(gap, 3, 0)) & (gap < widest[:, None])
@@ -81,7 +81,7 @@ def least_gaps(system: System, x: Array, places: Places = ()) -> Places:
     return tuple(Place(number, place, place) for number, place in sorted(set(lowest)))
 
 
-def check_outside(system: System, states: Array) -> None:
+def check_outside(system: DiscreteRod, states: Array) -> None:
     """Raise InputError where the arm at rest, with states (n_states,), is inside of an obstacle."""
     (s, gap), bodies = gaps_along(system, states), contacts(system.scene)
     inside, deepest = gap.min(axis=0) < -THROUGH * system.arm.length, gap.argmin(axis=0)

@@ -18,16 +18,16 @@ from typing import Any, TypeVar
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import carried_strains
 from octoplan.model.equilibrium.newton import Start, newton
-from octoplan.model.equilibrium.stability import stands, unstable_mode
+from octoplan.model.equilibrium.stability import is_stable, unstable_mode
 from octoplan.model.extensions.contact.gaps import gaps_along, least_gaps
 from octoplan.model.extensions.contact.sharp import Request, close, sharpened
 from octoplan.model.extensions.contact.touches import (
+    ContactFlags,
     Place,
     Places,
-    Touches,
     forces,
     places_of,
     read_off,
@@ -36,7 +36,7 @@ from octoplan.model.extensions.lengths.least_energy import LeastEnergy
 from octoplan.model.extensions.obstacles import distances
 from octoplan.model.loads import bodies_of, without_friction
 from octoplan.model.paths import Array
-from octoplan.model.rod.system import System
+from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.support.errors import SnapError, UnsettledContactError
 from octoplan.model.support.progress import check_time, tell
 
@@ -51,11 +51,11 @@ _ROUNDS = 3
 _ASIDE = 0.1
 T = TypeVar("T")
 # Equilibria on a load path, and the load factors at which they are: the first at 0.
-Path = Sequence[tuple[Linearised, float]]
+Path = Sequence[tuple[Equilibrium, float]]
 
 
 @dataclass(frozen=True, eq=False)
-class Touching(Linearised):
+class ContactEquilibrium(Equilibrium):
     """An equilibrium with contact, whose equations know what touches on their mesh.
 
     Attributes
@@ -70,7 +70,9 @@ class Touching(Linearised):
     path: Path = ()
 
     @classmethod
-    def of(cls, end: Linearised, snaps: tuple[float, ...] = (), path: Path = ()) -> Touching:
+    def of(
+        cls, end: Equilibrium, snaps: tuple[float, ...] = (), path: Path = ()
+    ) -> ContactEquilibrium:
         """Return an equilibrium that an arm came to like this."""
         return cls(
             end.system,
@@ -83,24 +85,24 @@ class Touching(Linearised):
         )
 
     @property
-    def before(self) -> Linearised | None:
+    def before(self) -> Equilibrium | None:
         """With friction the equilibrium before the last step: what has slipped since."""
         return self.path[-2][0] if self.path else None
 
     def __reduce__(self) -> tuple[Any, ...]:
         values = self.system, self.x, None, None, self.history, self.snaps, self.path[-2:]
-        return Touching, values
+        return ContactEquilibrium, values
 
 
-def follow(end: Request, near: Linearised, jumps: bool = True) -> Touching:
+def follow(end: Request, near: Equilibrium, jumps: bool = True) -> ContactEquilibrium:
     """Return where an arm comes to from an equilibrium, by all that lies between it and a request.
 
     Raises UnsettledContactError where none is found; unless it may jump, SnapError where it would.
     """
     snaps, rubs, base = list[float](), end.before is not None, end.base
-    begin, goal = near.x[: near.system.of.first], np.append(end.tensions, end.load)
+    begin, goal = near.x[: near.system.layout.first], np.append(end.tensions, end.load)
 
-    def solve(before: float, factor: float, near: Linearised, least: bool) -> Linearised | None:
+    def solve(before: float, factor: float, near: Equilibrium, least: bool) -> Equilibrium | None:
         x = begin + factor * (goal - begin)
         to = replace(end, tensions=x[:-1], load=float(x[-1]), before=near if rubs else None)
         there = sharpened(to, near) if rubs else _complementary(to, near) or _least_energy(to, near)
@@ -119,20 +121,20 @@ def follow(end: Request, near: Linearised, jumps: bool = True) -> Touching:
 
     if rubs:
         path = stepped(solve, near, _STEPS)
-        return Touching.of(path[-1][0], tuple(snaps), tuple(path))
-    strains = carried_strains(near.system, near.states[near.system.of.stages], base)
-    free = Linearised(base, np.append(begin, base.start(begin[:-1], strains, float(begin[-1]))))
+        return ContactEquilibrium.of(path[-1][0], tuple(snaps), tuple(path))
+    strains = carried_strains(near.system, near.states[near.system.layout.stages], base)
+    free = Equilibrium(base, np.append(begin, base.start(begin[:-1], strains, float(begin[-1]))))
     rough, _ = stepped(solve, free, _STEPS)[-1]
-    return Touching.of(_at_refined_places(end, rough), tuple(snaps))
+    return ContactEquilibrium.of(_at_refined_places(end, rough), tuple(snaps))
 
 
-def retraced(end: Request, path: Path) -> Touching | None:
+def retraced(end: Request, path: Path) -> ContactEquilibrium | None:
     """Return where an arm comes to by the steps of a path with friction on another mesh, or None.
 
     So meshes differ by their own errors alone, and not by those of steps of different lengths.
     """
     (begin, _), *others = path
-    x, goal = begin.x[: begin.system.of.first], np.append(end.tensions, end.load)
+    x, goal = begin.x[: begin.system.layout.first], np.append(end.tensions, end.load)
     anew = [path[0]]
     for near, factor in others:
         check_time()
@@ -142,7 +144,7 @@ def retraced(end: Request, path: Path) -> Touching | None:
         if there is None:
             return None
         anew.append((there, factor))
-    return Touching.of(anew[-1][0], (), tuple(anew))
+    return ContactEquilibrium.of(anew[-1][0], (), tuple(anew))
 
 
 def stepped(
@@ -168,7 +170,7 @@ def stepped(
     return path
 
 
-def _complementary(request: Request, near: Linearised) -> Linearised | None:
+def _complementary(request: Request, near: Equilibrium) -> Equilibrium | None:
     """Return the equilibrium with forces at nodes on the mesh of one near.
 
     None where Newton's method does not lead to one that is close and stable, or nodes go through an
@@ -176,7 +178,7 @@ def _complementary(request: Request, near: Linearised) -> Linearised | None:
     """
     to = request.tensions, request.load
     (there,) = newton(near.system, [Start(*to, near.states)], touching=_active_set)
-    if there is None or not (close(near, there) and stands(there)):
+    if there is None or not (close(near, there) and is_stable(there)):
         return None
     half = there.system.arm.outer_radius(there.mesh.s[1:])[0] / 2
     start, end = near.poses[1:, 4:], there.poses[1:, 4:]
@@ -186,37 +188,37 @@ def _complementary(request: Request, near: Linearised) -> Linearised | None:
     return None if (gaps < half).any() else there
 
 
-def _active_set(system: System, states: Array) -> System:
+def _active_set(system: DiscreteRod, states: Array) -> DiscreteRod:
     """Return equations with nodes that touch: those that press, and the deepest inside.
 
     So each of Newton's steps is to f >= 0, gap >= 0, f gap = 0 at the nodes.
     """
-    gap, touches = gaps_along(system, states, 1)[1], Touches.of(system)
+    gap, touches = gaps_along(system, states, 1)[1], ContactFlags.of(system)
     deepest = (gap < 0) & (gap <= minimum_filter1d(gap, 3, 0))
     presses = forces(system, states)[1:] > 0
     touches.held[1:] = np.where(touches.points[1:], presses, deepest)
     return touches.on(system)
 
 
-def _least_energy(request: Request, near: Linearised) -> Linearised | None:
+def _least_energy(request: Request, near: Equilibrium) -> Equilibrium | None:
     """Return the least energy with forces at nodes near an equilibrium on the mesh of a request.
 
     None where none is found.
     """
     program, system = LeastEnergy(request.base), request.base
-    strains = carried_strains(near.system, near.states[near.system.of.stages], system)
+    strains = carried_strains(near.system, near.states[near.system.layout.stages], system)
     to = request.tensions, request.load
     minimum = program.least(program.near(near.tensions, strains), *to, rounds=_ROUNDS)
     if minimum is None:
         return None
-    touches, states = Touches.of(system), program.states(minimum, request.load)
+    touches, states = ContactFlags.of(system), program.states(minimum, request.load)
     gaps, L = gaps_along(system, states, 1)[1], system.arm.length
     # Of an interior point, what touches has the larger force, and what does not the larger gap.
     touches.held[1:] = minimum.forces / program.force_unit > gaps / L
-    return Linearised(touches.on(system), system.x(minimum.tensions, request.load, states))
+    return Equilibrium(touches.on(system), system.x(minimum.tensions, request.load, states))
 
 
-def _at_refined_places(request: Request, rough: Linearised) -> Linearised:
+def _at_refined_places(request: Request, rough: Equilibrium) -> Equilibrium:
     """Return the stable equilibrium at refined places, near one with forces at nodes.
 
     Where none is found nodes that touch go to where the gap is least, others to where it is below 0
@@ -225,16 +227,16 @@ def _at_refined_places(request: Request, rough: Linearised) -> Linearised:
     for _ in range(EXCHANGES):
         check_time()
         # Nodes that touch beside another lie on the obstacle.
-        touching = Touches.of(rough.system).points
+        touching = ContactFlags.of(rough.system).points
         force = forces(rough.system, rough.states)
         end = sharpened(request, rough, read_off(rough.system, touching, touching, force))
         if end is not None:
             mode, rough = unstable_mode(end), end
             if mode is None:
                 return end
-            x, of = end.x.copy(), end.system.of
+            x, of = end.x.copy(), end.system.layout
             x[of.first + of.stages] += _ASIDE * mode
-            rough = Linearised(end.system, x)
+            rough = Equilibrium(end.system, x)
         base = request.on(_contact_nodes(rough))
         after = None if base is None else _least_energy(replace(request, base=base), rough)
         if after is None:
@@ -243,10 +245,10 @@ def _at_refined_places(request: Request, rough: Linearised) -> Linearised:
     raise UnsettledContactError(1.0, "where it touches is not found")
 
 
-def _contact_nodes(rough: Linearised) -> Places:
+def _contact_nodes(rough: Equilibrium) -> Places:
     """Return where nodes are wanted: those that touch, and where gaps are least and below 0."""
     s, least = rough.mesh.s, least_gaps(rough.system, rough.x)
-    touching = np.argwhere(Touches.of(rough.system).points)
+    touching = np.argwhere(ContactFlags.of(rough.system).points)
     widths = np.append(np.diff(s), 0.0)
     return least + tuple(
         Place(int(j), float(s[k]), float(s[k]))
@@ -258,11 +260,11 @@ def _contact_nodes(rough: Linearised) -> Places:
     )
 
 
-def _with_friction(request: Request, near: Linearised) -> Linearised:
+def _with_friction(request: Request, near: Equilibrium) -> Equilibrium:
     """Return the equilibrium with friction near that which the arm without it snaps to."""
-    base, form = request.base, request.base.of.form
+    base, form = request.base, request.base.layout.form
     scene = without_friction(base.scene)
-    base = System(base.arm, scene, base.mesh, form.stages, True, form.machine_code)
+    base = DiscreteRod(base.arm, scene, base.mesh, form.stages, True, form.machine_code)
     smooth = replace(request, base=base, before=None)
     rough = _least_energy(smooth, near)
     there = None if rough is None else sharpened(request, _at_refined_places(smooth, rough))

@@ -22,7 +22,7 @@ from octoplan.model.effects import PointLoad
 from octoplan.model.extensions.clearance.nearest import from_itself
 from octoplan.model.extensions.contact.gaps import THROUGH
 from octoplan.model.extensions.contact.path import EXCHANGES, stepped
-from octoplan.model.extensions.contact.touches import Touch
+from octoplan.model.extensions.contact.touches import ContactPoint
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
@@ -138,14 +138,14 @@ def pressed_on_itself(tensions: Array, scene: Scene, settle: Settle) -> Shape:
     return replace(shape, on_itself=tuple(sorted(touches, key=lambda touch: touch.s)))
 
 
-def _touches(shape: Shape, pair: Pair) -> Iterator[Touch]:
+def _touches(shape: Shape, pair: Pair) -> Iterator[ContactPoint]:
     """Yield where two cross-sections touch: each leans on the ball of the other."""
     gap = Gap.at(shape, pair.s)
     for k, sign in ((0, -1.0), (1, 1.0)):
         centre, radius, n = gap.points[1 - k], float(gap.radii[1 - k]), sign * gap.normal
         ball = Sphere(tuple(centre.tolist()), radius)
         place = centre + radius * n
-        yield Touch(ball, float(pair.s[k]), sign * pair.force, gap.size, place, n)
+        yield ContactPoint(ball, float(pair.s[k]), sign * pair.force, gap.size, place, n)
 
 
 def _step(tensions: Array, scene: Scene, settle: Settle, state: _State) -> _State | None:
@@ -233,7 +233,7 @@ def slips(shape: Shape, pairs: Sequence[Pair]) -> bool:
         across /= np.linalg.norm(across)
         near, far = (point.mesh.node(float(s)) for s in pair.s)
         push = point.system.by_wrench(point.x, far) - point.system.by_wrench(point.x, near)
-        change = -point.solve(push[:, :3] @ across)[point.system.of.nodes[:, 4:7]]
+        change = -point.solve(push[:, :3] @ across)[point.system.layout.nodes[:, 4:7]]
         compliance = float(across @ (change[far] - change[near]))
         rotates = float(pair.force @ gap.normal) * compliance
         if compliance < 0 or rotates > np.linalg.norm(gap.points[1] - gap.points[0]):

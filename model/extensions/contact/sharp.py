@@ -14,15 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from octoplan.model.effects import NeoHookean, Shear
-from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import carried_strains, predicted
 from octoplan.model.equilibrium.newton import FOLLOWED, STEPS_IN_CONTACT, Start, newton
 from octoplan.model.extensions.contact.gaps import THROUGH, along, least_gaps
 from octoplan.model.extensions.contact.touches import (
     BESIDE,
+    ContactFlags,
     Place,
     Places,
-    Touches,
     forces,
     kernel_numbers,
     mesh_with,
@@ -34,7 +34,7 @@ from octoplan.model.extensions.contact.touches import (
 from octoplan.model.extensions.obstacles.base import SIZE
 from octoplan.model.loads import contacts
 from octoplan.model.paths import SAME, Array
-from octoplan.model.rod.system import System
+from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.rod.touch import BEFORE
 from octoplan.model.support.checks import SMALLEST
 
@@ -51,31 +51,31 @@ class Request:
 
     Attributes
     ----------
-    base : System
+    base : DiscreteRod
         The equations on a mesh whose nodes may be moved to places.
     fixed : (n,)
         Arc lengths of nodes that stay [m].
     tensions : (n_tendons,)
     load : float
         Load factor.
-    before : Linearised or None
+    before : Equilibrium or None
         Where the arm was before, that friction acts against.
     """
 
-    base: System
+    base: DiscreteRod
     fixed: Array
     tensions: Array
     load: float = 1.0
-    before: Linearised | None = None
+    before: Equilibrium | None = None
 
-    def on(self, places: Places) -> System | None:
+    def on(self, places: Places) -> DiscreteRod | None:
         """Return the equations on a mesh with nodes at places; None where there is none."""
         base, mesh = self.base, mesh_with(self.base, self.fixed, places)
         if mesh is None:
             return None
-        form, pressed = base.of.form, any(place.lies for place in places)
+        form, pressed = base.layout.form, any(place.lies for place in places)
         structure = form.stages, True, form.machine_code, pressed
-        system = System(base.arm, base.scene, mesh, *structure)
+        system = DiscreteRod(base.arm, base.scene, mesh, *structure)
         if self.before is not None:
             were = self.before.at(mesh.s[1:])[0][:, 4:]
             kernel_numbers(system, "touch")[:, :, BEFORE] = were[:, None]
@@ -91,7 +91,7 @@ class Request:
         return (*(arm.anchorages if self.base.scene.has(NeoHookean) else ()), arm.length)
 
 
-def close(one: Linearised, other: Linearised, most: float = FOLLOWED) -> bool:
+def close(one: Equilibrium, other: Equilibrium, most: float = FOLLOWED) -> bool:
     """Return whether frames turn by less than most [rad] between equilibria, on any two meshes."""
     before, after = one.poses[:, :4], other.poses[:, :4]
     there = np.array([np.interp(other.mesh.s, one.mesh.s, column) for column in before.T]).T
@@ -100,8 +100,8 @@ def close(one: Linearised, other: Linearised, most: float = FOLLOWED) -> bool:
 
 
 def sharpened(
-    request: Request, near: Linearised, places: Places | None = None
-) -> Linearised | None:
+    request: Request, near: Equilibrium, places: Places | None = None
+) -> Equilibrium | None:
     """Return the equilibrium near one whose places are about right; None if there is none close.
 
     The places are those where it touches, moved as tensions change, unless others are given. Places
@@ -111,7 +111,7 @@ def sharpened(
     begin, last = near, None
     if places is None:
         x = near.system.x(request.tensions, request.load, predicted(near, request.tensions))
-        places = _correct_places(request, Linearised(near.system, x), places_of(near.system))
+        places = _correct_places(request, Equilibrium(near.system, x), places_of(near.system))
     for _ in range(STEPS_IN_CONTACT):
         point = _with_places(request, near, places)
         if point is None:
@@ -150,12 +150,12 @@ def _extrapolated(refined: Places, shift: Array, before: Array | None, most: flo
     )
 
 
-def _with_places(of: Request, near: Linearised, places: Places) -> Linearised | None:
+def _with_places(of: Request, near: Equilibrium, places: Places) -> Equilibrium | None:
     """Return the equilibrium that touches at given places, near another one."""
     system = of.on(places)
     if system is None:
         return None
-    mesh, touches, sheared = system.mesh, Touches.of(system), of.base.scene.has(Shear)
+    mesh, touches, sheared = system.mesh, ContactFlags.of(system), of.base.scene.has(Shear)
     for place in places:
         j, first, last = place.obstacle, mesh.node(place.start), mesh.node(place.end)
         # Parts of an arm that shears have no forces at their ends.
@@ -167,7 +167,7 @@ def _with_places(of: Request, near: Linearised, places: Places) -> Linearised | 
     return newton(system, [Start(of.tensions, of.load, states)], touching=_with_larger_radius)[0]
 
 
-def _with_larger_radius(system: System, states: Array) -> System:
+def _with_larger_radius(system: DiscreteRod, states: Array) -> DiscreteRod:
     """Return equations whose gaps are taken with the larger radius of both sides of each node.
 
     Friction at a point, and on a tapered arm what presses there, has a part along the arm: it lets
@@ -176,24 +176,26 @@ def _with_larger_radius(system: System, states: Array) -> System:
     if not system.scene.has(NeoHookean):
         return system
     result = copy.copy(system)
-    before, beyond = system.stretch_beside(states[system.of.stages])
+    before, beyond = system.stretch_beside(states[system.layout.stages])
     # The kernel divides by the root of the stretch before a node.
     wider = system.arm.outer_radius(system.mesh.s[1:])[0] * np.sqrt(np.maximum(before / beyond, 1))
     kernel_numbers(result, "touch")[:, :, SIZE] = wider[:, None]
     return result
 
 
-def _gap_at(point: Linearised, s: float, obstacle: int) -> tuple[float, float, float]:
+def _gap_at(point: Equilibrium, s: float, obstacle: int) -> tuple[float, float, float]:
     """Return gap [m], gap' [-] and gap'' [1/m] of an obstacle at an arc length [m]."""
     ((gap, slope, curve),), _ = along(point.system, point.x, np.array([s]), np.array([obstacle]))
     return float(gap), float(slope), float(curve)
 
 
-def _initial_states(of: Request, near: Linearised, system: System, touches: Touches) -> Array:
+def _initial_states(
+    of: Request, near: Equilibrium, system: DiscreteRod, touches: ContactFlags
+) -> Array:
     """Return states to begin with on another mesh: forces are those of the nodes nearest."""
     before, states = near.system, predicted(near, of.tensions)
-    strains = carried_strains(before, states[before.of.stages], system)
-    apart, now, were = np.abs(before.mesh.s[:, None] - system.mesh.s), system.of, before.of
+    strains = carried_strains(before, states[before.layout.stages], system)
+    apart, now, were = np.abs(before.mesh.s[:, None] - system.mesh.s), system.layout, before.layout
     pressed = np.zeros(touches.held.shape)
     np.add.at(pressed, apart.argmin(axis=1), resultants(before, states))
     carried = system.start(of.tensions, strains, of.load, pressed[1:])
@@ -205,14 +207,14 @@ def _initial_states(of: Request, near: Linearised, system: System, touches: Touc
     return carried
 
 
-def _correct_places(of: Request, point: Linearised, places: Places) -> Places:
+def _correct_places(of: Request, point: Equilibrium, places: Places) -> Places:
     """Return the places where an equilibrium says that they start and end, in order."""
     return tuple(
         sorted(Place(place.obstacle, *_correct_place(of, point, place)) for place in places)
     )
 
 
-def _correct_place(of: Request, point: Linearised, place: Place) -> tuple[float, float]:
+def _correct_place(of: Request, point: Equilibrium, place: Place) -> tuple[float, float]:
     """Return where an equilibrium says that a place starts and ends; a short part is a point."""
     _, start, end = place
     if not place.lies:
@@ -226,7 +228,7 @@ def _correct_place(of: Request, point: Linearised, place: Place) -> tuple[float,
     return start, end
 
 
-def _point_shift(of: Request, point: Linearised, place: Place) -> float:
+def _point_shift(of: Request, point: Equilibrium, place: Place) -> float:
     """Return how far on the gap is least, up to the next corner."""
     system, s, j = point.system, place.start, place.obstacle
     node, h = system.mesh.node(s), float(np.diff(system.mesh.s).max())
@@ -239,7 +241,7 @@ def _point_shift(of: Request, point: Linearised, place: Place) -> float:
     return passed[0] if passed else shift
 
 
-def _end_shift(of: Request, point: Linearised, place: Place, side: int) -> float:
+def _end_shift(of: Request, point: Equilibrium, place: Place, side: int) -> float:
     """Return how far on an end of a part is.
 
     There gap'' of the free arm beyond is 0; with friction that inside of the part, which changes
@@ -264,9 +266,9 @@ def _end_shift(of: Request, point: Linearised, place: Place, side: int) -> float
     return -side * float(np.sign(f)) * min(abs(f / rate) if rate else h, most)
 
 
-def _exchange_places(of: Request, point: Linearised, places: Places, settled: bool) -> Places:
+def _exchange_places(of: Request, point: Equilibrium, places: Places, settled: bool) -> Places:
     """Return the places after some came or went; the same if none did."""
-    system, states, touches = point.system, point.states, Touches.of(point.system)
+    system, states, touches = point.system, point.states, ContactFlags.of(point.system)
     force, pressed = forces(system, states), resultants(system, states)
     least = np.where(touches.held, np.minimum(force, pressed), pressed)
     presses = touches.touching & (least >= -THROUGH * pressed.max(initial=0.0))
@@ -278,7 +280,7 @@ def _exchange_places(of: Request, point: Linearised, places: Places, settled: bo
     return tuple(sorted([*kept, *new]))
 
 
-def _part_about_point(of: Request, point: Linearised, place: Place) -> Place:
+def _part_about_point(of: Request, point: Equilibrium, place: Place) -> Place:
     """Return a part in place of a point about which the arm bends into the obstacle.
 
     A force at a point bends an arm that shears by an angle there: a part is about as long as it

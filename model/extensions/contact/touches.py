@@ -13,12 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.extensions.obstacles.base import Convex, pair_distances
 from octoplan.model.loads import bodies_of, contacts
 from octoplan.model.mesh import Mesh, with_nodes
 from octoplan.model.paths import Array, Mask
-from octoplan.model.rod.system import System
+from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.rod.touch import FLAGS
 from octoplan.model.rotations import matrices
 from octoplan.model.support.checks import SMALLEST
@@ -50,7 +50,7 @@ class Place(NamedTuple):
 Places = tuple[Place, ...]
 
 
-class Touches:
+class ContactFlags:
     """How nodes touch obstacles, as the kernels read it; where all is 0 the arm is free.
 
     Attributes
@@ -71,7 +71,7 @@ class Touches:
         self.held, self.pressing, self.moves, self.lies = np.moveaxis(flags, 2, 0)
 
     @classmethod
-    def of(cls, system: System) -> Touches:
+    def of(cls, system: DiscreteRod) -> ContactFlags:
         """Return those that are set on a system."""
         return cls(np.pad(kernel_numbers(system, "touch")[..., FLAGS], ((1, 0), (0, 0), (0, 0))))
 
@@ -85,40 +85,40 @@ class Touches:
         """Whether nodes touch (N + 1, K)."""
         return np.asarray(self.held + self.pressing > 0)
 
-    def on(self, system: System) -> System:
+    def on(self, system: DiscreteRod) -> DiscreteRod:
         """Return a system with these touches set."""
         changed = copy.copy(system)
         kernel_numbers(changed, "touch")[..., FLAGS] = self.flags[1:]
-        if system.of.form.pressed:
+        if system.layout.form.pressed:
             kernel_numbers(changed, "pressure")[:, :, -1] = self.lies[:-1]
         return changed
 
 
-def kernel_numbers(system: System, kernel: str) -> Array:
+def kernel_numbers(system: DiscreteRod, kernel: str) -> Array:
     """Return the numbers (N, K, n) of a kernel of contact, as a view of those of a system."""
-    numbers = system.p[system.of.equations.numbers_of(kernel)]
-    return numbers.reshape(system.of.elements, system.of.form.contacts, -1)
+    numbers = system.p[system.layout.equations.numbers_of(kernel)]
+    return numbers.reshape(system.layout.elements, system.layout.form.contacts, -1)
 
 
-def forces(system: System, states: Array) -> Array:
+def forces(system: DiscreteRod, states: Array) -> Array:
     """Return the contact force of each node on each obstacle (N + 1, K) [N]."""
-    return np.asarray(states[system.of.touches[:, :, 0]])
+    return np.asarray(states[system.layout.touches[:, :, 0]])
 
 
-def second(system: System, states: Array) -> Array:
+def second(system: DiscreteRod, states: Array) -> Array:
     """Return the second unknown of each node and obstacle (N + 1, K): pressure [N/m], or a shift.
 
     The shift [m] is how far on along the arm a point touches.
     """
-    return np.asarray(states[system.of.touches[:, :, 1]])
+    return np.asarray(states[system.layout.touches[:, :, 1]])
 
 
-def resultants(system: System, states: Array) -> Array:
+def resultants(system: DiscreteRod, states: Array) -> Array:
     """Return the forces with which obstacles press at the nodes (N + 1, K) [N].
 
     Of a pressure that is linear between nodes what falls to each by the lever rule.
     """
-    touches = Touches.of(system)
+    touches = ContactFlags.of(system)
     p, thirds = second(system, states) * touches.pressing, np.diff(system.mesh.s)[:, None] / 3
     total = forces(system, states) * touches.held
     total[:-1] += thirds * touches.lies[:-1] * (p[:-1] + p[1:] / 2)
@@ -126,12 +126,12 @@ def resultants(system: System, states: Array) -> Array:
     return np.asarray(total)
 
 
-def frictions(system: System, states: Array) -> Array:
+def frictions(system: DiscreteRod, states: Array) -> Array:
     """Return the friction at each node from each obstacle (N + 1, K, 3) [N], 0 without any.
 
     Of the traction between nodes as much falls to each as of the pressure.
     """
-    of, touches = system.of, Touches.of(system)
+    of, touches = system.layout, ContactFlags.of(system)
     if not of.form.contact_friction:
         return np.zeros((of.elements + 1, of.form.contacts, 3))
     p = second(system, states) * touches.pressing
@@ -142,7 +142,7 @@ def frictions(system: System, states: Array) -> Array:
     return np.asarray(states[of.friction_forces] + length[:, :, None] * tau)
 
 
-def mesh_with(base: System, fixed: Array, places: Places) -> Mesh | None:
+def mesh_with(base: DiscreteRod, fixed: Array, places: Places) -> Mesh | None:
     """Return the mesh of equations with its nodes moved so that some are at places.
 
     Nodes at `fixed` arc lengths (n,) stay; points that are very near to each other share one. Parts
@@ -167,13 +167,13 @@ def mesh_with(base: System, fixed: Array, places: Places) -> Mesh | None:
         nodes = np.interp(np.arange(2 * nodes.size - 1) / 2, np.arange(nodes.size), nodes)
 
 
-def places_of(system: System) -> Places:
+def places_of(system: DiscreteRod) -> Places:
     """Return the places that are set on a system."""
-    touches = Touches.of(system)
+    touches = ContactFlags.of(system)
     return read_off(system, touches.touching, touches.lies > 0, touches.held)
 
 
-def read_off(system: System, touching: Mask, joined: Mask, force: Array) -> Places:
+def read_off(system: DiscreteRod, touching: Mask, joined: Mask, force: Array) -> Places:
     """Return the places of nodes (N + 1, K) that touch, with their forces, in order.
 
     Three and more in a row, joined by the elements on their tip side, are a part that lies.
@@ -191,7 +191,7 @@ def read_off(system: System, touching: Mask, joined: Mask, force: Array) -> Plac
 
 
 @dataclass(frozen=True, eq=False)
-class Touch:
+class ContactPoint:
     """A place where an arm leans on an obstacle.
 
     Where a part of the arm lies on one there is a touch at each node of it: forces at its ends, and
@@ -232,26 +232,26 @@ class Touch:
     slip: Array = field(default_factory=lambda: np.zeros(3))
 
 
-def touches_of(point: Linearised, before: Linearised | None = None) -> tuple[Touch, ...]:
+def touches_of(point: Equilibrium, before: Equilibrium | None = None) -> tuple[ContactPoint, ...]:
     """Return what an arm leans on in an equilibrium, from base to tip.
 
     With friction of contacts it slipped since the equilibrium before.
     """
     system, states = point.system, point.states
-    touches, bodies = Touches.of(system), contacts(system.scene)
+    touches, bodies = ContactFlags.of(system), contacts(system.scene)
     nodes, numbers = np.nonzero(touches.touching)
     if not nodes.size:
         return ()
     s, places = system.mesh.s[nodes], system.poses(states)[nodes, 4:]
     distance, normals = pair_distances(bodies_of(system.scene)[numbers], places)
-    gaps = distance - system.outer_radii(states[system.of.stages])[nodes - 1]
+    gaps = distance - system.outer_radii(states[system.layout.stages])[nodes - 1]
     slipped = 0 * places if before is None else places - before.at(s)[0][:, 4:]
     slipped -= (slipped * normals).sum(axis=1, keepdims=True) * normals
     rubbed = frictions(system, states)[nodes, numbers]
     force = resultants(system, states)[nodes, numbers, None] * normals + rubbed
     pressure = (second(system, states) * touches.pressing)[nodes, numbers]
     return tuple(
-        Touch(
+        ContactPoint(
             bodies[j].obstacle,
             float(s[i]),
             force[i],

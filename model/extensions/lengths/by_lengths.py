@@ -20,7 +20,7 @@ from typing import TypeVar
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.equilibrium.linearised import Equilibrium, Linearised
+from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation, carried_strains
 from octoplan.model.equilibrium.newton import CLOSE, STAGES, Start, newton
 from octoplan.model.extensions.contact.forward import TouchingMap
@@ -29,7 +29,7 @@ from octoplan.model.extensions.lengths.shortest import SHORT, refuse, unknown_le
 from octoplan.model.forward import ForwardMap, Maps
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import SAME, Array
-from octoplan.model.rod.system import System, system
+from octoplan.model.rod.system import DiscreteRod, system
 from octoplan.model.support.errors import (
     CollapsedError,
     SnapError,
@@ -49,7 +49,7 @@ _STEPS, _LAST, _SQUARE = 30, 1e-6, 0.1
 _LEAST_STEP = 1 / 64
 
 # An equilibrium under tensions whose lengths, and how these change with tensions, are known.
-_At = TypeVar("_At", Linearised, Lengths)
+_At = TypeVar("_At", Equilibrium, Lengths)
 
 
 def tightened(
@@ -147,7 +147,7 @@ class GivenLengths:
     winches: Winches
     near: Array | None = None
 
-    def on(self, forward: ForwardMap, near: Equilibrium | None) -> Equilibrium:
+    def on(self, forward: ForwardMap, near: AnyEquilibrium | None) -> AnyEquilibrium:
         """Return the equilibrium on the mesh of a forward map, near that of another if given.
 
         Raises InputError where no shape has the lengths.
@@ -161,21 +161,21 @@ class GivenLengths:
             raise unknown_least(self.maps.arm, self.winches)
         return result
 
-    def finished(self, forward: ForwardMap, end: Equilibrium) -> Equilibrium:
+    def finished(self, forward: ForwardMap, end: AnyEquilibrium) -> AnyEquilibrium:
         """Return an accepted equilibrium with tensions to rounding, itself where none are found."""
-        if not (isinstance(end, Linearised) and is_loaded(self.maps.scene)):
+        if not (isinstance(end, Equilibrium) and is_loaded(self.maps.scene)):
             return end
         assert isinstance(forward, Collocation)
         return tightened(end, self.winches, forward.led_to, self.maps.arm) or end
 
     def _initial_equilibria(
-        self, forward: Collocation, near: Equilibrium | None
-    ) -> Iterator[Linearised | None]:
+        self, forward: Collocation, near: AnyEquilibrium | None
+    ) -> Iterator[Equilibrium | None]:
         """Yield equilibria to begin with: near that of another mesh, at the tensions of the least
         energy, at those that no winch holds.
         """
         winches, touching = self.winches, isinstance(forward, TouchingMap)
-        if isinstance(near, Linearised):
+        if isinstance(near, Equilibrium):
             T = np.where(winches.held, near.tensions, winches.tensions)
             if touching:
                 yield forward.solve(T, near)
@@ -228,7 +228,7 @@ class GivenLengths:
             raise crushed[-1] if crushed else unknown_least(arm, winches)
         return result.tensions
 
-    def _least_energy(self) -> Iterator[tuple[System, Array, Array]]:
+    def _least_energy(self) -> Iterator[tuple[DiscreteRod, Array, Array]]:
         """Yield tensions [N] and strains of the least energy from rest, on a coarse mesh.
 
         Tensions (n_tendons,) of slack tendons are 0; strains are at the stages of the system.

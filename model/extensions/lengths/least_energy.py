@@ -36,11 +36,11 @@ from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.element import Form
 from octoplan.model.rod.energy import held_rows, potential_energy
-from octoplan.model.rod.equations import Sum
+from octoplan.model.rod.equations import AssembledValue
 from octoplan.model.rod.layout import POSE, Layout, layout
-from octoplan.model.rod.system import System
+from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.stations import base_pose, body_numbers, stations, tendon_paths
-from octoplan.model.support.machine.functions import Buffered
+from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.model.winches import Winches, least_compliance
 
 LOG = logging.getLogger(__name__)
@@ -88,7 +88,7 @@ class LeastEnergy:
 
     Attributes
     ----------
-    system : System
+    system : DiscreteRod
         The equations of equilibrium on the same mesh.
     of : Layout
         Of the states of the program, poses and strains.
@@ -98,14 +98,14 @@ class LeastEnergy:
         What bends the arm, E J / L^2 of its base [N].
     """
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: DiscreteRod) -> None:
         self.system, arm, scene, mesh = system, system.arm, system.scene, system.mesh
-        form, m, L = system.of.form, system.of.form.stages, arm.length
+        form, m, L = system.layout.form, system.layout.form.stages, arm.length
         law = form.law
         if not isinstance(law, EnergySection):
             law = ExactSection(law.extension, law.torsion, law.shear, law.curved)
-        self.of = of = layout(
-            Form(law, m, loaded=False), system.of.ends, mesh.steps, system.of.levers
+        self.layout = of = layout(
+            Form(law, m, loaded=False), system.layout.ends, mesh.steps, system.layout.levers
         )
         self.conservative = law == form.law and is_conservative(scene)
         self.force_unit = F = arm.bending_force
@@ -128,37 +128,37 @@ class LeastEnergy:
 
     def at_rest(self) -> Minimum:
         """Return the arm without tensions and loads, to begin with."""
-        law, v = self.of.form.law, np.zeros((self.system.s.size, self.of.form.strains))
+        law, v = self.layout.form.law, np.zeros((self.system.s.size, self.layout.form.strains))
         i = 2 + law.torsion
         v[:, i : i + 1] = law.along_at_rest
         if law.curved:
             v[:, i - 2 : i] = self._body[-2:].T / self.system.arm.length
-        return self._at(v, np.zeros(self.of.n_tendons))
+        return self._at(v, np.zeros(self.layout.n_tendons))
 
     def near(self, tensions: Array, strains: Array) -> Minimum:
         """Return where to begin near strains of the equations' law (N stages, strains)."""
-        law, values = self.of.form.law, self.system.of.form.law
+        law, values = self.layout.form.law, self.system.layout.form.law
         return self._at(
             strains if law == values else strains_of(law, reported(values, strains)), tensions
         )
 
     def _at(self, v: Array, tensions: Array) -> Minimum:
         """Return where to begin at strains of the energy's law (N stages, strains)."""
-        x = np.zeros(self.of.n_states)
-        x[self.of.stages], x[self.of.nodes] = v, self.system.marched(self._of_system(v))
+        x = np.zeros(self.layout.n_states)
+        x[self.layout.stages], x[self.layout.nodes] = v, self.system.marched(self._of_system(v))
         forces = np.zeros((self.system.mesh.steps, len(self._bodies)))
         return Minimum(np.append(x / self._unit, 0 * tensions), tensions, forces, 0 * v)
 
     def _states(self, point: Minimum) -> Array:
         """Return the states of the program (n_states,) in SI units."""
-        return point.x[: self.of.n_states] * self._unit
+        return point.x[: self.layout.n_states] * self._unit
 
     def strains(self, point: Minimum) -> Array:
         """Return the strains of the equations' law (N stages, strains)."""
-        return self._of_system(self._states(point)[self.of.stages])
+        return self._of_system(self._states(point)[self.layout.stages])
 
     def _of_system(self, v: Array) -> Array:
-        law, values = self.of.form.law, self.system.of.form.law
+        law, values = self.layout.form.law, self.system.layout.form.law
         return v if law == values else strains_of(values, reported(law, v))
 
     def states(self, point: Minimum, load: float = 1.0) -> Array:
@@ -171,7 +171,7 @@ class LeastEnergy:
 
     def nodes(self, point: Minimum) -> Array:
         """Return the poses at the nodes (N + 1, 7)."""
-        return self._states(point)[self.of.nodes]
+        return self._states(point)[self.layout.nodes]
 
     def least(
         self,
@@ -195,7 +195,7 @@ class LeastEnergy:
                 self.system.x(after.tensions, load, self.states(after, load))
             )
             turned = np.abs(self.nodes(after)[:, :4] - self.nodes(point)[:, :4]).max()
-            forces = after.nonconservative + residual[self.system.of.stages]
+            forces = after.nonconservative + residual[self.system.layout.stages]
             point = replace(after, nonconservative=forces)
             if turned < _STAYS:
                 break
@@ -208,7 +208,7 @@ class LeastEnergy:
         load: float,
         winches: Winches | None,
     ) -> Minimum | None:
-        of, F, L, K = self.of, self.force_unit, self.system.arm.length, len(self._bodies)
+        of, F, L, K = self.layout, self.force_unit, self.system.arm.length, len(self._bodies)
         n, nT, poses, inf = of.n_states, of.n_tendons, POSE * of.elements, np.inf
         held = np.zeros(nT, dtype=bool) if winches is None else winches.held
         # Antagonists that lengths do not determine would pull each other without bound.
@@ -249,7 +249,7 @@ class LeastEnergy:
 
 
 @lru_cache(maxsize=32)
-def _solver(of: Layout, obstacles: int) -> Buffered:
+def _solver(of: Layout, obstacles: int) -> BufferedFunction:
     """Return ipopt for a structure, numbers left open.
 
     It takes x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0; p are the numbers of energy and rows.
@@ -261,7 +261,7 @@ def _solver(of: Layout, obstacles: int) -> Buffered:
     sigma, pf, pg = ca.MX.sym("sigma"), p[: f.n_p], p[f.n_p :]
     value, held = f.value.function(z, pf), g.value.function(z, pg)
 
-    def matrix(of: Sum, *value: ca.MX) -> ca.MX:
+    def matrix(of: AssembledValue, *value: ca.MX) -> ca.MX:
         return ca.MX(of.places, of.function(*value))
 
     # With derivatives come values, which by themselves take less.
@@ -290,6 +290,6 @@ def _solver(of: Layout, obstacles: int) -> Buffered:
         ),
         "ipopt": _IPOPT,
     }
-    return Buffered(
+    return BufferedFunction(
         ca.nlpsol("least_energy", "ipopt", {"x": z, "p": p, "f": value, "g": held}, options)
     )

@@ -28,7 +28,7 @@ from octoplan.model.paths import Array
 from octoplan.model.rotations import norm
 from octoplan.model.support.checks import SUCH, kind, numbers
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.machine.functions import Mapped, built
+from octoplan.model.support.machine.functions import BatchFunction, cached
 
 # Center (3,), axes (3, 3) column by column, half sizes (3,), layer, 1 for a half-space else 0.
 SIZE = 17
@@ -142,7 +142,7 @@ def pair_distances(bodies: Array, points: Array) -> tuple[Array, Array]:
 
     Fewer bodies are taken again and again.
     """
-    distance, gradient = built(Mapped, signed_distance())(points, bodies)
+    distance, gradient = cached(BatchFunction, signed_distance())(points, bodies)
     return distance.ravel(), gradient
 
 

@@ -73,7 +73,7 @@ class Box(Convex):
     size : (3,)
         Lengths of its edges [m].
     frame : (3, 3)
-        Columns are the directions of the edges; those of the coordinates unless given.
+        VectorInterpreter are the directions of the edges; those of the coordinates unless given.
     """
 
     center: Place

@@ -31,7 +31,7 @@ LANES, _AT_ONCE = 8, 2048
 FEW = 192
 
 
-def built(make: Callable[..., K], *of: Any) -> K:
+def cached(make: Callable[..., K], *of: Any) -> K:
     """Return what is made of a structure, made once for all arms and meshes that have it."""
     result: K = _build_once(make, *of)
     return result
@@ -42,7 +42,7 @@ def _build_once(make: Callable[..., Any], *of: Any) -> Any:
     return make(*of)
 
 
-class Buffered:
+class BufferedFunction:
     """A function of dense vectors, with dense results, that may be called from any thread."""
 
     def __init__(self, function: ca.Function) -> None:
@@ -88,12 +88,12 @@ class Buffered:
         return arguments, whole, run, buffer
 
 
-class Mapped:
+class BatchFunction:
     """A function of dense vectors for many sets of arguments, from any thread; rows are sets.
 
     Few are taken by CasADi's maps, of which the last ones are kept; many, and all with
-    `machine_code`, by Columns where these know all operations. The first argument has all rows;
-    others may have fewer, which are taken again and again.
+    `machine_code`, by VectorInterpreter where these know all operations. The first argument has all
+    rows; others may have fewer, which are taken again and again.
     """
 
     def __init__(self, function: ca.Function, machine_code: bool = False) -> None:
@@ -115,14 +115,14 @@ class Mapped:
         return self._sized(count)(*[v.ravel() for v in rows])
 
     @cached_property
-    def columns(self) -> Columns | None:
+    def columns(self) -> VectorInterpreter | None:
         """The function of arguments (n_in, N) with results (n_out, N), of scalar operations."""
         if unknown(self._function):
             return None
-        return Columns(self._function, self._machine_code)
+        return VectorInterpreter(self._function, self._machine_code)
 
-    def _for_size(self, size: int) -> Buffered:
-        return Buffered(self._function if size == 1 else self._function.map(size))
+    def _for_size(self, size: int) -> BufferedFunction:
+        return BufferedFunction(self._function if size == 1 else self._function.map(size))
 
 
 class Operation(NamedTuple):
@@ -183,7 +183,7 @@ def instructions(function: ca.Function) -> list[Instruction]:
     return lines
 
 
-class Columns:
+class VectorInterpreter:
     """An SX function of many sets of arguments, by NumPy or C, from any thread; columns are sets.
 
     Arguments are (n_in, N), or (n_in, 1) where all sets have the same; results are (n_out, N). Of

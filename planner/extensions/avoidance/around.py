@@ -25,8 +25,8 @@ from octoplan.model.paths import Array
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OutOfTime, tell
 from octoplan.planner.extensions.avoidance.lines import Lines
-from octoplan.planner.extensions.avoidance.rows import Avoidance, avoiding, grid
-from octoplan.planner.extensions.avoidance.surroundings import Surroundings
+from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints, avoiding, grid
+from octoplan.planner.extensions.avoidance.surroundings import Environment
 from octoplan.planner.program.problem import Candidate
 from octoplan.planner.question import Mode
 from octoplan.planner.solve.guesses import drawn_arms
@@ -58,10 +58,10 @@ def _lines_of(task: Task) -> Lines:
     return Lines(task.arm, task.scene, refinement, at, task.machine_code)
 
 
-class Around:
+class ObstacleSearch:
     """A planning question with surroundings; `searched` tells whether all guesses were tried."""
 
-    def __init__(self, task: Task, surroundings: Surroundings) -> None:
+    def __init__(self, task: Task, surroundings: Environment) -> None:
         self.task, self.surroundings = task, surroundings
         self.trials, self.searched, self.sampled = list[Trial](), False, 0
         self._lines = _lines_of(task)
@@ -170,7 +170,7 @@ class Around:
 
     def _exchange(self, T: Array, mode: Mode) -> tuple[float, SearchResult] | None:
         """Return the plan that keeps clear to which tensions lead, with its objective."""
-        avoidance: Avoidance | None = None
+        avoidance: ClearanceConstraints | None = None
         optimum: Candidate | None = None
         task, line, objectives = self.task, self._lines(T), list[float]()
         for _ in range(CORRECTIONS):

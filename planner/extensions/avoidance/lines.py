@@ -14,10 +14,10 @@ from octoplan.model.centreline import Centreline, Counts
 from octoplan.model.cross_section import cross_section_of
 from octoplan.model.cross_section.sections import Sections, strains_of
 from octoplan.model.effects import PrintedStatics
-from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import STAGES, Start, newton
-from octoplan.model.equilibrium.stability import stands
+from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.extensions.clearance.pieces import Spread
 from octoplan.model.forward import explicit_map
 from octoplan.model.loads import is_loaded
@@ -76,7 +76,7 @@ class Lines:
         if not self.loaded:
             return tendon_lengths(self.arm, self.scene, self._machine_code)(tensions).lengths
         point = self._equilibrium(tensions)
-        if point is None or not stands(point):
+        if point is None or not is_stable(point):
             return np.full(self.arm.n_tendons, np.nan)
         return point.lengths
 
@@ -87,7 +87,7 @@ class Lines:
         law = cross_section_of(self.scene, self.arm.is_curved, twisted=False)
         return Sections(self.arm, self.scene, law, at, active)
 
-    def _equilibrium(self, tensions: Array) -> Linearised | None:
+    def _equilibrium(self, tensions: Array) -> Equilibrium | None:
         """Return the equilibrium under tensions (n_tendons,), None where none is found.
 
         Near those under the two nearest tensions, in proportion between these, and from rest where

@@ -28,8 +28,8 @@ from octoplan.model.rod.equations import Equations, Term
 from octoplan.model.rod.kernels import Kernel
 from octoplan.model.rod.layout import POSE
 from octoplan.model.rotations import matrices, matrix
-from octoplan.model.support.machine.functions import built
-from octoplan.planner.extensions.avoidance.surroundings import Surroundings
+from octoplan.model.support.machine.functions import cached
+from octoplan.planner.extensions.avoidance.surroundings import Environment
 from octoplan.planner.targets.base import Target
 
 # Slots of an element come so many at a time, and every element has some: that makes one program of
@@ -67,7 +67,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Apart:
+class ClearanceRow:
     """A place that keeps a distance from a convex body, or from another place.
 
     Attributes
@@ -110,7 +110,7 @@ class AvoidanceStructure:
         """Return the distances of the places beyond those to keep [m], from poses at stations.
 
         Unknowns are the poses (7,) of the base and at the stations; numbers are those of
-        `Avoidance.parameters`.
+        `ClearanceConstraints.parameters`.
         """
         at = {0.0: 0} | {s: 1 + k for k, s in enumerate(stations)}
         poses = POSE * np.array([at[s] for s in self.nodes])[:, None] + np.arange(POSE)
@@ -119,18 +119,18 @@ class AvoidanceStructure:
         pairs = np.array(self.pairs, dtype=np.int64).reshape(-1, 2)
         rows = np.arange(slots.size + len(pairs))[None, :]
         terms = [
-            Term(built(_from_body), both[slots].T, rows[:, : slots.size]),
-            Term(built(_from_place), np.hstack(list(both[pairs.T])).T, rows[:, slots.size :]),
+            Term(cached(_from_body), both[slots].T, rows[:, : slots.size]),
+            Term(cached(_from_place), np.hstack(list(both[pairs.T])).T, rows[:, slots.size :]),
         ]
         # CasADi cannot differentiate compiled kernels.
         return Equations(POSE * (1 + len(stations)), rows.size, terms, machine_code=False)
 
 
 @dataclass(frozen=True)
-class Avoidance(Target):
+class ClearanceConstraints(Target):
     """The inequalities of a plan, stated as a target of inequalities that never yield."""
 
-    rows: tuple[Apart, ...]
+    rows: tuple[ClearanceRow, ...]
 
     def beside(self, targets: tuple[Target, ...]) -> tuple[Target, ...]:
         """Return targets and these inequalities, if there are any."""
@@ -220,8 +220,8 @@ def _point(poses: ca.SX, numbers: ca.SX) -> ca.SX:
 
 
 def avoiding(
-    line: Centreline, surroundings: Surroundings, before: Avoidance | None
-) -> tuple[Avoidance, float]:
+    line: Centreline, surroundings: Environment, before: ClearanceConstraints | None
+) -> tuple[ClearanceConstraints, float]:
     """Return inequalities where an arm is near, and those from before elsewhere; the least gap [m].
 
     At first also where an arm that touches nothing is not so near.
@@ -236,10 +236,10 @@ def avoiding(
         pair = row.place.s, other, row.is_part
         if not row.is_part and not any(_is_same(line, pair, another) for another in pairs):
             pairs.append(pair)
-    return Avoidance(tuple(_row(line, surroundings, *pair) for pair in pairs)), least
+    return ClearanceConstraints(tuple(_row(line, surroundings, *pair) for pair in pairs)), least
 
 
-def _minima(line: Centreline, surroundings: Surroundings) -> Iterator[tuple[float, Pair]]:
+def _minima(line: Centreline, surroundings: Environment) -> Iterator[tuple[float, Pair]]:
     """Yield gaps [m] where an arm is nearest to something not far off, and what is there."""
     s, bodies = np.linspace(0.0, line.arm.length, _POINTS), list(surroundings.obstacles)
     (points, radius), turned = line.at(s), line.turned(s)
@@ -285,18 +285,18 @@ def _is_same(line: Centreline, one: Pair, two: Pair) -> bool:
 
 def _row(
     line: Centreline,
-    surroundings: Surroundings,
+    surroundings: Environment,
     s: float,
     other: float | tuple[float, ...],
     is_part: bool,
-) -> Apart:
+) -> ClearanceRow:
     """Return the inequality of a place and a body, or of two places."""
     place, radius = _place(line, s)
     keep = radius + surroundings.clearance + surroundings.spare(line.arm)
     if isinstance(other, tuple):
-        return Apart(place, other, keep, is_part)
+        return ClearanceRow(place, other, keep, is_part)
     second, other_radius = _place(line, other)
-    return Apart(place, second, keep + other_radius)
+    return ClearanceRow(place, second, keep + other_radius)
 
 
 def _place(line: Centreline, s: float) -> tuple[Place, float]:

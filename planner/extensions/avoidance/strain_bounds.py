@@ -35,7 +35,7 @@ from octoplan.model.cross_section.law import CrossSection, body_size
 from octoplan.model.cross_section.sections import Sections
 from octoplan.model.extensions.clearance.pieces import Spread
 from octoplan.model.paths import SAME, Array, Mask
-from octoplan.model.support.machine.functions import built, instructions
+from octoplan.model.support.machine.functions import cached, instructions
 
 # The box around both ends, over their distance.
 _AROUND = 0.4
@@ -79,7 +79,7 @@ def estimated(ends: Array, halfway: Array, length: float) -> Spread:
 def _rates(sections: Sections, T: Array, box: Array) -> Array:
     """Return bounds (2, P, N, n) of dy/dt over boxes of that shape; NaN where D may be singular."""
     _, P, N, n = box.shape
-    body, tendon = built(_functions, sections.law)
+    body, tendon = cached(_functions, sections.law)
     used = np.flatnonzero(np.asarray(T.any(axis=(0, 1)))[sections.tendon])
     place, pulls = sections.place[used], T[:, :, sections.tendon[used]]
     at_tendons = box[:, :, place].reshape(2, -1, n), np.tile(sections.paths[:, used].T, (1, P, 1))

@@ -24,7 +24,7 @@ _SPARE = (1e-4, 2e-2)
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class Environment:
     """What an arm is to keep clear of.
 
     Attributes
@@ -46,7 +46,7 @@ class Surroundings:
     def __bool__(self) -> bool:
         return bool(self.obstacles) or self.of_itself or bool(self.moving)
 
-    def at(self, t: float) -> Surroundings:
+    def at(self, t: float) -> Environment:
         """Return the surroundings at a time [s], where nothing moves."""
         placed = tuple(obstacle.at(t) for obstacle in self.moving)
         return replace(self, obstacles=self.obstacles + placed, moving=())
@@ -84,7 +84,7 @@ class Surroundings:
         return "" if keeps else str(min(gaps.values(), key=lambda clear: clear.gap))
 
 
-NOTHING = Surroundings()
+NOTHING = Environment()
 
 
 def surroundings(
@@ -94,7 +94,7 @@ def surroundings(
     clearance: Any,
     of_itself: bool,
     in_time: bool = False,
-) -> Surroundings:
+) -> Environment:
     """Return what was asked, checked; of a motion, which goes on `in_time`, obstacles may move.
 
     Raises InputError for what is no obstacle, a negative clearance, obstacles that hold the base or
@@ -105,7 +105,7 @@ def surroundings(
     still = check_obstacles([one for one in value if one not in moving] if moving else obstacles)
     if not isinstance(of_itself, bool | np.bool_):
         raise InputError("self_clearance", of_itself, "True or False")
-    checked = Surroundings(still, not_negative("clearance", clearance), bool(of_itself), moving)
+    checked = Environment(still, not_negative("clearance", clearance), bool(of_itself), moving)
     if checked.clearance and not checked:
         allowed = "0, or obstacles to be clear of, or self_clearance=True"
         raise InputError("clearance", clearance, allowed)

@@ -13,7 +13,7 @@ from scipy.linalg import block_diag
 from scipy.sparse import csc_array
 
 from octoplan.model.arm import Arm
-from octoplan.model.extensions.contact.touches import Touch
+from octoplan.model.extensions.contact.touches import ContactPoint
 from octoplan.model.extensions.obstacles.base import Convex
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
@@ -67,7 +67,7 @@ class Grasp:
     most: Array
 
     @classmethod
-    def of(cls, arm: Arm, contacts: Iterable[Touch], hold: Hold) -> Grasp:
+    def of(cls, arm: Arm, contacts: Iterable[ContactPoint], hold: Hold) -> Grasp:
         """Return that of what a settled arm leans on."""
         touches = [touch for touch in contacts if touch.obstacle == hold.obstacle]
         points, normals, forces = (

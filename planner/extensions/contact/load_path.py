@@ -17,10 +17,10 @@ import numpy as np
 import scipy
 
 from octoplan.model.arm import Arm
-from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.extensions.contact.gaps import along
 from octoplan.model.extensions.contact.path import Path
-from octoplan.model.extensions.contact.touches import Touches
+from octoplan.model.extensions.contact.touches import ContactFlags
 from octoplan.model.loads import contacts, without_friction
 from octoplan.model.paths import Array
 from octoplan.model.rod.touch import BEFORE
@@ -104,7 +104,7 @@ def _at_the_end(
 def path_sensitivities(path: Path) -> Array:
     """Return dx/dT (n_states, n_tendons) at the end of a load path, by all of it."""
     (before, _), *steps = path
-    sensitivity = np.zeros((before.system.of.n_states, before.system.of.n_tendons))
+    sensitivity = np.zeros((before.system.layout.n_states, before.system.layout.n_tendons))
     for point, factor in steps:
         by_step = factor * point.by_tensions
         sensitivity = by_step + _by_history(before, sensitivity, point, by_step)
@@ -112,18 +112,18 @@ def path_sensitivities(path: Path) -> Array:
     return sensitivity
 
 
-def _by_history(before: Linearised, earlier: Array, point: Linearised, by_step: Array) -> Array:
+def _by_history(before: Equilibrium, earlier: Array, point: Equilibrium, by_step: Array) -> Array:
     """Return what dx/dT (n_states, n_tendons) has by where the arm was before.
 
     With dx/dT `earlier` there, and `by_step` by the tensions alone. A point that moves along the
     arm looks back to another station of it, by the angle between the arm's tangents then and now.
     """
-    system, touches = point.system, Touches.of(point.system)
-    of, s, n = system.of, system.mesh.s, system.of.n_tendons
+    system, touches = point.system, ContactFlags.of(point.system)
+    of, s, n = system.layout, system.mesh.s, system.layout.n_tendons
     k, j = np.nonzero(touches.points)
     # Where nodes were, by the tensions and by how far points move along the arm.
     were = np.zeros((s.size, 3, n + k.size))
-    nodes = before.system.of.nodes[:, 4:7]
+    nodes = before.system.layout.nodes[:, 4:7]
     were[:, :, :n] = scipy.interpolate.make_interp_spline(before.mesh.s, earlier[nodes])(s)
     if k.size:
         now, then = (along(at.system, at.x, s[k], j)[1] for at in (point, before))

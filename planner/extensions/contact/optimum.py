@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import BFGS
 
-from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OutOfTime, check_time
@@ -32,7 +32,7 @@ class ContactOptimum:
 
     Attributes
     ----------
-    point : Linearised
+    point : Equilibrium
         The equilibrium.
     violation : float
         The norm of the violations; 0 where all are met.
@@ -46,7 +46,7 @@ class ContactOptimum:
         The tensions by which it was come to, without those it begins with and its own.
     """
 
-    point: Linearised
+    point: Equilibrium
     violation: float
     residual: float
     lam_x: tuple[float, ...]
@@ -65,7 +65,7 @@ class ContactOptimum:
 
 
 def optimum(
-    program: TensionProgram, begin: Linearised, start: Array | None = None
+    program: TensionProgram, begin: Equilibrium, start: Array | None = None
 ) -> ContactOptimum:
     """Return the optimum that a program leads to from an equilibrium, or from other tensions.
 

@@ -22,11 +22,11 @@ from functools import cached_property
 import clarabel
 import numpy as np
 
-from octoplan.model.equilibrium.linearised import Linearised, check_stretch
+from octoplan.model.equilibrium.linearised import Equilibrium, check_stretch
 from octoplan.model.equilibrium.newton import STAGES
-from octoplan.model.equilibrium.stability import stability, stands
+from octoplan.model.equilibrium.stability import is_stable, stability
 from octoplan.model.extensions.contact.forward import TouchingMap
-from octoplan.model.extensions.contact.touches import Touches, forces, resultants, second
+from octoplan.model.extensions.contact.touches import ContactFlags, forces, resultants, second
 from octoplan.model.loads import contacts
 from octoplan.model.paths import Array
 from octoplan.model.rod.layout import POSE
@@ -48,7 +48,7 @@ class Constraints:
 
     Attributes
     ----------
-    point : Linearised
+    point : Equilibrium
     tensions : (n,)
         Scaled.
     room : (2, n)
@@ -64,7 +64,7 @@ class Constraints:
         Forces on objects at which they are linearised, along the bases of the grasp.
     """
 
-    point: Linearised
+    point: Equilibrium
     tensions: Array
     room: Array
     equal: Array
@@ -146,7 +146,7 @@ class TensionProgram:
         Of tensions [N].
     least : float
         The stability that shapes are held to; none with 0.
-    begin : Linearised or None
+    begin : Equilibrium or None
         With friction the end of the load path, where the arm begins.
     """
 
@@ -163,7 +163,7 @@ class TensionProgram:
         self._counts = self._terms.count, len(self._terms.names[2])
         self.begin = self.along(load_path) if rubs(task.scene) else None
 
-    def settled(self, tensions: Array, near: Linearised | None = None) -> Linearised:
+    def settled(self, tensions: Array, near: Equilibrium | None = None) -> Equilibrium:
         """Return the equilibrium from rest, or next to another; raises what settling does."""
         point = self.map.solve(tensions) if near is None else self.map.beside(near, tensions)
         if point is None:
@@ -171,22 +171,24 @@ class TensionProgram:
         check_stretch(point)
         return point
 
-    def along(self, load_path: LoadPath) -> Linearised:
+    def along(self, load_path: LoadPath) -> Equilibrium:
         """Return the equilibrium at the end of a load path; raises what settling does.
 
         Friction acts beyond the first tensions.
         """
         first, *others = (np.array(T) for T in load_path)
-        point: Linearised = self.map.without_friction.solve(first)
+        point: Equilibrium = self.map.without_friction.solve(first)
         for T in others:
             check_time()
             point = self.settled(T, point)
         return point
 
-    def at(self, tensions: Array, near: Linearised, tangential: Array | None = None) -> Constraints:
+    def at(
+        self, tensions: Array, near: Equilibrium, tangential: Array | None = None
+    ) -> Constraints:
         """Return the constraints at scaled tensions, next to an equilibrium; raises as settling.
 
-        Linearised at tangential forces, or the best ones where others touch, or none are given.
+        Equilibrium at tangential forces, or the best ones where others touch, or none are given.
         """
         allowed = self.task.allowed
         lower, upper = np.array(allowed.lower), np.array(allowed.upper)
@@ -210,7 +212,7 @@ class TensionProgram:
             f = grasp.best
         return Constraints(point, tensions, room, equal, unequal, grasp, grasped[:, 1:], f)
 
-    def _equilibrium_near(self, tensions: Array, near: Linearised) -> tuple[Linearised, Array]:
+    def _equilibrium_near(self, tensions: Array, near: Equilibrium) -> tuple[Equilibrium, Array]:
         """Return the equilibrium next to another, and its states' derivatives by the tensions.
 
         These are (n_states, n_tendons). With friction it is come to in a straight line of tensions
@@ -221,21 +223,21 @@ class TensionProgram:
             end = self.map.solve(tensions, self.begin, jumps=False)
             return end, path_sensitivities(end.path)
         point = self.settled(tensions, near)
-        touches, force = Touches.of(point.system), forces(point.system, point.states)
+        touches, force = ContactFlags.of(point.system), forces(point.system, point.states)
         light = touches.points & (force <= _STEP * self.unit)
         touches.flags[light] = 0
-        released = Linearised(touches.on(point.system), point.x) if light.any() else point
+        released = Equilibrium(touches.on(point.system), point.x) if light.any() else point
         return point, released.by_tensions
 
-    def _residuals(self, point: Linearised) -> Callable[[Array], tuple[Grasp, Array]]:
+    def _residuals(self, point: Equilibrium) -> Callable[[Array], tuple[Grasp, Array]]:
         """Return what is measured next to an equilibrium, as a function of changes of its states.
 
         That is the grasp, and numbers: residuals, inequalities of the targets, those of the grasp.
         Raises UnsettledContactError where the arm does not touch what it holds.
         """
         system, arm = point.system, self.task.arm
-        nodes = system.of.nodes[[system.mesh.node(s) for s in self._stations], :POSE]
-        touches, bodies = Touches.of(system), contacts(system.scene)
+        nodes = system.layout.nodes[[system.mesh.node(s) for s in self._stations], :POSE]
+        touches, bodies = ContactFlags.of(system), contacts(system.scene)
         which, step = np.nonzero(touches.touching), _STEP * arm.length
         s = system.mesh.s[which[0]]
         before, after = np.split(point.at(np.append(s - step, s))[0][:, 4:], 2)
@@ -265,13 +267,13 @@ class TensionProgram:
 
         return at
 
-    def _margin(self, point: Linearised, tensions: Array) -> Array:
+    def _margin(self, point: Equilibrium, tensions: Array) -> Array:
         """Return stability beyond what it is held to, and its derivatives by differences.
 
         Places move with the tensions. Far beyond it no numbers count. Raises SnapError where the
         arm is unstable.
         """
-        if stands(point, 2 * self.least):
+        if is_stable(point, 2 * self.least):
             return np.append(1.0, np.zeros(self.n))
         beyond = stability(point) - self.least
         if beyond < -self.least:

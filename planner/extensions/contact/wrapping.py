@@ -16,7 +16,7 @@ from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.progress import OutOfTime
 from octoplan.planner.answer import Answer
-from octoplan.planner.extensions.avoidance.surroundings import Surroundings
+from octoplan.planner.extensions.avoidance.surroundings import Environment
 from octoplan.planner.extensions.contact.remarks import LOOKS, turned
 from octoplan.planner.targets.base import Target
 from octoplan.planner.targets.hold import Hold
@@ -42,7 +42,7 @@ def beside(targets: Iterable[Target], scene: Scene) -> tuple[Obstacle, ...]:
     return free
 
 
-def beside_contacts(task: Task) -> tuple[Task, Surroundings] | None:
+def beside_contacts(task: Task) -> tuple[Task, Environment] | None:
     """Return the task of an arm that keeps clear of what it may lean on, and that as surroundings.
 
     None where nothing says that the arm lies along something, or where something is to be held.
@@ -51,7 +51,7 @@ def beside_contacts(task: Task) -> tuple[Task, Surroundings] | None:
     if Wrap not in kinds or Hold in kinds:
         return None
     bodies = tuple(contact.obstacle for contact in contacts(task.scene))
-    return replace(task, scene=without_contacts(task.scene)), Surroundings(bodies)
+    return replace(task, scene=without_contacts(task.scene)), Environment(bodies)
 
 
 def open_wrap(targets: Iterable[Target]) -> Wrap | None:

@@ -23,7 +23,7 @@ from octoplan.model import InputError
 from octoplan.model.paths import Array
 from octoplan.model.support.checks import finite_array, kind
 from octoplan.model.support.progress import reported
-from octoplan.model.support.text import Told
+from octoplan.model.support.text import TextRepr
 from octoplan.planner.extensions.fit.fitted import Fitted, checked_level
 from octoplan.planner.extensions.fit.identifiability import UNIFORM
 from octoplan.planner.extensions.fit.least_squares import fit
@@ -169,7 +169,7 @@ class Candidate(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class Calibration(Told, Fitted):
+class Calibration(TextRepr, Fitted):
     """A calibrated arm; see Fitted for what it holds."""
 
     def predict(

@@ -24,7 +24,7 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.paths import Array
-from octoplan.model.rod.system import System
+from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.progress import check_time
@@ -101,7 +101,7 @@ class DesignProgram:
             self.weights = [of.effort_unit**2 / self.worth for of in self.problems]
         self.K = len(parameters.unknowns)
 
-    def system(self, i: int, arm: Arm, scene: Scene) -> System:
+    def system(self, i: int, arm: Arm, scene: Scene) -> DiscreteRod:
         """Return the equations of a task's arm, on nodes that move along with it."""
         of = self.problems[i].forward.system
         ends = (Together(each, self.tasks[i]).stations for each in (of.arm, arm))

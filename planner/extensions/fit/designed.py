@@ -10,7 +10,7 @@ import numpy as np
 from octoplan.model import Arm, InputError, Scene, settle
 from octoplan.model.paths import Array
 from octoplan.model.stiffness import stiffness
-from octoplan.model.support.text import Told, counted
+from octoplan.model.support.text import TextRepr, counted
 from octoplan.planner.extensions.fit.design_program import DesignProgram
 from octoplan.planner.extensions.fit.making import Making, Objective, Reach
 from octoplan.planner.extensions.fit.unknowns import AT_BOUND, WORSE, Parameters, Unknown
@@ -19,7 +19,7 @@ from octoplan.planner.targets import Softest, Stiffest
 
 
 @dataclass(frozen=True, repr=False)
-class Design(Told):
+class Design(TextRepr):
     """A designed arm; see octoplan.planner.extensions.fit.design_program for what it is best at.
 
     Attributes

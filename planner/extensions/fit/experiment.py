@@ -21,20 +21,20 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from octoplan.model import InputError, OctoplanError, settle
-from octoplan.model.equilibrium.linearised import Equilibrium, Linearised, check_stretch
+from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, check_stretch
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.sensitivities import ByNumbers
 from octoplan.model.extensions.lengths.by_lengths import tightened
 from octoplan.model.paths import Array
 from octoplan.model.rod.layout import POSE
-from octoplan.model.rod.system import System, system
+from octoplan.model.rod.system import DiscreteRod, system
 from octoplan.model.winches import Winches, rest_lengths
 from octoplan.planner.extensions.fit.measured import Measured
 from octoplan.planner.extensions.fit.unknowns import Parameters, neighbour
 from octoplan.planner.frontends.io.varied import Setting
 
 Index = NDArray[np.int64]
-Reached = Linearised | OctoplanError
+Reached = Equilibrium | OctoplanError
 # Tip error over arm length of shapes by `settle` that a mesh begins with.
 _ROUGHLY = 1e-4
 # How many times larger than elsewhere the last steps of Newton's method are.
@@ -103,7 +103,7 @@ class Experiment:
                 turned = Rotation.from_matrix(sensor.value)
                 self.seen[row] = turned.as_quat(scalar_first=True)
         self._strokes = any(shape.strokes is not None for shape in shapes)
-        self._first = dict[str, tuple[System, tuple[float, ...]]]()
+        self._first = dict[str, tuple[DiscreteRod, tuple[float, ...]]]()
 
     def at(self, values: Array) -> dict[str, SessionEquations]:
         """Return the equations of each session at values (K,); InputError where no arm can be."""
@@ -135,7 +135,7 @@ class Experiment:
         nodes = np.abs(stated.mesh.s - numbers.s[:, None]).argmin(axis=1)
         return SessionEquations(self, name, values, setting, stated, numbers, nodes)
 
-    def numbers(self, setting: Setting, stated: System) -> SessionNumbers:
+    def numbers(self, setting: Setting, stated: DiscreteRod) -> SessionNumbers:
         """Return the numbers of equations, and of all sensors as a session's table places them."""
         scale = setting.tension_scale
         return SessionNumbers(
@@ -171,7 +171,7 @@ class SessionEquations:
     name: str
     values: Array
     setting: Setting
-    system: System
+    system: DiscreteRod
     numbers: SessionNumbers
     nodes: Index
 
@@ -193,7 +193,7 @@ class SessionEquations:
     @property
     def places(self) -> Index:
         """Places of their poses among the states (M, 7)."""
-        return np.asarray(self.system.of.nodes[self.nodes, :POSE])
+        return np.asarray(self.system.layout.nodes[self.nodes, :POSE])
 
     def from_rest(self, i: int) -> Reached:
         """Return a shape as the arm reaches it from rest, or the reason why there is none.
@@ -217,7 +217,7 @@ class SessionEquations:
             return CoarseMeshError(CoarseMeshError.__doc__)
         return self.held(shape, result)
 
-    def _settled(self, shape: Measured) -> Equilibrium:
+    def _settled(self, shape: Measured) -> AnyEquilibrium:
         """Return the equilibrium of a shape by `settle`, on a mesh that is fine enough."""
         arm, scene, code = self.system.arm, self.system.scene, self.experiment.mesh[2]
         T = None if shape.by_length else self.tensions(shape)
@@ -243,7 +243,7 @@ class SessionEquations:
             return np.array(shape.lengths)
         return np.asarray(self.numbers.rest - np.array(shape.strokes))
 
-    def differentiated(self, shape: Measured, equilibrium: Linearised) -> ByNumbers:
+    def differentiated(self, shape: Measured, equilibrium: Equilibrium) -> ByNumbers:
         """Return the derivatives of the equilibrium of a shape by the unknowns."""
         by = self.derivatives
         numbers = by.p, by.lengths
@@ -255,7 +255,7 @@ class SessionEquations:
         return ByNumbers(equilibrium, *numbers, tensions)
 
 
-def tensions_by_lengths(equilibrium: Linearised) -> Array:
+def tensions_by_lengths(equilibrium: Equilibrium) -> Array:
     """Return how tensions change with the lengths that winches leave (n_tendons, n_tendons)."""
     taut = equilibrium.tensions > 0
     among_taut = np.where(np.outer(taut, taut), equilibrium.length_tension, 0.0)

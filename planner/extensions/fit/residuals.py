@@ -17,13 +17,13 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model import OctoplanError
-from octoplan.model.equilibrium.linearised import Linearised, check_stretch
+from octoplan.model.equilibrium.linearised import Equilibrium, check_stretch
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import CLOSE, Start, newton
 from octoplan.model.equilibrium.sensitivities import ByNumbers, along
 from octoplan.model.paths import Array
 from octoplan.model.rotations import conjugate, multiply, rotate
-from octoplan.model.support.machine.functions import Mapped, built
+from octoplan.model.support.machine.functions import BatchFunction, cached
 from octoplan.planner.extensions.fit.experiment import (
     LOOSER,
     Experiment,
@@ -108,7 +108,7 @@ class Evaluation:
     values : (K,)
     at : dict of SessionEquations
         Of each session.
-    equilibria : dict of Linearised
+    equilibria : dict of Equilibrium
         By the number of their shape, in order; without those left out or lost.
     lost : dict of OctoplanError
         Why others have none.
@@ -117,7 +117,7 @@ class Evaluation:
     experiment: Experiment
     values: Array
     at: Mapping[str, SessionEquations]
-    equilibria: Mapping[int, Linearised]
+    equilibria: Mapping[int, Equilibrium]
     lost: Mapping[int, OctoplanError]
 
     @classmethod
@@ -130,7 +130,7 @@ class Evaluation:
     ) -> Evaluation:
         """Return the shapes that were reached, in order, and those that were not."""
         rows = sorted(reached.items(), key=itemgetter(0))
-        equilibria = {i: end for i, end in rows if isinstance(end, Linearised)}
+        equilibria = {i: end for i, end in rows if isinstance(end, Equilibrium)}
         lost = {i: end for i, end in rows if isinstance(end, OctoplanError)}
         return cls(experiment, values, at, equilibria, lost)
 
@@ -184,14 +184,14 @@ class Evaluation:
                 states = states + by.states @ change
                 tensions = np.maximum(tensions + by.tensions @ change, 0.0)
             T = tensions if shape.by_length else to.tensions(shape)
-            of, near = before.system.of, None
-            if to.system.of is not of:
+            of, near = before.system.layout, None
+            if to.system.layout is not of:
                 states = Collocation(to.system).carried(T[None], [before])[0]
             elif np.abs(states - before.states)[of.nodes[:, :4]].max() < CLOSE:
                 near = before
             (end,) = newton(to.system, [Start(T, 1.0, states, near, LOOSER)])
             reached[i] = to.held(shape, end or OctoplanError("it jumps"))
-            if isinstance(end, Linearised):
+            if isinstance(end, Equilibrium):
                 try:
                     check_stretch(end)
                 except OctoplanError as reason:
@@ -300,7 +300,7 @@ class Evaluation:
     @cached_property
     def _sensor_readings(self) -> dict[int, tuple[Array, Array]]:
         """What sensors of each shape show (M, 3), and its derivatives (M, 3, 10)."""
-        show, result = built(Mapped, _sensor_readings()), dict[int, tuple[Array, Array]]()
+        show, result = cached(BatchFunction, _sensor_readings()), dict[int, tuple[Array, Array]]()
         for i, here in self.equilibria.items():
             at, rows = self.equations(i), self.experiment.rows[i]
             poses, offsets = here.states[at.places[rows]], at.numbers.offsets[rows]

@@ -14,7 +14,7 @@ from octoplan.model import Arm, InputError, Scene
 from octoplan.model.loads import places
 from octoplan.model.mesh import Mesh, landmarks
 from octoplan.model.paths import SAME, Array
-from octoplan.model.rod.system import System
+from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.support.checks import kind
 from octoplan.model.support.value import Rule, value
 from octoplan.planner.frontends.io.varied import Setting
@@ -238,21 +238,21 @@ class Parameters:
 
 
 def neighbour(
-    system: System,
+    system: DiscreteRod,
     arm: Arm,
     scene: Scene,
     before: Sequence[float] = (),
     after: Sequence[float] = (),
-) -> System:
+) -> DiscreteRod:
     """Return the equations of an arm in a scene near those of another, node by node.
 
     Nodes that were at arc lengths `before` are now at `after` [m]. Raises InputError
     where places that coincided part, or pass each other.
     """
-    form, now = system.of.form, (*places(arm, scene), *after)
+    form, now = system.layout.form, (*places(arm, scene), *after)
     old = landmarks(system.arm, (*places(system.arm, system.scene), *before))
     mesh = _stretched_mesh(system.mesh, old, landmarks(arm, now))
-    result = System(arm, scene, mesh, form.stages, form.loaded, form.machine_code)
+    result = DiscreteRod(arm, scene, mesh, form.stages, form.loaded, form.machine_code)
     # A quaternion has either sign.
     if result.base[:4] @ system.base[:4] < 0:
         result.base[:4] *= -1

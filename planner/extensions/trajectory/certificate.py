@@ -13,7 +13,7 @@ from octoplan.model.loads import contacts, is_loaded
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, check_time, tell
-from octoplan.model.support.text import Shown, told
+from octoplan.model.support.text import HtmlRepr, told
 from octoplan.planner.certificate import Certificate, certify, tension_excess
 from octoplan.planner.extensions.trajectory.clear import between, strokes_between
 from octoplan.planner.extensions.trajectory.question import Question
@@ -39,7 +39,7 @@ _RATIOS = (
 
 
 @dataclass(frozen=True)
-class MotionCertificate(Shown):
+class MotionCertificate(HtmlRepr):
     """What the check of a motion found.
 
     Attributes

@@ -22,7 +22,7 @@ from octoplan.model.paths import Array
 from octoplan.model.support.errors import ConvergenceError, InputError
 from octoplan.planner.extensions.avoidance.lines import Lines, Moving
 from octoplan.planner.extensions.avoidance.rows import Place, avoiding
-from octoplan.planner.extensions.avoidance.surroundings import Surroundings
+from octoplan.planner.extensions.avoidance.surroundings import Environment
 from octoplan.planner.extensions.trajectory.question import Question, Waypoint
 from octoplan.planner.extensions.trajectory.time_law import INSTANTS, Stretch, Timed
 from octoplan.planner.extensions.trajectory.waypoints import Waypoints
@@ -100,7 +100,7 @@ def _updated(question: Question, lines: Lines, waypoint: Waypoint, t: float) -> 
     return replace(waypoint, avoidance=avoiding(line, surroundings, before)[0])
 
 
-def between(lines: Lines, way: Timed, surroundings: Surroundings) -> tuple[Array, Array, float]:
+def between(lines: Lines, way: Timed, surroundings: Environment) -> tuple[Array, Array, float]:
     """Return how clear an arm stays from each of N waypoints to the next.
 
     What is kept besides the clearance (N,) [m], a lower bound, see

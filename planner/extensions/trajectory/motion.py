@@ -26,7 +26,7 @@ from octoplan.planner.extensions.trajectory.question import (
 from octoplan.planner.extensions.trajectory.result import Trajectory
 from octoplan.planner.extensions.trajectory.time_law import Timed
 from octoplan.planner.extensions.trajectory.waypoints import planned_touching
-from octoplan.planner.plan import HeldPlan, Plan
+from octoplan.planner.plan import ContactPlan, Plan
 from octoplan.planner.question import checked_limits, planned_scene
 
 
@@ -121,7 +121,7 @@ def trajectory(
     instants = checked_times(file_times if times is None else times, len(sequence), rates)
     every = tuple(target for targets in sequence for target in targets)
     around = surroundings(arm, every, obstacles, clearance, self_clearance, in_time=True)
-    held = start if isinstance(start, HeldPlan) and is_same(start.scene, scene) else None
+    held = start if isinstance(start, ContactPlan) and is_same(start.scene, scene) else None
     began, precision = checked_start(arm, start, limits), checked_accuracy(accuracy)
     how = instants, began, precision, checked_compile(compile), held
     question = Question(arm, scene, sequence, limits, rates, around, *how)

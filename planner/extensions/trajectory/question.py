@@ -22,11 +22,11 @@ from octoplan.model.support.errors import InputError
 from octoplan.model.support.progress import OutOfTime
 from octoplan.model.support.units import STROKE, warn_unusual
 from octoplan.planner.extensions.avoidance.lines import Lines
-from octoplan.planner.extensions.avoidance.rows import Avoidance, grid
-from octoplan.planner.extensions.avoidance.surroundings import Surroundings
+from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints, grid
+from octoplan.planner.extensions.avoidance.surroundings import Environment
 from octoplan.planner.extensions.contact.load_path import settled_along
 from octoplan.planner.frontends.io.csv_files import load_waypoints
-from octoplan.planner.plan import HeldPlan, Plan, plan
+from octoplan.planner.plan import ContactPlan, Plan, plan
 from octoplan.planner.question import Limits, check_targets, each_tendon
 from octoplan.planner.targets import TipPosition
 from octoplan.planner.targets.base import Target
@@ -118,7 +118,7 @@ class Waypoint:
 
     targets: tuple[Target, ...]
     tensions: Array
-    avoidance: Avoidance | None = None
+    avoidance: ClearanceConstraints | None = None
     fraction: float = 1.0
 
     @property
@@ -140,12 +140,12 @@ class Question:
     targets: tuple[tuple[Target, ...], ...]
     limits: Limits
     rates: Rates
-    surroundings: Surroundings
+    surroundings: Environment
     times: Array | None
     start: Array
     accuracy: float
     machine_code: bool = field(default=False, compare=False)
-    begin: HeldPlan | None = field(default=None, compare=False)
+    begin: ContactPlan | None = field(default=None, compare=False)
 
     @property
     def steps(self) -> Array | None:
@@ -166,7 +166,7 @@ class Question:
             raise InputError(f"times[{i}]", float(steps[: i + 1].sum()), allowed)
 
     @property
-    def wider(self) -> Surroundings:
+    def wider(self) -> Environment:
         """What waypoints are planned to keep clear of: by a little more than is asked."""
         spare = _SPARE * self.arm.length * bool(self.surroundings)
         return replace(self.surroundings, clearance=self.surroundings.clearance + spare)

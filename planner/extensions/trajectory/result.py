@@ -19,7 +19,7 @@ from octoplan.model.stiffness import stiffness
 from octoplan.model.support.checks import finite_array
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, reported
-from octoplan.model.support.text import Told, plotted
+from octoplan.model.support.text import TextRepr, plotted
 from octoplan.planner.extensions.trajectory.certificate import (
     SAMPLED,
     MotionCertificate,
@@ -32,7 +32,7 @@ from octoplan.planner.frontends.io.files import path_of, write_named
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory(Told):
+class Trajectory(TextRepr):
     """Tensions over time. Numbers only.
 
     `complete` computes certificate and outcome; `trajectory` has done so.

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.paths import Array
-from octoplan.model.support.machine.functions import Buffered
+from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.planner.program.problem import Bounds, Solution
 from octoplan.planner.solve.ipopt import Options, named, nlp_solver, solved
 
@@ -57,7 +57,7 @@ class SideBySide:
         self.p, self.sigma = ca.MX.sym("p", n_p), ca.MX.sym("sigma")
         self.unknowns = ca.vertsplit(self.x, [*self.ends, self.x.numel()])
         self.multipliers = ca.vertsplit(self.lam, [*last, self.lam.numel()])
-        self._solvers = dict[tuple[tuple[str, object], ...], Buffered]()
+        self._solvers = dict[tuple[tuple[str, object], ...], BufferedFunction]()
 
     def stated(self, parts: Sequence[Part], coupling: Part) -> Self:
         """Return it, stated as CasADi's solvers take it, with its derivatives."""

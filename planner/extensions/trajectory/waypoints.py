@@ -31,7 +31,7 @@ from octoplan.model.support.progress import reported, tell
 from octoplan.planner.extensions.contact.load_path import from_rest, rubs
 from octoplan.planner.extensions.trajectory.program import MotionProgram
 from octoplan.planner.extensions.trajectory.question import Question, Waypoint
-from octoplan.planner.plan import HeldPlan, Plan
+from octoplan.planner.plan import ContactPlan, Plan
 from octoplan.planner.program.problem import Candidate, Problem
 from octoplan.planner.question import Statement
 from octoplan.planner.solve.ipopt import solve
@@ -80,7 +80,7 @@ class Waypoints:
         for k in range(CORRECTIONS):
             tell("program over the waypoints", k, CORRECTIONS)
             solution, unknowns = program.solve(parameters, solution)
-            if not solution.met or (not k and not all(map(Problem.stands, problems, unknowns))):
+            if not solution.met or (not k and not all(map(Problem.is_stable, problems, unknowns))):
                 return None
             tensions = map(Problem.tensions, problems, unknowns)
             pairs = zip(waypoints, tensions, strict=True)
@@ -188,7 +188,7 @@ def planned_touching(question: Question) -> list[Waypoint]:
     for k, targets in enumerate(reported("waypoints", list(question.targets))):
         before = () if near is None else (*near.load_path, tuple(np.ravel(near.tensions).tolist()))
         planned = question.planned(k, near)
-        assert isinstance(planned, HeldPlan)
+        assert isinstance(planned, ContactPlan)
         follows, near = planned.load_path[: len(before)] == before, planned
         new = [*planned.load_path[len(before) * follows :], np.ravel(planned.tensions)]
         each = [Waypoint((), np.array(T), fraction=1 / len(new)) for T in new]

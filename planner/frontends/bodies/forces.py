@@ -100,7 +100,7 @@ class Bodies:
     origins : (N + 1, 3)
         [m].
     frames : (N + 1, 3, 3)
-        Columns are their axes.
+        VectorInterpreter are their axes.
     """
 
     s: Array

@@ -30,7 +30,7 @@ from octoplan.planner.frontends.io.saved_records import (
     PlanRecord,
     QuestionRecord,
 )
-from octoplan.planner.plan import HeldPlan, Plan
+from octoplan.planner.plan import ContactPlan, Plan
 from octoplan.planner.question import check_targets, checked_limits, planned_scene
 from octoplan.planner.task import Task
 
@@ -78,7 +78,7 @@ def load_plan(
     obstacles, clear = read(Any, question.obstacles), (question.clearance, question.self_clearance)
     at = "question.obstacles"
     around = made(name, at, surroundings, task.arm, task.targets, obstacles, *clear)
-    kind = HeldPlan if contacts(task.scene) else Plan
+    kind = ContactPlan if contacts(task.scene) else Plan
     plan: Plan = kind.of(task, result, surroundings=around)
     _check_multipliers(plan, name)
     with limited_to(None if time_limit is None else positive("time_limit", time_limit)):
@@ -103,7 +103,7 @@ def _task(name: str, question: QuestionRecord, answer: Any) -> Task:
 def _check_multipliers(plan: Plan, name: str) -> None:
     """Refuse multipliers that are not finite, or not those of the problem; there may be none."""
     sizes = len(plan.lam_x), len(plan.lam_g)
-    if any(sizes) and isinstance(plan, HeldPlan) and not plan.beside:
+    if any(sizes) and isinstance(plan, ContactPlan) and not plan.beside:
         wanted = plan.arm.n_tendons, sizes[1]
     elif any(sizes):
         problem = plan.problem

@@ -14,7 +14,7 @@ from octoplan.model.arm import Arm
 from octoplan.model.extensions.obstacles import Moving, Obstacle
 from octoplan.model.scene import Scene
 from octoplan.planner.certificate import Certificate
-from octoplan.planner.extensions.avoidance.rows import Apart, Avoidance, Place
+from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints, ClearanceRow, Place
 from octoplan.planner.extensions.fit.fitted import Fitted, Start
 from octoplan.planner.extensions.fit.measured import Measured
 from octoplan.planner.extensions.fit.residuals import Residual
@@ -37,7 +37,7 @@ from octoplan.planner.frontends.io.tables import Number, exact, exact_choices, s
 from octoplan.planner.question import Limits
 from octoplan.planner.task import SearchResult
 
-WRITE |= dict.fromkeys((Avoidance, Apart, Place))
+WRITE |= dict.fromkeys((ClearanceConstraints, ClearanceRow, Place))
 ObstacleKind: Any = choice([*exact_choices(Obstacle), exact(Moving)])
 TargetKind: Any = choice(map(exact, TARGETS))
 ArmKind: Any = exact(Arm)

@@ -18,10 +18,10 @@ from scipy.optimize import lsq_linear
 
 from octoplan.model.arm import Arm
 from octoplan.model.compliance import at_node
-from octoplan.model.equilibrium.linearised import Linearised
+from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import STAGES, Start, newton
-from octoplan.model.equilibrium.stability import stability_slope, stands
+from octoplan.model.equilibrium.stability import is_stable, stability_slope
 from octoplan.model.extensions.obstacles import Obstacle
 from octoplan.model.extensions.obstacles.base import distances_from
 from octoplan.model.forward import by_collocation
@@ -200,11 +200,11 @@ class Follower:
         except OctoplanError:
             return None
 
-    def _near(self, forward: Collocation, now: Linearised, tensions: Array) -> Shape | None:
+    def _near(self, forward: Collocation, now: Equilibrium, tensions: Array) -> Shape | None:
         """Return the shape on a mesh near the one now; None where none is stable there."""
         guess, shape = forward.carried(tensions[None], [now])[0], self.shape
         (point,) = newton(forward.system, [Start(tensions, 1.0, guess, looser=loosest(ACCURACY))])
-        if point is None or not stands(point):
+        if point is None or not is_stable(point):
             return None
         return Shape(shape.arm, shape.scene, ACCURACY, point, shape.refinement)
 
@@ -235,7 +235,7 @@ class Follower:
         return (self.around[1] + radius[:, None] - gap) / arm.length, way
 
 
-def _under_loads(shape: Shape) -> Linearised | None:
+def _under_loads(shape: Shape) -> Equilibrium | None:
     """Return the equilibrium of a shape that loads bend, whose mesh is kept; None of others.
 
     What touches something is settled on meshes that do.

@@ -113,7 +113,7 @@ class Page:
                 for i, obstacle in enumerate(session.obstacles):
                     drawn = add_obstacle(self._server, f"/obstacles/{i}", obstacle)
                     self._add_switch(f"{i}: {type(obstacle).__name__}", session.present, i, drawn)
-        with gui.add_folder("Shown"):
+        with gui.add_folder("HtmlRepr"):
             self._labels = gui.add_checkbox("Names of tendons", initial_value=True)
             self._labels.on_update(lambda _: self._changed.set())
             dark = gui.add_checkbox("Dark", initial_value=False)
