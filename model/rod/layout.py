@@ -162,31 +162,68 @@ class Layout:
 
     @cached_property
     def equations(self) -> Equations:
-        """The equilibrium: as many equations as states."""
-        form, N, at = self.form, self.elements, self.first
-        nodes = self.nodes[:, : POSE + form.wrench]
-        load = np.full((1, N), self.n_tendons)[: int(form.loaded)]
+        """The equilibrium: as many equations as states, group by group."""
+        terms = [
+            *self.base_condition(),
+            *self.dynamics(),
+            *self.stage_equations(),
+            *self.jumps(),
+            *self.tip_condition(),
+        ]
+        return Equations(self.n_x, self.n_states, terms, self.form.machine_code)
+
+    @property
+    def _node_states(self) -> Places:
+        """Places of pose, moment and force of the nodes (N + 1, 7 + wrench)."""
+        return self.nodes[:, : POSE + self.form.wrench]
+
+    def base_condition(self) -> list[Term]:
+        """Return the clamped base; tendons have turned by 0 and nothing is touched there."""
+        at = self.first
+        pose = self.nodes[:1, :POSE].T
+        terms = [Term(clamp(), at + pose, pose)]
+        if self.form.friction:
+            terms.append(Term(at_zero(), at + self.turned[:1], self.turned[:1]))
+        if self.form.contacts:
+            free = self.touches[0].reshape(1, -1)
+            if self.form.contact_friction:
+                free = np.hstack([free, self._frictions[0].reshape(1, -1)])
+            terms.append(Term(at_zero(), at + free, free))
+        return terms
+
+    def dynamics(self) -> list[Term]:
+        """Return the elements: x_{k+1} = F(x_k, v_k), and the local wrench of all stages."""
+        at, nodes = self.first, self._node_states
+        load = np.full((1, self.elements), self.n_tendons)[: int(self.form.loaded)]
         values = at + np.vstack([nodes[:-1].T, self.inside])
         unknowns = np.vstack([load, values, at + nodes[1:].T])
-        # Of a node the pose is an equation of the element before it, the wrench of that beyond.
+        # The pose of a node is an equation of the element before, the wrench of the one beyond.
         rows = np.vstack([nodes[:-1, POSE:].T, self.inside, nodes[1:, :POSE].T])
-        terms = [
-            Term(clamp(), at + nodes[:1, :POSE].T, nodes[:1, :POSE].T),
-            Term(cached(element, form), unknowns, rows),
-        ]
-        if form.loaded:
-            last = nodes[-1]
-            ends = np.concatenate([[self.n_tendons], at + last[:4], at + last[POSE:]])
-            terms.append(Term(tip(form), ends[:, None], last[POSE:, None]))
+        return [Term(cached(element, self.form), unknowns, rows)]
+
+    def stage_equations(self) -> list[Term]:
+        """Return body and tendons of the stages, which balance the local wrench."""
+        return self._sliding_tendons() if self.form.friction else self._tendons()
+
+    def jumps(self) -> list[Term]:
+        """Return the jumps at nodes: moments of forces off the midline, kinks, contact."""
+        terms = list[Term]()
         if self.levers:
-            values = nodes[list(self.levers)].T
+            values = self._node_states[list(self.levers)].T
             loads = np.full((1, len(self.levers)), self.n_tendons)
-            terms.append(
-                Term(lever(), np.vstack([loads, at + values[:4]]), values[POSE : POSE + 3])
-            )
-        terms += self._sliding() if form.friction else self._tendons()
-        terms += self._contact() if form.contacts else []
-        return Equations(self.n_x, self.n_states, terms, form.machine_code)
+            unknowns = np.vstack([loads, self.first + values[:4]])
+            terms.append(Term(lever(), unknowns, values[POSE : POSE + 3]))
+        terms += self._kinks() if self.form.friction else []
+        terms += self._contact() if self.form.contacts else []
+        return terms
+
+    def tip_condition(self) -> list[Term]:
+        """Return M_N and F_N equal to the load on the tip; no equation without loads."""
+        if not self.form.loaded:
+            return []
+        at, last = self.first, self._node_states[-1]
+        ends = np.concatenate([[self.n_tendons], at + last[:4], at + last[POSE:]])
+        return [Term(tip(self.form), ends[:, None], last[POSE:, None])]
 
     def _contact(self) -> list[Term]:
         """Return the contact of the nodes, each with all obstacles, and of the elements."""
@@ -195,7 +232,7 @@ class Layout:
         inside = np.repeat(self.inside.T, K, axis=0)
         before, after = (np.repeat(part[:, :POSE], K, axis=0) for part in (nodes[:-1], nodes[1:]))
         wrench = np.repeat(nodes[:, POSE : POSE + 6], K, axis=0)
-        here, none = touches[1:].reshape(self.elements * K, -1), touches[0].reshape(1, -1)
+        here = touches[1:].reshape(self.elements * K, -1)
         unknowns, rows = [inside, after, here], [wrench[K:], here]
         if form.contact_friction:
             # No part begins at the tip, so that what is beyond it does not matter.
@@ -204,12 +241,8 @@ class Layout:
             near = np.concatenate([rubbed[:-1], rubbed[beyond]], axis=2).reshape(-1, 8)
             Q = self._frictions[1:].reshape(-1, 6)
             unknowns, rows = [*unknowns, near, Q], [*rows, Q]
-            none = np.hstack([none, self._frictions[0].reshape(1, -1)])
         kernel = cached(touch, law, m, form.contact_friction)
-        terms = [
-            Term(kernel, at + np.hstack(unknowns).T, np.hstack(rows).T),
-            Term(at_zero(), at + none, none),
-        ]
+        terms = [Term(kernel, at + np.hstack(unknowns).T, np.hstack(rows).T)]
         if form.pressed:
             both = np.stack([touches[:-1, :, 1], touches[1:, :, 1]], axis=2).reshape(-1, 2)
             rubbed = np.concatenate([self.tractions[:-1], self.tractions[1:]], axis=2)
@@ -229,30 +262,31 @@ class Layout:
             Term(cached(tendon, law), unknowns, strains[:, stage]),
         ]
 
-    def _sliding(self) -> list[Term]:
-        """Return the bodies and tendons of the elements where tensions fall by friction."""
+    def _sliding_tendons(self) -> list[Term]:
+        """Return the bodies and tendons of the elements if tensions fall by friction."""
         form, law, at, turned = self.form, self.form.law, self.first, self.turned
-        m, strains = form.stages, self.stages.T
-        both = np.vstack([strains, self.rates.T])
+        both = np.vstack([self.stages.T, self.rates.T])
         k, j = self.passages
         inside = self.inside[:, k]
         unknowns = [np.full(j.size, self.n_tendons), j, at + turned[k, j], at + turned[k + 1, j]]
         slides = Term(
-            cached(sliding_tendon, law, m),
+            cached(sliding_tendon, law, form.stages),
             np.vstack([*unknowns, at + inside]),
             np.vstack([inside, turned[k + 1, j]]),
         )
-        idle = np.nonzero(np.arange(self.elements)[:, None] >= np.array(self.ends))
+        return [Term(cached(body_rates, law), at + both, both), slides]
+
+    def _kinks(self) -> list[Term]:
+        """Return the turning of tendons at anchorages; beyond its end a tendon turns no further."""
+        at, turned = self.first, self.turned
         k, j = self.kinks
         bends = np.vstack([at + self.inside[:, k], at + self.inside[:, k + 1]])
-        # Beyond its end a tendon turns no further.
-        held = np.vstack([at + turned[idle], at + turned[idle[0] + 1, idle[1]]])
+        kernel = cached(kink, self.form.law, self.form.stages)
+        k_idle, j_idle = np.nonzero(np.arange(self.elements)[:, None] >= np.array(self.ends))
+        held = np.vstack([at + turned[k_idle, j_idle], at + turned[k_idle + 1, j_idle]])
         return [
-            Term(cached(body_rates, law), at + both, both),
-            slides,
-            Term(cached(kink, law, m), bends, turned[k + 1, j][None, :]),
-            Term(at_zero(), at + turned[:1], turned[:1]),
-            Term(idle_tendon(), held, turned[idle[0] + 1, idle[1]][None, :]),
+            Term(kernel, bends, turned[k + 1, j][None, :]),
+            Term(idle_tendon(), held, turned[k_idle + 1, j_idle][None, :]),
         ]
 
 

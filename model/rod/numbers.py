@@ -28,41 +28,46 @@ def numbers(
     with the cross-sections at the stages, and their weights in integrals along the arm (N stages,).
     """
     form = of.form
-    columns = [base_pose(arm), element_numbers(arm, scene, form, at.s, mesh.s)]
+    columns = {"clamp": base_pose(arm), "element": element_numbers(arm, scene, form, at.s, mesh.s)}
     if form.loaded:
         load = scene.find(TipLoad)
         wrench = [load.moment, load.force] if load else np.zeros((2, 3))
-        columns.append(np.concatenate([np.ravel(wrench), np.zeros(3)]))
+        columns["tip"] = np.concatenate([np.ravel(wrench), np.zeros(3)])
     if of.levers:
-        columns.append(levers(scene)[1].T)
+        columns["lever"] = levers(scene)[1].T
     if form.friction:
-        columns += friction_numbers(arm, scene, mesh, of, at)
+        columns |= friction_numbers(arm, scene, mesh, of, at)
     else:
-        columns += [at.body, at.paths]
+        columns |= {"body": at.body, "tendon": at.paths}
     if form.contacts:
-        columns += contact_numbers(arm, scene, form, mesh)
-    p = np.concatenate([np.ravel(column, "F") for column in columns])
+        columns |= contact_numbers(arm, scene, form, mesh)
+    # Some kernels take no numbers.
+    names = (term.kernel.name for term in of.equations.terms)
+    p = np.concatenate([np.ravel(columns[name], "F") for name in names if name in columns])
     return p, np.vstack([at.paths, weights[at.place]]).ravel("F")
 
 
-def contact_numbers(arm: Arm, scene: Scene, form: Form, mesh: Mesh) -> list[Array]:
+def contact_numbers(arm: Arm, scene: Scene, form: Form, mesh: Mesh) -> dict[str, Array]:
     """Return the numbers of the nodes and elements that may touch something; none does yet."""
     h, s = np.diff(mesh.s), mesh.s[1:]
     touched = contacts(scene)
     bodies = np.tile(bodies_of(scene).T, h.size)
     nodes = np.repeat([*arm.outer_radius(s)[:2], h], len(touched), axis=1)
-    results = [np.vstack([bodies, nodes, np.zeros((4, bodies.shape[1]))])]
+    touching = np.vstack([bodies, nodes, np.zeros((4, bodies.shape[1]))])
     if form.contact_friction:
         mu = np.tile([contact.friction for contact in touched], h.size)
         # By the stiffness along the arm, E A / L, steps went from sticking to slip and back.
         r = _RESISTS * arm.bending_force / arm.length
-        results[0] = np.vstack([*results, mu, np.full(mu.size, r), np.zeros((3, mu.size))])
+        touching = np.vstack([touching, mu, np.full(mu.size, r), np.zeros((3, mu.size))])
+    columns = {"touch": touching}
     if form.pressed:
-        results.append(np.vstack([bodies, nodes[2], 0 * nodes[2]]))
-    return results
+        columns["pressure"] = np.vstack([bodies, nodes[2], 0 * nodes[2]])
+    return columns
 
 
-def friction_numbers(arm: Arm, scene: Scene, mesh: Mesh, of: Layout, at: Sections) -> list[Array]:
+def friction_numbers(
+    arm: Arm, scene: Scene, mesh: Mesh, of: Layout, at: Sections
+) -> dict[str, Array]:
     """Return the numbers of bodies and their rates, of tendons that slide through elements (n, P).
 
     See TendonSymbols; and those (6, P) of the kinks of tendons that go on beyond anchorages.
@@ -76,7 +81,7 @@ def friction_numbers(arm: Arm, scene: Scene, mesh: Mesh, of: Layout, at: Section
     k, j = of.kinks
     ends = stations(arm, mesh.s[k + 1], mesh.active[k + 1])
     kinks = [h[k], h[k + 1], tendon_paths(arm, ends, np.arange(k.size), j)]
-    return [bodies, np.vstack(slides), np.vstack(kinks)]
+    return {"body_rates": bodies, "sliding_tendon": np.vstack(slides), "kink": np.vstack(kinks)}
 
 
 def friction_coefficients(arm: Arm, scene: Scene) -> Array:
