@@ -52,9 +52,9 @@ from octoplan.model.support.errors import (
 from octoplan.model.support.machine.compiled import Compile, checked_compile
 from octoplan.model.support.progress import (
     PATIENCE,
-    before_long,
     check_time,
     limited,
+    timeout,
     with_progress,
 )
 from octoplan.model.support.units import TENDONS, called_by_a_script, warn, warn_unusual
@@ -254,7 +254,7 @@ def _settled(
         check_time()
         forward = maps.on(refinement)
         try:
-            with before_long() if maps.contacts else nullcontext():
+            with timeout() if maps.contacts else nullcontext():
                 if isinstance(value, GivenLengths):
                     point = value.on(forward, near)
                 else:

@@ -18,7 +18,7 @@ from octoplan.model.loads import contacts
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError, UncertifiedError
-from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, tell
+from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, report
 from octoplan.planner.certificate import Certificate, certify
 from octoplan.planner.extensions.avoidance.surroundings import NOTHING, Environment
 from octoplan.planner.extensions.contact.remarks import remarks
@@ -63,7 +63,7 @@ class Answer(SearchResult, Task):
 
         If the time limit is reached before the arm is settled, `shape` raises UncertifiedError.
         """
-        tell("settling the shape")
+        report("settling the shape")
         try:
             self._settled_or_reason  # noqa: B018  (cached)
         except OutOfTime:

@@ -29,8 +29,8 @@ from octoplan.model.paths import Array
 from octoplan.model.rod.system import system
 from octoplan.model.shape import Shape, sharp, stretched
 from octoplan.model.support.errors import OctoplanError
-from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, tell
-from octoplan.model.support.text import HtmlRepr, told
+from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, report
+from octoplan.model.support.text import HtmlRepr, to_text
 from octoplan.planner.extensions.avoidance.surroundings import NOTHING, Environment
 from octoplan.planner.extensions.contact.grasp import Grasp
 from octoplan.planner.measure import strokes
@@ -213,7 +213,7 @@ class Certificate(HtmlRepr):
         return [["checked", "value", "allowed"], *known]
 
     def __str__(self) -> str:
-        return told(self)
+        return to_text(self)
 
 
 def _digits(value: float) -> str:
@@ -253,7 +253,7 @@ def _checked(
 ) -> Certificate:
     """Return a certificate with the checks of a shape; raise what integration does."""
     arm, targets, limits = task.arm, task.together, task.limits
-    tell("verifying by initial value integration")
+    report("verifying by initial value integration")
     poses, tip, error, least, line = _integrated(shape, targets.stations, task.sharper)
     least_gaps, obstacles = surroundings.least, surroundings.obstacles
     gaps = clearances(line(), obstacles, least_gaps) if least_gaps else {}
@@ -270,9 +270,9 @@ def _checked(
     if limits.strokes is not None:
         (low, high), taken = limits.strokes, strokes(shape, limits.stroke_zero)
         over = float(np.max([low - taken, taken - high], initial=0.0)) / arm.length
-    tell("verifying optimality")
+    report("verifying optimality")
     optimality = kkt()
-    tell("verifying clearance")
+    report("verifying clearance")
     others = [kind for kind in KINDS if kind not in gaps]
     checked = replace(
         begun,

@@ -31,7 +31,7 @@ from octoplan.model.support.errors import (
     SnapError,
     UnsettledSectionError,
 )
-from octoplan.model.support.progress import check_time, tell
+from octoplan.model.support.progress import check_time, report
 
 # Smallest step over the fraction of the line that is reached; before the first step, over itself.
 LEAST_STEP = 1 / 8192
@@ -125,7 +125,7 @@ def continue_branches(
             going.append(i)
         if not going:
             break
-        tell("percent of tensions and loads", round(100 * min(fractions)), 100)
+        report("percent of tensions and loads", round(100 * min(fractions)), 100)
         tried, points = tried + 1, newton(system, begun)
         for k, (i, there) in enumerate(zip(going, points, strict=True)):
             if there is not None:

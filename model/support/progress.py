@@ -1,9 +1,9 @@
-"""Long work: how far it is, and how long it may go on.
+"""Progress reports and time limits of long computations.
 
-Loops that take long report (`tell`) and look whether their time is over (`check_time`). A public
-function that is called by a user shows a line, on a terminal or in a notebook, once it takes more
-than `DELAY` seconds (`with_progress`); what such functions call inside of each other reports to
-that one line. All reports go to the log too, logger `octoplan.model.support.progress`, level INFO.
+Long loops report their progress (`report`) and check the time limit (`check_time`). A public
+function decorated with `with_progress` shows a progress line, on a terminal or in a notebook, after
+`DELAY` seconds; functions called inside it report to the same line. All reports are also logged:
+logger `octoplan.model.support.progress`, level INFO.
 """
 
 from __future__ import annotations
@@ -29,25 +29,27 @@ T = TypeVar("T")
 
 _log = logging.getLogger(__name__)
 _line: ContextVar[ProgressLine | None] = ContextVar("line", default=None)
-# After how many seconds a line is shown, and how often the time that has passed is written anew.
-DELAY, _EVERY = 2.0, 0.5
-# How long what leads to no progress may take, in processor time [s].
+# Time before the progress line is shown [s].
+DELAY = 2.0
+# Interval at which the elapsed time is refreshed [s].
+_EVERY = 0.5
+# Processor time allowed for one equilibrium with contact [s].
 PATIENCE = 20.0
-# How long after a time limit what was found by then may be verified [s].
+# Time for the certificate of a result after the time limit [s].
 GRACE = 1.0
-# What reaching the time limit leaves undone, in the words of certificates.
+# Entry of a certificate for a check that the time limit cut off.
 OUT_OF_TIME = "the time limit was reached before it was verified"
 _end: ContextVar[float] = ContextVar("end", default=math.inf)
-# The end of the innermost time limit without what `reserve` keeps; None if nothing may be kept.
+# End of the innermost time limit before `reserve` shortens it; None if no time can be reserved.
 _full_end: ContextVar[float | None] = ContextVar("full_end", default=None)
 _ended: ContextVar[Callable[[], bool] | None] = ContextVar("ended", default=None)
 
 
 def with_progress(function: Callable[P, T]) -> Callable[P, T]:
-    """Let a function show how far it is, as its keyword argument `progress` says.
+    """Show a progress line while a function runs; its keyword argument `progress` selects when.
 
-    None: on terminals and in notebooks, once it takes more than two seconds; True: anywhere, from
-    the beginning; False: never. Inside of a call that shows a line already, that one goes on.
+    None: on terminals and in notebooks, after two seconds; True: always, from the beginning; False:
+    never. With None, a call inside a decorated call uses the line of the outer call.
     """
 
     @wraps(function)
@@ -61,28 +63,28 @@ def with_progress(function: Callable[P, T]) -> Callable[P, T]:
     return call
 
 
-def tell(what: str, done: float = 0, of: float = 0) -> None:
-    """Say that `done` parts `of` all are done, of something that takes long; of 0: not known."""
-    text = f"{what}: {done:g} of {of:g}" if of else what
+def report(phase: str, done: float = 0, total: float = 0) -> None:
+    """Report that `done` of `total` parts of a phase are complete; total 0: unknown."""
+    text = f"{phase}: {done:g} of {total:g}" if total else phase
     _log.info(text)
     if (line := _line.get()) is not None:
         line.show(text)
 
 
-def reported(what: str, items: Sequence[T]) -> Iterator[T]:
-    """Yield items and tell how many are done; what is told for the sake of one is not heard."""
+def track(phase: str, items: Sequence[T]) -> Iterator[T]:
+    """Yield items and report the number done; reports made while an item is used are not shown."""
     for i, item in enumerate(items):
-        tell(what, i, len(items))
+        report(phase, i, len(items))
         with ProgressLine(False):
             yield item
 
 
 @dataclass(eq=False)
 class ProgressLine:
-    """Show how far things are inside a `with` block; see with_progress. Raises InputError.
+    """Show the progress of a `with` block; see with_progress. Raises InputError.
 
-    A line of tqdm's on stderr, in notebooks on stdout: the phase and the time that has passed. A
-    thread, which the first report starts, writes it, also while a phase reports nothing more.
+    The line shows the phase and the elapsed time, by tqdm, on stderr or in notebooks on stdout. A
+    thread, started by the first report, refreshes the line between reports.
     """
 
     progress: Any = None
@@ -105,7 +107,7 @@ class ProgressLine:
             self.clock.join()
 
     def show(self, text: str) -> None:
-        """Let the line tell a phase, where someone looks."""
+        """Show a phase in the line if output is enabled."""
         self.text = text
         if self.clock is None and (_output_stream() if self.progress is None else self.progress):
             self.closed = threading.Event()
@@ -118,7 +120,7 @@ class ProgressLine:
             return
         from tqdm import tqdm  # type: ignore[import-untyped]
 
-        # Of a terminal that does not tell its size tqdm would write nothing.
+        # tqdm writes nothing to a terminal of unknown size; pass a size explicitly.
         size = get_terminal_size()
         room = {"ncols": size.columns - 1, "nrows": size.lines}
         with tqdm(
@@ -132,9 +134,9 @@ class ProgressLine:
 
 
 def _output_stream() -> TextIO | None:
-    """Return where someone may look: a terminal's stderr, or in a notebook stdout; None: nowhere.
+    """Return stderr of a terminal, stdout of a notebook, or None for other outputs.
 
-    In a notebook stderr would leave a red bar where the line was.
+    Output to stderr leaves a red bar in a notebook.
     """
     notebook: Any = sys.modules.get("IPython")
     shell: Any = notebook.get_ipython() if hasattr(notebook, "get_ipython") else None
@@ -144,14 +146,14 @@ def _output_stream() -> TextIO | None:
 
 
 class OutOfTime(Exception):  # noqa: N818  (a signal between loops, not an error that users see)
-    """The time limit is reached; whoever set it takes what there is so far."""
+    """The time limit is reached; the caller that set the limit returns the best result so far."""
 
 
 @contextmanager
 def time_limit(seconds: float | None, reserves: bool = False) -> Iterator[None]:
-    """Let what is inside go on for so long, no longer than limits further out; None is no limit.
+    """Limit the time of a `with` block, within outer limits; None is no limit.
 
-    If it `reserves`, calls of `reserve` inside end it early.
+    If `reserves` is set, calls of `reserve` inside the block shorten this limit.
     """
     limit = math.inf if seconds is None else time.monotonic() + seconds
     limit = min(limit, _end.get())
@@ -165,9 +167,9 @@ def time_limit(seconds: float | None, reserves: bool = False) -> Iterator[None]:
 
 @contextmanager
 def limited(seconds: Any, reserves: bool = False) -> Iterator[None]:
-    """As time_limit, for what has nothing to show before its end: raises TimeLimitError.
+    """Limit the time of a block that has no partial result; see time_limit.
 
-    And InputError for what is no time.
+    Raises TimeLimitError if the limit is reached, InputError if `seconds` is not positive.
     """
     limit = None if seconds is None else positive("time_limit", seconds)
     with time_limit(limit, reserves):
@@ -179,15 +181,15 @@ def limited(seconds: Any, reserves: bool = False) -> Iterator[None]:
             raise TimeLimitError(limit) from None
 
 
-def shorten(seconds: float) -> None:
-    """Let what goes on inside of the innermost time_limit go on for no longer than that."""
+def tighten_limit(seconds: float) -> None:
+    """Shorten the innermost time_limit to at most this time from now."""
     _end.set(min(_end.get(), time.monotonic() + seconds))
 
 
 def reserve(seconds: float) -> None:
-    """End the innermost time_limit so many seconds early, if it reserves time.
+    """End the innermost time_limit early by this time [s], if the limit was set with `reserves`.
 
-    For what follows it under the same limit. Replaces the reserve before.
+    The reserved time is for computations after the block. Each call replaces the last reserve.
     """
     if (full := _full_end.get()) is not None:
         _end.set(full - seconds)
@@ -199,15 +201,15 @@ def seconds_left() -> float:
 
 
 def end() -> float:
-    """Return the time of `time.monotonic`, of all processes, when it is reached; inf for never."""
+    """Return the `time.monotonic` time of the limit, shared by all processes; inf without limit."""
     return _end.get()
 
 
 @contextmanager
-def unless(ended: Callable[[], bool]) -> Iterator[None]:
-    """Let what is inside go on until that returns True, asked often, as if its time were over."""
+def cancel_when(cancelled: Callable[[], bool]) -> Iterator[None]:
+    """Raise OutOfTime inside the block once `cancelled()` is True; check_time calls it often."""
     outer = _ended.get()
-    token = _ended.set(lambda: ended() or (outer is not None and outer()))
+    token = _ended.set(lambda: cancelled() or (outer is not None and outer()))
     try:
         yield
     finally:
@@ -215,18 +217,18 @@ def unless(ended: Callable[[], bool]) -> Iterator[None]:
 
 
 def check_time() -> None:
-    """Raise OutOfTime once the time limit is reached, or what goes on is to end."""
+    """Raise OutOfTime if the time limit is reached or the computation is cancelled."""
     end, ended = _end.get(), _ended.get()
     if (end < math.inf and time.monotonic() > end) or (ended is not None and ended()):
         raise OutOfTime
 
 
 @contextmanager
-def before_long(factor: float = 1.0) -> Iterator[None]:
-    """Let an equilibrium with contact, at a load factor, be found before long, or not at all."""
+def timeout(factor: float = 1.0) -> Iterator[None]:
+    """Raise UnsettledContactError if a block takes longer than PATIENCE, in processor time."""
     end = time.process_time() + PATIENCE
     try:
-        with unless(lambda: time.process_time() > end):
+        with cancel_when(lambda: time.process_time() > end):
             yield
     except OutOfTime:
         check_time()

@@ -69,7 +69,7 @@ def shown_by(
 ) -> None:
     """Let values of a kind be shown by a figure, `plot(value, ax)`, and by paragraphs and tables.
 
-    As text (`told`) and in notebooks.
+    As text (`to_text`) and in notebooks.
     """
     _shown[kind] = plot, parts
 
@@ -79,7 +79,7 @@ def parts_of(value: Any) -> Iterator[Part]:
     yield from _shown_as(value)[1](value)
 
 
-def told(value: Any) -> str:
+def to_text(value: Any) -> str:
     """Return the paragraphs and tables of a value as text."""
     return "\n".join(
         part if isinstance(part, str) else indent("\n".join(columns(part, len(part[0]))), "  ")
@@ -149,7 +149,7 @@ class TextRepr(HtmlRepr):
         return str(next(parts_of(self)))
 
     def __str__(self) -> str:
-        return told(self)
+        return to_text(self)
 
 
 def _shown_as(value: Any) -> _Way:

@@ -31,8 +31,8 @@ from octoplan.model.support.progress import (
     GRACE,
     OutOfTime,
     ProgressLine,
-    shorten,
-    tell,
+    report,
+    tighten_limit,
     time_limit,
 )
 from octoplan.planner.frontends.io.files import to_json, why, write_together
@@ -118,7 +118,7 @@ class Options:
         question = load(scene)
         if self.time_limit is None and question.time_limit is not None:
             self.time_limit = question.time_limit
-            shorten(question.time_limit + GRACE)
+            tighten_limit(question.time_limit + GRACE)
         accuracy = question.accuracy if accuracy is None else accuracy
         compiled = compiled or question.options["compile"]
         return question.but(accuracy=accuracy, compile=compiled, time_limit=self.time_limit)
@@ -219,7 +219,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         command, options = parse(sys.argv[1:] if argv is None else argv)
         with time_limit(None if options.time_limit is None else options.time_limit + GRACE):
             with _warned(), _logged() if options.verbose else ProgressLine():
-                tell("working")
+                report("working")
                 output = command()
             if not isinstance(output, Output):
                 output = Output(partial(str, output))

@@ -26,7 +26,7 @@ from octoplan.model.loads import is_loaded
 from octoplan.model.scene import NEEDS, Scene
 from octoplan.model.settle import ACCURACY, settle
 from octoplan.model.support.errors import InputError, OctoplanError
-from octoplan.model.support.progress import reported
+from octoplan.model.support.progress import track
 
 # Effects that need no numbers of the user's, by name.
 _KNOWN: dict[str, Effect] = {
@@ -149,7 +149,7 @@ def switch_effects(
             others.append((Scene(*scene.effects, *missing), effect))
     return tuple(
         switch_effect(arm, tensions, scene, *other, accuracy, repeats)
-        for other in reported("effects switched", others)
+        for other in track("effects switched", others)
     )
 
 

@@ -20,7 +20,7 @@ from octoplan.model.forward import REFINEMENTS
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import OctoplanError
-from octoplan.model.support.progress import check_time, tell
+from octoplan.model.support.progress import check_time, report
 from octoplan.planner.program.problem import SEARCHED, Problem, units
 from octoplan.planner.question import Limits, natural_tensions
 from octoplan.planner.solve.guesses import FAR_APART, BendCoordinates, distinct, within_total
@@ -132,7 +132,7 @@ def _points(
     """Yield the equilibrium under each of the tensions (m, n_tendons), or an error."""
     for k in range(0, len(tensions), _AT_ONCE):
         check_time()
-        tell("sampled shapes", k, len(tensions))
+        report("sampled shapes", k, len(tensions))
         some = slice(k, k + _AT_ONCE)
         yield from problem.forward.many(tensions[some], near[some])
 

@@ -26,7 +26,7 @@ from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import OctoplanError
-from octoplan.model.support.progress import OutOfTime, check_time, tell
+from octoplan.model.support.progress import OutOfTime, check_time, report
 from octoplan.planner.program.problem import (
     KKT_TOLERANCE,
     REGULARISATION,
@@ -145,7 +145,7 @@ class Reading:
                 return
             if until_met and self.is_all_but_met:
                 return
-            tell(_PHASES[self.mode], len(self.trials), self.task.most)
+            report(_PHASES[self.mode], len(self.trials), self.task.most)
             self._keep(attempt(problem, T, defect))
 
     def agrees_on(self, optimum: Candidate) -> bool:

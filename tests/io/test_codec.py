@@ -19,10 +19,10 @@ from octoplan.model.effects import Effect, PrintedStatics
 from octoplan.model.extensions.obstacles import Moving
 from octoplan.planner.frontends.commands.files import schema_of
 from octoplan.planner.frontends.io.codec import (
+    encode_exact,
     identity,
     in_si,
     number_in,
-    plain,
     table_of,
     value_of,
 )
@@ -75,8 +75,8 @@ def swept(arm: Arm, scene: Scene, **more: Any) -> Any:
 
 def check_plain(own: Any) -> None:
     """Check that a value in a saved file is read as the same to the last bit."""
-    again = value_of(checked(json.loads(to_json(plain(own))), exact(type(own)), "file"))
-    assert plain(again) == plain(own)
+    again = value_of(checked(json.loads(to_json(encode_exact(own))), exact(type(own)), "file"))
+    assert encode_exact(again) == encode_exact(own)
     assert identity(again) == identity(own)
 
 
@@ -91,7 +91,7 @@ def test_a_target_is_written_and_read_again(kind: type, data: st.DataObject) -> 
     except InputError:
         return
     (found,) = read_again(scene_table(ARM, target=target)).targets
-    assert same(plain(found), plain(target))
+    assert same(encode_exact(found), encode_exact(target))
     (found,) = swept(ARM, Scene(), target=target, tension_max=5.0).targets
     assert found == target
 
@@ -103,7 +103,7 @@ def test_an_obstacle_is_written_and_read_again(kind: type, data: st.DataObject) 
     obstacle = data.draw(values_of(kind))
     check_plain(obstacle)
     found = value_of(checked(table_of(obstacle), ObstacleTable, "file"))
-    assert same(plain(found), plain(obstacle))
+    assert same(encode_exact(found), encode_exact(obstacle))
     target = TipPosition((0.3, 0.1, -0.1))
     given: dict[str, Any] = {"tension_max": 5.0, "obstacles": [obstacle]}
     if isinstance(obstacle, Moving):
@@ -120,7 +120,7 @@ def test_an_obstacle_is_written_and_read_again(kind: type, data: st.DataObject) 
         return
     for question in questions:
         (found,) = question.options["obstacles"]
-        assert same(plain(found), plain(obstacle))
+        assert same(encode_exact(found), encode_exact(obstacle))
 
 
 @FEW
@@ -139,7 +139,7 @@ def test_many_scenes_are_written_and_read_again(scene: Scene) -> None:
 def check_scene(scene: Scene) -> None:
     """Check that a scene is read again, in a file, in a plan and in a sweep."""
     check_plain(scene)
-    assert same(plain(read_again(scene_table(ARM, scene)).scene), plain(scene))
+    assert same(encode_exact(read_again(scene_table(ARM, scene)).scene), encode_exact(scene))
     if scene.has(PrintedStatics):
         with pytest.raises(InputError, match="without as_printed"):
             swept(ARM, scene, tensions=[0.0] * 12)
@@ -172,7 +172,7 @@ def test_an_arm_is_written_and_read_again(arm: Arm) -> None:
     check_plain(arm)
     scene = Scene(*_GRAVITY)
     found = read_again(scene_table(arm, scene)).arm
-    assert same(plain(found), plain(arm))
+    assert same(encode_exact(found), encode_exact(arm))
     assert swept(arm, scene, tensions=[0.0] * arm.n_tendons).arm == arm
 
 

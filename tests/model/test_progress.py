@@ -15,7 +15,7 @@ import pytest
 
 from octoplan import calibrate, design, plan, sweep, trajectory
 from octoplan.model import InputError, settle
-from octoplan.model.support.progress import ProgressLine, reported, tell, with_progress
+from octoplan.model.support.progress import ProgressLine, report, track, with_progress
 from octoplan.planner.frontends.cli import main
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
@@ -61,11 +61,11 @@ def screen(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 @with_progress
 def _long(shown: _Screen, progress: bool | None = None) -> None:
-    for i in reported("parts", range(3)):
-        tell("what is inside of a part")
+    for i in track("parts", range(3)):
+        report("what is inside of a part")
         if i == 2:
             shown.wait_for("parts: 2 of 3 [00:")
-    tell("verifying")
+    report("verifying")
     # The time goes on while a phase reports nothing more.
     shown.wait_for_times("verifying", 2)
 
@@ -89,9 +89,9 @@ def test_nothing_is_shown_where_nobody_looks_nor_soon_nor_if_unwanted(
 ) -> None:
     shown, threads = screen(tty, delay), threading.active_count()
     with ProgressLine(progress):
-        tell("first")
+        report("first")
         time.sleep(0.05)
-        tell("second")
+        report("second")
     assert shown.written == ""
     assert threading.active_count() == threads
 
@@ -104,7 +104,7 @@ def test_a_line_is_shown_on_a_terminal_that_does_not_tell_its_size(
     with os.fdopen(writer, "w") as terminal, monkeypatch.context() as patch:
         patch.setattr("sys.stderr", terminal)
         with ProgressLine():
-            tell("sections settled", 1, 3)
+            report("sections settled", 1, 3)
             seen = b""
             while b"sections settled: 1 of 3" not in seen:
                 seen += os.read(reader, 4096)
@@ -130,7 +130,7 @@ sys.modules["IPython"] = types.SimpleNamespace(get_ipython=lambda: shell)
 import octoplan.model.support.progress as progress, time
 progress.DELAY = 0.0
 with progress.ProgressLine():
-    progress.tell("seen in notebooks")
+    progress.report("seen in notebooks")
     time.sleep(0.2)
 """
 

@@ -38,7 +38,7 @@ from octoplan.model.loads import bodies_of, without_friction
 from octoplan.model.paths import Array
 from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.support.errors import SnapError, UnsettledContactError
-from octoplan.model.support.progress import check_time, tell
+from octoplan.model.support.progress import check_time, report
 
 # First, least and longest step in the load factor: longer ones may lead to the other side of an
 # obstacle, and with friction a point that rolls is not to count as slip.
@@ -160,7 +160,7 @@ def stepped(
     while path[-1][1] < 1:
         check_time()
         near, at = path[-1]
-        tell("percent of tensions and loads", round(100 * at), 100)
+        report("percent of tensions and loads", round(100 * at), 100)
         factor = min(1.0, at + step)
         there = solve(at, factor, near, step <= least)
         if there is None:

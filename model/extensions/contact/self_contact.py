@@ -28,7 +28,7 @@ from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError, UnsettledContactError
-from octoplan.model.support.progress import before_long, check_time
+from octoplan.model.support.progress import check_time, timeout
 
 # First, least and longest step in the load factor of the tensions.
 _STEPS = 1 / 4, 1 / 1024, 1 / 4
@@ -120,7 +120,7 @@ def pressed_on_itself(tensions: Array, scene: Scene, settle: Settle) -> Shape:
 
     def solve(before: float, factor: float, near: _State, least: bool) -> _State | None:
         there = None
-        with before_long(factor), suppress(OctoplanError):
+        with timeout(factor), suppress(OctoplanError):
             there = _step(factor * tensions, scene, settle, near)
         if there is None and least:
             raise UnsettledContactError(before, "where it presses on itself is not found")

@@ -23,7 +23,7 @@ import numpy as np
 from octoplan.model.centreline import Centreline
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import OctoplanError
-from octoplan.model.support.progress import OutOfTime, tell
+from octoplan.model.support.progress import OutOfTime, report
 from octoplan.planner.extensions.avoidance.lines import Lines
 from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints, avoiding, grid
 from octoplan.planner.extensions.avoidance.surroundings import Environment
@@ -159,7 +159,7 @@ class ObstacleSearch:
         for starts in sources:
             done: list[tuple[float, SearchResult]] = []
             for least, T in starts:
-                tell(f"around obstacles, {mode}", len(self.trials))
+                report(f"around obstacles, {mode}", len(self.trials))
                 if len(done) >= AGREED or any(f < least for f, _ in done):
                     break
                 led = self._exchange(T, mode)

@@ -28,7 +28,7 @@ from octoplan.model.scene import Scene
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.progress import ProgressLine, tell
+from octoplan.model.support.progress import ProgressLine, report
 
 # Tensions on the path to an equilibrium, in order.
 LoadPath = tuple[tuple[float, ...], ...]
@@ -95,7 +95,7 @@ def _at_the_end(
     first, *others = load_path
     near = settle(arm, first, without_friction(scene), accuracy, compile=machine_code)
     for i, T in enumerate(others):
-        tell("load path", i, len(others))
+        report("load path", i, len(others))
         with ProgressLine(False):
             near = settle(arm, T, scene, accuracy, compile=machine_code, near=near)
     return near

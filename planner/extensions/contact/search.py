@@ -18,7 +18,7 @@ from octoplan.model.loads import contacts, without_contacts, without_friction
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError, OctoplanError, UnsettledContactError
-from octoplan.model.support.progress import OutOfTime, check_time, reserve, tell
+from octoplan.model.support.progress import OutOfTime, check_time, report, reserve
 from octoplan.planner.extensions.contact.load_path import (
     ON_THE_PATH,
     LoadPath,
@@ -156,7 +156,7 @@ class ContactSearch:
         guesses = reaching if coarse.holds else initial_guesses(task)
         from_rest = ((tuple(T.tolist()),) for T in guesses)
         for tried, load_path in enumerate(chain(nearby, from_rest), 1):
-            tell("initial guesses", tried - 1, task.most)
+            report("initial guesses", tried - 1, task.most)
             with suppress(OctoplanError):
                 end = optimum(coarse, coarse.along(load_path))
                 end = replace(end, load_path=(*load_path, *end.load_path))

@@ -18,7 +18,7 @@ from octoplan.model.settle import checked_scene
 from octoplan.model.support.checks import kind
 from octoplan.model.support.errors import OctoplanError, SnapError
 from octoplan.model.support.machine.compiled import Compile, checked_compile
-from octoplan.model.support.progress import OutOfTime, limited, tell, with_progress
+from octoplan.model.support.progress import OutOfTime, limited, report, with_progress
 from octoplan.planner.extensions.fit.calibration import Calibration
 from octoplan.planner.extensions.fit.experiment import CoarseMeshError, Experiment
 from octoplan.planner.extensions.fit.fitted import Start, parameters_of
@@ -194,7 +194,7 @@ class _Search:
         """Fit from several values; raises what keeps all of them from settling."""
         problems = []
         for i, values in enumerate(spread):
-            tell("fits", i, len(spread))
+            report("fits", i, len(spread))
             start = Start(tuple(values.tolist()), None, float("inf"))
             try:
                 optimum = self._fit(self._begin(values), first=True)
@@ -240,7 +240,7 @@ class _Search:
         """
         first = _MESHES.index(coarse.experiment.mesh[:2]) + 1
         for number, mesh in enumerate(_MESHES[first:], first):
-            tell("meshes", number, len(_MESHES))
+            report("meshes", number, len(_MESHES))
             fine = coarse.near(coarse.values, self._experiment(*mesh))
             if not fine.equilibria:
                 coarse = self._fit(from_rest(fine.experiment, origin), first=True).evaluation

@@ -22,7 +22,7 @@ import scipy
 from octoplan.model import InputError
 from octoplan.model.paths import Array
 from octoplan.model.support.checks import finite_array, kind
-from octoplan.model.support.progress import reported
+from octoplan.model.support.progress import track
 from octoplan.model.support.text import TextRepr
 from octoplan.planner.extensions.fit.fitted import Fitted, checked_level
 from octoplan.planner.extensions.fit.identifiability import UNIFORM
@@ -251,7 +251,7 @@ class Calibration(TextRepr, Fitted):
             raise InputError("groups", labels, "two labels or more: some shapes have to stay")
         whole, values, held = self.evaluation, list[tuple[float, ...]](), list[bool]()
         rows = dict[int, tuple[Residual, ...]]()
-        for label in reported("shapes left out", list(dict.fromkeys(labels))):
+        for label in track("shapes left out", list(dict.fromkeys(labels))):
             kept = whole.only([i for i in whole.equilibria if labels[i] != label])
             refit = fit(kept, self.loss, self.absolute_std)
             at = refit.evaluation.values

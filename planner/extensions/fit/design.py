@@ -17,10 +17,10 @@ from octoplan.model.support.progress import (
     GRACE,
     OutOfTime,
     limited,
-    reported,
+    report,
     reserve,
     seconds_left,
-    tell,
+    track,
     with_progress,
 )
 from octoplan.planner.extensions.fit.calibrate import supported_scene
@@ -188,7 +188,7 @@ class _Search:
         `end` is the time of `time.monotonic` until which they share the time that is left.
         """
         most, plans = self.program.limits.upper, list[Plan]()
-        for task in reported("tasks planned", self.program.planned):
+        for task in track("tasks planned", self.program.planned):
             limit = None
             if end is not None:
                 share = (end - time.monotonic()) / (len(self.program.planned) - len(plans))
@@ -203,10 +203,10 @@ class _Search:
         first, *others = parameters.multistart(begins, seed)
         self._tried[first.tobytes()] = self.program.solve(first, _tensions(before))
         for i, values in enumerate(others, 1):
-            tell("arms begun with", i, begins)
+            report("arms begun with", i, begins)
             self._begin(values)
         while left := [end for end in self._other_ends() if end.tobytes() not in self._tried]:
-            tell("arms at other bounds")
+            report("arms at other bounds")
             self._begin(left[0])
 
     def _begin(self, values: Array) -> None:

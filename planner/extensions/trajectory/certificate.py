@@ -12,8 +12,8 @@ from octoplan.model.forward import FINEST_ACCURACY
 from octoplan.model.loads import contacts, is_loaded
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError
-from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, check_time, tell
-from octoplan.model.support.text import HtmlRepr, told
+from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, check_time, report
+from octoplan.model.support.text import HtmlRepr, to_text
 from octoplan.planner.certificate import Certificate, certify, tension_excess
 from octoplan.planner.extensions.trajectory.clear import between, strokes_between
 from octoplan.planner.extensions.trajectory.question import Question
@@ -164,7 +164,7 @@ class MotionCertificate(HtmlRepr):
         return {name: getattr(self, name) for name in names} | each
 
     def __str__(self) -> str:
-        return told(self)
+        return to_text(self)
 
 
 def certify_motion(
@@ -205,7 +205,7 @@ def _checked(
     check_time()  # a certificate at a target catches OutOfTime
     if contacts(question.scene):
         return result
-    tell("verifying between waypoints")
+    report("verifying between waypoints")
     lines, loaded = question.lines(), is_loaded(question.scene)
     if loaded or question.limits.strokes is not None:
         left, _, jumps = strokes_between(question, lines, way)

@@ -18,7 +18,7 @@ from octoplan.model.shape import Shape
 from octoplan.model.stiffness import stiffness
 from octoplan.model.support.checks import finite_array
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, reported
+from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, track
 from octoplan.model.support.text import TextRepr, plotted
 from octoplan.planner.extensions.trajectory.certificate import (
     SAMPLED,
@@ -91,7 +91,7 @@ class Trajectory(TextRepr):
         `Shape.snaps` of each tells where an arm in contact jumps before it.
         """
         shapes = list[Shape]()
-        for T in reported("shapes", list(self.way.tensions)):
+        for T in track("shapes", list(self.way.tensions)):
             shapes.append(self.question.shape(T, shapes[-1] if shapes else None))
         return tuple(shapes)
 

@@ -27,7 +27,7 @@ from octoplan.model.paths import Array
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import CollapsedError, InputError, OctoplanError
-from octoplan.model.support.progress import reported, tell
+from octoplan.model.support.progress import report, track
 from octoplan.planner.extensions.contact.load_path import from_rest, rubs
 from octoplan.planner.extensions.trajectory.program import MotionProgram
 from octoplan.planner.extensions.trajectory.question import Question, Waypoint
@@ -78,7 +78,7 @@ class Waypoints:
         program = MotionProgram(self.question, waypoints, problems)
         parameters, solution = [problem.parameters() for problem in problems], None
         for k in range(CORRECTIONS):
-            tell("program over the waypoints", k, CORRECTIONS)
+            report("program over the waypoints", k, CORRECTIONS)
             solution, unknowns = program.solve(parameters, solution)
             if not solution.met or (not k and not all(map(Problem.is_stable, problems, unknowns))):
                 return None
@@ -147,7 +147,7 @@ class Waypoints:
         """
         question = self.question
         later = range(1, len(question.targets))
-        plans = [first, *map(question.planned, reported("plans of waypoints", later))]
+        plans = [first, *map(question.planned, track("plans of waypoints", later))]
         alone, before = list[Waypoint](), np.ravel(first.tensions)
         for targets, each in zip(question.targets, plans, strict=True):
             images = [each.tensions, *(T for _, T in each.mirror_images())]
@@ -185,7 +185,7 @@ def planned_touching(question: Question) -> list[Waypoint]:
             raise InputError("start", question.start.tolist(), allowed)
         from_rest(question.arm, question.start, question.scene, "start")
     near, waypoints = question.begin, list[Waypoint]()
-    for k, targets in enumerate(reported("waypoints", list(question.targets))):
+    for k, targets in enumerate(track("waypoints", list(question.targets))):
         before = () if near is None else (*near.load_path, tuple(np.ravel(near.tensions).tolist()))
         planned = question.planned(k, near)
         assert isinstance(planned, ContactPlan)

@@ -14,7 +14,7 @@ from octoplan.model.support.errors import InputError, needed
 from octoplan.planner.frontends.bodies.links import ros_messages, urdf
 from octoplan.planner.frontends.bodies.mjcf import mjcf
 from octoplan.planner.frontends.bodies.surface import surface
-from octoplan.planner.frontends.io.files import path_of, placed, to_json, write_together
+from octoplan.planner.frontends.io.files import atomic_write, path_of, to_json, write_together
 
 MESHES = (".stl", ".glb", ".ply", ".obj")
 What = Literal["mesh", "mjcf", "urdf"]
@@ -41,7 +41,7 @@ def save_mesh(shape: Shape, path: str | Path, along: int = 200, around: int = 32
     within("along", along, 2, 10_000)
     within("around", around, 3, 1000)
     path = path_of(path)
-    with placed(path, *MESHES) as part:
+    with atomic_write(path, *MESHES) as part:
         part.write_bytes(_mesh(shape, path.suffix.lower(), along, around))
     return path
 

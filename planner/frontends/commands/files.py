@@ -13,7 +13,7 @@ from cyclopts import Parameter
 
 from octoplan.model import InputError, OctoplanError
 from octoplan.model.support.progress import OutOfTime, time_limit
-from octoplan.model.support.text import shortened_lines, told
+from octoplan.model.support.text import shortened_lines, to_text
 from octoplan.planner.extensions.fit.calibrate import calibrate as find_calibration
 from octoplan.planner.frontends.cli import FileOptions, Options, Output
 from octoplan.planner.frontends.io.files import to_json, write_together
@@ -144,9 +144,9 @@ def calibrate(
 
     def text() -> str:
         if not leave_out:
-            return told(result)
+            return to_text(result)
         error = f"{1e3 * result.leave_out().mean_error:.3g} mm in the mean"
-        return f"{told(result)}\n  shapes left out are predicted to {error}"
+        return f"{to_text(result)}\n  shapes left out are predicted to {error}"
 
     return Output(text, record(CalibrationRecord, result), "calibration", result.plot)
 
@@ -160,7 +160,7 @@ def design(
     """Find the arm for which several tasks take least effort."""
     result = run_design(file)
     return Output(
-        lambda: told(result),
+        lambda: to_text(result),
         record(DesignRecord, result),
         "design",
         lambda: figure("plan", "plot_together")(result.plans),

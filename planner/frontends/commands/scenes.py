@@ -13,7 +13,7 @@ from cyclopts import Parameter
 from octoplan.model import OctoplanError
 from octoplan.model.settle import ACCURACY
 from octoplan.model.support.progress import OutOfTime
-from octoplan.model.support.text import plotted, told
+from octoplan.model.support.text import plotted, to_text
 from octoplan.planner.frontends.bodies.files import What, export_shape
 from octoplan.planner.frontends.c_code.export import TAKEN, export_plan
 from octoplan.planner.frontends.c_code.export import export as export_map
@@ -70,7 +70,7 @@ def trajectory(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Outp
     """Find tensions over time through the scene's waypoints."""
     result = in_motion(options.question(scene))
     return Output(
-        lambda: told(result),
+        lambda: to_text(result),
         record(TrajectoryRecord, result),
         "trajectory",
         result.plot,
@@ -83,7 +83,7 @@ def settle(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Output:
     """Find the shape under the scene's tensions or lengths."""
     shape = settled(options.question(scene))
     tables = {"shape.csv": lambda: shape_csv(shape)}
-    return Output(lambda: told(shape), record(ShapeRecord, shape), "shape", shape.plot, tables)
+    return Output(lambda: to_text(shape), record(ShapeRecord, shape), "shape", shape.plot, tables)
 
 
 def stiffness(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Output:

@@ -11,7 +11,7 @@ from octoplan.model.support.errors import FileError
 from octoplan.planner.extensions.trajectory.motion import trajectory
 from octoplan.planner.extensions.trajectory.result import Trajectory
 from octoplan.planner.frontends.io.codec import names_of
-from octoplan.planner.frontends.io.mistakes import located
+from octoplan.planner.frontends.io.mistakes import error_context
 from octoplan.planner.frontends.io.scene_file import Question
 from octoplan.planner.frontends.io.scene_tables import MotionTable
 from octoplan.planner.plan import Plan, plan
@@ -56,7 +56,7 @@ def check_held(question: Question) -> None:
 
 def _computed(question: Question, function: Callable[..., R], what: Any, **more: Any) -> R:
     """Return what a function computes of a question, and of tensions or targets."""
-    with located(question.name, ""):
+    with error_context(question.name, ""):
         return function(question.arm, what, question.scene, **question.of(function) | more)
 
 

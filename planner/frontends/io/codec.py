@@ -275,18 +275,18 @@ def keys_of(value: Any, kind: type[Table]) -> dict[str, Any]:
     result: dict[str, Any] = {} if tag is None else {"type": tag}
     for name, key in keys.items():
         hint = hints[name] if hints else hints_of(kind)[key]
-        result[key] = written(getattr(value, name), unit_of_type(hint))
+        result[key] = encode(getattr(value, name), unit_of_type(hint))
     for name, form in forms.items():
         result |= form.write(getattr(value, name))
     return result
 
 
-def written(value: Any, unit: str | None = "") -> Any:
+def encode(value: Any, unit: str | None = "") -> Any:
     """Return a value as it is written under a key of a unit; InputError if it cannot be."""
     if value is None or isinstance(value, bool | str):
         return value
     if isinstance(value, np.ndarray | np.generic):
-        return written(value.tolist(), unit)
+        return encode(value.tolist(), unit)
     if isinstance(value, float) and unit is None:
         return value if math.isfinite(value) else str(value)
     if isinstance(value, int | float):
@@ -295,16 +295,16 @@ def written(value: Any, unit: str | None = "") -> Any:
         kind = {} if type(value) in PLACED else {"kind": type(value).__name__}
         return kind | attributes_of(value, arguments(type(value)))
     if isinstance(value, list | tuple | range):
-        return [written(item, unit) for item in value]
+        return [encode(item, unit) for item in value]
     if isinstance(value, dict):
-        return {key: written(item, unit) for key, item in value.items()}
+        return {key: encode(item, unit) for key, item in value.items()}
     if unit is None:
         raise InputError("to save", value, f"one of {', '.join(item.__name__ for item in WRITE)}")
     if isinstance(value, Linear):
-        return written((value.base, value.end), unit)
+        return encode((value.base, value.end), unit)
     if isinstance(value, Sampled):
         s, values = sample_keys(unit)
-        return {s: written(value.s, "mm"), values: written(value.values, unit)}
+        return {s: encode(value.s, "mm"), values: encode(value.values, unit)}
     return table_of(value)
 
 
@@ -319,14 +319,14 @@ def number_in(value: float, unit: str) -> float:
     return next((item for item in short + beside if _number_in_si(item, unit) == value), near)
 
 
-def plain(value: Any) -> Any:
+def encode_exact(value: Any) -> Any:
     """Return a value in the exact form; InputError for what could not be read back."""
-    return written(value, None)
+    return encode(value, None)
 
 
 def attributes_of(value: Any, names: Iterable[str]) -> dict[str, Any]:
     """Return attributes of a value in the exact form."""
-    return {name: plain(getattr(value, name)) for name in names}
+    return {name: encode_exact(getattr(value, name)) for name in names}
 
 
 def identity(*values: Any) -> str:
@@ -334,5 +334,5 @@ def identity(*values: Any) -> str:
 
     It is the same in every process, and for equal values.
     """
-    text = json.dumps([plain(values), versions()], sort_keys=True)
+    text = json.dumps([encode_exact(values), versions()], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()

@@ -30,7 +30,7 @@ from octoplan.model.support.errors import FileError
 from octoplan.planner.extensions.fit.measured import Measured
 from octoplan.planner.frontends.io.codec import in_si, number_in
 from octoplan.planner.frontends.io.files import bytes_of, write_named
-from octoplan.planner.frontends.io.mistakes import located
+from octoplan.planner.frontends.io.mistakes import error_context
 from octoplan.planner.frontends.io.records import POINTS, of_shape
 from octoplan.planner.frontends.io.varied import MarkerTable
 from octoplan.planner.targets import TipPosition
@@ -141,7 +141,7 @@ def load_waypoints(path: Path) -> tuple[list[TipPosition], Array | None]:
     columns = [*WAYPOINT_COLUMNS, *["t_s"] * ("t_s" in header)]
     rows = []
     for where, row in lines:
-        with located(str(path), where):
+        with error_context(str(path), where):
             cells = dict(zip(header, row, strict=False))
             rows.append([_number(column, cells) for column in columns])
     if not rows:
@@ -179,7 +179,7 @@ def load_shapes(
         if len(row) != len(header):
             raise FileError(name, where, f"{len(row)} cells; the header has {len(header)}")
         cells = dict(zip(header, row, strict=True))
-        with located(name, where):
+        with error_context(name, where):
             values: dict[str, Any] = {key: _values(each, cells) for key, each in columns.items()}
             seen = [
                 (in_si(point.s_mm, "mm"), in_si(point.offset_mm, "mm"), _values(place, cells))

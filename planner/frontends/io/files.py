@@ -83,7 +83,7 @@ def _is_orphan(folder: Path) -> bool:
 
 
 @contextmanager
-def placed(path: Path, *suffixes: str) -> Iterator[Path]:
+def atomic_write(path: Path, *suffixes: str) -> Iterator[Path]:
     """Yield a path to write a file to, which is moved to `path` once it is there whole.
 
     Raises InputError for a name that ends otherwise, and where it cannot be written.
@@ -93,14 +93,14 @@ def placed(path: Path, *suffixes: str) -> Iterator[Path]:
     try:
         with whole(path) as part:
             yield part
-        keep(path, f"{path} is written")
+        remember_written(path, f"{path} is written")
     except (OSError, ValueError) as reason:
         if isinstance(reason, InputError):
             raise
         raise InputError("path", str(path), f"a file that can be written: {why(reason)}") from None
 
 
-def keep(path: Path, text: str) -> None:
+def remember_written(path: Path, text: str) -> None:
     """Say what stays where it is should the process be ended while a path is there."""
     if (path, text) not in _kept:
         _kept.append((path, text))
@@ -129,7 +129,7 @@ def write_together(folder: Path, contents: dict[str, bytes]) -> None:
             folder.mkdir(parents=True, exist_ok=True)
             for name in contents:
                 (here / name).replace(folder / name)
-            keep(folder, f"{', '.join(contents)} in {folder} are written")
+            remember_written(folder, f"{', '.join(contents)} in {folder} are written")
     except (OSError, ValueError) as reason:
         text = f"no file was written in this folder: {why(reason)}"
         raise FileError(str(folder), "", text) from None
@@ -146,7 +146,7 @@ def write_named(path: str | Path, suffix: str, content: bytes) -> Path:
     Raises InputError for another suffix, and where it cannot be written.
     """
     path = path_of(path)
-    with placed(path, suffix) as part:
+    with atomic_write(path, suffix) as part:
         part.write_bytes(content)
     return path
 

@@ -17,7 +17,7 @@ from octoplan.planner.extensions.fit.unknowns import Unknown
 from octoplan.planner.frontends.io.codec import Table, arguments_of, quantity, value_of
 from octoplan.planner.frontends.io.csv_files import MarkerColumns, load_shapes
 from octoplan.planner.frontends.io.files import path_of, read_toml
-from octoplan.planner.frontends.io.mistakes import checked, located, made
+from octoplan.planner.frontends.io.mistakes import build_at, checked, error_context
 from octoplan.planner.frontends.io.object_tables import ObjectiveTable, TargetTable
 from octoplan.planner.frontends.io.scene_file import Question, scene_beside, written_question
 from octoplan.planner.frontends.io.scene_tables import SceneKey
@@ -91,7 +91,7 @@ def run_design(path: str | Path) -> Design:
         text = "got tension_min or total_pull, allowed is tension_max alone in a design"
         raise FileError(name, "limits", text)
     most = question.options.get("tension_max", math.inf)
-    with located(name, ""):
+    with error_context(name, ""):
         objective: Objective = "effort" if file.objective is None else value_of(file.objective)
         tasks, making = [value_of(item) for item in file.tasks], value_of(file.making)
         arguments = question.arm, tasks, unknowns, question.scene, most
@@ -105,4 +105,4 @@ def _read(path: Path, kind: Any, needed: str, command: str) -> tuple[Any, Questi
     with scene_beside(file.scene, path) as (scene, scene_name, _):
         question = written_question(scene, scene_name)
     tables = enumerate(file.unknowns)
-    return file, question, [made(name, f"unknowns[{i}]", value_of, each) for i, each in tables]
+    return file, question, [build_at(name, f"unknowns[{i}]", value_of, each) for i, each in tables]

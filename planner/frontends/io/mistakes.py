@@ -68,7 +68,7 @@ def checked(table: Any, kind: type[R], name: str, needed: str = "", command: str
 
 
 @contextmanager
-def located(name: str, where: str, part: Any = None) -> Iterator[None]:
+def error_context(name: str, where: str, part: Any = None) -> Iterator[None]:
     """Let what is not allowed inside the block be an error of a file, at a place in it.
 
     With the part that the file holds there, it is told at the key of the argument, lengths in mm.
@@ -82,9 +82,9 @@ def located(name: str, where: str, part: Any = None) -> Iterator[None]:
         raise _as_written(reason, name, where, part) from None
 
 
-def made(name: str, where: str, make: Callable[..., R], *of: Any, part: Any = None) -> R:
+def build_at(name: str, where: str, make: Callable[..., R], *of: Any, part: Any = None) -> R:
     """Return what is made of arguments; an error is told at a place in a file, see located."""
-    with located(name, where, part):
+    with error_context(name, where, part):
         return make(*of)
 
 

@@ -28,6 +28,7 @@ from octoplan.planner.frontends.io.codec import (
     arguments,
     arguments_of,
     choice,
+    encode,
     hints_of,
     in_si,
     quantity,
@@ -35,7 +36,6 @@ from octoplan.planner.frontends.io.codec import (
     suffix,
     table_of,
     unit_of_type,
-    written,
 )
 from octoplan.planner.frontends.io.tables import TABLES, fields_of, struct, table, type_in_file
 from octoplan.planner.targets import Hold, MinimumStiffness, Softest, Stiffest, Target, TipPose
@@ -185,7 +185,7 @@ _VERTICES = Form(
         **_AXES.keys,
     },
     _vertices,
-    lambda item: {"vertices_mm": written(item, "mm")},
+    lambda item: {"vertices_mm": encode(item, "mm")},
 )
 _FROM = ".stl, .obj, .ply or .off, from where the scene file is"
 _FILE: dict[str, tuple[Any, Any]] = {
@@ -220,7 +220,7 @@ def inlined(value: Any, folder: Path) -> Any:
         result = Mesh.read(folder / mesh.file, mesh.unit)
     except FileError as reason:
         raise InputError("file", mesh.file, f"a file of a closed mesh: {reason.problem}") from None
-    corners = [tuple(item) for item in written(result.vertices, "mm")]
+    corners = [tuple(item) for item in encode(result.vertices, "mm")]
     faces = [(a, b, c) for a, b, c in result.faces]
     return structs.replace(mesh, file=None, vertices_mm=corners, faces=faces)
 
@@ -256,7 +256,7 @@ TABLES[Contact] = choice(
 
 
 def _moving(each: Moving) -> dict[str, Any]:
-    rows = zip(each.times, written(each.path, "mm"), strict=True)
+    rows = zip(each.times, encode(each.path, "mm"), strict=True)
     return {**table_of(each.obstacle), "path_s_mm": [[t, *x] for t, x in rows]}
 
 

@@ -20,7 +20,7 @@ from octoplan.planner.extensions.avoidance.surroundings import surroundings
 from octoplan.planner.extensions.fit.calibration import Calibration
 from octoplan.planner.frontends.io.codec import read, value_of
 from octoplan.planner.frontends.io.files import path_of, read_json
-from octoplan.planner.frontends.io.mistakes import checked, located, made
+from octoplan.planner.frontends.io.mistakes import build_at, checked, error_context
 from octoplan.planner.frontends.io.records import schema_name
 from octoplan.planner.frontends.io.saved_records import (
     AnswerRecord,
@@ -68,16 +68,16 @@ def load_plan(
     saved = checked(read_json(path_of(path), schema_name(PlanRecord)), SavedPlan, name)
     question, answer = saved.question, saved.answer
     task = _task(name, question, answer)
-    result = made(name, "answer", value_of, answer)
-    flat = made(name, "answer.tensions", task.arm.flat, result.tensions)
+    result = build_at(name, "answer", value_of, answer)
+    flat = build_at(name, "answer.tensions", task.arm.flat, result.tensions)
     result = replace(result, tensions=task.arm.by_section(flat))
     for key in ("jump", "lost"):
-        made(name, f"answer.{key}", not_negative, key, getattr(result, key))
+        build_at(name, f"answer.{key}", not_negative, key, getattr(result, key))
     for i, T in enumerate(result.load_path):
-        made(name, f"answer.load_path[{i}]", task.arm.flat, T)
+        build_at(name, f"answer.load_path[{i}]", task.arm.flat, T)
     obstacles, clear = read(Any, question.obstacles), (question.clearance, question.self_clearance)
     at = "question.obstacles"
-    around = made(name, at, surroundings, task.arm, task.targets, obstacles, *clear)
+    around = build_at(name, at, surroundings, task.arm, task.targets, obstacles, *clear)
     kind = ContactPlan if contacts(task.scene) else Plan
     plan: Plan = kind.of(task, result, surroundings=around)
     _check_multipliers(plan, name)
@@ -88,15 +88,15 @@ def load_plan(
 
 def _task(name: str, question: QuestionRecord, answer: Any) -> Task:
     """Return what was asked, checked as `plan` does."""
-    arm: Arm = made(name, "question.arm", value_of, question.arm)
-    scene = made(name, "question.scene", value_of, question.scene)
-    made(name, "question.scene", planned_scene, arm, scene)
-    with located(name, "question.limits"):
+    arm: Arm = build_at(name, "question.arm", value_of, question.arm)
+    scene = build_at(name, "question.scene", value_of, question.scene)
+    build_at(name, "question.scene", planned_scene, arm, scene)
+    with error_context(name, "question.limits"):
         limits = checked_limits(arm, scene, **value_of(question.limits).keywords)
-    targets = made(name, "question.targets", check_targets, arm, read(Any, question.targets))
-    accuracy = made(name, "question.accuracy", checked_accuracy, question.accuracy)
+    targets = build_at(name, "question.targets", check_targets, arm, read(Any, question.targets))
+    accuracy = build_at(name, "question.accuracy", checked_accuracy, question.accuracy)
     statement = value_of(answer.statement)
-    made(name, "answer.statement", within, "stability_margin", statement.margin, 0.0, 1.0)
+    build_at(name, "answer.statement", within, "stability_margin", statement.margin, 0.0, 1.0)
     return Task(arm, targets, scene, limits, statement, accuracy)
 
 
@@ -127,7 +127,7 @@ def load_calibration(path: str | Path) -> Calibration:
         read_json(path_of(path), schema_name(CalibrationRecord)), SavedCalibration, name
     )
     question, fit = saved.question, saved.fit
-    with located(name, "question"):
+    with error_context(name, "question"):
         arm, scene = value_of(question.arm), value_of(question.scene)
         unknowns = tuple(map(value_of, question.unknowns))
         shapes = tuple(item.checked(arm, item.name) for item in map(value_of, question.measured))
@@ -135,7 +135,7 @@ def load_calibration(path: str | Path) -> Calibration:
         raise FileError(name, "fit.values", f"{len(unknowns)} finite numbers are needed")
     kept = {key: getattr(fit, key) for key in fit.__struct_fields__}
     values = {key: read(Any, x) for key, x in kept.items() if x is not msgspec.UNSET}
-    with located(name, "fit"):
+    with error_context(name, "fit"):
         result = Calibration(arm, scene, shapes, unknowns, **values)
         result.parameters  # noqa: B018  (checks keys and sessions)
     return result

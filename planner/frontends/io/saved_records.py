@@ -19,7 +19,13 @@ from octoplan.planner.extensions.fit.fitted import Fitted, Start
 from octoplan.planner.extensions.fit.measured import Measured
 from octoplan.planner.extensions.fit.residuals import Residual
 from octoplan.planner.extensions.fit.unknowns import Unknown
-from octoplan.planner.frontends.io.codec import WRITE, arguments, attributes_of, choice, plain
+from octoplan.planner.frontends.io.codec import (
+    WRITE,
+    arguments,
+    attributes_of,
+    choice,
+    encode_exact,
+)
 from octoplan.planner.frontends.io.object_tables import TARGETS
 from octoplan.planner.frontends.io.records import (
     Floats,
@@ -50,13 +56,13 @@ UnknownKind: Any = exact(Unknown, placed=True)
 class QuestionRecord(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """What was asked; arm, scene and targets are tables with a kind and its fields."""
 
-    arm: Annotated[ArmKind, about(of=lambda plan: plain(plan.arm))]
-    scene: Annotated[SceneKind, about(of=lambda plan: plain(plan.scene))]
-    targets: Annotated[list[TargetKind], about(of=lambda plan: plain(plan.targets))]
-    limits: Annotated[LimitsKind, about(of=lambda plan: plain(plan.limits))]
+    arm: Annotated[ArmKind, about(of=lambda plan: encode_exact(plan.arm))]
+    scene: Annotated[SceneKind, about(of=lambda plan: encode_exact(plan.scene))]
+    targets: Annotated[list[TargetKind], about(of=lambda plan: encode_exact(plan.targets))]
+    limits: Annotated[LimitsKind, about(of=lambda plan: encode_exact(plan.limits))]
     accuracy: float
     obstacles: Annotated[
-        list[ObstacleKind], about(of=lambda plan: plain(plan.surroundings.obstacles))
+        list[ObstacleKind], about(of=lambda plan: encode_exact(plan.surroundings.obstacles))
     ] = []
     clearance: Annotated[float, about(of=attrgetter("surroundings.clearance"))] = 0.0
     self_clearance: Annotated[bool, about(of=attrgetter("surroundings.of_itself"))] = False
@@ -79,7 +85,7 @@ CertificateRecord: Any = derived(
 
 def _answer(plan: Any) -> dict[str, Any]:
     result = attributes_of(plan, arguments(SearchResult))
-    return result | {"tensions": plain(np.ravel(plan.tensions))}
+    return result | {"tensions": encode_exact(np.ravel(plan.tensions))}
 
 
 class PlanRecord(Record, kw_only=True):
@@ -132,7 +138,7 @@ class ValueRecord(msgspec.Struct, kw_only=True):
 def _values(fit: Any) -> list[ValueRecord]:
     rows = zip(fit.unknowns, fit.values, fit.std.tolist(), strict=True)
     return [
-        ValueRecord(name=item.name, value=x, std=plain(std), unit=fit.parameters.unit(item))
+        ValueRecord(name=item.name, value=x, std=encode_exact(std), unit=fit.parameters.unit(item))
         for item, x, std in rows
     ]
 
@@ -143,10 +149,10 @@ ResidualRecord: Any = derived(Residual)
 class CalibrationQuestion(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """What was asked: arm and scene as they were given, what was measured, and what is unknown."""
 
-    arm: Annotated[ArmKind, about(of=lambda fit: plain(fit.given_arm))]
-    scene: Annotated[SceneKind, about(of=lambda fit: plain(fit.given_scene))]
-    measured: Annotated[list[ShapeKind], about(of=lambda fit: plain(fit.measured))]
-    unknowns: Annotated[list[UnknownKind], about(of=lambda fit: plain(fit.unknowns))]
+    arm: Annotated[ArmKind, about(of=lambda fit: encode_exact(fit.given_arm))]
+    scene: Annotated[SceneKind, about(of=lambda fit: encode_exact(fit.given_scene))]
+    measured: Annotated[list[ShapeKind], about(of=lambda fit: encode_exact(fit.measured))]
+    unknowns: Annotated[list[UnknownKind], about(of=lambda fit: encode_exact(fit.unknowns))]
 
 
 _ASKED = ("given_arm", "given_scene", "measured", "unknowns")

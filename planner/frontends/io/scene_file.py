@@ -21,14 +21,14 @@ from octoplan.planner.extensions.avoidance.surroundings import surroundings
 from octoplan.planner.frontends.io.codec import (
     arguments,
     arguments_of,
+    encode,
     in_si,
     table_of,
     value_of,
-    written,
 )
 from octoplan.planner.frontends.io.files import path_of, read_toml, toml_of
 from octoplan.planner.frontends.io.key_paths import steps, value_at
-from octoplan.planner.frontends.io.mistakes import check_modulus, checked, made, warn_of_slips
+from octoplan.planner.frontends.io.mistakes import build_at, check_modulus, checked, warn_of_slips
 from octoplan.planner.frontends.io.object_tables import arm_of, inlined
 from octoplan.planner.frontends.io.scene_tables import (
     LimitsTable,
@@ -123,7 +123,7 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
 
     def build(key: str, make: Callable[[Any], R], of: Any = None) -> R:
         """Return what is made of a part of the table; an error is told at its key."""
-        return made(name, key, make, of, part=value_at(raw, steps(key)) or {})
+        return build_at(name, key, make, of, part=value_at(raw, steps(key)) or {})
 
     def each(key: str, make: Callable[[Any], R]) -> tuple[R, ...]:
         """Return what is made of one table, or of several, under a key; none of none."""
@@ -278,15 +278,15 @@ def scene_table(
     """
     more = {key: item for key, item in keys.items() if item is not None}
     table: dict[str, Any] = {"arm": table_of(arm), "effects": table_of(scene or Scene())}
-    table |= written(more)
+    table |= encode(more)
     if tensions is not None:
-        table["tensions"] = written(tensions)
+        table["tensions"] = encode(tensions)
     if target is not None:
         several = isinstance(target, tuple | list)
         result = [table_of(item) for item in (target if several else [target])]  # type: ignore[union-attr]
         table |= {"targets": result} if several else {"target": result[0]}
     if tension_max is not None:
-        table["limits"] = {"tension_max": written(tension_max)} | table.get("limits", {})
+        table["limits"] = {"tension_max": encode(tension_max)} | table.get("limits", {})
     return table
 
 

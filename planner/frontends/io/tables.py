@@ -31,6 +31,7 @@ from octoplan.planner.frontends.io.codec import (
     about_type,
     arguments_of,
     choice,
+    encode,
     hints_of,
     is_of_project,
     is_union,
@@ -41,7 +42,6 @@ from octoplan.planner.frontends.io.codec import (
     sample_keys,
     suffix,
     unit_of_type,
-    written,
 )
 
 _BOUNDS = ("gt", "ge", "lt", "le")
@@ -133,7 +133,7 @@ def fields_of(kind: Any, skip: Container[str] = ()) -> Iterator[tuple[str, Any, 
         about = descriptions.get(name, "").replace(f"[{SI.get(unit)}]", f"[{unit}]")
         about += f"; {about_type(hint)}" if about_type(hint) else ""
         if default is not inspect.Parameter.empty:
-            default = _hashable(written(default, unit))
+            default = _hashable(encode(default, unit))
         yield name, Annotated[held, Meta(description=about, extra={"unit": unit})], default
 
 

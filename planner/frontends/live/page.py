@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from octoplan.model.support.errors import InputError, OctoplanError, needed
-from octoplan.model.support.progress import OutOfTime, unless
+from octoplan.model.support.progress import OutOfTime, cancel_when
 from octoplan.planner.frontends.io.files import to_json
 from octoplan.planner.frontends.io.saved_records import plan_record
 from octoplan.planner.frontends.live import words
@@ -171,12 +171,12 @@ class Page:
         while self._changed.wait() and not self._ended:
             self._changed.clear()
             try:
-                with unless(lambda: self._ended):
+                with cancel_when(lambda: self._ended):
                     more = self._follow()
                 if more:
                     self._changed.set()
                 elif not self._changed.wait(_REST):
-                    with unless(self._changed.is_set):
+                    with cancel_when(self._changed.is_set):
                         self._plan()
             except OutOfTime:
                 LOG.debug("cut short")

@@ -21,7 +21,7 @@ from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.checks import within
 from octoplan.model.support.errors import InputError
-from octoplan.planner.frontends.io.files import path_of, placed
+from octoplan.planner.frontends.io.files import atomic_write, path_of
 from octoplan.planner.frontends.plots.arm import best_view, draw_arm, fill, fit, look
 from octoplan.planner.frontends.plots.plan import add_scale
 from octoplan.planner.frontends.plots.style import (
@@ -190,7 +190,7 @@ def save_motion(motion: FuncAnimation, path: str | Path, dpi: float = 0.8 * DPI)
     """
     path = path_of(path)
     writer = writer_of(path)
-    with placed(path, *_WRITERS) as part:
+    with atomic_write(path, *_WRITERS) as part:
         motion.save(str(part), writer, dpi=dpi)
     return path
 

@@ -18,7 +18,7 @@ from octoplan.model.arm import Arm
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.checks import kind
-from octoplan.planner.frontends.io.files import path_of, placed
+from octoplan.planner.frontends.io.files import atomic_write, path_of
 from octoplan.planner.frontends.plots.arm import draw_arm, look
 from octoplan.planner.frontends.plots.style import (
     DPI,
@@ -88,7 +88,7 @@ def draw_plan(plan: Plan, ax: Any) -> Array:
 def save(figure: Figure, path: str | Path) -> Path:
     """Write a figure as .png or .pdf; the file appears whole or not at all."""
     path = path_of(path)
-    with placed(path, ".png", ".pdf") as part:
+    with atomic_write(path, ".png", ".pdf") as part:
         part.write_bytes(drawn(figure, path.suffix[1:].lower()))
     return path
 

@@ -25,10 +25,10 @@ from octoplan.model.scene import Scene
 from octoplan.model.support.checks import kind
 from octoplan.model.support.errors import FileError
 from octoplan.planner.frontends.io.calls import check_complete, check_held
-from octoplan.planner.frontends.io.codec import Table, identity, unit_of_type, written
+from octoplan.planner.frontends.io.codec import Table, encode, identity, unit_of_type
 from octoplan.planner.frontends.io.files import path_of, read_toml
 from octoplan.planner.frontends.io.key_paths import changed, checked_key, steps, type_at
-from octoplan.planner.frontends.io.mistakes import checked, located, warn_of_slip
+from octoplan.planner.frontends.io.mistakes import checked, error_context, warn_of_slip
 from octoplan.planner.frontends.io.scene_file import (
     Question,
     filled,
@@ -163,7 +163,7 @@ def _sweep(
             check_held(question)
     texts |= {"scene": text} if text else {}
     scene |= {} if time_limit is None else {"time_limit_s": time_limit}
-    with located(name, "sweep.compute"):
+    with error_context(name, "sweep.compute"):
         _check_compute(question, file.sweep.compute)
     axes = _axes(file.sweep, scene, scene_name, name)
     by_lengths = "lengths" in question.options
@@ -184,7 +184,7 @@ def _axes(table: SweepTable, scene: dict[str, Any], scene_name: str, name: str) 
     axes: list[Axis] = []
     for i, item in enumerate(table.axes):
         where = f"sweep.axes[{i}]"
-        with located(name, where):
+        with error_context(name, where):
             axis = _axis(item, table, scene)
         if any(axis.key == other.key or axis.name == other.name for other in axes):
             text = f"got {axis.name!r}, which another axis is; allowed is each key once"
@@ -195,7 +195,7 @@ def _axes(table: SweepTable, scene: dict[str, Any], scene_name: str, name: str) 
             except FileError as reason:
                 text = f"{axis.key} = {value!r}: {reason.where}: {reason.problem}"
                 raise FileError(name, where, text) from None
-            with located(name, where):
+            with error_context(name, where):
                 _check_compute(question, table.compute)
         warn_of_slip(axis.key, axis.values.tolist())
         axes.append(axis)
@@ -257,7 +257,7 @@ def sweep_of(
         "axes": [
             {
                 "key": key,
-                **(written(item) if isinstance(item, Mapping) else {"values": written(item)}),
+                **(encode(item) if isinstance(item, Mapping) else {"values": encode(item)}),
             }
             for key, item in axes.items()
         ],

@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octoplan.model.support.errors import InputError, OctoplanError, needed
-from octoplan.model.support.progress import check_time, tell
-from octoplan.planner.frontends.io.files import keep, versions, whole, why
+from octoplan.model.support.progress import check_time, report
+from octoplan.planner.frontends.io.files import remember_written, versions, whole, why
 from octoplan.planner.frontends.sweeps.definition import Sweep
 from octoplan.planner.frontends.sweeps.points import LABELS, VARIABLES, Rows, Variable
 
@@ -90,7 +90,7 @@ class ChunkFiles:
 
     def _keep(self) -> None:
         text = f"what is finished is kept in {self.folder}: the same command goes on from there"
-        keep(self.folder, text)
+        remember_written(self.folder, text)
 
     @property
     def left(self) -> list[int]:
@@ -168,7 +168,7 @@ def _array(sweep: Sweep, kept: ChunkFiles, name: str, each: Variable, width: int
         first = block_id[0] * several
         there = range(first, min(first + several, sweep.chunks))
         check_time()
-        tell("chunks gathered", there.stop, sweep.chunks)
+        report("chunks gathered", there.stop, sweep.chunks)
         return np.concatenate([kept.read(chunk, name).astype(kind) for chunk in there])
 
     at_once = several * sweep.chunk

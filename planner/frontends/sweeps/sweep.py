@@ -21,7 +21,7 @@ from unittest.mock import patch
 from octoplan.model.arm import Arm
 from octoplan.model.support.checks import kind, positive
 from octoplan.model.support.errors import InputError, OctoplanError, needed
-from octoplan.model.support.progress import check_time, tell, with_progress
+from octoplan.model.support.progress import check_time, report, with_progress
 from octoplan.model.support.progress import end as end_of_limit
 from octoplan.model.support.progress import time_limit as within
 from octoplan.planner.frontends.io.files import path_of, versions
@@ -315,6 +315,6 @@ def _computed(wanted: Sweep, folder: Path, jobs: int, scheduler: str | None) -> 
     for done, (chunk, rows) in enumerate(results, start=wanted.chunks - len(left) + 1):
         chunks.write(chunk, rows)
         check_time()
-        tell("points", done * wanted.size // wanted.chunks, wanted.size)
+        report("points", done * wanted.size // wanted.chunks, wanted.size)
     with in_order():
         yield gathered(wanted, chunks)
