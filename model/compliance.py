@@ -13,7 +13,7 @@ from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, I
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.equilibrium.sensitivities import Sensitivities
 from octoplan.model.forward import FINEST, maps_of, pair_for, refined
-from octoplan.model.loads import check_not_printed, convergence_order
+from octoplan.model.loads import check_responses, convergence_order
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.checks import kind
@@ -114,7 +114,7 @@ def length_response(shape: Shape) -> LengthResponse:
     Raises InputError for what is no shape, and as printed.
     """
     kind("shape", shape, Shape, "a Shape, as settle returns it")
-    check_not_printed(shape.scene)
+    check_responses(shape.scene)
     result, T = sensitivities(shape, shape.arm.length, shape.refinement), shape.tensions
     winches, taut = shape.winches, pulls(shape.arm, shape.tensions)
     if winches is not None:

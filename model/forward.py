@@ -16,12 +16,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.effects import PrintedStatics
 from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.extensions.contact.forward import TouchingMap
-from octoplan.model.extensions.printed import PrintedMap
+from octoplan.model.extensions.printed import PrintedMap, PrintedStatics
 from octoplan.model.integrators import MAGNUS2, MAGNUS4, MAGNUS6, RK4, RK6, RK8
-from octoplan.model.loads import check_loads, contacts, convergence_order, is_loaded
+from octoplan.model.loads import check_loads, convergence_order, is_loaded
 from octoplan.model.rod.system import system
 from octoplan.model.scene import Scene
 from octoplan.model.support.checks import within

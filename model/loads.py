@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,29 +10,20 @@ import scipy
 from octoplan.model.arm import Arm
 from octoplan.model.effects import (
     Buoyancy,
-    Contact,
     Current,
     Extension,
     Friction,
     PointLoad,
     PointMass,
-    PrintedStatics,
-    SelfContact,
-    Shear,
     TipLoad,
     Weight,
 )
-from octoplan.model.extensions.obstacles import numbers_of
 from octoplan.model.paths import SAME, Array, Path
 from octoplan.model.scene import Scene
 from octoplan.model.support.checks import LARGEST
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.units import length_text
 
-_LOADS = (Contact, Current, Friction, PointLoad, PointMass, Shear, TipLoad, Weight)
-_NAMES = tuple(kind.__name__ for kind in _LOADS)
-# Those that may bend an arm to the other side than its tendons do.
-_BENDING = tuple(kind for kind in _LOADS if kind not in (Friction, Shear))
 # Arc lengths at which the largest radius is sought.
 _SAMPLES = 65
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
@@ -44,7 +34,7 @@ def is_loaded(scene: Scene) -> bool:
 
     In all other scenes each cross-section settles by itself.
     """
-    return scene.has(*_LOADS)
+    return any(effect.couples_sections for effect in scene.effects)
 
 
 def is_conservative(scene: Scene) -> bool:
@@ -55,46 +45,26 @@ def is_conservative(scene: Scene) -> bool:
 
 
 def convergence_order(scene: Scene, order: int, derivatives: bool = False) -> int:
-    """Return the order at which errors in a scene fall; `order` is that where all is smooth.
+    """Return the order of convergence in a scene; `order` is that of smooth solutions.
 
-    Tendon friction leaves one less, where a fine mesh is needed to see it; under loads, where an
-    arm may bend to both sides, how fast a tendon turns has a kink between. Friction of a part that
-    lies on an obstacle acts at nodes. Where a current runs along the arm its load |v_n| v_n has a
-    kink in its derivative. `derivatives` of the equilibrium jump at kinks.
+    Effects lower the order if their solutions have kinks, at which `derivatives` of the
+    equilibrium jump.
     """
-    orders = [order - scene.has(Friction)]
-    if any(contact.friction for contact in contacts(scene)):
-        orders.append(2)
-    if scene.has(Friction) and scene.has(*_BENDING):
-        orders.append(1 if derivatives else 2)
-    if scene.has(Current):
-        orders.append(1 if derivatives else 3)
-    return min(orders)
+    orders = (each.convergence_order(scene, order, derivatives) for each in scene.effects)
+    return min(orders, default=order)
 
 
 def check_loads(arm: Arm, scene: Scene, contact: bool = False) -> None:
-    """Raise InputError for loads that this arm cannot have, and an arm that has to have some.
+    """Raise InputError for loads that this arm cannot have, and for loads that the arm lacks.
 
-    And for contact, unless what is asked is stated with `contact`.
+    Raise InputError for effects that the calling function does not support; functions that support
+    contact with obstacles pass `contact`.
     """
-    if contacts(scene) and not contact:
-        allowed = (
-            "a scene without contact, which settle, settle_many, stiffness, plan and trajectory "
-            "alone take"
-        )
-        raise InputError("scene", "with contact", allowed)
-    if scene.has(SelfContact):
-        allowed = (
-            "a scene without SelfContact: where parts press on each other is found step by step "
-            "from rest, under tensions that are known, by settle alone; a plan or motion with "
-            "self_clearance=True keeps the arm clear of itself"
-        )
-        raise InputError("scene", "with SelfContact", allowed)
-    if scene.has(PrintedStatics) and arm.is_curved:
-        message = "an arm that is straight at rest: eqs. (10) and (11) are written for that"
-        raise InputError("Arm.rest_curvature", arm.rest_curvature, message)
+    for effect in scene.effects:
+        effect.check_supported(contact)
+        effect.check_arm(arm)
     if any(arm.turns) and not is_loaded(scene):
-        allowed = f"none in a scene without loads, or one of {', '.join(sorted(_NAMES))} in it"
+        allowed = "none in a scene without loads; add a load, such as Weight, Friction or Shear"
         raise InputError("Anchorage.turn", "tendons that turn", allowed)
     for load in acting(scene):
         if load.s > arm.length * (1 + 1e-12):
@@ -105,10 +75,10 @@ def check_loads(arm: Arm, scene: Scene, contact: bool = False) -> None:
         directions(arm, friction)
 
 
-def check_not_printed(scene: Scene) -> None:
-    """Raise InputError for equations as printed, which do not tell how an arm answers to loads."""
-    if scene.has(PrintedStatics):
-        raise InputError("scene", "as printed", "a scene whose equations hold under loads")
+def check_responses(scene: Scene) -> None:
+    """Raise InputError if the response of an arm to loads is undefined in a scene."""
+    for effect in scene.effects:
+        effect.check_responses()
 
 
 class PointForce(NamedTuple):
@@ -140,27 +110,6 @@ def levers(scene: Scene) -> tuple[Array, Array]:
     rows = [(load.s, *load.offset, *load.force) for load in acting(scene) if load.offset]
     numbers = np.array(rows).reshape(-1, 7)
     return numbers[:, 0], numbers[:, 1:]
-
-
-def contacts(scene: Scene) -> tuple[Contact, ...]:
-    """Return the scene's contacts."""
-    return tuple(effect for effect in scene.effects if isinstance(effect, Contact))
-
-
-def bodies_of(scene: Scene) -> Array:
-    """Return the numbers (K, 17) of the obstacles that an arm may touch; see Convex.numbers."""
-    return numbers_of([contact.obstacle for contact in contacts(scene)])
-
-
-def without_contacts(scene: Scene) -> Scene:
-    """Return a scene in which the arm touches nothing."""
-    return Scene(*(effect for effect in scene.effects if not isinstance(effect, Contact)))
-
-
-def without_friction(scene: Scene) -> Scene:
-    """Return a scene whose contacts have no friction."""
-    free = [replace(e, friction=0.0) if isinstance(e, Contact) else e for e in scene.effects]
-    return Scene(*free)
 
 
 def directions(arm: Arm, friction: Friction) -> tuple[int, ...]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any, TypeVar
 
-from octoplan.model.effects import Effect, ExactTendons, Extension, NeoHookean, PrintedStatics
+from octoplan.model.effects.base import Effect
+from octoplan.model.effects.sections import ExactTendons, Extension, NeoHookean
 from octoplan.model.support.checks import kind
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.text import HtmlRepr
@@ -39,11 +40,11 @@ class Scene(HtmlRepr):
             twice = next(place[0] for place in places if places.count(place) > 1)
             allowed = "each effect once (loads and masses: once at a place; contacts: a body once)"
             raise InputError("Scene", twice, allowed)
-        for each in kinds:
-            for other, reason in NEEDS.get(each, ()):
+        for effect, each in zip(effects, kinds, strict=True):
+            for other, reason in effect.needs():
                 if other not in kinds:
                     raise InputError("Scene", each, f"{each} with {other}: {reason}")
-            for other, reason in _CONTRADICTS.get(each, ()):
+            for other, reason in effect.excludes():
                 if other in kinds:
                     raise InputError("Scene", f"{each} and {other}", f"one of them: {reason}")
         vars(self)["effects"] = tuple(sorted(effects, key=_place))
@@ -51,6 +52,8 @@ class Scene(HtmlRepr):
     @classmethod
     def as_printed(cls) -> Scene:
         """Return the paper's scene to the letter: eqs. (10) and (11) as they stand."""
+        from octoplan.model.extensions.printed import PrintedStatics
+
         return cls(Extension(), PrintedStatics())
 
     @classmethod
@@ -101,40 +104,3 @@ class Scene(HtmlRepr):
 def _place(effect: Effect) -> tuple[str, tuple[Any, ...]]:
     """Return what no two effects of a scene share, and by which they are in order."""
     return type(effect).__name__, effect.place
-
-
-_LOADS = (
-    "Contact",
-    "Current",
-    "PointLoad",
-    "PointMass",
-    "SelfContact",
-    "Shear",
-    "TipLoad",
-    "Weight",
-)
-
-# (effect, what it needs), (effect, what it contradicts), each with the reason.
-NEEDS = {
-    "NeoHookean": (
-        ("Extension", "the body shortens at constant volume"),
-        ("ExactTendons", "its section is the stationary point of an energy"),
-    ),
-    "PointMass": (("Weight", "it is a mass that gravity acts on"),),
-    "Buoyancy": (("Weight", "it is a weight, that of the fluid displaced, and acts against g"),),
-}
-_CONTRADICTS = {
-    "Contact": (
-        ("Friction", "tendons that slide where contact bends them sharply are not stated"),
-    ),
-    "SelfContact": (
-        ("Contact", "what presses on both an obstacle and itself is not stated"),
-        ("Friction", "tendons that slide where contact bends them sharply are not stated"),
-    ),
-    "PrintedStatics": (
-        ("ExactTendons", "eqs. (10) and (11) are written for the reference tangent"),
-        ("NeoHookean", "eqs. (10) and (11) are written for a linear material"),
-        ("Friction", "eqs. (10) and (11) are written for tensions that do not vary along a tendon"),
-        *((load, "eqs. (10) and (11) are written without loads or shear") for load in _LOADS),
-    ),
-}

@@ -13,16 +13,17 @@ from typing import Any
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.effects import PrintedStatics, SelfContact
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, check_stretch
 from octoplan.model.equilibrium.load_changes import with_loads_of
 from octoplan.model.equilibrium.load_steps import ROUGHEST
 from octoplan.model.equilibrium.newton import SETTLED
+from octoplan.model.extensions.contact.effects import SelfContact, contacts, without_friction
 from octoplan.model.extensions.contact.gaps import THROUGH
 from octoplan.model.extensions.contact.path import ContactEquilibrium
 from octoplan.model.extensions.contact.self_contact import pressed_on_itself
 from octoplan.model.extensions.lengths.by_lengths import GivenLengths
 from octoplan.model.extensions.lengths.shortest import UnknownLeastError, too_short
+from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.forward import (
     COARSE,
     FINEST,
@@ -35,7 +36,7 @@ from octoplan.model.forward import (
     next_refinement,
     no_estimate,
 )
-from octoplan.model.loads import check_loads, contacts, is_loaded, without_friction
+from octoplan.model.loads import check_loads, is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.shape import Shape, sharp, stretched

@@ -22,7 +22,7 @@ from octoplan.model.extensions.clearance.nearest import from_itself
 from octoplan.model.extensions.contact.path import ContactEquilibrium
 from octoplan.model.extensions.contact.touches import ContactPoint, touches_of
 from octoplan.model.forward import by_collocation
-from octoplan.model.loads import check_not_printed, is_loaded
+from octoplan.model.loads import check_responses, is_loaded
 from octoplan.model.mesh import Mesh
 from octoplan.model.paths import SAME, Array, Mask
 from octoplan.model.rod.collocation import gauss
@@ -276,7 +276,7 @@ class Shape(HtmlRepr):
         1 at rest without loads; see octoplan.model.equilibrium.stability. Raises InputError as
         printed, where there is no energy.
         """
-        check_not_printed(self.scene)
+        check_responses(self.scene)
         point = self.known
         if point is None or not point.system.layout.form.loaded:
             mesh = STAGES, self.refinement, (), True, self.machine_code

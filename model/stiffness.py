@@ -18,7 +18,7 @@ from octoplan.model.compliance import (
     sensitivities,
 )
 from octoplan.model.forward import explicit_map
-from octoplan.model.loads import check_not_printed, is_loaded
+from octoplan.model.loads import check_responses, is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.rotations import conjugate, multiply
 from octoplan.model.scene import Scene
@@ -250,7 +250,7 @@ def _checked(
 ) -> tuple[Scene, float]:
     scene = checked_scene(arm, scene, contact=True)
     literal("hold", hold, Hold)
-    check_not_printed(scene)
+    check_responses(scene)
     if tendon_EA is not None:
         checked_EA(tendon_EA)
     place = arm.length if isinstance(at, str) and at == "tip" else at

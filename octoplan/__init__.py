@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
     from octoplan.model import *
     from octoplan.model.effects import *
+    from octoplan.model.extensions.contact import *
     from octoplan.model.extensions.obstacles import *
+    from octoplan.model.extensions.printed import *
     from octoplan.planner import *
     from octoplan.planner.frontends.plots import *
     from octoplan.planner.targets import *
@@ -28,7 +30,9 @@ if TYPE_CHECKING:
 _MODULES = (
     "octoplan.model",
     "octoplan.model.effects",
+    "octoplan.model.extensions.contact",
     "octoplan.model.extensions.obstacles",
+    "octoplan.model.extensions.printed",
     "octoplan.planner",
     "octoplan.planner.targets",
     "octoplan.planner.frontends.plots",

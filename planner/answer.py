@@ -14,7 +14,7 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from octoplan.model.loads import contacts
+from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError, UncertifiedError

@@ -22,9 +22,10 @@ from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.equilibrium.stability import stability
 from octoplan.model.equilibrium.verification import verified
 from octoplan.model.extensions.clearance import KINDS, Clearance, clearances
+from octoplan.model.extensions.contact.effects import bodies_of, contacts
 from octoplan.model.extensions.obstacles import distances
 from octoplan.model.forward import by_collocation
-from octoplan.model.loads import bodies_of, contacts, is_loaded
+from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.rod.system import system
 from octoplan.model.shape import Shape, sharp, stretched

@@ -13,9 +13,10 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.centreline import Centreline
+from octoplan.model.extensions.contact.effects import contacts, without_contacts
 from octoplan.model.extensions.obstacles import check_obstacles
 from octoplan.model.forward import checked_accuracy
-from octoplan.model.loads import contacts, is_loaded, without_contacts
+from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.shape import Shape

@@ -12,7 +12,7 @@ import numpy as np
 from msgspec import Meta
 
 from octoplan.model.arm import Arm
-from octoplan.model.effects import PrintedStatics
+from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.forward import FINEST
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene

@@ -33,7 +33,7 @@ from matplotlib.patches import Circle
 from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
 from octoplan.model import Arm, OctoplanError, Scene, settle
-from octoplan.model.effects import Contact
+from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Capsule
 from octoplan.model.paths import Array
 from octoplan.planner import Plan, plan

@@ -115,6 +115,7 @@ class Case:
         lines = [
             "from octoplan.model import Arm, Scene",
             "from octoplan.model.effects import *",
+            "from octoplan.model.extensions.contact import *",
             "from octoplan.planner import plan",
             "from octoplan.planner.targets import *",
             f"# {self.outcome}",

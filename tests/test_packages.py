@@ -24,14 +24,18 @@ def ran(folder: Path, *argv: str) -> subprocess.CompletedProcess[str]:
 def test_octoplan_has_the_public_names_of_its_packages() -> None:
     import octoplan.model
     import octoplan.model.effects
+    import octoplan.model.extensions.contact
     import octoplan.model.extensions.obstacles
+    import octoplan.model.extensions.printed
     import octoplan.planner
     import octoplan.planner.targets
 
     for module in (
         octoplan.model,
         octoplan.model.effects,
+        octoplan.model.extensions.contact,
         octoplan.model.extensions.obstacles,
+        octoplan.model.extensions.printed,
         octoplan.planner,
         octoplan.planner.targets,
     ):

@@ -1,19 +1,12 @@
-"""The effects that a scene can call for, one small file each."""
+"""The effects of the model core, which a scene may contain."""
 
 from octoplan.model.effects.base import Effect
-from octoplan.model.effects.contact import Contact, Friction, SelfContact
+from octoplan.model.effects.friction import Friction
 from octoplan.model.effects.loads import Buoyancy, Current, PointLoad, PointMass, TipLoad, Weight
-from octoplan.model.effects.sections import (
-    ExactTendons,
-    Extension,
-    NeoHookean,
-    PrintedStatics,
-    Shear,
-)
+from octoplan.model.effects.sections import ExactTendons, Extension, NeoHookean, Shear
 
 __all__ = [
     "Buoyancy",
-    "Contact",
     "Current",
     "Effect",
     "ExactTendons",
@@ -22,8 +15,6 @@ __all__ = [
     "NeoHookean",
     "PointLoad",
     "PointMass",
-    "PrintedStatics",
-    "SelfContact",
     "Shear",
     "TipLoad",
     "Weight",

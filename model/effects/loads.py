@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from octoplan.model.effects.base import Effect
+from octoplan.model.effects.base import Effect, Rules
 from octoplan.model.support.quantities import (
     ArcLength,
     Density,
@@ -17,6 +17,9 @@ from octoplan.model.support.quantities import (
 )
 from octoplan.model.support.units import FLUID, GRAVITY, SPEED, warn_unusual
 from octoplan.model.support.value import value
+
+if TYPE_CHECKING:
+    from octoplan.model.scene import Scene
 
 
 @value
@@ -39,6 +42,11 @@ class Weight(Effect):
     def __post_init__(self) -> None:
         warn_unusual("Weight.g", [math.hypot(*self.g)], GRAVITY)
 
+    @property
+    def couples_sections(self) -> bool:
+        """See Effect."""
+        return True
+
 
 @value
 class Buoyancy(Effect):
@@ -57,6 +65,12 @@ class Buoyancy(Effect):
 
     def __post_init__(self) -> None:
         warn_unusual("Buoyancy.density", [self.density], FLUID)
+
+    @classmethod
+    def needs(cls) -> Rules:
+        """See Effect."""
+        reason = "it is a weight, that of the fluid displaced, and acts against g"
+        return (("Weight", reason),)
 
 
 @value
@@ -82,6 +96,11 @@ class TipLoad(Effect):
     moment: Annotated[Vector, unit("N m")] = (0.0, 0.0, 0.0)
     follower: bool = False
 
+    @property
+    def couples_sections(self) -> bool:
+        """See Effect."""
+        return True
+
 
 @value
 class PointLoad(Effect):
@@ -106,6 +125,11 @@ class PointLoad(Effect):
     def place(self) -> tuple[Any, ...]:
         """Its arc length."""
         return (self.s,)
+
+    @property
+    def couples_sections(self) -> bool:
+        """See Effect."""
+        return True
 
 
 @value
@@ -134,6 +158,16 @@ class PointMass(Effect):
     def place(self) -> tuple[Any, ...]:
         """Its arc length, and its offset."""
         return self.s, self.offset or ()
+
+    @classmethod
+    def needs(cls) -> Rules:
+        """See Effect."""
+        return (("Weight", "it is a mass that gravity acts on"),)
+
+    @property
+    def couples_sections(self) -> bool:
+        """See Effect."""
+        return True
 
 
 @value
@@ -164,3 +198,12 @@ class Current(Effect):
     def __post_init__(self) -> None:
         warn_unusual("Current.density", [self.density], FLUID)
         warn_unusual("Current.velocity", [math.hypot(*self.velocity)], SPEED)
+
+    @property
+    def couples_sections(self) -> bool:
+        """See Effect."""
+        return True
+
+    def convergence_order(self, scene: Scene, order: int, derivatives: bool) -> int:
+        """See Effect: the load has a kink where the stream is along the arm."""
+        return min(order, 1 if derivatives else 3)

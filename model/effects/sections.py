@@ -1,8 +1,8 @@
-"""Statics of cross-sections: extension, shear, exact tendons, neo-Hookean, or as printed."""
+"""Statics of cross-sections: extension, shear, exact tendons, and the neo-Hookean body."""
 
 from __future__ import annotations
 
-from octoplan.model.effects.base import Effect
+from octoplan.model.effects.base import Effect, Rules
 from octoplan.model.support.quantities import Positive
 from octoplan.model.support.value import value
 
@@ -52,6 +52,14 @@ class NeoHookean(Effect):
 
     anticlastic: bool = False
 
+    @classmethod
+    def needs(cls) -> Rules:
+        """See Effect."""
+        return (
+            ("Extension", "the body shortens at constant volume"),
+            ("ExactTendons", "its section is the stationary point of an energy"),
+        )
+
 
 @value
 class Shear(Effect):
@@ -69,12 +77,7 @@ class Shear(Effect):
 
     k_s: Positive = 1.0
 
-
-@value
-class PrintedStatics(Effect):
-    """Equations (10) and (11) exactly as printed, for reproducing the paper and nothing else.
-
-    They leave out the turning of the frame, omega x K omega, and add the share of an anchorage's
-    own tendons to the curvature as if no other tendon crossed the section. Adds the torsion tau as
-    a state, and has no closed form. Stated for tendons on the axes n, b, -n, -b only.
-    """
+    @property
+    def couples_sections(self) -> bool:
+        """See Effect."""
+        return True

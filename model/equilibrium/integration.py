@@ -22,9 +22,10 @@ import numpy as np
 from octoplan.model.cross_section.law import join
 from octoplan.model.cross_section.sections import Sections
 from octoplan.model.effects import Current
+from octoplan.model.extensions.contact.effects import bodies_of
 from octoplan.model.extensions.obstacles import distances
 from octoplan.model.integrators import RK8
-from octoplan.model.loads import beyond, bodies_of
+from octoplan.model.loads import beyond
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.element import Form, drag_force

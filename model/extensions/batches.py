@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section.sections import LEAST_STRETCH
-from octoplan.model.effects import ExactTendons, SelfContact
+from octoplan.model.effects import ExactTendons
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.extensions.contact.effects import SelfContact, without_self_contact
 from octoplan.model.forward import (
     Maps,
     checked_accuracy,
@@ -226,7 +227,7 @@ def settle_many(
     count, problems = len(sets), [""] * len(sets)
     poses, error = np.full((count, 7), np.nan), np.full(count, np.nan)
     pulling = np.full((count, arm.n_tendons), np.nan)
-    maps = maps_of(arm, _without_self_contact(scene), None, options["compile"])
+    maps = maps_of(arm, without_self_contact(scene), None, options["compile"])
     if lengths is None and not (maps.contacts or scene.has(SelfContact)):
         pulling = _rows(arm, tensions)
         allowed = np.flatnonzero(((pulling >= 0) & (pulling <= LARGEST)).all(axis=1))
@@ -277,8 +278,3 @@ def _of_set(reason: Exception, which: str) -> Exception:
         return reason.of_set(which)
     reason.add_note(f"the failed set is {which}")
     return reason
-
-
-def _without_self_contact(scene: Scene) -> Scene:
-    """Return the scene without SelfContact, whose loads are checked as those of other scenes."""
-    return Scene(*(effect for effect in scene.effects if not isinstance(effect, SelfContact)))

@@ -16,8 +16,11 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
+from octoplan.model.cross_section import cross_section_of
 from octoplan.model.cross_section.law import PaperSection, resultants
-from octoplan.model.effects import Extension
+from octoplan.model.cross_section.sections import Sections, strains_of
+from octoplan.model.effects import Effect, Extension
+from octoplan.model.effects.base import Rules
 from octoplan.model.integrators import RungeKutta
 from octoplan.model.mesh import graded
 from octoplan.model.paths import Array
@@ -31,9 +34,59 @@ from octoplan.model.stations import (
     stations,
     tendon_offsets,
 )
+from octoplan.model.support.errors import InputError
 from octoplan.model.support.machine.compiled import kernel
 from octoplan.model.support.machine.functions import BufferedFunction
-from octoplan.model.unloaded.marched import ExplicitMap
+from octoplan.model.support.value import value
+from octoplan.model.unloaded.marched import LENGTH_POINTS, ExplicitMap, Marched
+
+__all__ = ["PrintedStatics"]
+
+# Names of the effects that the printed equations exclude besides statics and friction.
+_LOADS = (
+    "Contact",
+    "Current",
+    "PointLoad",
+    "PointMass",
+    "SelfContact",
+    "Shear",
+    "TipLoad",
+    "Weight",
+)
+
+
+@value
+class PrintedStatics(Effect):
+    """Equations (10) and (11) exactly as printed, for reproducing the paper and nothing else.
+
+    They leave out the turning of the frame, omega x K omega, and add the share of an anchorage's
+    own tendons to the curvature as if no other tendon crossed the section. Adds the torsion tau as
+    a state, and has no closed form. Stated for tendons on the axes n, b, -n, -b only.
+    """
+
+    @classmethod
+    def excludes(cls) -> Rules:
+        """See Effect."""
+        tendons = "eqs. (10) and (11) are written for the reference tangent"
+        material = "eqs. (10) and (11) are written for a linear material"
+        friction = "eqs. (10) and (11) are written for tensions that do not vary along a tendon"
+        loads = "eqs. (10) and (11) are written without loads or shear"
+        return (
+            ("ExactTendons", tendons),
+            ("NeoHookean", material),
+            ("Friction", friction),
+            *((load, loads) for load in _LOADS),
+        )
+
+    def check_arm(self, arm: Arm) -> None:
+        """See Effect."""
+        if arm.is_curved:
+            allowed = "an arm that is straight at rest: eqs. (10) and (11) are written for that"
+            raise InputError("Arm.rest_curvature", arm.rest_curvature, allowed)
+
+    def check_responses(self) -> None:
+        """See Effect."""
+        raise InputError("scene", "as printed", "a scene whose equations hold under loads")
 
 
 def strain_rate(
@@ -167,3 +220,10 @@ class PrintedMap(ExplicitMap):
         after, _, along = across(x, d[:6, :: len(self.scheme.samples)], d, ca.DM(h).T)
         rows = np.array(after).T
         return rows[:, :7], np.column_stack([rows[:, 7:], np.array(along)[1] - 1])
+
+    def tendon_lengths(self, point: Marched) -> Array:
+        """See ExplicitMap: strains are integrated along the arm."""
+        law = cross_section_of(self.scene, self.arm.is_curved)
+        s, weights, active = self.mesh.points(LENGTH_POINTS)
+        sections = Sections(self.arm, self.scene, law, s, active)
+        return sections.lengths(strains_of(law, point.at(s)[1]), weights)[0]

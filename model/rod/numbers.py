@@ -7,7 +7,8 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section.sections import Sections
 from octoplan.model.effects import Current, Friction, TipLoad
-from octoplan.model.loads import beyond, bodies_of, contacts, directions, levers, specific_weight
+from octoplan.model.extensions.contact.effects import bodies_of, contacts
+from octoplan.model.loads import beyond, directions, levers, specific_weight
 from octoplan.model.mesh import Mesh
 from octoplan.model.paths import Array
 from octoplan.model.rod.element import Form

@@ -18,7 +18,8 @@ from octoplan.model.arm import Arm
 from octoplan.model.cross_section import cross_section_of
 from octoplan.model.cross_section.sections import Sections, kinematics
 from octoplan.model.effects import Current, Friction, NeoHookean, TipLoad
-from octoplan.model.loads import contacts, growth, is_loaded, levers, places
+from octoplan.model.extensions.contact.effects import contacts
+from octoplan.model.loads import growth, is_loaded, levers, places
 from octoplan.model.mesh import Mesh, graded
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss

@@ -16,8 +16,7 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section import cross_section_of
-from octoplan.model.cross_section.sections import Extremes, Sections, strains_of
-from octoplan.model.effects import PrintedStatics
+from octoplan.model.cross_section.sections import Extremes, Sections
 from octoplan.model.integrators import Magnus, RungeKutta
 from octoplan.model.mesh import Mesh, graded
 from octoplan.model.paths import Array
@@ -27,7 +26,7 @@ from octoplan.model.support.machine.functions import cached
 
 # Strains are analytic between nodes: so many Gauss points on the coarsest mesh leave rounding only,
 # whatever mesh poses have. Measured on the paper's arms and random ones at thrice their tensions.
-_POINTS = 8
+LENGTH_POINTS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +81,7 @@ def tendon_lengths(
     But for loads. What it returns raises UnsettledSectionError.
     """
     law = cross_section_of(scene, arm.is_curved, twisted=False)
-    s, weights, active = graded(arm, 1).points(_POINTS)
+    s, weights, active = graded(arm, 1).points(LENGTH_POINTS)
     return partial(Lengths.under, Sections(arm, scene, law, s, active, machine_code), weights)
 
 
@@ -129,6 +128,10 @@ class ExplicitMap(ABC):
     def solve(self, tensions: Array, near: object = None, looser: float = 1.0) -> Marched:
         """Return the equilibrium under tensions (n_tendons,), which nothing is begun with."""
         return Marched(self, tensions, *self.run(tensions))
+
+    def tendon_lengths(self, point: Marched) -> Array:
+        """Return the lengths of the tendons (n_tendons,) in an equilibrium of this map [m]."""
+        return point.tendons.lengths
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,22 +180,17 @@ class Marched:
         return self.march.dense(self.tensions, self.poses, self.strains, s)
 
     @cached_property
-    def _tendons(self) -> Lengths:
+    def tendons(self) -> Lengths:
+        """The tendons under the tensions, with closed-form strains."""
         march = self.march
         return tendon_lengths(march.arm, march.scene, march.machine_code)(self.tensions)
 
     @property
     def length_tension(self) -> Array:
         """See Equilibrium; of all but the equations as printed."""
-        return self._tendons.length_tension
+        return self.tendons.length_tension
 
     @cached_property
     def lengths(self) -> Array:
         """See Equilibrium: the integral of ``|du_c/ds|`` by Gauss quadrature."""
-        arm, scene, mesh = self.march.arm, self.march.scene, self.mesh
-        if not scene.has(PrintedStatics):
-            return self._tendons.lengths
-        law = cross_section_of(scene, arm.is_curved)
-        s, weights, active = mesh.points(_POINTS)
-        sections = Sections(arm, scene, law, s, active)
-        return sections.lengths(strains_of(law, self.at(s)[1]), weights)[0]
+        return self.march.tendon_lengths(self)

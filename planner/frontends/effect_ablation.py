@@ -17,13 +17,13 @@ from octoplan.model.effects import (
     ExactTendons,
     Extension,
     NeoHookean,
-    PrintedStatics,
     Shear,
     Weight,
 )
+from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.forward import COLLOCATIONS, by_collocation, explicit_map, schemes_of
 from octoplan.model.loads import is_loaded
-from octoplan.model.scene import NEEDS, Scene
+from octoplan.model.scene import Scene
 from octoplan.model.settle import ACCURACY, settle
 from octoplan.model.support.errors import InputError, OctoplanError
 from octoplan.model.support.progress import track
@@ -155,7 +155,7 @@ def switch_effects(
 
 def _needs(effect: Effect) -> set[str]:
     """Return the names of the effects that an effect needs."""
-    return {name for name, _ in NEEDS.get(type(effect).__name__, ())}
+    return {name for name, _ in effect.needs()}
 
 
 def _without(scene: Scene, effect: Effect) -> Scene:

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from octoplan.model import InputError, OctoplanError, Scene, settle
-from octoplan.model.effects import Contact, Extension
+from octoplan.model.effects import Extension
+from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.critical_load import critical_load_factor
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.planner import Measured, Unknown, calibrate

@@ -8,7 +8,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 from octoplan.model import Scene, settle
-from octoplan.model.effects import Contact, ExactTendons, TipLoad, Weight
+from octoplan.model.effects import ExactTendons, TipLoad, Weight
+from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Capsule, HalfSpace
 from tests.contact.cases import bar, stiffness
 

@@ -19,7 +19,8 @@ import numpy as np
 import pytest
 
 from octoplan.model import Scene, Shape, settle
-from octoplan.model.effects import Contact, ExactTendons, Extension, TipLoad
+from octoplan.model.effects import ExactTendons, Extension, TipLoad
+from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Capsule
 from tests.contact.cases import bar, stiffness
 from tests.oracles import Array

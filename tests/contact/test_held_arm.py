@@ -6,13 +6,8 @@ import numpy as np
 import pytest
 
 from octoplan.model import Arm, Scene, settle
-from octoplan.model.effects import (
-    Contact,
-    ExactTendons,
-    Extension,
-    NeoHookean,
-    TipLoad,
-)
+from octoplan.model.effects import ExactTendons, Extension, NeoHookean, TipLoad
+from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Sphere
 from octoplan.model.stiffness import stiffness
 from tests.contact.cases import bar, distance

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from octoplan.model import Scene, settle
-from octoplan.model.effects import Contact, ExactTendons, Extension
+from octoplan.model.effects import ExactTendons, Extension
+from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Box, Capsule
 from octoplan.planner import plan
 from octoplan.planner.extensions.contact.grasp import Grasp, grips_of

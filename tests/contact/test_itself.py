@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 
 from octoplan.model import Anchorage, Arm, Material, Scene, settle
-from octoplan.model.effects import SelfContact
+from octoplan.model.extensions.contact.effects import SelfContact
 from octoplan.model.paths import Linear
 from octoplan.model.support.errors import UnsettledContactError
 

@@ -14,7 +14,8 @@ import pytest
 from scipy.integrate import solve_bvp
 
 from octoplan.model import Scene, settle
-from octoplan.model.effects import Contact, TipLoad
+from octoplan.model.effects import TipLoad
+from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import HalfSpace, Sphere
 from tests.contact.cases import bar
 from tests.oracles import Array

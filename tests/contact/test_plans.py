@@ -7,7 +7,8 @@ import pytest
 
 from octoplan.model import Arm, Scene, Shape, settle
 from octoplan.model.anchorage import Anchorage, Material
-from octoplan.model.effects import Contact, ExactTendons, Extension, Weight
+from octoplan.model.effects import ExactTendons, Extension, Weight
+from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Box, HalfSpace, Sphere
 from octoplan.model.paths import Linear
 from octoplan.planner import Plan, plan, trajectory

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from octoplan.model import Scene, settle
-from octoplan.model.effects import Contact, ExactTendons, Extension
+from octoplan.model.effects import ExactTendons, Extension
+from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Capsule
 from octoplan.planner.extensions.contact.optimum import steered
 from octoplan.planner.extensions.contact.program import TensionProgram

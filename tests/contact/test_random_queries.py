@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from octoplan.model import OctoplanError, Scene, settle
-from octoplan.model.effects import Contact, TipLoad
+from octoplan.model.effects import TipLoad
+from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.contact.forward import TouchingMap
 from octoplan.model.extensions.contact.touches import touches_of
 from octoplan.model.extensions.obstacles import Capsule

@@ -10,16 +10,10 @@ import numpy as np
 import pytest
 
 from octoplan.model import Arm, Scene, settle
-from octoplan.model.effects import (
-    Contact,
-    ExactTendons,
-    Extension,
-    Friction,
-    PrintedStatics,
-    SelfContact,
-    Weight,
-)
+from octoplan.model.effects import ExactTendons, Extension, Friction, Weight
+from octoplan.model.extensions.contact.effects import Contact, SelfContact
 from octoplan.model.extensions.obstacles import Capsule, HalfSpace, Sphere
+from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.stiffness import stiffness
 from octoplan.planner import plan, trajectory
 from octoplan.planner.targets import Hold, TipPosition, Wrap

@@ -9,14 +9,14 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 from octoplan.model import Arm, Scene, Shape, settle
-from octoplan.model.effects import Contact, Effect, ExactTendons, Extension, NeoHookean, TipLoad
+from octoplan.model.effects import Effect, ExactTendons, Extension, NeoHookean, TipLoad
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.extensions.contact.effects import Contact, without_friction
 from octoplan.model.extensions.contact.forward import TouchingMap
 from octoplan.model.extensions.contact.path import ContactEquilibrium
 from octoplan.model.extensions.contact.touches import ContactFlags, forces, frictions, resultants
 from octoplan.model.extensions.obstacles import Capsule, HalfSpace, Sphere
-from octoplan.model.loads import without_friction
 from octoplan.planner.extensions.contact.load_path import path_sensitivities
 from tests.contact.cases import bar, stiffness
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from octoplan.model import Arm, Scene, settle
-from octoplan.model.effects import Contact, ExactTendons, Extension, Weight
+from octoplan.model.effects import ExactTendons, Extension, Weight
+from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Capsule, HalfSpace
 from octoplan.model.support.errors import TimeLimitError
 from octoplan.planner import plan, trajectory

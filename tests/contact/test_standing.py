@@ -10,7 +10,8 @@ import pytest
 from scipy.sparse.linalg import ArpackNoConvergence
 
 from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
-from octoplan.model.effects import Contact, ExactTendons, Extension, TipLoad
+from octoplan.model.effects import ExactTendons, Extension, TipLoad
+from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.planner import Plan, load_plan, plan
 from octoplan.planner.targets import Hold, TipPosition

@@ -6,15 +6,8 @@ import numpy as np
 import pytest
 
 from octoplan.model import Anchorage, Arm, Linear, Scene, settle
-from octoplan.model.effects import (
-    Contact,
-    ExactTendons,
-    Extension,
-    PointLoad,
-    Shear,
-    TipLoad,
-    Weight,
-)
+from octoplan.model.effects import ExactTendons, Extension, PointLoad, Shear, TipLoad, Weight
+from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from tests.contact.cases import bar, distance, stiffness
 from tests.contact.queries import Query, imbalance

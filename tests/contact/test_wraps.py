@@ -8,8 +8,9 @@ import pytest
 from scipy.optimize import brentq
 
 from octoplan.model import Arm, Scene, settle
-from octoplan.model.effects import Contact, ExactTendons, Extension
+from octoplan.model.effects import ExactTendons, Extension
 from octoplan.model.extensions.clearance.farthest import largest_excess
+from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Capsule
 from octoplan.model.paths import Array
 from octoplan.planner import load_plan, plan

@@ -23,11 +23,11 @@ from octoplan.model.effects import (
     NeoHookean,
     PointLoad,
     PointMass,
-    PrintedStatics,
     Shear,
     TipLoad,
     Weight,
 )
+from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.planner import plan, switch_effects
 from octoplan.planner.targets import TipPosition
 from tests.refusals import Refused, check_refusal

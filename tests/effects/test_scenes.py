@@ -19,11 +19,11 @@ from octoplan.model.effects import (
     Friction,
     NeoHookean,
     PointLoad,
-    PrintedStatics,
     Shear,
     TipLoad,
     Weight,
 )
+from octoplan.model.extensions.printed import PrintedStatics
 from tests.effects.cases import EXACT
 
 ARM = Arm.from_paper("table-4")

@@ -15,8 +15,9 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from octoplan.model import Arm, InputError, Scene
-from octoplan.model.effects import Effect, PrintedStatics
+from octoplan.model.effects import Effect
 from octoplan.model.extensions.obstacles import Moving
+from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.planner.frontends.commands.files import schema_of
 from octoplan.planner.frontends.io.codec import (
     encode_exact,

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from octoplan.model import Arm, InputError, Scene
-from octoplan.model.effects import Extension, SelfContact
+from octoplan.model.effects import Extension
+from octoplan.model.extensions.contact.effects import SelfContact
 from octoplan.model.extensions.obstacles import Box, Mesh, Moving, Sphere
 from octoplan.planner import plan, sweep
 from octoplan.planner.frontends.cli import main

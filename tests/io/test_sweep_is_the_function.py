@@ -11,7 +11,6 @@ import pytest
 from octoplan.model import Arm, InputError, OctoplanError, Scene, settle
 from octoplan.model.effects import (
     Buoyancy,
-    Contact,
     Current,
     Effect,
     ExactTendons,
@@ -19,11 +18,11 @@ from octoplan.model.effects import (
     Friction,
     PointLoad,
     PointMass,
-    SelfContact,
     Shear,
     TipLoad,
     Weight,
 )
+from octoplan.model.extensions.contact.effects import Contact, SelfContact
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.model.support.errors import FileError
 from octoplan.planner import plan, stiffness, sweep

@@ -16,11 +16,11 @@ from octoplan.model.effects import (
     ExactTendons,
     Extension,
     Friction,
-    PrintedStatics,
     Shear,
     TipLoad,
     Weight,
 )
+from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.stiffness import stiffness
 from octoplan.model.support.errors import CompilerError
 from octoplan.planner import plan

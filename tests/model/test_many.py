@@ -13,19 +13,18 @@ import octoplan.model.extensions.batches as many_module
 from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle, settle_many
 from octoplan.model.effects import (
     Buoyancy,
-    Contact,
     Current,
     Effect,
     ExactTendons,
     Extension,
     PointMass,
-    SelfContact,
     Shear,
     TipLoad,
     Weight,
 )
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.extensions.contact.effects import Contact, SelfContact
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.model.forward import Maps, maps_of
 from octoplan.model.paths import Array

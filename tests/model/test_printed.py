@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from octoplan.model import Arm, Scene, settle
-from octoplan.model.effects import PrintedStatics
+from octoplan.model.extensions.printed import PrintedStatics
 from tests.model.cases import paper_tensions
 from tests.oracles import (
     Array,

@@ -14,11 +14,11 @@ from octoplan.model.effects import (
     ExactTendons,
     Extension,
     NeoHookean,
-    PrintedStatics,
     Shear,
     TipLoad,
     Weight,
 )
+from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.planner import plan
 from octoplan.planner.targets import TipPosition
 from tests.warned import detailed

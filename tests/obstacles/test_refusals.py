@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from octoplan.model import Arm, Linear, Scene
-from octoplan.model.effects import Contact, Extension
+from octoplan.model.effects import Extension
+from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Mesh, Sphere
 from octoplan.model.support.units import UnitWarning
 from octoplan.planner import plan

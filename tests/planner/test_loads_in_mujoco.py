@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from octoplan.model import Anchorage, Arm, InputError, Linear, OctoplanError, Scene, Shape, settle
 from octoplan.model.effects import (
     Buoyancy,
-    Contact,
     Current,
     Effect,
     ExactTendons,
@@ -24,11 +23,11 @@ from octoplan.model.effects import (
     NeoHookean,
     PointLoad,
     PointMass,
-    SelfContact,
     Shear,
     TipLoad,
     Weight,
 )
+from octoplan.model.extensions.contact.effects import Contact, SelfContact
 from octoplan.model.extensions.obstacles import HalfSpace
 from octoplan.planner import ExportWarning, export, mjcf, urdf
 from octoplan.planner.frontends.cli import main

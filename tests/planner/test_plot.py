@@ -13,8 +13,9 @@ from matplotlib.figure import Figure
 from PIL import Image, ImageChops
 
 from octoplan.model import Arm, Scene, Shape, settle
-from octoplan.model.effects import Contact, ExactTendons, Extension
+from octoplan.model.effects import ExactTendons, Extension
 from octoplan.model.extensions.clearance import clearance
+from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Capsule
 from octoplan.planner import Plan, plan, plan_many
 from octoplan.planner.certificate import COMPLEMENTARY

@@ -24,12 +24,12 @@ from octoplan.model.effects import (
     NeoHookean,
     PointLoad,
     PointMass,
-    PrintedStatics,
     Shear,
     TipLoad,
     Weight,
 )
 from octoplan.model.extensions.obstacles import Sphere
+from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.support.errors import FileError
 from octoplan.planner import plan
 from octoplan.planner.frontends.commands.files import schema_of

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from octoplan.model import Arm, InputError, Scene, settle
-from octoplan.model.effects import Buoyancy, Contact, ExactTendons, Extension, Weight
+from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
+from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Capsule, Sphere
 from octoplan.model.support.errors import UncertifiedError
 from octoplan.model.support.progress import (

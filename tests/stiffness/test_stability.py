@@ -10,16 +10,7 @@ from scipy.linalg import eigvals
 from scipy.sparse.linalg import ArpackNoConvergence, eigs
 
 from octoplan.model import Anchorage, Arm, Linear, Scene, SnapError, settle
-from octoplan.model.effects import (
-    Buoyancy,
-    Contact,
-    Current,
-    Effect,
-    Extension,
-    PointLoad,
-    TipLoad,
-    Weight,
-)
+from octoplan.model.effects import Buoyancy, Current, Effect, Extension, PointLoad, TipLoad, Weight
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.stability import (
     is_stable,
@@ -27,6 +18,7 @@ from octoplan.model.equilibrium.stability import (
     stability,
     stability_slope,
 )
+from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.model.rod.system import system
 from octoplan.planner import stiffness

@@ -1,1 +1,5 @@
-"""Equilibria of an arm in contact with rigid obstacles."""
+"""Contact of the arm with rigid obstacles and with itself."""
+
+from octoplan.model.extensions.contact.effects import Contact, SelfContact
+
+__all__ = ["Contact", "SelfContact"]

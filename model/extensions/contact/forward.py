@@ -11,11 +11,12 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.extensions.contact.effects import bodies_of, without_friction
 from octoplan.model.extensions.contact.gaps import check_outside
 from octoplan.model.extensions.contact.path import ContactEquilibrium, follow, retraced
 from octoplan.model.extensions.contact.sharp import Request, sharpened
 from octoplan.model.extensions.contact.touches import places_of
-from octoplan.model.loads import bodies_of, growth, places, without_friction
+from octoplan.model.loads import growth, places
 from octoplan.model.mesh import Mesh, graded, landmarks
 from octoplan.model.paths import Array
 from octoplan.model.rod.system import DiscreteRod

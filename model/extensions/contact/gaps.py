@@ -8,9 +8,9 @@ from scipy.ndimage import minimum_filter1d
 from octoplan.model.centreline import Centreline
 from octoplan.model.equilibrium.integration import poses_and_strains
 from octoplan.model.equilibrium.linearised import Index
+from octoplan.model.extensions.contact.effects import bodies_of, contacts
 from octoplan.model.extensions.contact.touches import Place, Places
 from octoplan.model.extensions.obstacles import distances
-from octoplan.model.loads import bodies_of, contacts
 from octoplan.model.paths import SAME, Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.system import DiscreteRod

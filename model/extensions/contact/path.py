@@ -22,6 +22,7 @@ from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import carried_strains
 from octoplan.model.equilibrium.newton import Start, newton
 from octoplan.model.equilibrium.stability import is_stable, unstable_mode
+from octoplan.model.extensions.contact.effects import bodies_of, without_friction
 from octoplan.model.extensions.contact.gaps import gaps_along, least_gaps
 from octoplan.model.extensions.contact.sharp import Request, close, sharpened
 from octoplan.model.extensions.contact.touches import (
@@ -34,7 +35,6 @@ from octoplan.model.extensions.contact.touches import (
 )
 from octoplan.model.extensions.lengths.least_energy import LeastEnergy
 from octoplan.model.extensions.obstacles import distances
-from octoplan.model.loads import bodies_of, without_friction
 from octoplan.model.paths import Array
 from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.support.errors import SnapError, UnsettledContactError

@@ -17,6 +17,7 @@ from octoplan.model.effects import NeoHookean, Shear
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import carried_strains, predicted
 from octoplan.model.equilibrium.newton import FOLLOWED, STEPS_IN_CONTACT, Start, newton
+from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.extensions.contact.gaps import THROUGH, along, least_gaps
 from octoplan.model.extensions.contact.touches import (
     BESIDE,
@@ -32,7 +33,6 @@ from octoplan.model.extensions.contact.touches import (
     second,
 )
 from octoplan.model.extensions.obstacles.base import SIZE
-from octoplan.model.loads import contacts
 from octoplan.model.paths import SAME, Array
 from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.rod.touch import BEFORE

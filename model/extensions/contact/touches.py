@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from octoplan.model.equilibrium.linearised import Equilibrium
+from octoplan.model.extensions.contact.effects import bodies_of, contacts
 from octoplan.model.extensions.obstacles.base import Convex, pair_distances
-from octoplan.model.loads import bodies_of, contacts
 from octoplan.model.mesh import Mesh, with_nodes
 from octoplan.model.paths import Array, Mask
 from octoplan.model.rod.system import DiscreteRod

@@ -31,7 +31,8 @@ import numpy as np
 
 from octoplan.model.cross_section.energy import EnergySection, ExactSection
 from octoplan.model.cross_section.sections import reported, strains_of
-from octoplan.model.loads import beyond, bodies_of, is_conservative, levers
+from octoplan.model.extensions.contact.effects import bodies_of
+from octoplan.model.loads import beyond, is_conservative, levers
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.element import Form

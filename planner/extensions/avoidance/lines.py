@@ -13,12 +13,12 @@ from octoplan.model.arm import Arm
 from octoplan.model.centreline import Centreline, Counts
 from octoplan.model.cross_section import cross_section_of
 from octoplan.model.cross_section.sections import Sections, strains_of
-from octoplan.model.effects import PrintedStatics
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import STAGES, Start, newton
 from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.extensions.clearance.pieces import Spread
+from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.forward import explicit_map
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array

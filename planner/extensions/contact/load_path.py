@@ -18,10 +18,10 @@ import scipy
 
 from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.linearised import Equilibrium
+from octoplan.model.extensions.contact.effects import contacts, without_friction
 from octoplan.model.extensions.contact.gaps import along
 from octoplan.model.extensions.contact.path import Path
 from octoplan.model.extensions.contact.touches import ContactFlags
-from octoplan.model.loads import contacts, without_friction
 from octoplan.model.paths import Array
 from octoplan.model.rod.touch import BEFORE
 from octoplan.model.scene import Scene

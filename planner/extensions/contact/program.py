@@ -25,9 +25,9 @@ import numpy as np
 from octoplan.model.equilibrium.linearised import Equilibrium, check_stretch
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.equilibrium.stability import is_stable, stability
+from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.extensions.contact.forward import TouchingMap
 from octoplan.model.extensions.contact.touches import ContactFlags, forces, resultants, second
-from octoplan.model.loads import contacts
 from octoplan.model.paths import Array
 from octoplan.model.rod.layout import POSE
 from octoplan.model.support.errors import SnapError, UnsettledContactError

@@ -12,9 +12,9 @@ from operator import attrgetter
 import numpy as np
 
 from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.extensions.contact.effects import contacts, without_contacts, without_friction
 from octoplan.model.extensions.contact.forward import TouchingMap
 from octoplan.model.extensions.contact.sharp import close
-from octoplan.model.loads import contacts, without_contacts, without_friction
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError, OctoplanError, UnsettledContactError

@@ -10,8 +10,8 @@ from typing import TypeVar
 import numpy as np
 
 from octoplan.model.arm import Arm
+from octoplan.model.extensions.contact.effects import contacts, without_contacts
 from octoplan.model.extensions.obstacles import Obstacle
-from octoplan.model.loads import contacts, without_contacts
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.progress import OutOfTime

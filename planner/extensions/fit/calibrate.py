@@ -9,10 +9,11 @@ from typing import get_args
 import numpy as np
 
 from octoplan.model import Arm, InputError, Scene
-from octoplan.model.effects import PrintedStatics
 from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.extensions.contact.effects import contacts
+from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.forward import checked_accuracy, estimate
-from octoplan.model.loads import contacts, convergence_order
+from octoplan.model.loads import convergence_order
 from octoplan.model.paths import Array
 from octoplan.model.settle import checked_scene
 from octoplan.model.support.checks import kind

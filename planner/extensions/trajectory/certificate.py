@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.forward import FINEST_ACCURACY
-from octoplan.model.loads import contacts, is_loaded
+from octoplan.model.loads import is_loaded
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, check_time, report

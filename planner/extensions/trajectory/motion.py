@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from octoplan.model.arm import Arm
+from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.forward import checked_accuracy
-from octoplan.model.loads import contacts
 from octoplan.model.scene import Scene
 from octoplan.model.support.machine.compiled import Compile, checked_compile
 from octoplan.model.support.progress import GRACE, limited, seconds_left, with_progress

@@ -12,7 +12,7 @@ from scipy.integrate import simpson
 
 from octoplan.model.arm import Arm
 from octoplan.model.effects import Buoyancy
-from octoplan.model.loads import contacts
+from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.stiffness import stiffness

@@ -15,20 +15,19 @@ from scipy.spatial.transform import Rotation
 
 from octoplan.model.effects import (
     Buoyancy,
-    Contact,
     Current,
     ExactTendons,
     Extension,
     NeoHookean,
     PointLoad,
     PointMass,
-    PrintedStatics,
-    SelfContact,
     Shear,
     TipLoad,
     Weight,
 )
 from octoplan.model.effects.base import Effect
+from octoplan.model.extensions.contact.effects import Contact, SelfContact
+from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.paths import SAME, Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError

@@ -15,7 +15,7 @@ import octoplan.model.extensions.obstacles
 import octoplan.planner.targets
 from octoplan.model.anchorage import Anchorage, Material, RestCurvature
 from octoplan.model.arm import PAPER_ARMS, PAPER_FRAME, Arm
-from octoplan.model.effects import Contact
+from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Box, Mesh, Moving, Obstacle
 from octoplan.model.extensions.obstacles.base import Convex
 from octoplan.model.support.errors import FileError, InputError

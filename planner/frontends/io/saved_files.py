@@ -10,8 +10,8 @@ import msgspec
 import numpy as np
 
 from octoplan.model.arm import Arm
+from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.forward import checked_accuracy
-from octoplan.model.loads import contacts
 from octoplan.model.support.checks import not_negative, positive, within
 from octoplan.model.support.errors import FileError
 from octoplan.model.support.progress import time_limit as limited_to

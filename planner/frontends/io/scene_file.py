@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from octoplan.model import Arm, InputError, Scene
-from octoplan.model.effects import SelfContact
+from octoplan.model.extensions.contact.effects import SelfContact
 from octoplan.model.loads import check_loads
 from octoplan.model.support.errors import FileError
 from octoplan.model.support.units import STROKE, length_text, warn_unusual

@@ -13,7 +13,10 @@ import msgspec
 from msgspec import Meta, structs
 
 import octoplan.model.effects
-from octoplan.model.effects import Effect, PrintedStatics
+import octoplan.model.extensions.contact
+import octoplan.model.extensions.printed
+from octoplan.model.effects import Effect
+from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.quantities import NotNegative, Positive
@@ -45,9 +48,19 @@ from octoplan.planner.frontends.io.tables import (
 # Keys that enable several effects at once.
 BUNDLES = {"silicone": Scene.silicone(), "as_printed": Scene.as_printed()}
 _SILICONE = "what a real silicone arm calls for: extension, exact_tendons and neo_hookean"
-_EFFECTS: list[type[Effect]] = [
-    kind for kind in public(octoplan.model.effects) if kind is not Effect
-]
+_EFFECTS: list[type[Effect]] = sorted(
+    (
+        kind
+        for module in (
+            octoplan.model.effects,
+            octoplan.model.extensions.contact,
+            octoplan.model.extensions.printed,
+        )
+        for kind in public(module)
+        if kind is not Effect
+    ),
+    key=lambda kind: kind.__name__,
+)
 # Of those that have a place a scene may have several.
 _SEVERAL = [item for item in _EFFECTS if item.place is not Effect.place]
 # What has no arguments but switches is a switch, with these beside it.

@@ -22,10 +22,11 @@ from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import STAGES, Start, newton
 from octoplan.model.equilibrium.stability import is_stable, stability_slope
+from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.extensions.obstacles import Obstacle
 from octoplan.model.extensions.obstacles.base import distances_from
 from octoplan.model.forward import by_collocation
-from octoplan.model.loads import contacts, is_loaded
+from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.settle import loosest, settle

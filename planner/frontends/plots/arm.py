@@ -16,11 +16,10 @@ from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
 
 from octoplan.model.arm import Arm
-from octoplan.model.effects import SelfContact
 from octoplan.model.extensions.clearance import Clearance, clearance
 from octoplan.model.extensions.clearance.nearest import ITSELF
+from octoplan.model.extensions.contact.effects import SelfContact, contacts
 from octoplan.model.extensions.obstacles import HalfSpace, Obstacle
-from octoplan.model.loads import contacts
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.planner.certificate import COMPLEMENTARY

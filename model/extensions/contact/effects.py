@@ -1,15 +1,22 @@
-"""Contact with something rigid and with the arm itself, and friction of sliding tendons."""
+"""Contact with rigid obstacles and with the arm itself: the effects, and those of a scene."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
-from msgspec import Meta
-
-from octoplan.model.effects.base import Effect
-from octoplan.model.extensions.obstacles.base import Convex
-from octoplan.model.support.quantities import NotNegative, Sign
+from octoplan.model.effects.base import Effect, Rules
+from octoplan.model.extensions.obstacles.base import Convex, numbers_of
+from octoplan.model.paths import Array
+from octoplan.model.scene import Scene
+from octoplan.model.support.errors import InputError
+from octoplan.model.support.quantities import NotNegative
 from octoplan.model.support.value import value
+
+if TYPE_CHECKING:
+    pass
+
+_SLIDING = "Friction", "tendons that slide where contact bends them sharply are not stated"
 
 
 @value
@@ -52,8 +59,35 @@ class Contact(Effect):
 
     @property
     def place(self) -> tuple[Any, ...]:
-        """What tells its obstacle from others of its kind."""
+        """The numbers of the obstacle."""
         return tuple(self.obstacle.numbers.tolist())
+
+    @classmethod
+    def excludes(cls) -> Rules:
+        """See Effect."""
+        return (_SLIDING,)
+
+    @property
+    def couples_sections(self) -> bool:
+        """See Effect."""
+        return True
+
+    def comparable(self) -> Contact:
+        """See Effect: friction may differ between two shapes of a motion."""
+        return replace(self, friction=0.0)
+
+    def convergence_order(self, scene: Scene, order: int, derivatives: bool) -> int:
+        """See Effect: friction of a part that conforms to an obstacle acts at nodes."""
+        return min(order, 2) if self.friction else order
+
+    def check_supported(self, contact: bool) -> None:
+        """See Effect."""
+        if not contact:
+            allowed = (
+                "a scene without contact, which settle, settle_many, stiffness, plan and "
+                "trajectory alone take"
+            )
+            raise InputError("scene", "with contact", allowed)
 
 
 @value
@@ -72,25 +106,43 @@ class SelfContact(Effect):
     tendons held by length do not state it and refuse it.
     """
 
+    @classmethod
+    def excludes(cls) -> Rules:
+        """See Effect."""
+        return ("Contact", "what presses on both an obstacle and itself is not stated"), _SLIDING
 
-@value
-class Friction(Effect):
-    """Coulomb friction: ``dT/ds = -direction mu T |d(c/|c|)/ds|`` from the motor to the anchorage.
+    def check_supported(self, contact: bool) -> None:
+        """See Effect."""
+        allowed = (
+            "a scene without SelfContact: where parts press on each other is found step by step "
+            "from rest, under tensions that are known, by settle alone; a plan or motion with "
+            "self_clearance=True keeps the arm clear of itself"
+        )
+        raise InputError("scene", "with SelfContact", allowed)
 
-    On a circular arc of angle theta, T(L) = T(0) exp(-mu theta) while pulling in. All tendons
-    slide; where a section's tendons end, those that go on are bent sharply and lose exp(-mu
-    angle) there. Adds to the paper's scene torsion, the moment at the nodes, the angle that each
-    tendon has turned there, and the rates of the strains: the most expensive effect. Without it a
-    tendon is as tight at its end as at its motor: at mu = 0.2 a bend of 180 degrees costs half the
-    tension.
 
-    Attributes
-    ----------
-    mu : float
-        Coefficient of friction.
-    direction : int or tuple of int
-        1 while the motor pulls in, -1 while it pays out; one for all tendons or one for each.
-    """
+def contacts(scene: Scene) -> tuple[Contact, ...]:
+    """Return the contacts of a scene."""
+    return tuple(effect for effect in scene.effects if isinstance(effect, Contact))
 
-    mu: NotNegative
-    direction: Sign | Annotated[tuple[Sign, ...], Meta(min_length=1)] = 1
+
+def bodies_of(scene: Scene) -> Array:
+    """Return the numbers (K, 17) of the obstacles in contact; see Convex.numbers."""
+    return numbers_of([contact.obstacle for contact in contacts(scene)])
+
+
+def without_contacts(scene: Scene) -> Scene:
+    """Return the scene without contact with obstacles."""
+    return Scene(*(effect for effect in scene.effects if not isinstance(effect, Contact)))
+
+
+def without_self_contact(scene: Scene) -> Scene:
+    """Return the scene without SelfContact."""
+    return Scene(*(effect for effect in scene.effects if not isinstance(effect, SelfContact)))
+
+
+def without_friction(scene: Scene) -> Scene:
+    """Return the scene with contacts that have no friction."""
+    return Scene(
+        *(replace(e, friction=0.0) if isinstance(e, Contact) else e for e in scene.effects)
+    )
