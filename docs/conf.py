@@ -1,6 +1,8 @@
-"""How Sphinx makes the documentation: `sphinx-build -W docs out/docs`."""
+"""Sphinx configuration: `sphinx-build -W docs out/docs` builds the documentation."""
 
+import os
 import sys
+import tempfile
 from importlib.metadata import version as _version
 from pathlib import Path
 
@@ -21,8 +23,9 @@ extensions = [
 ]
 html_math_renderer = "mathml"
 html_theme = "furo"
+pygments_dark_style = "github-dark"
 html_title = f"octoplan {release}"
-smartquotes_action = "qe"  # not dashes: options begin with two
+smartquotes_action = "qe"  # no dashes: options begin with two hyphens
 html_copy_source = False
 html_show_copyright = False
 html_static_path = ["static"]
@@ -35,13 +38,19 @@ autodoc_preserve_defaults = True
 numpydoc_show_class_members = False
 copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True
-# The notebook is run when the documentation is built, and what it shows is what it says.
+# Notebooks are executed when the documentation is built, so that their outputs are current.
 nb_execution_mode = "force"
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_execution_in_temp = True
-# Lines that tell how far a computation is.
 nb_output_stderr = "remove"
+# Turn off progress lines in notebooks: they would appear only on slow machines.
+_ipython = tempfile.TemporaryDirectory()
+_startup = Path(_ipython.name, "profile_default", "startup")
+_startup.mkdir(parents=True)
+_no_progress = "import octoplan.model.support.progress as progress\nprogress.DELAY = 1e6\n"
+(_startup / "no_progress.py").write_text(_no_progress)
+os.environ["IPYTHONDIR"] = _ipython.name
 doctest_global_setup = """
 import matplotlib
 matplotlib.use("Agg")
