@@ -21,8 +21,6 @@ def check_refusal(attempt: Callable[[], object], field: str, told: str = "") -> 
     assert field in error.field
     assert error.allowed and told in str(error)
     if not isinstance(error, FileError):
-        assert (
-            str(error) == f"{error.field}: got {as_given(error.given)}, allowed is {error.allowed}"
-        )
+        assert str(error) == f"{error.field} = {as_given(error.given)}: must be {error.allowed}"
     assert isinstance(error, ValueError)
     assert str(pickle.loads(pickle.dumps(error))) == str(error)

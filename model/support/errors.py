@@ -76,7 +76,7 @@ class InputError(OctoplanError, ValueError):
 
     def __init__(self, field: str, value: object, allowed: str) -> None:
         self.field, self.given, self.allowed = field, value, allowed
-        super().__init__(f"{shortened(field)}: got {as_given(value)}, allowed is {allowed}")
+        super().__init__(f"{shortened(field)} = {as_given(value)}: must be {allowed}")
 
 
 class TimeLimitError(OctoplanError):
@@ -98,31 +98,43 @@ class UncertifiedError(OctoplanError):
 
 
 class FileError(InputError):
-    """A file that was given does not say what it should.
+    """A file has an invalid entry, or cannot be read or written.
 
     Attributes
     ----------
     path : str
         The file.
     where : str
-        The place in it: a line, or a key by its path from the top, such as "effects.weight.g[1]".
+        The place in the file: a line, or a key path such as "effects.weight.g[1]".
     problem : str
-        What is there and what is allowed.
+        The rule that is violated, such as "must be a number above 0".
+    entry : str
+        The invalid value as the file has it; empty if no single value is invalid.
+    message : str
+        The error without the path of the file.
     """
 
-    def __init__(self, path: str, where: str, problem: str) -> None:
-        self.path, self.where, self.problem = path, where, problem
-        place = f"{shortened(path)}: {shortened(where)}" if where else shortened(path)
-        self.field, self.given, self.allowed = place, where, problem
-        OctoplanError.__init__(self, f"{place}: {problem}")
+    def __init__(self, path: str, where: str, problem: str, entry: str = "") -> None:
+        self.path = path
+        self.where = where
+        self.problem = problem
+        self.entry = entry
+        self.field = f"{shortened(path)}: {shortened(where)}" if where else shortened(path)
+        self.given = entry or where
+        self.allowed = problem
+        place = f"{shortened(where)} = {entry}" if entry else shortened(where)
+        self.message = f"{place}: {problem}" if place else problem
+        OctoplanError.__init__(self, f"{shortened(path)}: {self.message}")
 
     @classmethod
     def of(cls, reason: InputError, path: str, where: str) -> FileError:
-        """Return what is not allowed as an error of the file that said so."""
+        """Return an InputError as the error of the file that contains the invalid value."""
         named = reason.field == where.rsplit(".", 1)[-1]
         value = float(f"{reason.given:.9g}") if isinstance(reason.given, float) else reason.given
-        message = f"got {as_given(value)}, allowed is {reason.allowed}"
-        return cls(path, where, message if named else f"{reason.field}: {message}")
+        if named:
+            return cls(path, where, f"must be {reason.allowed}", as_given(value))
+        problem = f"{reason.field} = {as_given(value)}: must be {reason.allowed}"
+        return cls(path, where, problem)
 
 
 class CollapsedError(OctoplanError):

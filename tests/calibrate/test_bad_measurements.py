@@ -39,7 +39,7 @@ TOUCHING = HANGING + Contact(Sphere((0.1, 0.0, -0.1), 0.02))
 REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "beyond the tip": (
         measuring(points=[(0.3, (0, 0, 0), (0, 0, -0.1))]),
-        r"points\[0\].s: got 0.3.* 0 to 0.2 m",
+        r"points\[0\].s = 0.3.* 0 to 0.2 m",
     ),
     "s in mm": (measuring(points=[(100.0, (0, 0, 0), (0, 0, -0.1))]), "is it in mm"),
     "offset in mm": (measuring(points=[(0.1, (0, 0, 20), (0, 0, -0.1))]), "offset.*is it in mm"),
@@ -51,20 +51,20 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "two lengths": (measuring(lengths=[0.2, 0.2]), "one of each of 3"),
     "lengths in mm": (
         measuring(lengths=[0.2, 196.0, 0.2]),
-        "lengths, T_12: got 196.0.*is it in mm",
+        "lengths, T_12 = 196.0.*is it in mm",
     ),
     "lengths alone in mm": (
         measuring(tensions=None, points=(), tip=(0, 0, -0.1), lengths=[0.2, 200.0, 0.2]),
-        r"measured\[0\]: lengths, T_12: got 200.0.*in mm",
+        r"measured\[0\]: lengths, T_12 = 200.0.*in mm",
     ),
     "strokes in mm": (
         measuring(strokes=[0.0, 0.3, 0.0]),
-        "strokes, T_12: got 0.3.*at rest, 0.2 m; is it in mm",
+        "strokes, T_12 = 0.3.*at rest, 0.2 m; is it in mm",
     ),
     "tip in mm": (measuring(tip=(0, 0, -200.0)), "tip.*is it in mm"),
     "tip out of reach": (
         measuring(points=(), tip=(0, 0, -3.0)),
-        r"measured\[0\]: tip, z: got .*within reach",
+        r"measured\[0\]: tip, z = .*within reach",
     ),
     "a frame that is none": (
         measuring(frames=[(0.1, [[1, 0, 0], [0, 1, 0], [0, 0, 2]])]),

@@ -271,7 +271,7 @@ def test_objectives_that_cannot_be(objective: Any, most: float, told: str) -> No
 
 
 def test_a_making_that_is_none_is_refused() -> None:
-    with pytest.raises(InputError, match="making: got 3, allowed is a Making"):
+    with pytest.raises(InputError, match="making = 3: must be a Making"):
         design(_arm(), _tips(), [RADIUS], PAPER, 5.0, making=3)  # type: ignore[arg-type]
 
 

@@ -87,8 +87,8 @@ def test_the_command_line_calibrates(folder: Path, capsys: pytest.CaptureFixture
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("shape 1,", "shape 1,x", "line 3: T_11_N: got 'x0.0'"),
-        ("M2_z_mm", "M3_z_mm", "line 1: got 'M3_z_mm', allowed are columns"),
+        ("shape 1,", "shape 1,x", "line 3: T_11_N = 'x0.0'"),
+        ("M2_z_mm", "M3_z_mm", "line 1 = 'M3_z_mm': must be a column"),
         ("T_11_N,", "", "missing column T_11_N"),
     ],
 )
@@ -104,7 +104,7 @@ def test_a_marker_that_is_no_number_is_told_by_its_row(folder: Path) -> None:
     lines = shapes.read_text().splitlines()
     lines[4] = ",".join([*lines[4].split(",")[:-1], "nan"])
     shapes.write_text("\n".join(lines))
-    with pytest.raises(FileError, match="line 5: M2_z_mm: got 'nan'"):
+    with pytest.raises(FileError, match="line 5: M2_z_mm = 'nan'"):
         load_asked(folder / "calibration.toml")
 
 

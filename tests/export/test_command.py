@@ -57,7 +57,7 @@ def test_json_tells_files_and_sizes(tmp_path: Path, capsys: pytest.CaptureFixtur
     ("scene", "options", "told"),
     [
         ("payload_in_water", [], "no explicit map"),
-        ("fetch_3d", [], "tensions: missing; needed is tensions = [["),
+        ("fetch_3d", [], "tensions: missing: must be tensions = [["),
         ("figure_15", ["--precision", "half"], '"half" for --precision. Choose from: "double"'),
         ("figure_15", ["--accuracy", "2"], '"2.0" for --accuracy. Must be <= 0.1'),
         ("no_such_scene", [], "no such file"),
@@ -107,7 +107,7 @@ def test_scenes_that_are_solved_for_have_no_map_to_export(effect: Any, tmp_path:
 def test_newton_s_method_along_curved_tendons_is_not_exported_in_single_precision(
     tmp_path: Path,
 ) -> None:
-    with pytest.raises(InputError, match="precision: got 'float'"):
+    with pytest.raises(InputError, match="precision = 'float'"):
         export(CURVED, Scene(ExactTendons()), tmp_path, [0.1, 0, 0, 0, 0], precision="float")
     assert list(tmp_path.iterdir()) == []
 

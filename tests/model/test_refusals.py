@@ -1,4 +1,4 @@
-"""What is not allowed is refused by field, with what is allowed; arms that are crushed are told."""
+"""Invalid values raise InputError with field and rule; crushed arms raise CollapsedError."""
 
 from __future__ import annotations
 

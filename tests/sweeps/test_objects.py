@@ -46,7 +46,7 @@ def test_plans_and_draws_too(tmp_path: Path) -> None:
         ({"axes": {"arm.E_MPa": [1.0]}, "tensions": [0.0] * 12}, 'did you mean "E_kPa"'),
         ({"axes": {"arm.E_kPa": [1.0]}, "scene": "silicone"}, "scene"),
         ({"axes": {"arm.E_kPa": [1.0]}, "tension": 3}, "no such key"),
-        ({"axes": {"arm.E_kPa": [1.0]}}, "scene.tensions: missing; needed is tensions = [[0.0"),
+        ({"axes": {"arm.E_kPa": [1.0]}}, "scene.tensions: missing: must be tensions = [[0.0"),
         ({"axes": {"arm.E_kPa": [1.0]}, "target": 3}, "others have no keys"),
     ],
 )
@@ -114,5 +114,5 @@ def test_a_time_limit_is_that_of_each_point() -> None:
 
 
 def test_an_output_that_is_no_path_is_refused_by_name() -> None:
-    with pytest.raises(InputError, match="out: got 3, allowed is the name of a file or folder"):
+    with pytest.raises(InputError, match="out = 3: must be the name of a file or folder"):
         sweep(ARM, 3, axes={"arm.E_kPa": [100.0]}, tensions=tensions())  # type: ignore[arg-type]

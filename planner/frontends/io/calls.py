@@ -39,7 +39,7 @@ def check_complete(question: Question, *keys: str) -> None:
     for key in keys:
         if not has[key]:
             example = _EXAMPLES.get(key) or _tensions_example(question)
-            raise FileError(question.name, key, f"missing; needed is {example}")
+            raise FileError(question.name, key, f"missing: must be {example}")
 
 
 def _tensions_example(question: Question) -> str:

@@ -168,8 +168,8 @@ def load_shapes(
     known = ["name", "session", *chain(*columns.values()), *chain(*places)]
     for column in header:
         if column not in known or header.count(column) > 1:
-            allowed = f"columns, each once, of {', '.join(known)}"
-            raise FileError(name, "line 1", f"got {column!r}, allowed are {allowed}")
+            problem = f"must be a column, named once, of {', '.join(known)}"
+            raise FileError(name, "line 1", problem, repr(column))
     drives = [columns[key] for key in ("tensions", "lengths", "strokes")]
     for column in chain(*([each for each in drives if {*each} & {*header}] or drives[:1])):
         if column not in header:

@@ -251,14 +251,13 @@ def read_json(path: Path, wanted: str) -> dict[str, Any]:
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as reason:
         raise FileError(name, "", f"this is not valid JSON: {reason}") from None
     if not isinstance(table, dict):
-        allowed = f"a {what} that was saved"
-        raise FileError(name, "the file", f"got {as_given(table)}, allowed is {allowed}")
-    result = table.get("schema")
-    if result == wanted:
+        raise FileError(name, "the file", f"must be a saved {what}", as_given(table))
+    schema = table.get("schema")
+    if schema == wanted:
         return table
-    message = f"got {as_given(result)}, allowed is one of {wanted}"
-    if result is None:
-        message = f'missing; a saved {what} has schema = "{wanted}"'
-    elif isinstance(result, str) and result.startswith(f"octoplan {what} "):
-        message += "; another version of octoplan wrote it: load it there, or find it again here"
-    raise FileError(name, "schema", message)
+    if schema is None:
+        raise FileError(name, "schema", f'missing: must be "{wanted}" in a saved {what}')
+    problem = f'must be "{wanted}"'
+    if isinstance(schema, str) and schema.startswith(f"octoplan {what} "):
+        problem += f"; use the version of octoplan that saved this {what}, or compute a new one"
+    raise FileError(name, "schema", problem, as_given(schema))

@@ -71,7 +71,7 @@ def load_asked(path: str | Path) -> dict[str, Any]:
     file, question, unknowns = _read(path, CalibrationFile, "unknowns", "calibrate")
     names = [point.name for point in file.points]
     if len(set(names)) < len(names):
-        raise FileError(name, "points", f"got {', '.join(names)}; allowed is each name once")
+        raise FileError(name, "points", "must have distinct names", ", ".join(names))
     values = arguments_of(file)
     stds = {key: values[key] for key in ("std", "length_std", "tension_std")}
     return {
@@ -88,8 +88,7 @@ def run_design(path: str | Path) -> Design:
     name = str(path)
     file, question, unknowns = _read(path_of(path), DesignFile, "tasks", "design")
     if question.options.get("tension_min") or question.options.get("total_pull"):
-        text = "got tension_min or total_pull, allowed is tension_max alone in a design"
-        raise FileError(name, "limits", text)
+        raise FileError(name, "limits", "must be tension_max alone in a design file")
     most = question.options.get("tension_max", math.inf)
     with error_context(name, ""):
         objective: Objective = "effort" if file.objective is None else value_of(file.objective)

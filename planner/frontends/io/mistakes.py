@@ -106,8 +106,8 @@ def _mistake(name: str, table: Any, root: Any, path: str) -> FileError:
     about = about_type(type_at(table, where, root))
     if any("a list" in item for item in words) and about:
         allowed = f"{allowed}: {about}"
-    text = f"got {shown(value)}, allowed is {allowed}{hint(value, options)}"
-    return FileError(name, path or "the file", text)
+    problem = f"must be {allowed}{hint(value, options)}"
+    return FileError(name, path or "the file", problem, shown(value))
 
 
 def shown(value: Any) -> str:
@@ -152,7 +152,7 @@ def _wrong_keys(
         text = f"no such key{more} (known here: {', '.join(allowed)})"
         return FileError(name, f"{where}{shortened(unknown)}", text)
     if tags and entries.get(tags[0][0]) is None:
-        text = f"missing, allowed is one of {', '.join(str(tag) for _, tag in tags)}"
+        text = f"missing: must be one of {', '.join(str(tag) for _, tag in tags)}"
         return FileError(name, f"{where}{tags[0][0]}", text)
     required = (field.name for item in tables for field in item.fields if field.required)
     missing = next((key for key in required if key not in entries), "")
@@ -186,7 +186,7 @@ def _as_written(reason: InputError, name: str, key: str, part: Any) -> FileError
     fitting = (item for item in matches if len(matches) == 1 or _is_same(item, reason.given))
     path, unit, value = next(fitting, matches[0])
     held = shown(value if unit or isinstance(reason.given, tuple) else reason.given)
-    return FileError(name, path, f"got {held}, allowed is {reason.allowed}")
+    return FileError(name, path, f"must be {reason.allowed}", held)
 
 
 _FIELD = re.compile(r"\w[\w.\[\]]*")
@@ -234,9 +234,9 @@ def check_modulus(E_kPa: float, name: str) -> None:
     """Raise FileError for Young's modulus of an arm in MPa or GPa in place of kPa."""
     if E_kPa < _SOFTEST:
         unit, factor = ("megapascals", 1e3) if 1e3 * E_kPa >= _SOFTEST else ("gigapascals", 1e6)
-        meant = f"give {factor * E_kPa:g} if {unit} were meant (kPa)"
-        text = f"got {E_kPa:g}, softer than any elastomer; allowed is {_SOFTEST:g} kPa or more"
-        raise FileError(name, "arm.E_kPa", f"{text}: {meant}")
+        remedy = f"give {factor * E_kPa:g} if {unit} were meant (kPa)"
+        problem = f"must be at least {_SOFTEST:g} kPa, as no elastomer is softer; {remedy}"
+        raise FileError(name, "arm.E_kPa", problem, f"{E_kPa:g}")
 
 
 def warn_of_slips(raw: dict[str, Any]) -> None:

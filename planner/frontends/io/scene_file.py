@@ -193,7 +193,8 @@ def scene_beside(
     try:
         yield scene, str(path), ""
     except FileError as reason:
-        raise FileError(reason.path, f"scene.{reason.where}", reason.problem) from None
+        where = f"scene.{reason.where}"
+        raise FileError(reason.path, where, reason.problem, reason.entry) from None
 
 
 def checked_table(raw: dict[str, Any], name: str) -> SceneTable:

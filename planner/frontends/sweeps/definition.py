@@ -174,8 +174,8 @@ def _sweep(
     job = Job(file.sweep.compute, scene, scene_name, keys, tendons, together)
     sweep = Sweep(job, axes, file.sweep.draws or 0, texts)
     if sweep.size > MOST_POINTS:
-        allowed = f"{sweep.size} points; allowed is up to {MOST_POINTS}"
-        raise FileError(name, "sweep.axes", allowed)
+        problem = f"must define at most {MOST_POINTS} points, not {sweep.size}"
+        raise FileError(name, "sweep.axes", problem)
     return sweep
 
 
@@ -187,20 +187,19 @@ def _axes(table: SweepTable, scene: dict[str, Any], scene_name: str, name: str) 
         with error_context(name, where):
             axis = _axis(item, table, scene)
         if any(axis.key == other.key or axis.name == other.name for other in axes):
-            text = f"got {axis.name!r}, which another axis is; allowed is each key once"
-            raise FileError(name, where, text)
+            raise FileError(name, where, "must differ from the other axes", repr(axis.name))
         for value in axis.extremes:
             try:
                 question = question_of(changed(scene, [axis.key], [value]), scene_name)
             except FileError as reason:
-                text = f"{axis.key} = {value!r}: {reason.where}: {reason.problem}"
-                raise FileError(name, where, text) from None
+                problem = f"{axis.key} = {value!r}: {reason.message}"
+                raise FileError(name, where, problem) from None
             with error_context(name, where):
                 _check_compute(question, table.compute)
         warn_of_slip(axis.key, axis.values.tolist())
         axes.append(axis)
     if table.draws is not None and not any(axis.drawn for axis in axes):
-        raise FileError(name, "sweep.draws", "got draws, and no axis with a distribution")
+        raise FileError(name, "sweep.draws", "must be omitted: no axis has a distribution")
     return tuple(sorted(axes, key=lambda axis: axis.drawn))
 
 
