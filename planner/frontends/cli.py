@@ -36,7 +36,7 @@ from octoplan.model.support.progress import (
     time_limit,
 )
 from octoplan.planner.frontends.io.files import to_json, why, write_together
-from octoplan.planner.frontends.io.scene_file import Question, load
+from octoplan.planner.frontends.io.scene_file import SceneFile, load
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def _check_folder(_: Any, folder: Path | None) -> None:
         raise ValueError(f"Allowed is a folder to write to: {why(reason)}.") from None
 
 
-SceneFile = Annotated[Path, Parameter(help="Scene file, SCENE.toml.")]
+ScenePath = Annotated[Path, Parameter(help="Scene file, SCENE.toml.")]
 Folder = Annotated[Path, Parameter(validator=_check_folder)]
 Accuracy = Annotated[
     float,
@@ -110,7 +110,7 @@ class Options:
 
     def loaded(
         self, scene: Path, accuracy: float | None = None, compiled: Compile = False
-    ) -> Question:
+    ) -> SceneFile:
         """Return the question of a scene file, with what these options have in place of its own.
 
         The scene's time limit holds from here on where there is no --time-limit. Raises FileError.
@@ -161,7 +161,7 @@ class SceneOptions(FileOptions):
     accuracy: Accuracy | None = None
     compile: bool = False
 
-    def question(self, scene: Path) -> Question:
+    def question(self, scene: Path) -> SceneFile:
         """Return the question of a scene file; see loaded."""
         return self.loaded(scene, self.accuracy, self.compile)
 

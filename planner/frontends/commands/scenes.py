@@ -24,8 +24,8 @@ from octoplan.planner.frontends.cli import (
     Folder,
     Options,
     Output,
-    SceneFile,
     SceneOptions,
+    ScenePath,
 )
 from octoplan.planner.frontends.effect_ablation import switch_effects
 from octoplan.planner.frontends.io.calls import check_complete, in_motion, planned, settled, stiff
@@ -50,7 +50,7 @@ from octoplan.planner.plan import plan as make_plan
 _DEFAULT = SceneOptions()
 
 
-def plan(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Output:
+def plan(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Output:
     """Find the tensions of least effort for the scene's target."""
     result = planned(options.question(scene))
     tables = {"plan.csv": lambda: plan_csv(result), "shape.csv": lambda: _shape_csv(result)}
@@ -66,7 +66,7 @@ def _shape_csv(result: Plan) -> bytes:
     return b""
 
 
-def trajectory(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Output:
+def trajectory(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Output:
     """Find tensions over time through the scene's waypoints."""
     result = in_motion(options.question(scene))
     return Output(
@@ -79,21 +79,21 @@ def trajectory(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Outp
     )
 
 
-def settle(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Output:
+def settle(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Output:
     """Find the shape under the scene's tensions or lengths."""
     shape = settled(options.question(scene))
     tables = {"shape.csv": lambda: shape_csv(shape)}
     return Output(lambda: to_text(shape), record(ShapeRecord, shape), "shape", shape.plot, tables)
 
 
-def stiffness(scene: SceneFile, /, *, options: SceneOptions = _DEFAULT) -> Output:
+def stiffness(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Output:
     """Find the compliance that the scene's [stiffness] table asks for."""
     k = stiff(options.question(scene))
     return Output(lambda: repr(k), record(StiffnessRecord, k), "stiffness", lambda: plotted(k))
 
 
 def effects(
-    scene: SceneFile, /, *, accuracy: Accuracy | None = None, options: FileOptions = _DEFAULT
+    scene: ScenePath, /, *, accuracy: Accuracy | None = None, options: FileOptions = _DEFAULT
 ) -> Output:
     """Settle the scene with each effect switched in turn."""
     question = options.loaded(scene, accuracy)
@@ -109,7 +109,7 @@ def effects(
 
 
 def live(
-    scene: SceneFile,
+    scene: ScenePath,
     /,
     *,
     host: str = "localhost",
@@ -151,7 +151,7 @@ _WHAT = (
 
 
 def export(
-    scene: SceneFile,
+    scene: ScenePath,
     /,
     *,
     to: Folder,

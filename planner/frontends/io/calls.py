@@ -12,7 +12,7 @@ from octoplan.planner.extensions.trajectory.motion import trajectory
 from octoplan.planner.extensions.trajectory.result import Trajectory
 from octoplan.planner.frontends.io.codec import names_of
 from octoplan.planner.frontends.io.mistakes import error_context
-from octoplan.planner.frontends.io.scene_file import Question
+from octoplan.planner.frontends.io.scene_file import SceneFile
 from octoplan.planner.frontends.io.scene_tables import MotionTable
 from octoplan.planner.plan import Plan, plan
 
@@ -27,7 +27,7 @@ _EXAMPLES = {
 }
 
 
-def check_complete(question: Question, *keys: str) -> None:
+def check_complete(question: SceneFile, *keys: str) -> None:
     """Raise FileError for the first of some keys that a scene file needs and lacks."""
     has = {
         "target": question.targets,
@@ -42,43 +42,43 @@ def check_complete(question: Question, *keys: str) -> None:
             raise FileError(question.name, key, f"missing: must be {example}")
 
 
-def _tensions_example(question: Question) -> str:
+def _tensions_example(question: SceneFile) -> str:
     rows = (f"[{', '.join(['0.0'] * len(item.angles))}]" for item in question.arm.sections)
     place = "at the top of the file, above the first [table]"
     return f"tensions = [{', '.join(rows)}] (N) {place}"
 
 
-def check_held(question: Question) -> None:
+def check_held(question: SceneFile) -> None:
     """Raise FileError for a scene file that has neither tensions nor lengths."""
     if "lengths" not in question.options:
         check_complete(question, "tensions")
 
 
-def _computed(question: Question, function: Callable[..., R], what: Any, **more: Any) -> R:
+def _computed(question: SceneFile, function: Callable[..., R], what: Any, **more: Any) -> R:
     """Return what a function computes of a question, and of tensions or targets."""
     with error_context(question.name, ""):
         return function(question.arm, what, question.scene, **question.of(function) | more)
 
 
-def settled(question: Question) -> Shape:
+def settled(question: SceneFile) -> Shape:
     """Return the shape under a scene file's tensions or lengths; FileError without any."""
     check_held(question)
     return _computed(question, settle, question.tensions)
 
 
-def stiff(question: Question) -> Stiffness:
+def stiff(question: SceneFile) -> Stiffness:
     """Return the stiffness that a scene file asks for; FileError without tensions or lengths."""
     check_held(question)
     return _computed(question, stiffness, question.tensions, **question.stiffness)
 
 
-def planned(question: Question) -> Plan:
+def planned(question: SceneFile) -> Plan:
     """Return the plan that a scene file asks for; FileError without target or limits."""
     check_complete(question, "target", "limits")
     return _computed(question, plan, question.targets)
 
 
-def in_motion(question: Question) -> Trajectory:
+def in_motion(question: SceneFile) -> Trajectory:
     """Return the motion that a scene file asks for; FileError for what it lacks."""
     check_complete(question, "waypoints", "motion", "limits")
     return _computed(question, trajectory, list(question.waypoints))

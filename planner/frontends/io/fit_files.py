@@ -19,7 +19,7 @@ from octoplan.planner.frontends.io.csv_files import MarkerColumns, load_shapes
 from octoplan.planner.frontends.io.files import path_of, read_toml
 from octoplan.planner.frontends.io.mistakes import build_at, checked, error_context
 from octoplan.planner.frontends.io.object_tables import ObjectiveTable, TargetTable
-from octoplan.planner.frontends.io.scene_file import Question, scene_beside, written_question
+from octoplan.planner.frontends.io.scene_file import SceneFile, scene_beside, written_question
 from octoplan.planner.frontends.io.scene_tables import SceneKey
 from octoplan.planner.frontends.io.tables import Accuracy, table
 
@@ -97,7 +97,7 @@ def run_design(path: str | Path) -> Design:
         return design(*arguments, making=making, objective=objective)
 
 
-def _read(path: Path, kind: Any, needed: str, command: str) -> tuple[Any, Question, list[Unknown]]:
+def _read(path: Path, kind: Any, needed: str, command: str) -> tuple[Any, SceneFile, list[Unknown]]:
     """Return what a file holds as a table of a kind, and its scene and unknowns."""
     name = str(path)
     file = checked(read_toml(path)[0], kind, name, needed, command)

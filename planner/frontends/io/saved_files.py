@@ -109,8 +109,8 @@ def _check_multipliers(plan: Plan, name: str) -> None:
         problem = plan.problem
         wanted = problem.n_free, problem.n_outer
     if any(sizes) and sizes != wanted:
-        problem = "must be empty or have {} and {} numbers, not {} and {}".format(*wanted, *sizes)
-        raise FileError(name, "answer.lam_x and answer.lam_g", problem)
+        rule = "must be empty or have {} and {} numbers, not {} and {}".format(*wanted, *sizes)
+        raise FileError(name, "answer.lam_x and answer.lam_g", rule)
     for where, lam in (("answer.lam_x", plan.lam_x), ("answer.lam_g", plan.lam_g)):
         if not np.all(np.isfinite(lam)):
             raise FileError(name, where, "must be finite numbers")

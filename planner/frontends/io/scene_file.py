@@ -45,7 +45,7 @@ R = TypeVar("R")
 
 
 @dataclass(frozen=True)
-class Question:
+class SceneFile:
     """What a scene file asks: an arm and a scene, and what to find or to settle.
 
     Attributes
@@ -88,12 +88,12 @@ class Question:
         """After how long an answer has to be there [s]."""
         return self.options.get("time_limit")
 
-    def but(self, **options: Any) -> Question:
+    def but(self, **options: Any) -> SceneFile:
         """Return the question with other options."""
         return replace(self, options=self.options | options)
 
 
-def load(path: str | Path) -> Question:
+def load(path: str | Path) -> SceneFile:
     """Return the question of a scene file.
 
     Raises
@@ -104,19 +104,19 @@ def load(path: str | Path) -> Question:
     return written_question(read_toml(path_of(path))[0], str(path))
 
 
-def read(text: bytes, name: str = "scene") -> Question:
+def read(text: bytes, name: str = "scene") -> SceneFile:
     """Return the question of a scene file's text; see load."""
     return written_question(toml_of(text, name), name)
 
 
-def written_question(raw: dict[str, Any], name: str) -> Question:
+def written_question(raw: dict[str, Any], name: str) -> SceneFile:
     """Return the question of what somebody wrote: likely slips in it are told as UnitWarning."""
     question = question_of(raw, name)
     warn_of_slips(raw)
     return question
 
 
-def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
+def question_of(raw: dict[str, Any], name: str = "scene") -> SceneFile:
     """Return the question of what a scene file holds, as TOML is decoded; see load."""
     table = checked_table(raw, name)
     check_modulus(table.arm.E_kPa, name)
@@ -153,7 +153,7 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> Question:
     if table.limits is not None:
         options |= build("limits", partial(_limits, arm), table.limits)
     stiff = build("stiffness", partial(_stiffness, arm), table.stiffness)
-    return Question(arm, scene, targets, ways, table.tensions, options, stiff, name)
+    return SceneFile(arm, scene, targets, ways, table.tensions, options, stiff, name)
 
 
 def _but_none(arguments: dict[str, Any]) -> dict[str, Any]:

@@ -30,7 +30,7 @@ from octoplan.planner.frontends.io.files import path_of, read_toml
 from octoplan.planner.frontends.io.key_paths import changed, checked_key, steps, type_at
 from octoplan.planner.frontends.io.mistakes import checked, error_context, warn_of_slip
 from octoplan.planner.frontends.io.scene_file import (
-    Question,
+    SceneFile,
     filled,
     question_of,
     scene_beside,
@@ -218,7 +218,7 @@ def _axis(each: AxisTable, table: SweepTable, scene: dict[str, Any]) -> Axis:
     )
 
 
-def _check_compute(question: Question, compute: str) -> None:
+def _check_compute(question: SceneFile, compute: str) -> None:
     """Raise InputError, naming it, for what a scene has that a sweep does not take."""
     if question.scene.has(PrintedStatics):
         raise InputError("compute", f"{compute} as printed", "a scene without as_printed")

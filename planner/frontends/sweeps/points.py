@@ -16,7 +16,7 @@ from octoplan.model.support.progress import ProgressLine, check_time, limited
 from octoplan.planner.frontends.io.calls import planned, settled, stiff
 from octoplan.planner.frontends.io.codec import arguments
 from octoplan.planner.frontends.io.key_paths import changed
-from octoplan.planner.frontends.io.scene_file import Question, question_of
+from octoplan.planner.frontends.io.scene_file import SceneFile, question_of
 
 Compute = Literal["settle", "plan", "stiffness"]
 Point = tuple[Any, ...]
@@ -123,7 +123,7 @@ class Job:
         Names of the tendons.
     together : bool
         Whether only tensions vary of shapes in closed form, which are settled many at a time.
-    objects : (Question, Question)
+    objects : (SceneFile, SceneFile)
         Of a sweep of objects, the question of these, and that of the scene they are written as.
     """
 
@@ -133,9 +133,9 @@ class Job:
     keys: tuple[str, ...]
     tendons: tuple[str, ...]
     together: bool
-    objects: tuple[Question, Question] | None = None
+    objects: tuple[SceneFile, SceneFile] | None = None
 
-    def question(self, point: Point = ()) -> Question:
+    def question(self, point: Point = ()) -> SceneFile:
         """Return the question of a point; of the scene itself without a value for each key."""
         question = question_of(changed(self.scene, self.keys[: len(point)], point), self.name)
         return question if self.objects is None else unchanged(*self.objects, question)
@@ -191,7 +191,7 @@ def _row(job: Job, point: Point) -> Rows:
     return row
 
 
-def _values(compute: Compute, question: Question) -> dict[str, Any]:
+def _values(compute: Compute, question: SceneFile) -> dict[str, Any]:
     """Return what is computed of a question, by the names of the variables."""
     names = ("tip", "tip_frame", "tensions", "error")
     if compute == "plan":
