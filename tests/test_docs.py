@@ -23,7 +23,7 @@ _LINES = [*re.findall(r"^ +\$ (.+)$", TEXT, re.MULTILINE), *re.findall(r"``?([^`
 _NAMED = r"octoplan [a-z]+|python -m studies\."
 COMMANDS = sorted({" ".join(own.split()) for own in _LINES if re.match(_NAMED, own)})
 # Bases of the effects and obstacles, and what the planner asks of these.
-PLUMBING = {"Effect", "Obstacle", "check_obstacles", "distances", "numbers_of"}
+PLUMBING = {"Effect", "Obstacle", "check_obstacles", "distances", "convex_parameters"}
 
 
 def _sphinx(builder: str, folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""Targets: the shapes that an arm can be asked for, one small file each."""
+"""Targets: requirements on the shape of an arm, one small file each."""
 
 from octoplan.planner.targets.backbone import Backbone
 from octoplan.planner.targets.base import Target, Terms, View

@@ -1,4 +1,4 @@
-"""Follow points with the whole backbone."""
+"""Target: points for the whole backbone."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from octoplan.planner.targets.base import Target, Terms, View, check_near
 
 @value
 class Backbone(Target):
-    """Pass as near as the limits allow to points, in the sense of weighted least squares.
+    """Pass as close to points as the limits allow, in the sense of weighted least squares.
 
     Attributes
     ----------
     points : (m, 3)
         In the base frame [m].
     s : (m,)
-        The arc lengths of the arm that are to be there [m]; unless given, in proportion to the
-        length of the chord from the base through the points, the last being the tip's.
+        Arc lengths of the arm assigned to the points [m]; by default in proportion to the length of
+        the chord from the base through the points, with the tip at the last point.
     weights : (m,)
-        1 unless given; the sum of weights times squared distances is made least.
+        Weights of the squared distances, whose sum is minimised; 1 unless given.
     """
 
     points: Annotated[tuple[Place, ...], Meta(min_length=1)]

@@ -1,4 +1,4 @@
-"""What a target is: a small value that states residuals of a shape and knows no solver."""
+"""Interface of targets: small values that define residuals of a shape, independent of solvers."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ from octoplan.model.support.errors import InputError
 from octoplan.model.support.machine.functions import cached
 from octoplan.model.support.units import DISTANCE, warn_unusual
 
-# How the name of an inequality ends that is a share of what is wanted.
+# End of the name of an inequality that is relative to the wanted value.
 OVER_WANTED = " over that wanted, less 1"
-# Arm lengths.
+# Distance from the base, in arm lengths, beyond which rounding errors hide differences of shapes.
 _FAR = 1e6
 
 
 @dataclass(frozen=True)
 class Terms:
-    """What a target asks of a shape; lengths are in units of L, angles in rad.
+    """Terms of a target in a program; lengths in units of the arm length L, angles in rad.
 
     Attributes
     ----------
-    equality : residuals that have to be 0, by name
-    soft_residual : residuals to be made as small as the limits allow, by name
-    inequality : quantities that have to be 0 or above, by name
-    objective : numbers whose sum is made least, by name, instead of effort
-    high_priority : names of equalities that come first where not all can be had
-    low_priority : names of inequalities and reciprocals that come last
-    reciprocal : quantities x whose reciprocal has to be 1 or above, by name: a compliance over the
-        largest allowed one. Certificates have 1 / x - 1 among the inequalities; programs have
-        1 - x, which is smooth where x passes through 0
-    weights : by name, of the squares of equalities where not all can be had; 1 unless given
-    units : by name, "L" of what is a length over the arm's, "rad" of angles; others have none
+    equality : residuals that must be 0, by name
+    soft_residual : residuals whose squares are minimised within the limits, by name
+    inequality : quantities that must be nonnegative, by name
+    objective : terms of the objective, by name; they replace the effort
+    high_priority : names of equalities that take precedence if the target cannot be met
+    low_priority : names of inequalities and reciprocals with the lowest precedence
+    reciprocal : quantities x whose reciprocal must be at least 1, by name, such as a compliance
+        over the largest allowed one. Certificates use the inequality 1 / x - 1 >= 0; programs use
+        1 - x >= 0, which is smooth if x passes through 0
+    weights : weights of squared equalities if the target cannot be met, by name; 1 unless given
+    units : by name, "L" for lengths over the arm length, "rad" for angles; otherwise none
     """
 
     equality: Mapping[str, ca.MX] = field(default_factory=dict)
@@ -57,16 +57,16 @@ class Terms:
 
 @dataclass(frozen=True)
 class ComplianceRequest:
-    """A compliance of the tip that a target is stated with.
+    """Compliance of the tip that the terms of a target use.
 
     Attributes
     ----------
     hold : "tension" or "length"
-        What holds the tendons.
+        Quantity of the tendons that is held constant.
     width : int
-        Along how many directions at once; see Target.directions.
+        Number of directions; see Target.directions.
     tendon_EA : float or None
-        Stiffness E A of tendons whose lengths are held [N]; see octoplan.model.stiffness.
+        Axial stiffness E A of tendons with constant lengths [N]; see octoplan.model.stiffness.
     """
 
     hold: Hold
@@ -75,13 +75,13 @@ class ComplianceRequest:
 
 
 class View:
-    """The poses of a shape at the stations that a target asked for, and its tip's compliance.
+    """Poses of a shape at the stations of a target, and the compliance of the tip.
 
     Attributes
     ----------
     compliance : (width, width)
-        D^T C D [m/N] with the compliance C (3, 3) of octoplan.model.stiffness against forces on the
-        tip, and the target's directions D (3, width); only there for a target with a request.
+        D^T C D [m/N] with the compliance C (3, 3) of octoplan.model.stiffness for forces on the
+        tip, and the target's directions D (3, width); only for targets with a ComplianceRequest.
     """
 
     def __init__(
@@ -110,16 +110,16 @@ class View:
         return cached(_frame)(self._poses[s][:4]) if s > 0 else self.base_frame
 
     def rotation_from(self, s: float, wanted: ca.MX) -> ca.MX:
-        """Return 2 sin(a / 2) u (3,): rotation by a about u [rad] from a frame to that at s.
+        """Return 2 sin(a / 2) u (3,) for the rotation by a about u [rad] from a wanted frame.
 
-        The frame is given by its quaternion (4,); u has components along its columns. Smooth
-        everywhere, of norm 2 at a = pi, and 0 where the frames are the same alone.
+        The wanted frame is a quaternion (4,), and u has components along its columns. The result is
+        smooth, has norm 2 at a = pi, and is 0 only if the frames are equal.
         """
         return cached(_rotation)(self._poses[s][:4], wanted)
 
     @property
     def compliance(self) -> ca.MX:
-        """The tip's compliance along the target's directions."""
+        """The compliance of the tip along the target's directions."""
         assert self._compliance is not None
         return self._compliance
 
@@ -146,61 +146,63 @@ def _rotation() -> ca.Function:
 
 
 class Target:
-    """A wanted shape; the base class of all targets asks for nothing.
+    """A requirement on the shape; the base class requires nothing.
 
-    Numbers from `parameters` enter the program as parameters: targets whose expressions are equal
-    share one program. Other attributes may be used in `terms` too: they are constants of the
-    program, and each value of them needs a program of its own, which takes longer to build.
+    Values from `parameters` are parameters of the program, so that targets with equal expressions
+    share one program. `terms` may use other attributes too. These are constants of the program;
+    each new value requires another program, which takes longer to build.
     """
 
     def check(self, arm: Arm) -> None:
-        """Raise InputError if the target is not one that this arm can be asked for."""
+        """Raise InputError if the target is unsuitable for the arm."""
 
     def stations(self, arm: Arm) -> tuple[float, ...]:
-        """Return the arc lengths at which the target looks at the shape [m]: the tip's."""
+        """Return the arc lengths at which `terms` uses poses [m]; the tip by default."""
         return (arm.length,)
 
     def parameters(self, arm: Arm) -> Array:
-        """Return the target's numbers (n,)."""
+        """Return the target's parameters (n,)."""
         return np.zeros(0)
 
     def terms(self, view: View, p: ca.MX) -> Terms:
-        """Return the residuals of the shape in view, with the numbers p (n,)."""
+        """Return the residuals of a shape, with the parameters p (n,)."""
         return Terms()
 
     def least_along(self, line: Callable[[], Centreline], accuracy: float) -> Mapping[str, float]:
-        """Return lower bounds of inequalities that hold all along a part of the arm, by name.
+        """Return lower bounds of inequalities that must be satisfied along a part of the arm.
 
-        Of a settled midline, to a fraction of the accuracy. Stations only sample them.
+        Stations only sample these inequalities. The bounds, by name, are for a settled midline, and
+        exact to a fraction of the accuracy.
         """
         return {}
 
     def refined_along(self, line: Callable[[], Centreline], accuracy: float) -> Self:
-        """Return the target with stations where a settled midline violates it between stations.
+        """Return the target with more stations if a midline violates it between stations.
 
-        By more than a part of the accuracy; itself if there are none.
+        Violations below a fraction of the accuracy do not count; without others, return the target
+        itself.
         """
         return self
 
     def tendons(self, arm: Arm) -> frozenset[int]:
-        """Return the tendons that may pull."""
+        """Return the indices of the tendons that may pull."""
         return frozenset(range(arm.n_tendons))
 
     def prescribed(self, arm: Arm) -> Mapping[str, Array]:
-        """Return the quantities that the target fixes, by name; two targets have to agree."""
+        """Return quantities that the target prescribes, by name; combined targets must agree."""
         return {}
 
     def compliance_request(self) -> ComplianceRequest | None:
-        """Return the compliance of the tip that it is stated with, if it is."""
+        """Return the compliance of the tip that `terms` uses, if any."""
         return None
 
     def directions(self, p: ca.MX) -> ca.MX:
-        """Return the directions (3, width) of its request, base frame, from its numbers p."""
+        """Return the directions (3, width) of the compliance request from the parameters p."""
         return ca.MX(3, 0)
 
 
 def check_near(arm: Arm, field: str, points: Any) -> None:
-    """Raise InputError if points (..., 3) are so far off that no digit tells shapes apart."""
+    """Raise InputError if points (..., 3) are too far from the base for double precision."""
     distance = np.abs(np.asarray(points) / arm.length - np.array(arm.base_position) / arm.length)
     if not distance.max() <= _FAR:
         raise InputError(field, points, f"within {_FAR:g} arm lengths of the base, in m")

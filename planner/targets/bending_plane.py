@@ -1,4 +1,4 @@
-"""Bend in a given plane, by the tendons of one section."""
+"""Target: bend in a given plane, by the tendons of one section."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from octoplan.planner.targets.base import Target, Terms, View, toward
 class BendingPlane(Target):
     """Bend by an angle in a plane, pulling tendons of one section only.
 
-    The plane is where the tip goes, as section 6.1 and figure 10 have it: towards
-    e = cos(angle) b - sin(angle) n of the base. The bend is the angle in that plane from the
-    tangent at the base to the tangent at the tip.
+    The tip moves in the plane of the base tangent and e = cos(angle) b - sin(angle) n of the base
+    frame, towards e, as in section 6.1 and figure 10 of the paper. The bend is the angle in this
+    plane from the tangent at the base to the tangent at the tip.
 
     Attributes
     ----------
     angle : float
-        Of the plane [rad]; pulling T_i2 alone is 0, T_i3 90, T_i4 180, T_i1 -90 degrees.
+        Angle of the plane [rad]: 0 degrees for T_i2 alone, 90 for T_i3, 180 for T_i4, -90 for T_i1.
     bend : float
-        In (0, pi] [rad].
+        Bend in (0, pi] [rad].
     section : int
-        Whose tendons pull, 1 at the tip.
+        Section whose tendons pull; 1 is the tip section.
     """
 
     angle: Angle
@@ -56,16 +56,17 @@ class BendingPlane(Target):
         t = view.base_frame[:, 0]
         tip = (view.tip - view.base_position) / view.arm.length
         tangent = view.tip_frame[:, 0]
-        along, across = ca.dot(tangent, t), ca.dot(tangent, e)
-        # The angle jumps half a turn from where it is measured. Measured from half the bend, the
-        # jump is away from the straight arm also where half a turn is wanted, and an arm that
-        # cannot bend so far bends towards its side, not to the opposite one.
-        off = across * ca.cos(bend / 2) - along * ca.sin(bend / 2)
-        near = across * ca.sin(bend / 2) + along * ca.cos(bend / 2)
+        along = ca.dot(tangent, t)
+        across = ca.dot(tangent, e)
+        # An angle has a jump half a turn from its reference direction. With the reference at half
+        # the bend, the jump is away from the straight arm even for a bend of half a turn, and an
+        # arm that cannot bend so far bends towards e, not away from e.
+        sine = across * ca.cos(bend / 2) - along * ca.sin(bend / 2)
+        cosine = across * ca.sin(bend / 2) + along * ca.cos(bend / 2)
         return Terms(
             equality={
                 "bending plane": ca.dot(tip, ca.cross(t, e)),
-                "bend": ca.atan2(off, near) - bend / 2,
+                "bend": ca.atan2(sine, cosine) - bend / 2,
             },
             high_priority=frozenset({"bending plane"}),
             units={"bending plane": "L", "bend": "rad"},

@@ -1,4 +1,4 @@
-"""The octopus's fetch: a proximal, a medial and a distal bend."""
+"""Target: the octopus's fetch, with a proximal, a medial and a distal bend."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from octoplan.planner.targets.base import Target, Terms, View, check_near, towar
 
 
 class Bend(NamedTuple):
-    """One bend: its angle in [0, pi] and its plane, as figure 10 counts planes [rad]."""
+    """One bend: its angle in [0, pi] and the angle of its plane as in figure 10 [rad]."""
 
     angle: Annotated[float, unit("deg", ge=0, le=np.pi)]
     plane: Angle
@@ -28,8 +28,8 @@ class Bend(NamedTuple):
 def stretches(arm: Arm) -> tuple[float, float, float, float]:
     """Return the ends of the proximal, medial and distal stretch, from base to tip [m].
 
-    They end at anchorages; on an arm with more than three, at the three that divide the sections
-    most evenly. Raises InputError for an arm with less than three.
+    The ends are anchorages. An arm with more than three anchorages is divided at the ones that
+    distribute the sections most evenly. Raises InputError for an arm with fewer than three.
     """
     n = len(arm.sections)
     if n < 3:
@@ -40,12 +40,12 @@ def stretches(arm: Arm) -> tuple[float, float, float, float]:
 
 @value
 class Fetch(Target):
-    """Three prescribed bends; `Fetch.reach(...)` is the form that brings the tip to a mouth.
+    """Three prescribed bends; `Fetch.reach(...)` is the variant that brings the tip to a mouth.
 
-    Each is seen in the frame in which its stretch begins: there the tangent at its end is
-    cos(angle) t + sin(angle) (cos(plane) b - sin(plane) n). The stretches end at anchorages. A bend
-    is between two ends: where it costs less a stretch winds up on the way, a slender tip more than
-    once, unless maxima forbid it.
+    Each bend is relative to the frame at the base end of its stretch: the tangent at the other end
+    is cos(angle) t + sin(angle) (cos(plane) b - sin(plane) n). The stretches end at anchorages. A
+    bend prescribes the end tangents only: between them a stretch may wind up, a slender tip more
+    than once, if this takes less effort and the limits allow it.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Fetch(Target):
     def reach(
         mouth: tuple[float, ...], bend: float = np.radians(30), plane: float | None = None
     ) -> FetchReach:
-        """Return the target that brings the tip near a mouth; see FetchReach."""
+        """Return the target that brings the tip close to a mouth; see FetchReach."""
         return FetchReach(mouth, bend, plane)
 
     def check(self, arm: Arm) -> None:
@@ -81,7 +81,7 @@ class Fetch(Target):
         return np.ravel([self.proximal, self.medial, self.distal])
 
     def terms(self, view: View, p: ca.MX) -> Terms:
-        """See Target.terms: two components of each tangent across the one wanted."""
+        """See Target.terms: two components of each tangent, perpendicular to the wanted one."""
         equality, inequality = {}, {}
         for i, (name, (start, end)) in enumerate(
             zip(("proximal", "medial", "distal"), pairwise(stretches(view.arm)), strict=True)
@@ -104,17 +104,17 @@ class Fetch(Target):
 
 @value
 class FetchReach(Target):
-    """Bring the tip as near to a mouth as the limits allow, through three bends.
+    """Bring the tip as close to a mouth as the limits allow, with three bends.
 
     Attributes
     ----------
     mouth : (3,)
         In the base frame [m].
     bend : float
-        The least angle between the tangents at the two ends of each stretch, in [0, pi) [rad].
+        Smallest angle between the tangents at the two ends of each stretch, in [0, pi) [rad].
     plane : float or None
-        The angle of the plane, as figure 10 counts them, that holds every anchorage [rad];
-        None leaves the arm free in space.
+        Angle of the plane that contains every anchorage, as in figure 10 [rad]; no plane if
+        None.
     """
 
     mouth: Place
@@ -135,7 +135,7 @@ class FetchReach(Target):
         return tuple(sorted({*stretches(arm)[1:], arm.length}))
 
     def parameters(self, arm: Arm) -> Array:
-        """See Target.parameters: mouth, cosine of the least bend, direction across the plane."""
+        """See Target.parameters: mouth, cosine of the smallest bend, normal of the plane."""
         e = toward(arm, self.plane or 0.0)
         across = np.cross(np.array(arm.base_frame)[:, 0], e)
         return np.concatenate([self.mouth, [np.cos(self.bend)], across])

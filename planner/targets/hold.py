@@ -1,4 +1,4 @@
-"""Hold an object: contact forces that balance a wrench on it within their friction cones."""
+"""Target: hold an object by contact forces within friction cones that balance a wrench."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from octoplan.model.support.value import value
 from octoplan.planner.targets.base import Target
 
 WRENCH = "balance of the held wrench"
-# What moments are divided by to be compared with forces, over the arm's length.
+# Lever arm by which moments are divided to compare them with forces, over the arm's length.
 LEVER = 0.1
 
 
@@ -20,19 +20,19 @@ LEVER = 0.1
 class Hold(Target):
     """Contact forces with which the arm can balance a wrench on an object.
 
-    The static grasp problem: the normal forces are those of the arm in equilibrium, without
-    friction; at each place that touches a tangential force is free within Coulomb's cone,
-    of size at most friction times the normal force; together they balance the wrench. That the
-    tangential forces push back on the arm is left out: they are taken as small against what bends
-    it. The scene has the obstacle as a Contact, and the object does not move.
+    The static grasp problem. The normal forces follow from the equilibrium of the arm without
+    friction. Each contact point adds a free tangential force within Coulomb's cone, of at most the
+    friction coefficient times the normal force. Together the forces balance the wrench. The
+    reaction of the tangential forces on the arm is neglected, as small compared with the loads that
+    bend it. The scene contains the obstacle as a Contact, and the object does not move.
 
     Attributes
     ----------
     obstacle : Convex
         Such as a Sphere, Capsule, Box or HalfSpace.
     wrench : (3,) or (6,)
-        On the object, base frame, such as its weight: a force [N], moments being taken up by
-        something else; or force and moment about its centre [N, N m].
+        Wrench on the object in the base frame, such as its weight: a force [N], if something else
+        supports moments; or force and moment about the object's centre [N, N m].
     friction : float
         Coulomb's coefficient between arm and object.
     """
@@ -49,7 +49,7 @@ class Hold(Target):
             raise InputError("Hold.wrench", self.wrench, "a force or moment that is not 0")
 
     def size(self, arm: Arm) -> float:
-        """Return how large the wrench is [N], moments over a tenth of the arm's length."""
+        """Return the norm of the wrench [N], with moments over LEVER times the arm's length."""
         scaled = np.array(self.wrench)
         scaled[3:] /= LEVER * arm.length
         return float(np.linalg.norm(scaled))

@@ -1,4 +1,4 @@
-"""How stiff the arm has to be, or may be: targets that combine with any shape."""
+"""Targets: stiffness of the tip, to combine with any shape."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ SHARE = f"stiffness{OVER_WANTED}"
 
 @value
 class _Directed(Target):
-    """What is said of the tip's stiffness along a direction.
+    """A requirement on the stiffness of the tip along a direction.
 
-    The stiffness is the force per displacement along the direction, with the tip free to move
-    across it and to turn: 1 / (d . C d) with the compliance C of octoplan.model.stiffness.
+    The stiffness is the force per displacement along the direction, with a tip that is free to move
+    perpendicularly and to turn: 1 / (d . C d) with the compliance C of octoplan.model.stiffness.
     """
 
     direction: Direction
@@ -46,30 +46,30 @@ class _Directed(Target):
         return p[:3]
 
     def prescribed(self, arm: Arm) -> Mapping[str, Array]:
-        """See Target.prescribed: an extreme of the stiffness along a direction, there or back."""
+        """See Target.prescribed: the direction, up to its sign."""
         d = np.array(self.direction)
         along = np.round(d * np.sign(d[np.flatnonzero(d)[0]]), 9) + 0.0
         return {f"extreme of the stiffness along {along}, held by {self.hold}": along}
 
     def parameters(self, arm: Arm) -> Array:
-        """See Target.parameters: the direction, the compliance of the arm at rest."""
+        """See Target.parameters: the direction, and the compliance of the arm at rest."""
         return np.append(self.direction, rest_compliance(arm))
 
 
 @value
 class Stiffest(_Directed):
-    """The tip as stiff along a direction as the limits allow; effort no longer matters.
+    """The stiffest tip along a direction within the limits, whatever the effort.
 
     Attributes
     ----------
     direction : (3,)
         In the base frame.
     hold : "tension" or "length"
-        What holds the tendons. With lengths all tendons are counted as locked, also those without
-        tension, as stiffness does with release=False; the outcome tells how stiff the tip is with
-        these released.
+        Quantity of the tendons that is held constant. With lengths, all tendons count as locked,
+        including tendons without tension, as in stiffness with release=False; the outcome reports
+        the stiffness with slack tendons released.
     tendon_EA : float or None
-        Stiffness E A of the tendons themselves, with their lengths held [N]; see stiffness.
+        Axial stiffness E A of the tendons, if their lengths are held [N]; see stiffness.
     """
 
     def terms(self, view: View, p: ca.MX) -> Terms:
@@ -79,16 +79,16 @@ class Stiffest(_Directed):
 
 @value
 class Softest(_Directed):
-    """The tip as soft along a direction as the limits allow; see Stiffest.
+    """The softest tip along a direction within the limits; see Stiffest.
 
     Attributes
     ----------
     direction : (3,)
         In the base frame.
     hold : "tension" or "length"
-        What holds the tendons.
+        Quantity of the tendons that is held constant.
     tendon_EA : float or None
-        Stiffness E A of the tendons themselves, with their lengths held [N].
+        Axial stiffness E A of the tendons, if their lengths are held [N].
     """
 
     def terms(self, view: View, p: ca.MX) -> Terms:
@@ -108,21 +108,21 @@ def _direction_or_matrix(name: str, argument: Any) -> tuple[Any, ...]:
 
 @value
 class MinimumStiffness(Target):
-    """The tip at least so stiff: against forces along a direction, or against all of them.
+    """Smallest stiffness of the tip, against forces along a direction or in all directions.
 
     Attributes
     ----------
     direction : (3,) or (3, 3)
-        A direction in the base frame; or a symmetric positive definite matrix M, and the
-        stiffness against forces, (C_ff)^-1, has to be at least value M as a matrix.
+        A direction in the base frame; or a symmetric positive definite matrix M, if the stiffness
+        (C_ff)^-1 against forces must be at least value times M as a matrix.
     value : float
-        Along a direction [N/m]; or the factor of the matrix.
+        Stiffness along the direction [N/m]; or factor of the matrix.
     hold : "tension" or "length"
-        What holds the tendons. With lengths all tendons are counted as locked, also those without
-        tension, as stiffness does with release=False; the outcome tells how stiff the tip is with
-        these released.
+        Quantity of the tendons that is held constant. With lengths, all tendons count as locked,
+        including tendons without tension, as in stiffness with release=False; the outcome reports
+        the stiffness with slack tendons released.
     tendon_EA : float or None
-        Stiffness E A of the tendons themselves, with their lengths held [N]; see stiffness.
+        Axial stiffness E A of the tendons, if their lengths are held [N]; see stiffness.
     """
 
     direction: Annotated[Any, Rule(_direction_or_matrix)]
@@ -134,17 +134,17 @@ class MinimumStiffness(Target):
         _check_hold("MinimumStiffness", self.hold, self.tendon_EA)
 
     def compliance_request(self) -> ComplianceRequest:
-        """See Target.compliance_request: along one direction, or all three."""
+        """See Target.compliance_request: one direction, or all three."""
         return ComplianceRequest(
             self.hold, 3 if np.ndim(self.direction) == 2 else 1, self.tendon_EA
         )
 
     def directions(self, p: ca.MX) -> ca.MX:
-        """See Target.directions: scaled so that what is wanted is a compliance of 1 at most."""
+        """See Target.directions: scaled so that the largest allowed compliance is 1."""
         return ca.reshape(p, 3, self.compliance_request().width)
 
     def parameters(self, arm: Arm) -> Array:
-        """See Target.parameters: the direction, or the matrix's root; times the value's root."""
+        """See Target.parameters: the direction or the root of M, times the root of the value."""
         argument = np.array(self.direction)
         if argument.ndim == 2:
             values, vectors = np.linalg.eigh(argument)
@@ -152,7 +152,7 @@ class MinimumStiffness(Target):
         return np.ravel(argument * np.sqrt(self.value))
 
     def terms(self, view: View, p: ca.MX) -> Terms:
-        """See Target.terms: the stiffness over that wanted, less 1; or minors of a matrix."""
+        """See Target.terms: relative stiffness minus 1, or principal minors for a matrix."""
         if np.ndim(self.direction) == 1:
             return Terms(reciprocal={SHARE: view.compliance}, low_priority=frozenset({SHARE}))
         name = "stiffness above that wanted"
@@ -162,11 +162,15 @@ class MinimumStiffness(Target):
 
 
 def _minors() -> ca.Function:
-    """Return compliance G (3, 3) -> principal minors of 1 - G, 0 or above where G is at most 1."""
+    """Return the function G (3, 3) -> principal minors of 1 - G, nonnegative for G <= 1."""
     G = ca.SX.sym("G", 3, 3)
-    spare = ca.SX.eye(3) - G
+    difference = ca.SX.eye(3) - G
     pairs = ([0, 1], [0, 2], [1, 2])
-    minors = [ca.diag(spare), *(ca.det(spare[pair, pair]) for pair in pairs), ca.det(spare)]
+    minors = [
+        ca.diag(difference),
+        *(ca.det(difference[pair, pair]) for pair in pairs),
+        ca.det(difference),
+    ]
     return ca.Function("minors", [G], [ca.vertcat(*minors)])
 
 
@@ -176,7 +180,7 @@ def _log_compliance(view: View, p: ca.MX) -> ca.MX:
 
 
 def rest_compliance(arm: Arm) -> float:
-    """Return about the lateral compliance of the straight arm at rest [m/N]."""
+    """Return an estimate of the lateral compliance of the straight arm at rest [m/N]."""
     s = np.linspace(0.0, arm.length, 201)
     EJ = arm.material.E * np.pi * arm.radius.evaluate(s, arm.length)[0] ** 4 / 4
     return float(np.trapezoid((arm.length - s) ** 2 / EJ, s))

@@ -1,4 +1,4 @@
-"""Bring the tip to a place: as it comes, pointing along a direction, or with a whole frame."""
+"""Targets: position of the tip, with or without direction or frame."""
 
 from __future__ import annotations
 
@@ -17,12 +17,14 @@ from octoplan.model.support.quantities import Direction, Matrix, Place, Positive
 from octoplan.model.support.value import Rule, value
 from octoplan.planner.targets.base import Target, Terms, View, check_near
 
-POSITION, DIRECTION, ROTATION = "tip position", "tip direction", "tip rotation"
+POSITION = "tip position"
+DIRECTION = "tip direction"
+ROTATION = "tip rotation"
 
 
 @value
 class _AtPlace(Target):
-    """The tip at a point."""
+    """Position of the tip; base class of the targets of this module."""
 
     position: Place
 
@@ -37,7 +39,7 @@ class _AtPlace(Target):
 
 @value
 class TipPosition(_AtPlace):
-    """The tip at a point.
+    """Position of the tip.
 
     Attributes
     ----------
@@ -55,7 +57,7 @@ class TipPosition(_AtPlace):
 
 
 def _oriented(view: View, p: ca.MX, name: str, off: ca.MX, weights: tuple[float, float]) -> Terms:
-    """Return the terms of a tip at a point that is oriented somehow, with weights of both."""
+    """Return the terms of a position and an orientation residual `off`, with their weights."""
     return Terms(
         equality={POSITION: (view.tip - p[:3]) / view.arm.length, name: off},
         weights=dict(zip((POSITION, name), weights, strict=True)),
@@ -65,37 +67,38 @@ def _oriented(view: View, p: ca.MX, name: str, off: ca.MX, weights: tuple[float,
 
 @value
 class TipPointing(_AtPlace):
-    """The tip at a point, its tangent along a direction; how it rolls about that is free.
+    """Position of the tip and direction of its tangent; the rotation about the tangent is free.
 
-    What a camera, a nozzle or a needle at the tip needs: five conditions, one fewer than TipPose.
+    For a camera, a nozzle or a needle at the tip: five conditions, one fewer than TipPose.
 
     Attributes
     ----------
     position : (3,)
         In the base frame [m].
     direction : (3,)
-        That the tangent t of the tip is to have, in the base frame; of any length but 0.
+        Direction of the tip's tangent t in the base frame; of any length but 0.
     weights : (position, direction)
-        How much each counts where not both can be had: the sum of weights times squared residuals
-        is made least, of distance over the arm's length and of 2 sin(a / 2), a being the angle
-        between the directions [rad].
+        Weights if position and direction cannot both be met: the sum of weights times squared
+        residuals is minimised. The residuals are the distance over the arm's length, and
+        2 sin(a / 2) with the angle a between the directions [rad].
     """
 
     direction: Direction
     weights: tuple[Positive, Positive] = (1.0, 1.0)
 
     def parameters(self, arm: Arm) -> Array:
-        """See Target.parameters: the position, the quaternion of a frame with that tangent."""
+        """See Target.parameters: the position, and the quaternion of a frame with this tangent."""
         t = np.array(self.direction)
         n = np.cross(t, np.eye(3)[np.argmin(np.abs(t))])
         n /= np.linalg.norm(n)
         return np.append(self.position, from_matrix(np.column_stack([t, n, np.cross(t, n)])))
 
     def terms(self, view: View, p: ca.MX) -> Terms:
-        """See Target.terms: the rotation from such a frame, but for its part about the tangent.
+        """See Target.terms: the rotation from such a frame, without its part about the tangent.
 
-        Of a rotation (w, x, y, z) = (cos(r / 2), sin(r / 2), 0, 0) about the tangent after one by a
-        across it, (y, z) has the norm sin(a / 2), whatever r.
+        The rotation (w, x, y, z) consists of a rotation by a perpendicular to the tangent, and a
+        rotation (cos(r / 2), sin(r / 2), 0, 0) about the tangent. Then (y, z) has the norm
+        sin(a / 2) for any r.
         """
         off = view.rotation_from(view.arm.length, p[3:])[1:]
         return _oriented(view, p, DIRECTION, off, self.weights)
@@ -107,18 +110,18 @@ class TipPointing(_AtPlace):
 
 @value
 class TipPose(_AtPlace):
-    """The tip at a point with a frame.
+    """Position and frame of the tip.
 
     Attributes
     ----------
     position : (3,)
         In the base frame [m].
     frame : (3, 3)
-        VectorInterpreter t, n, b wanted at the tip.
+        Wanted frame of the tip, columns t, n, b.
     weights : (position, rotation)
-        How much each counts where not both can be had: the sum of weights times squared residuals
-        is made least, of distance over the arm's length and of 2 sin(a / 2), a being the angle of
-        the rotation between the frames [rad].
+        Weights if position and frame cannot both be met: the sum of weights times squared residuals
+        is minimised. The residuals are the distance over the arm's length, and 2 sin(a / 2) with
+        the angle a of the rotation between the frames [rad].
     """
 
     frame: Annotated[Matrix, Rule(partial(orthonormal, rounding=1e-6))]

@@ -1,4 +1,4 @@
-"""Lie along an obstacle: wrap a part of the arm round it."""
+"""Target: wrap a part of the arm around an obstacle."""
 
 from __future__ import annotations
 
@@ -21,52 +21,56 @@ from octoplan.model.support.units import length_text
 from octoplan.model.support.value import value
 from octoplan.planner.targets.base import OVER_WANTED, Target, Terms, View
 
-NEAR, CLEAR, TURNS = "nearness along the obstacle", "gap to the obstacle", f"turns{OVER_WANTED}"
-# Even places at which programs constrain the part, its ends among them.
+NEAR = "nearness along the obstacle"
+CLEAR = "gap to the obstacle"
+TURNS = f"turns{OVER_WANTED}"
+# Number of uniformly spaced arc lengths at which programs constrain the part, including its ends.
 PLACES = 17
-# Parts of the accuracy: of the bound that verifies the nearness all along, and what the nearness
-# may be exceeded by between places.
-_CLOSE, _ALLOWED = 0.1, 0.5
-# Keeps the angle between two normals that are the same differentiable.
+# Accuracy of the certified bound of the gap, over the accuracy of targets.
+_CLOSE = 0.1
+# Allowed violation of the gap between stations, over the accuracy of targets.
+_ALLOWED = 0.5
+# Constant that keeps the angle between equal normals differentiable.
 _TINY = 1e-24
 
 
 @value
 class Wrap(Target):
-    """A part of the arm along an obstacle, for a contact length or so many turns round it.
+    """A part of the arm along an obstacle, with a given contact length or number of turns.
 
-    A part lies along an obstacle where the gap between surfaces is from 0 to `tolerance` times the
-    arm's radius there; the gap at s is the distance of the midline minus the radius at rest. A
-    plan constrains 17 even places, and adds places where the gap is too large in between, until
-    the largest gap all along is within the tolerance; the certificate has a bound of that gap.
-    Pressed contact all along is not asked for: a tapered arm on a cylinder touches at points with
-    low arches in between, as its even curvature would take pressure that pulls. A length may lie
-    along the axis of a rod as well as across it, turns go round.
+    A part lies along an obstacle if the gap between their surfaces is between 0 and `tolerance`
+    times the radius of the arm. The gap at s is the distance of the midline minus the radius at
+    rest. A plan constrains 17 uniformly spaced arc lengths, and adds more if the gap is too
+    large in between, until the largest gap is within the tolerance. The certificate bounds the
+    largest gap. The part need not press on the obstacle everywhere: a tapered arm on a cylinder
+    touches at points, with low arches in between, because its uniform curvature would require
+    pressure that pulls. A length may lie along the axis of a rod as well as around it; turns go
+    around.
 
-    The part ends at the tip, unless `start` says where it begins. Turns are by how much the
-    obstacle's outward normal rotates along the part, over 2 pi: of a cylinder the angle round its
-    axis. The part is as long as they take then, found by the plan.
+    The part ends at the tip unless `start` is given. The number of turns is the angle by which the
+    obstacle's outward normal rotates along the part, over 2 pi; for a cylinder, the angle around
+    its axis. The plan determines the length of a part with turns.
 
-    The arm is kept clear of the obstacle and lies beside it; it leans on it where it cannot lie
-    along otherwise, if the scene has it as Contact. A neo-Hookean body swells where it is
-    shortened, and is nearer than told. With extension tendons may shorten the part to lay it along,
-    at a slender tip to a few hundredths of its length: `p.shape.strains` tells; a neo-Hookean body
-    resists.
+    The arm does not penetrate the obstacle. It presses on the obstacle only if the scene contains
+    the obstacle as Contact and no other shape satisfies the target. A neo-Hookean body swells if it
+    is shortened, so that the actual gap is smaller. With extension, tendons may shorten the part, a
+    slender tip to a few hundredths of its length (see `p.shape.strains`); a neo-Hookean body
+    resists this.
 
     Attributes
     ----------
     obstacle : Convex
         Such as a Sphere, Capsule, Box or HalfSpace.
     turns : float
-        At least so many, above 0; or else a length.
+        Smallest number of turns, above 0; alternative to a length.
     length : float
-        Of the part, arc length of the arm at rest [m].
+        Length of the part, in arc length of the arm at rest [m].
     start : float
-        Arc length at which the part begins [m]. With turns it ends at the tip all the same.
+        Arc length of the part's base end [m]. A part with turns ends at the tip in any case.
     tolerance : float
-        Gap over the arm's radius.
+        Largest gap over the arm's radius.
     places : tuple of float
-        Further arc lengths at which a plan constrains the part [m]; a plan finds them.
+        Additional arc lengths at which a plan constrains the part [m]; determined by the plan.
     """
 
     obstacle: Convex
@@ -85,11 +89,11 @@ class Wrap(Target):
 
     @property
     def is_open(self) -> bool:
-        """Whether a plan has to find where the part begins."""
+        """Whether the base end of the part is unknown."""
         return self.turns is not None and self.start is None
 
     def part(self, arm: Arm) -> tuple[float, float]:
-        """Return where the part begins and ends [m]; with turns of unknown length, a guess."""
+        """Return the ends of the part [m]; with turns and no `start`, an initial guess."""
         if self.length is None:
             return (self._guess(arm) if self.start is None else self.start), arm.length
         if self.start is None:
@@ -97,21 +101,21 @@ class Wrap(Target):
         return self.start, self.start + self.length
 
     def _guess(self, arm: Arm) -> float:
-        """Return about where a part begins that goes so often round, of the arm as it is at rest.
+        """Return a guess of the part's base end for a number of turns, for the arm at rest.
 
-        Round a cylinder as wide as the obstacle is at its narrowest.
+        The obstacle is approximated by a cylinder with its smallest width.
         """
         assert self.turns is not None
         s = np.linspace(0.0, arm.length, 201)
-        round_ = self._half_width + arm.outer_radius(s)[0]
-        angle = np.append(0.0, np.cumsum((1 / round_[1:] + 1 / round_[:-1]) / 2 * np.diff(s)))
+        radius = self._half_width + arm.outer_radius(s)[0]
+        angle = np.append(0.0, np.cumsum((1 / radius[1:] + 1 / radius[:-1]) / 2 * np.diff(s)))
         return float(np.interp(angle[-1] - 2 * np.pi * self.turns, angle, s))
 
     @property
     def _half_width(self) -> float:
-        """Half the obstacle's narrowest width [m]."""
-        numbers = self.obstacle.numbers
-        return float(np.sort(numbers[12:15])[1] + numbers[15])
+        """Half the obstacle's smallest width [m]."""
+        parameters = self.obstacle.parameters
+        return float(np.sort(parameters[12:15])[1] + parameters[15])
 
     def check(self, arm: Arm) -> None:
         """See Target.check."""
@@ -147,15 +151,16 @@ class Wrap(Target):
         return tuple(places[places > 0].tolist())
 
     def least_along(self, line: Callable[[], Centreline], accuracy: float) -> Mapping[str, float]:
-        """See Target.least_along: of the nearness."""
+        """See Target.least_along: the bound of the gap."""
         midline = line()
         length = midline.arm.length
-        part, factor = self.part(midline.arm), 1 + self.tolerance
+        part = self.part(midline.arm)
+        factor = 1 + self.tolerance
         close = _CLOSE * accuracy * length
         return {NEAR: -largest_excess(midline, self.obstacle, factor, part, close) / length}
 
     def refined_along(self, line: Callable[[], Centreline], accuracy: float) -> Wrap:
-        """See Target.refined_along: places of local maxima take the place of places nearby."""
+        """See Target.refined_along: local maxima of the gap replace stations nearby."""
         midline = line()
         arm = midline.arm
         start, end = self.part(arm)
@@ -171,13 +176,16 @@ class Wrap(Target):
         return replace(self, places=tuple(np.sort(np.append(known[far], news)).tolist()))
 
     def parameters(self, arm: Arm) -> Array:
-        """See Target.parameters: the obstacle's numbers, tolerance, turns, radii at stations."""
+        """See Target.parameters: the obstacle's parameters, tolerance, turns, radii at stations."""
         radii = arm.outer_radius(np.array(self.stations(arm)))[0]
-        return np.concatenate([self.obstacle.numbers, [self.tolerance, self.turns or 1.0], radii])
+        return np.concatenate(
+            [self.obstacle.parameters, [self.tolerance, self.turns or 1.0], radii]
+        )
 
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms."""
-        stations, body = self.stations(view.arm), p[:SIZE]
+        stations = self.stations(view.arm)
+        body = p[:SIZE]
         rows = [signed_distance()(view.position(s), body) for s in stations]
         radii = p[SIZE + 2 :]
         gap = ca.vertcat(*(distance for distance, _ in rows)) - radii

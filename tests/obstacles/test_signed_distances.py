@@ -11,8 +11,8 @@ from octoplan.model.extensions.obstacles import (
     HalfSpace,
     Obstacle,
     Sphere,
+    convex_parameters,
     distances,
-    numbers_of,
 )
 from octoplan.planner.frontends.bodies.surface import outline
 from tests.oracles import Array
@@ -108,7 +108,7 @@ def test_outlines_lie_on_the_surface(name: str) -> None:
 
 def test_many_obstacles_at_once_are_as_each_alone() -> None:
     points = _points(20)
-    found, gradients = distances(numbers_of(list(ROUND.values())), points)
+    found, gradients = distances(convex_parameters(list(ROUND.values())), points)
     for k, obstacle in enumerate(ROUND.values()):
         np.testing.assert_array_equal(found[:, k], obstacle.distance(points))
         np.testing.assert_array_equal(gradients[:, k], obstacle.gradient(points))

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from octoplan.model import Arm, Scene
 from octoplan.model.centreline import Centreline
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
-from octoplan.model.extensions.clearance.bisection import Around, closest
-from octoplan.model.extensions.clearance.nearest import BASE, ITSELF, around
+from octoplan.model.extensions.clearance.bisection import ClearanceQuery, closest
+from octoplan.model.extensions.clearance.nearest import BASE, ITSELF, clearance_query
 from octoplan.model.extensions.obstacles import Box, Capsule, Obstacle, Sphere
 from octoplan.model.loads import is_loaded
 from octoplan.planner.extensions.avoidance.lines import Lines, Moving
@@ -68,8 +68,8 @@ def _check(scene: Scene, rng: np.random.Generator, count: int, instants: int) ->
     def tensions(which: NDArray[np.int64], share: Array) -> Array:
         return np.asarray(start[which] + share[:, None] * (end - start)[which])
 
-    of_bodies = Around(obstacles, KEEP, np.zeros(3), moved)
-    others = [around(ARM, kind, (), KEEP) for kind in (BASE, ITSELF)]
+    of_bodies = ClearanceQuery(obstacles, KEEP, np.zeros(3), moved)
+    others = [clearance_query(ARM, kind, (), KEEP) for kind in (BASE, ITSELF)]
     found = [closest(Moving(lines, tensions), count, own) for own in (of_bodies, *others)]
     least = np.argmin([own.bound for own in found], axis=0), np.arange(count)
     bound, seen, at = (
@@ -112,8 +112,8 @@ def _way(scene: Scene, T: Array) -> tuple[Lines, Moving]:
     return lines, Moving(lines, lambda _, share: T[0] + share[:, None] * (T[1] - T[0]))
 
 
-def _still(obstacle: Obstacle) -> Around:
-    return around(ARM, "obstacles", [obstacle])
+def _still(obstacle: Obstacle) -> ClearanceQuery:
+    return clearance_query(ARM, "obstacles", [obstacle])
 
 
 @pytest.mark.parametrize("scene", [PAPER, SILICONE, IN_WATER], ids=["paper", "silicone", "water"])
@@ -167,4 +167,4 @@ def test_a_way_of_which_nothing_can_be_proven_is_told_as_not_verified() -> None:
     rng.integers(5), rng.choice([2, 6, 15])
     T = [rng.uniform(0, 15, 12) * (rng.random(12) < 0.4) for _ in range(2)]
     _, moving = _way(scene, np.array(T))
-    assert closest(moving, 1, around(ARM, BASE, [])).bound[0] == -np.inf
+    assert closest(moving, 1, clearance_query(ARM, BASE, [])).bound[0] == -np.inf

@@ -1,4 +1,4 @@
-"""How far a settled arm stays from obstacles, from behind its base and from itself."""
+"""Clearance of a settled arm from obstacles, from the space behind its base, and from itself."""
 
 from octoplan.model.extensions.clearance.nearest import KINDS, Clearance, clearance, clearances
 

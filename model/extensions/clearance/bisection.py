@@ -1,15 +1,17 @@
-"""How clear an arm stays on its way: bounds that are halved until they verify it, or refute it.
+"""Bounds of the clearance of an arm during a motion, by bisection.
 
-The way comes in stretches along which tensions change steadily; an arm at rest is one that takes no
-time. Each stretch is cut into parts short enough to know how far strains are from straight lines,
-and the arm into pieces. Distances of convex bodies are nowhere below tangent planes, others fall no
-faster than a point goes, and two hulls are apart by what parts them along some direction: where
-such a bound is not good enough, the part or the piece is halved, whichever is longer.
+A motion consists of stretches on which tensions are linear in time; an arm at rest is a stretch
+without duration. Each stretch is divided into parts that are short enough to bound the deviation of
+strains from linear interpolation, and the arm is divided into pieces. Lower bounds of the distance
+use the convex hull of each piece. For convex bodies, tangent planes bound the distance from below.
+For other bodies, the distance is Lipschitz continuous with constant 1. For two pieces, a separating
+direction bounds the distance of their hulls. Parts or pieces with weak
+bounds are halved, whichever is longer.
 
-Behind the base plane only pieces can come whose tangent has turned by a right angle from the base.
-Two pieces meet only if the arm has turned by half a turn between them: with less the distance of
-their midlines is 2 / pi times the way along the arm, or more (Schur's comparison theorem), so that
-they are nearer along the arm than their own thickness, or apart.
+Only pieces whose tangent has turned by a right angle from the base can be behind the base plane.
+Two pieces can only meet if the arm turns by half a turn in between. Otherwise the distance of the
+midlines is at least 2 / pi times the arc length in between (Schur's comparison theorem): the pieces
+are apart, or are neighbours along the arm, closer than the thickness of the arm.
 """
 
 from __future__ import annotations
@@ -21,45 +23,51 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from octoplan.model.centreline import Centreline, Counts
-from octoplan.model.extensions.clearance.pieces import Parts, Pieces, Spread
+from octoplan.model.extensions.clearance.pieces import DeviationBound, Parts, Pieces
 from octoplan.model.extensions.obstacles import Obstacle
 from octoplan.model.extensions.obstacles.base import distances_from
 from octoplan.model.paths import Array, Mask
 from octoplan.model.support.progress import check_time
 
-# How close bounds come, over L and over the gap; how often parts and pieces are halved, and how
-# many rows there are at most.
-_CLOSE, _RELATIVE, _LEVELS, _MOST = 2e-5, 1e-2, 30, 40_000
+# Tolerance of bounds, over the arm's length.
+_CLOSE = 2e-5
+# Tolerance of bounds, over the distance.
+_RELATIVE = 1e-2
+# Largest number of halvings of a part or piece.
+_LEVELS = 30
+# Largest number of rows in one step.
+_MOST = 40_000
 
 
-class Way(Protocol):
-    """The way of an arm whose tensions change steadily on each of its stretches."""
+class Motion(Protocol):
+    """A motion of an arm whose tensions are linear in time on each stretch."""
 
     def lines(self, stretch: Counts, share: Array) -> list[Centreline | None]:
-        """Return the arms at shares (K,) of stretches (K,); None where one has no equilibrium."""
+        """Return the midlines at shares (K,) of stretches (K,); None without equilibrium."""
 
-    def spread(self, stretch: Counts, start: Array, end: Array) -> Spread:
-        """Return how far strains are from straight lines from shares (P,) to others."""
+    def deviation_bound(self, stretch: Counts, start: Array, end: Array) -> DeviationBound:
+        """Bound the deviation of strains from linear interpolation between shares (P,)."""
 
 
 @dataclass(frozen=True, eq=False)
-class Around:
-    """What an arm is to keep clear of.
+class ClearanceQuery:
+    """Bodies, or the arm itself, from which the clearance is bounded.
 
     Attributes
     ----------
     bodies : sequence of Obstacle
-        None where the arm is to keep clear of itself.
+        None for the clearance of the arm from itself.
     keep : float
-        The least distance [m].
+        Required distance [m].
     turns : (B,)
-        How far the arm has to have turned to come near [rad]: a right angle for the base plane.
+        Smallest rotation of the tangent from the base at which a body can be close [rad]: a right
+        angle for the base plane.
     moved : (S, 2, B, 3)
-        How far each body has moved where a stretch begins and where it ends [m], steadily in
-        between; or (1, 2, B, 3) for all stretches.
+        Displacement of each body at the start and the end of each stretch [m], linear in between;
+        or (1, 2, B, 3) for all stretches.
     uneven : (S,)
-        How far the share of a stretch's tensions is at the most from the share of its time; or
-        (1,) for all stretches.
+        Largest difference between the shares of tensions and of time on each stretch;
+        or (1,) for all stretches.
     """
 
     bodies: Sequence[Obstacle] | None
@@ -70,21 +78,24 @@ class Around:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """How clear an arm stays on each of S stretches.
+class ClearanceBound:
+    """Bounds of the clearance of an arm on each of S stretches.
 
     Attributes
     ----------
     bound : (S,)
-        A lower bound of the distance less what is to be kept [m], refined until it is `enough` or
-        close to the least that is seen; -infinite where there is none.
-    seen, share : (S,)
-        The least that is seen, infinite where nothing comes so near that it is looked for; where,
-        as a share of the stretch.
-    body, s : (S,), (S, 2)
-        Which body is nearest, and the arc length of the nearest place [m], or of both.
+        Lower bound of the distance minus the required distance [m], refined to `enough` or close
+        to the smallest evaluated clearance; -inf without equilibrium.
+    seen : (S,)
+        Smallest evaluated clearance [m]; inf if no piece is close enough to be evaluated.
+    share : (S,)
+        Share of the stretch at which the smallest clearance was evaluated.
+    body : (S,)
+        Index of the nearest body.
+    s : (S, 2)
+        Arc length of the nearest point, or of both nearest points of the arm [m].
     step : (S,)
-        How far places of the arm go at the most from where a part begins to halfway [m].
+        Bound of the displacement of points of the arm during the first half of a part [m].
     """
 
     bound: Array
@@ -96,9 +107,18 @@ class Found:
 
 
 class _Rows(NamedTuple):
-    """Pieces, or pairs of them, during parts of stretches, from shares of these to others.
+    """Pieces, or pairs of pieces, during parts of stretches.
 
-    Stretches and shares are (K,); elements, and shares of them, (K, 1 or 2).
+    Attributes
+    ----------
+    stretch : (K,)
+        Index of the stretch.
+    start, end : (K,)
+        Shares of the stretch that delimit the part.
+    element : (K, 1 or 2)
+        Index of the element of each piece.
+    low, high : (K, 1 or 2)
+        Shares of the element that delimit each piece.
     """
 
     stretch: Counts
@@ -109,19 +129,29 @@ class _Rows(NamedTuple):
     high: Array
 
     def some(self, which: Mask | Counts) -> _Rows:
-        """Return some of the rows."""
+        """Return a selection of the rows."""
         return _Rows._make(each[which] for each in self)
 
 
-def closest(way: Centreline | Way, count: int, around: Around, enough: float = 0.0) -> Found:
-    """Return how clear an arm stays on so many stretches; on one at rest.
+def closest(
+    motion: Centreline | Motion, count: int, query: ClearanceQuery, enough: float = 0.0
+) -> ClearanceBound:
+    """Bound the clearance of an arm on `count` stretches; a Centreline is one stretch at rest.
 
-    Bounds are refined until they are `enough` [m] beyond what is to be kept, or close to the truth.
+    Refine bounds up to `enough` [m], or close to the exact value.
     """
-    far, none, pair = np.full(count, np.inf), np.zeros(count), np.zeros((count, 2))
-    result = Found(far.copy(), far, none.copy(), none.astype(int), pair, none.copy())
-    search = _Search(way, around, enough, result)
-    pieces = np.zeros((count, 1 + (around.bodies is None)))
+    infinite = np.full(count, np.inf)
+    none = np.zeros(count)
+    result = ClearanceBound(
+        bound=infinite.copy(),
+        seen=infinite,
+        share=none.copy(),
+        body=none.astype(int),
+        s=np.zeros((count, 2)),
+        step=none.copy(),
+    )
+    search = _Search(motion, query, enough, result)
+    pieces = np.zeros((count, 1 + (query.bodies is None)))
     rows = _Rows(np.arange(count), none, none + 1, pieces.astype(int), pieces, pieces + 1)
     for level in range(_LEVELS + 1):
         check_time()
@@ -136,41 +166,44 @@ def closest(way: Centreline | Way, count: int, around: Around, enough: float = 0
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """The search for the least distances; `found` is what it knows so far."""
+    """Bisection of parts and pieces; `result` has the bounds so far."""
 
-    way: Centreline | Way
-    around: Around
+    motion: Centreline | Motion
+    query: ClearanceQuery
     enough: float
-    found: Found
+    result: ClearanceBound
 
     def parts(self, rows: _Rows) -> tuple[_Rows, Counts, Parts | None]:
-        """Return rows, which part of a stretch each is in, and these; of each arm once.
+        """Return rows, the index of the part of each row, and the parts, with each arm once.
 
-        Without rows of stretches of which some arm has no equilibrium; None where none are left.
+        Rows of stretches without equilibrium are removed. The parts are None if no rows are left.
         """
-        rows = rows.some(~np.isneginf(self.found.bound[rows.stretch]))
+        rows = rows.some(~np.isneginf(self.result.bound[rows.stretch]))
         if not rows.stretch.size:
             return rows, rows.stretch, None
-        if isinstance(self.way, Centreline):
-            return rows, 0 * rows.stretch, Parts.of(self.way, np.zeros((1, 1), dtype=int), None)
+        if isinstance(self.motion, Centreline):
+            return rows, 0 * rows.stretch, Parts.of(self.motion, np.zeros((1, 1), dtype=int), None)
         time, part = np.unique(np.column_stack(rows[:3]), axis=0, return_inverse=True)
-        stretch, start, end = time[:, 0].astype(int), time[:, 1], time[:, 2]
+        stretch = time[:, 0].astype(int)
+        start = time[:, 1]
+        end = time[:, 2]
         keys = np.column_stack([stretch.repeat(2), time[:, 1:].ravel()])
         arms, at = np.unique(keys, axis=0, return_inverse=True)
         which = arms[:, 0].astype(int)
-        lines = self.way.lines(which, arms[:, 1])
-        there = [line for line in lines if line is not None]
-        if len(there) < len(lines):
-            gone = np.array([line is None for line in lines])
-            self.found.bound[which[gone]], self.found.share[which[gone]] = -np.inf, arms[gone, 1]
+        lines = self.motion.lines(which, arms[:, 1])
+        settled = [line for line in lines if line is not None]
+        if len(settled) < len(lines):
+            failed = np.array([line is None for line in lines])
+            self.result.bound[which[failed]] = -np.inf
+            self.result.share[which[failed]] = arms[failed, 1]
             return self.parts(rows)
-        spread = self.way.spread(stretch, start, end)
-        return rows, part.ravel(), Parts.of(Centreline.joined(there), at.reshape(-1, 2), spread)
+        bound = self.motion.deviation_bound(stretch, start, end)
+        return rows, part.ravel(), Parts.of(Centreline.joined(settled), at.reshape(-1, 2), bound)
 
     def whole(self, rows: _Rows, parts: Parts) -> _Rows:
-        """Return the elements of arms in each part, or the pairs of them that may meet."""
+        """Return the elements of arms in each part, or the pairs of elements that may meet."""
         N = parts.turned.shape[2] - 1
-        if self.around.bodies is not None:
+        if self.query.bodies is not None:
             part, element = np.divmod(np.arange(len(parts.rows) * N), N)
             return rows.some(part)._replace(element=element[:, None])
         turn = parts.turned[:, :, None, 1:] - parts.turned[:, :, :-1, None]
@@ -179,14 +212,17 @@ class _Search:
         return rows.some(part)._replace(element=np.column_stack(pair))
 
     def step(self, rows: _Rows, part: Counts, parts: Parts, is_last: bool) -> _Rows:
-        """Return the rows to look at next: halves of parts in time, or of pieces."""
+        """Bound the clearance of rows; return the next rows, with parts or pieces halved."""
         columns = zip(rows.element.T, rows.low.T, rows.high.T, strict=True)
         pieces = [parts.pieces(part, *column) for column in columns]
-        result, stretch, keep = self.found, rows.stretch, self.around.keep
-        # How far bodies have moved (K, I, B, 3) where the parts of pieces begin and end.
+        result = self.result
+        stretch = rows.stretch
+        keep = self.query.keep
+        # Displacements of bodies at the start and end of the parts (K, I, B, 3).
         shares = np.column_stack([rows.start, rows.end])[:, : parts.rows.shape[1], None, None]
-        first, last = np.swapaxes(self.around.moved[stretch % len(self.around.moved)], 0, 1)
-        moved, known = first[:, None] + shares * (last - first)[:, None], parts.known[part]
+        first, last = np.swapaxes(self.query.moved[stretch % len(self.query.moved)], 0, 1)
+        moved = first[:, None] + shares * (last - first)[:, None]
+        known = parts.known[part]
         lower = self._lower_bounds(stretch, moved, pieces) - keep
         near = (lower < np.minimum(self.enough, result.seen[stretch])) | ~known
         if near.any():
@@ -195,7 +231,7 @@ class _Search:
         least = np.where(seen < np.inf, seen, 0.0)
         slack = np.maximum(_CLOSE * parts.lines.arm.length, _RELATIVE * np.abs(least + keep))
         enough = np.minimum(self.enough, np.where(seen < np.inf, least - slack, np.inf))
-        # Infinite bounds are of what cannot meet, whatever happens in between.
+        # Infinite bounds belong to pieces that cannot meet: no refinement is needed.
         open_ = ((lower < enough) & (lower < np.inf)) | ~known
         done = ~open_ | is_last | (stretch.size > _MOST)
         np.minimum.at(result.bound, stretch[done], np.where(known, lower, -np.inf)[done])
@@ -204,9 +240,11 @@ class _Search:
         np.maximum.at(result.step, stretch[done], travel[done] / 2)
         passing = np.linalg.norm(moved[:, -1] - moved[:, 0], axis=2).max(axis=1, initial=0.0)
         by_time = (travel + passing > sizes.max(axis=1)) | ~known
-        late, cut = rows.some(~done & by_time), rows.some(~done & ~by_time)
+        late = rows.some(~done & by_time)
+        cut = rows.some(~done & ~by_time)
         longest = np.eye(sizes.shape[1], dtype=bool)[sizes[~done & ~by_time].argmax(axis=1)]
-        half, middle = (cut.low + cut.high) / 2, (late.start + late.end) / 2
+        half = (cut.low + cut.high) / 2
+        middle = (late.start + late.end) / 2
         halves = (
             cut._replace(high=np.where(longest, half, cut.high)),
             cut._replace(low=np.where(longest, half, cut.low)),
@@ -216,34 +254,38 @@ class _Search:
         return _Rows._make(map(np.concatenate, zip(*halves, strict=True)))
 
     def _lower_bounds(self, stretch: Counts, moved: Array, pieces: list[Pieces]) -> Array:
-        """Return lower bounds of the distances (K,) [m] of pieces from bodies, or each other."""
-        bodies, one = self.around.bodies, pieces[0]
+        """Return lower bounds of the distances (K,) [m] of pieces from bodies, or of pairs."""
+        bodies = self.query.bodies
+        one = pieces[0]
         if bodies is None:
             return apart(*pieces)
-        rest, middle = moved.mean(axis=1), one.hull.mean(axis=1)[:, None]
+        rest = moved.mean(axis=1)
+        middle = one.hull.mean(axis=1)[:, None]
         d, g = distances_from(bodies, middle - rest)
         convex = np.array([body.is_convex for body in bodies], dtype=bool)
         change = np.full(d.shape, np.inf)
         for i, point in enumerate(np.swapaxes(one.hull, 0, 1)):
             offset = point[:, None] - middle - (moved[:, i // 2] - rest)
-            # That of other bodies falls no faster than a point goes.
+            # For other bodies, the distance is Lipschitz continuous with constant 1.
             along = np.einsum("kbi,kbi->kb", g, offset)
             off = np.where(convex, along, -np.linalg.norm(offset, axis=2))
             change = np.minimum(change, off)
-        way = np.linalg.norm(moved[:, -1] - moved[:, 0], axis=2)
-        uneven = self.around.uneven[stretch % len(self.around.uneven), None] * way
+        path = np.linalg.norm(moved[:, -1] - moved[:, 0], axis=2)
+        uneven = self.query.uneven[stretch % len(self.query.uneven), None] * path
         turned = one.turned[:, :, 1].max(axis=1) + one.turns_off
-        reach = turned[:, None] >= self.around.turns
+        reach = turned[:, None] >= self.query.turns
         lower = np.where(reach, d + change - one.wide[:, None] - uneven, np.inf)
         return np.asarray(lower.min(axis=1, initial=np.inf))
 
     def _record_ends(self, rows: _Rows, moved: Array, pieces: list[Pieces]) -> None:
-        """Keep the least distances of the ends of pieces that are seen where parts begin or end."""
-        result, bodies = self.found, self.around.bodies
-        one, other = pieces[0], pieces[-1]
+        """Evaluate the clearance at the ends of pieces and parts, and update the smallest ones."""
+        result = self.result
+        bodies = self.query.bodies
+        one = pieces[0]
+        other = pieces[-1]
         if bodies is not None:
             d = distances_from(bodies, one.ends[:, :, :, None] - moved[:, :, None])[0]
-            d = np.where(one.turned[..., None] >= self.around.turns, d, np.inf)
+            d = np.where(one.turned[..., None] >= self.query.turns, d, np.inf)
             gaps = d - one.radii[:, :, ::2, None]
         else:
             d = np.linalg.norm(one.ends[:, :, :, None] - other.ends[:, :, None], axis=4)
@@ -252,11 +294,11 @@ class _Search:
             gaps = np.where(turn >= np.pi, d, np.inf)
         flat = gaps.reshape(len(gaps), -1)
         at = flat.argmin(axis=1)
-        least = flat[np.arange(at.size), at] - self.around.keep
+        least = flat[np.arange(at.size), at] - self.query.keep
         instant, end, which = np.unravel_index(at, gaps.shape[1:])
         order = np.argsort(-least, kind="stable")
         k = order[least[order] < result.seen[rows.stretch[order]]]
-        # The last that is put down is the least.
+        # The last of several assignments to an index remains: the smallest value.
         to = rows.stretch[k]
         result.seen[to], result.body[to] = least[k], which[k]
         result.share[to] = np.column_stack([rows.start, rows.end])[k, instant[k]]
@@ -265,10 +307,10 @@ class _Search:
 
 
 def apart(one: Pieces, other: Pieces) -> Array:
-    """Return lower bounds of the distances (K,) [m] of pairs of pieces, infinite if none meet.
+    """Return lower bounds of the distances (K,) [m] of pairs of pieces, inf if pieces cannot meet.
 
-    By what parts their hulls along the direction between their middles. They meet only if the arm
-    may turn by half a turn from one to the other.
+    The bound is the distance of the hulls along the direction between the middles. Two pieces can
+    only meet if the arm may turn by half a turn in between.
     """
     way = one.hull.mean(axis=1) - other.hull.mean(axis=1)
     way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-300)

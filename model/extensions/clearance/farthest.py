@@ -1,9 +1,10 @@
-"""The largest gap between a part of an arm and a convex body that the part is to lie along.
+"""Largest gap between a part of an arm and a convex body.
 
-A convex distance on a straight line is nowhere above its larger end, and it changes no faster than
-a point moves. So the distance of a piece of the midline is at most that of its ends plus the sag:
-a curve of length l between two points a distance c apart stays within sqrt(l^2 - c^2) / 2 of the
-line between them. Pieces are halved until this bound is close to the largest excess that is seen.
+On a straight segment, a convex distance is at most the larger end value. Distances are Lipschitz
+continuous with constant 1. Therefore the distance of a piece of the midline is at most the larger
+distance of the ends plus the sag: a curve of length l between two points at a distance c stays
+within sqrt(l^2 - c^2) / 2 of the chord. Pieces are halved until this bound is close to the
+largest evaluated excess.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ from octoplan.model.centreline import Centreline, Counts
 from octoplan.model.extensions.obstacles.base import Convex
 from octoplan.model.paths import Array
 
-# Halvings at most: of the whole arm to less than a millionth.
+# Largest number of halvings, which divide the whole arm into pieces of less than 1e-6.
 _LEVELS = 24
-# Points at which local maxima are located; parabolas through three refine them.
+# Number of points for locating local maxima, which parabolas through three points refine.
 _POINTS = 1025
 
 
@@ -25,8 +26,8 @@ def largest_excess(
 ) -> float:
     """Return an upper bound of the distance of a midline from a body, minus factor R(s) [m].
 
-    Along a part of the arm, whose ends are arc lengths [m]; R is the outer radius at rest. The
-    bound is at most `close` [m] above the largest value.
+    The part of the arm is delimited by arc lengths [m]; R is the outer radius at rest. The bound is
+    at most `close` [m] above the largest value.
     """
     element, low, high = _pieces(line, part)
     seen = bound = -np.inf
@@ -48,7 +49,7 @@ def largest_excess(
 
 
 def _pieces(line: Centreline, part: tuple[float, float]) -> tuple[Counts, Array, Array]:
-    """Return the elements in a part of an arm, and the shares of each between which it is."""
+    """Return the elements in a part of an arm, and the shares that delimit the part in each."""
     start, end = np.clip(part, line.s[0], line.s[-1])
     h = np.diff(line.s)
     low = np.clip((start - line.s[:-1]) / h, 0.0, 1.0)
@@ -60,14 +61,14 @@ def _pieces(line: Centreline, part: tuple[float, float]) -> tuple[Counts, Array,
 def _bounds(
     line: Centreline, body: Convex, factor: float, element: Counts, low: Array, high: Array
 ) -> tuple[Array, Array]:
-    """Return upper bounds (K,) of the excess on pieces, and the excess at their ends (2, K) [m]."""
+    """Return upper bounds (K,) of the excess on pieces, and the excess at both ends (2, K) [m]."""
     zero = np.zeros(low.size)
     first = line.along(element, zero, low)[0]
     last, length, _ = line.along(element, low, high)
     distance = np.array([body.at(first)[0], body.at(last)[0]])
     s = line.s[element] + np.array([low, (low + high) / 2, high]) * np.diff(line.s)[element]
     radius = line.arm.outer_radius(s.ravel())[0].reshape(s.shape)
-    # Along a piece the radius is a parabola, but for terms of third order.
+    # Along a piece, the radius is a parabola except for terms of third order.
     bent = np.abs(radius[0] - 2 * radius[1] + radius[2])
     chord = np.linalg.norm(last - first, axis=1)
     sag = np.sqrt(np.maximum(length**2 - chord**2, 0.0)) / 2
@@ -78,7 +79,7 @@ def _bounds(
 def maxima(
     line: Centreline, body: Convex, factor: float, part: tuple[float, float]
 ) -> tuple[Array, Array]:
-    """Return the arc lengths [m] of local maxima of the excess along a part, and their values."""
+    """Return the arc lengths [m] and values of local maxima of the excess along a part."""
     s = np.linspace(max(part[0], line.s[0]), min(part[1], line.s[-1]), _POINTS)
     excess = body.at(line.at(s)[0])[0] - factor * line.arm.outer_radius(s)[0]
     before, at, after = excess[:-2], excess[1:-1], excess[2:]

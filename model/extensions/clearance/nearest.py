@@ -1,7 +1,7 @@
-"""How clear an arm at rest is: of obstacles, of the far side of its base plane, and of itself.
+"""Clearance of an arm at rest: from obstacles, from its base plane, and from itself.
 
-The arm's surface is that of balls of its radius along its midline, so that its tip is round.
-Answers are lower bounds, refined until they are close to the truth; see
+The arm's surface is the envelope of balls of the arm's radius along the midline, so that the
+tip is round. Results are lower bounds, refined close to the exact value; see
 octoplan.model.extensions.clearance.bisection.
 """
 
@@ -14,26 +14,28 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.centreline import Centreline, Settled
-from octoplan.model.extensions.clearance.bisection import Around, closest
+from octoplan.model.extensions.clearance.bisection import ClearanceQuery, closest
 from octoplan.model.extensions.obstacles import HalfSpace, Obstacle, check_obstacles
 from octoplan.model.support.checks import kind
 
-OBSTACLES, BASE, ITSELF = "obstacles", "the far side of its base plane", "itself"
+OBSTACLES = "obstacles"
+BASE = "the far side of its base plane"
+ITSELF = "itself"
 KINDS = OBSTACLES, BASE, ITSELF
 
 
 @dataclass(frozen=True)
 class Clearance:
-    """The least distance between the arm's surface and what it can meet.
+    """Smallest distance of the arm's surface from obstacles, its base plane or itself.
 
     Attributes
     ----------
     gap : float
-        A lower bound of it [m]; below 0 the arm passes through; infinite where nothing can meet.
+        Lower bound of the distance [m]; negative for penetration, inf if nothing can meet.
     what : str
-        The nearest: "obstacles[i]", "itself", "the far side of its base plane", or "".
+        The nearest body: "obstacles[i]", "itself", "the far side of its base plane", or "".
     s : tuple of float
-        Arc lengths of the nearest places of the arm [m], two of itself.
+        Arc length of the nearest point of the arm [m]; two for "itself".
     """
 
     gap: float = np.inf
@@ -50,9 +52,9 @@ class Clearance:
 
 
 def clearance(shape: Settled, obstacles: Sequence[Obstacle] | Obstacle = ()) -> Clearance:
-    """Return how clear a settled arm is of obstacles, its base plane and itself.
+    """Return the clearance of a settled arm from obstacles, its base plane and itself.
 
-    Raises InputError for what is no shape or no obstacle.
+    Raises InputError if the arguments are not a shape and obstacles.
     """
     kind("shape", shape, Settled, "a Shape, as settle returns it")
     results = clearances(shape.centreline(), check_obstacles(obstacles))
@@ -65,34 +67,43 @@ def clearances(
     of: Collection[str] = KINDS,
     enough: float = np.inf,
 ) -> dict[str, Clearance]:
-    """Return how clear the arm of a centreline is of OBSTACLES, BASE and ITSELF, each by name.
+    """Return the clearances of a midline from OBSTACLES, BASE and ITSELF, by name.
 
-    Distances are refined up to `enough` [m]: bounds above that may be far below the truth.
+    Distances are refined up to `enough` [m]: larger bounds may be far below the exact value.
     """
     results = dict[str, Clearance]()
     for name in (each for each in of if each != OBSTACLES or obstacles):
-        result = closest(line, 1, around(line.arm, name, obstacles), enough)
-        seen, s = bool(result.seen[0] < np.inf), tuple(result.s[0].tolist())
+        result = closest(line, 1, clearance_query(line.arm, name, obstacles), enough)
+        is_near = bool(result.seen[0] < np.inf)
+        s = tuple(result.s[0].tolist())
         what = f"{OBSTACLES}[{result.body[0]}]" if name == OBSTACLES else name
-        near = (what, s if name == ITSELF else s[:1]) if seen else ("", ())
+        near = (what, s if name == ITSELF else s[:1]) if is_near else ("", ())
         results[name] = Clearance(float(result.bound[0]), *near)
     return results
 
 
 def from_itself(shape: Settled) -> Clearance:
-    """Return between which cross-sections the gap is least, none where no parts can meet."""
+    """Return the clearance of a settled arm from itself."""
     return clearances(shape.centreline(), of={ITSELF})[ITSELF]
 
 
 def base_plane(arm: Arm) -> HalfSpace:
-    """Return what is behind the plane of an arm's base."""
+    """Return the half-space behind the plane of an arm's base."""
     return HalfSpace(arm.base_position, tuple(np.array(arm.base_frame)[:, 0].tolist()))
 
 
-def around(arm: Arm, name: str, obstacles: Sequence[Obstacle], keep: float = 0.0) -> Around:
-    """Return what an arm is to keep clear of, by the name of its kind."""
+def clearance_query(
+    arm: Arm, name: str, obstacles: Sequence[Obstacle], keep: float = 0.0
+) -> ClearanceQuery:
+    """Return the query of an arm's clearance from OBSTACLES, BASE or ITSELF."""
     if name == ITSELF:
-        return Around(None, keep, np.zeros(0), np.zeros((1, 2, 0, 3)))
+        return ClearanceQuery(
+            bodies=None, keep=keep, turns=np.zeros(0), moved=np.zeros((1, 2, 0, 3))
+        )
     bodies = obstacles if name == OBSTACLES else [base_plane(arm)]
-    turns = np.full(len(bodies), (name == BASE) * np.pi / 2)
-    return Around(bodies, keep, turns, np.zeros((1, 2, len(bodies), 3)))
+    return ClearanceQuery(
+        bodies=bodies,
+        keep=keep,
+        turns=np.full(len(bodies), (name == BASE) * np.pi / 2),
+        moved=np.zeros((1, 2, len(bodies), 3)),
+    )

@@ -1,19 +1,19 @@
-"""Pieces of an arm during parts of a motion, and bounds on where each of them is.
+"""Pieces of an arm during parts of a motion, and bounds of the positions.
 
-Along the arm: a curve of length l between two points a distance c apart stays within
-sqrt(l^2 - c^2) / 2 of the line between them, as from any of its points the ways to both ends add up
-to l at the most, and an ellipsoid with these foci is so wide.
+Along the arm: a curve of length l between two points at a distance c stays within
+sqrt(l^2 - c^2) / 2 of the chord. The distances of each point from both ends add up to at most l,
+and an ellipsoid with the ends as foci has this semi-axis.
 
-In time: let curvature kappa and tangent nu, per unit reference length in the local frame, go from
-their values at the beginning of a part to those at its end in straight lines, while t goes from 0
-to 1, with O(s) the integral of |dkappa/dt| from the base. Frames R turn at w with |w| <= O, and
-|dw/dt| <= O^2 / 2, so that the acceleration of a place r(s), the integral of (R nu)'' from the
-base, is at most the integral of 3/2 O^2 |nu| + 2 O |dnu/dt|; an eighth of that bounds how far a
-place is from the line between where it begins and ends. By how much strains are off from straight
-lines, e_kappa and e_nu (see Spread), moves it by at most the integral of e_nu
-plus e_kappa times the arm's length from there to s. Both grow along the arm.
+In time: suppose that curvature kappa and tangent nu, per unit reference length in the local frame,
+change linearly during a part, with t from 0 to 1. Let O(s) be the integral of |dkappa/dt| from the
+base. The angular velocity w of the frames R satisfies |w| <= O and |dw/dt| <= O^2 / 2. The
+acceleration of a point r(s) is the integral of (R nu)'' from the base, and thus at most the
+integral of 3/2 O^2 |nu| + 2 O |dnu/dt|. One eighth of this bounds the distance of the point from
+the straight line between the positions at the ends of the part. Deviations e_kappa and e_nu of the
+strains from linear interpolation (see DeviationBound) move the point by at most the integral of
+e_nu plus e_kappa times the length of the arm from there to s. Both bounds increase along the arm.
 
-So a piece during a part is in the convex hull of four points, widened by a length.
+Therefore a piece during a part lies in the convex hull of four points, extended by a distance.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from octoplan.model.paths import Array, Mask
 from octoplan.model.rod.collocation import gauss
 
 
-class Spread(NamedTuple):
-    """By how much strains may be off from a straight line during P parts of a way.
+class DeviationBound(NamedTuple):
+    """Bound of the deviation of strains from linear interpolation, during P parts of a motion.
 
     Attributes
     ----------
     kappa, nu : (P, N)
-        Of curvature [1/m] and tangent [-] at N stages, as lengths of vectors.
+        Bounds for curvature [1/m] and tangent [-] at N stages, as norms of vectors.
     known : (P,)
-        Whether that holds; else the part is too long to tell.
+        Whether the bounds apply; otherwise the part is too long.
     """
 
     kappa: Array
@@ -47,25 +47,25 @@ class Spread(NamedTuple):
 
 
 class Pieces(NamedTuple):
-    """K pieces of an arm during parts of a motion, known where each part begins and ends.
+    """K pieces of an arm during parts of a motion, with values at the I ends of each part.
 
     Attributes
     ----------
     ends : (K, I, 2, 3)
-        Where they begin and end [m].
+        Positions of both ends of the pieces [m].
     turned : (K, I, 2)
-        How far tangents have turned from the base to there, all in all [rad].
+        Total rotation of the tangent from the base to both ends [rad].
     turns_off : (K,)
-        By how much more they may have turned in between [rad].
+        Bound of additional rotation of the tangent during the part [rad].
     radii : (K, I, 3)
-        The arm's radius at both ends and in the middle [m]. Where it jumps the larger one of both
-        sides is that of the other piece.
+        Radius of the arm at both ends and in the middle [m]. At a discontinuity, the larger radius
+        may belong to the neighbouring piece.
     wide : (K,)
-        How far the surface may be from the hull of the ends [m].
+        Bound of the distance of the surface from the hull of the ends [m].
     s : (K, 2)
         Arc lengths of both ends [m].
     size, travel : (K,)
-        About how long pieces are, and how far their ends travel during the part [m].
+        Approximate length of the pieces, and displacement of the ends during the part [m].
     """
 
     ends: Array
@@ -78,34 +78,34 @@ class Pieces(NamedTuple):
     travel: Array
 
     def some(self, which: Mask) -> Pieces:
-        """Return some of the pieces."""
+        """Return a selection of the pieces."""
         return Pieces._make(each[which] for each in self)
 
     @property
     def hull(self) -> Array:
-        """The points (K, 2 I, 3) whose convex hull holds the lines between the ends [m]."""
+        """Points (K, 2 I, 3) whose convex hull contains the chords [m]."""
         return self.ends.reshape(len(self.ends), -1, 3)
 
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """P parts of a motion, by the arm where each begins and ends.
+    """P parts of a motion, with the arms at the ends of each part.
 
     Attributes
     ----------
     lines : Centreline
-        All arms that are known, joined.
+        All arms, joined.
     rows : (P, I)
-        Which of them are those of each part: two, or one of a part that takes no time.
+        Indices of the arms of each part: two, or one for a part without duration.
     known : (P,)
-        Whether it is known how far strains are from straight lines.
+        Whether bounds of the deviation of strains apply.
     turned : (P, I, N + 1)
-        How far tangents have turned from the base to each node [rad].
+        Total rotation of the tangent from the base to each node [rad].
     turns_off, goes_off : (P, N)
-        By how much more tangents may turn up to an element's end in between [rad], and how far
-        places go off the line [m].
+        Bounds, up to the end of each element, of additional rotation of the tangent during the part
+        [rad], and of the deviation of points from the straight line [m].
     swell : (P, N)
-        How many times wider sections may be in between than where parts begin and end.
+        Bound of the ratio of cross-section widths during the part and at the ends.
     """
 
     lines: Centreline
@@ -117,48 +117,51 @@ class Parts:
     swell: Array
 
     @classmethod
-    def of(cls, lines: Centreline, rows: Counts, spread: Spread | None) -> Parts:
-        """Return parts by how far strains are from straight lines; None where they take no time."""
-        N, P = int(np.argmax(lines.s)), len(rows)
+    def of(cls, lines: Centreline, rows: Counts, deviation: DeviationBound | None) -> Parts:
+        """Return parts with bounds of the deviation of strains; None for parts without duration."""
+        N = int(np.argmax(lines.s))
+        P = len(rows)
         turns = np.append(lines.sizes[1], 0.0).reshape(-1, N + 1)
         turned = np.cumsum(np.roll(turns, 1, axis=1) * (np.arange(N + 1) > 0), axis=1)[rows]
         none = np.zeros((P, N))
-        if spread is None:
+        if deviation is None:
             return cls(lines, rows, np.ones(P, dtype=bool), turned, none, none, none + 1)
 
         def integrated(values: Array) -> Array:
-            """Return integrals over the elements (P, N) of values at their stages."""
+            """Return integrals over the elements (P, N) of values at the stages."""
             return np.asarray(
                 values.reshape(P, N, STAGES) @ gauss(STAGES).b * np.diff(lines.s[: N + 1])
             )
 
-        # By part, end, element and stage (P, I, N, stages, 3).
+        # Values by part, end, element and stage (P, I, N, stages, 3).
         kappa_at, nu_at = (
             each.reshape(-1, N + 1, STAGES, 3)[rows, :-1] for each in (lines.kappa, lines.nu)
         )
-        kappa, nu = integrated(spread.kappa), integrated(spread.nu)
+        kappa = integrated(deviation.kappa)
+        nu = integrated(deviation.nu)
         turn, slide = (
             integrated(np.linalg.norm(each[:, -1] - each[:, 0], axis=3))
             for each in (kappa_at, nu_at)
         )
         long = integrated(np.linalg.norm(nu_at, axis=4).max(axis=1))
-        swept, bent = np.cumsum(turn, axis=1), np.cumsum(kappa, axis=1)
+        swept = np.cumsum(turn, axis=1)
+        bent = np.cumsum(kappa, axis=1)
         places = np.cumsum(1.5 * swept**2 * long + 2 * swept * slide, axis=1) / 8
         reach = np.cumsum(long + nu, axis=1)
         places += np.cumsum(nu, axis=1) + reach * bent
         places -= np.cumsum(kappa * (reach - long - nu), axis=1)
-        # What sections keep of their stretch at the least.
-        kept = 1 - spread.nu.reshape(P, N, STAGES) / np.maximum(nu_at[..., 0].min(axis=1), 1e-3)
-        kept = kept.min(axis=2)
-        known = spread.known & (kept > 0).all(axis=1)
+        # Lower bound of the stretch during the part, relative to the smaller end value.
+        relative = deviation.nu.reshape(P, N, STAGES) / np.maximum(nu_at[..., 0].min(axis=1), 1e-3)
+        kept = (1 - relative).min(axis=2)
+        known = deviation.known & (kept > 0).all(axis=1)
         rubber = known[:, None] & lines.scene.has(NeoHookean)
         swell = 1 / np.sqrt(np.where(rubber, kept, 1.0))
         return cls(lines, rows, known, turned, bent, places, swell)
 
     def pieces(self, part: Counts, element: Counts, start: Array, end: Array) -> Pieces:
-        """Return pieces (K,) by their part, element, and the shares of it where they are.
+        """Return pieces (K,) from parts, elements, and the shares that delimit the pieces.
 
-        Along a piece the radius is a parabola, but for terms of third order.
+        Along a piece, the radius is a parabola except for terms of third order.
         """
         lines = self.lines
         rows = self.rows[part] * self.turned.shape[2] + element[:, None]
@@ -177,10 +180,8 @@ class Parts:
         turned = turned + self.turned[part, :, element][:, :, None]
         radii = lines.radius(np.tile(rows.ravel(), 3), shares.ravel())
         radii = np.moveaxis(radii.reshape(3, *rows.shape), 0, 2)
-        off, chord = (
-            self.goes_off[part, element],
-            np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2),
-        )
+        off = self.goes_off[part, element]
+        chord = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
         sag = np.sqrt(np.maximum(long**2 - chord**2, 0.0)).max(axis=1) / 2
         bent = np.abs(radii[..., 0] - 2 * radii[..., 1] + radii[..., 2])
         wide = sag + (radii.max(axis=2) + bent).max(axis=1) * self.swell[part, element] + off

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from octoplan.model.effects.base import Effect, Rules
-from octoplan.model.extensions.obstacles.base import Convex, numbers_of
+from octoplan.model.extensions.obstacles.base import Convex, convex_parameters
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError
@@ -60,7 +60,7 @@ class Contact(Effect):
     @property
     def place(self) -> tuple[Any, ...]:
         """The numbers of the obstacle."""
-        return tuple(self.obstacle.numbers.tolist())
+        return tuple(self.obstacle.parameters.tolist())
 
     @classmethod
     def excludes(cls) -> Rules:
@@ -127,8 +127,8 @@ def contacts(scene: Scene) -> tuple[Contact, ...]:
 
 
 def bodies_of(scene: Scene) -> Array:
-    """Return the numbers (K, 17) of the obstacles in contact; see Convex.numbers."""
-    return numbers_of([contact.obstacle for contact in contacts(scene)])
+    """Return the parameters (K, 17) of the obstacles in contact; see Convex.parameters."""
+    return convex_parameters([contact.obstacle for contact in contacts(scene)])
 
 
 def without_contacts(scene: Scene) -> Scene:

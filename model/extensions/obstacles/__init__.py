@@ -1,10 +1,10 @@
-"""Obstacles: bodies that an arm keeps clear of, by their signed distances."""
+"""Obstacles: bodies with a signed distance, from which an arm keeps clear."""
 
 from octoplan.model.extensions.obstacles.base import (
     Obstacle,
     check_obstacles,
+    convex_parameters,
     distances,
-    numbers_of,
 )
 from octoplan.model.extensions.obstacles.convex import Box, Capsule, HalfSpace, Sphere
 from octoplan.model.extensions.obstacles.mesh import Mesh
@@ -19,6 +19,6 @@ __all__ = [
     "Obstacle",
     "Sphere",
     "check_obstacles",
+    "convex_parameters",
     "distances",
-    "numbers_of",
 ]

@@ -1,15 +1,16 @@
-"""What an obstacle is: a body, by its signed distance and the exact derivatives of that.
+"""Interface of obstacles: bodies with a signed distance and its exact gradient.
 
-Sphere, capsule, box and half-space are convex, and one thing with different numbers: a box that may
-have no size along some of its axes, in a layer of constant thickness. So there is one statement of
-the distance, in CasADi's symbols: programs differentiate it, and NumPy arrays are put through it.
+Sphere, capsule, box and half-space are one convex body with different parameters: a box, which may
+have zero size along some axes, in a layer of constant thickness. The distance is therefore defined
+once, in CasADi symbols: programs differentiate it, and a compiled function evaluates it for NumPy
+arrays.
 
-With y the point in the box's axes, h half its size and q = |y| - h, the distance is
+For a point y in the axes of the box, half sizes h and q = |y| - h, the distance is
 
     |max(q, 0)| + min(max(q), 0) - layer,
 
-exact outside and inside of a box; of a half-space q_1 = y_1 - h_1 and the other sizes are beyond
-all bounds. It is convex and 1-Lipschitz, as the distance from any convex body is. Source: Quilez,
+which is exact outside and inside of a box. A half-space has q_1 = y_1 - h_1, and unlimited other
+sizes. The distance is convex and 1-Lipschitz, as for any convex body. Source: Quilez,
 "Distance functions", https://iquilezles.org/articles/distfunctions (box and round box).
 """
 
@@ -30,19 +31,20 @@ from octoplan.model.support.checks import SUCH, kind, numbers
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.machine.functions import BatchFunction, cached
 
-# Center (3,), axes (3, 3) column by column, half sizes (3,), layer, 1 for a half-space else 0.
+# Number of parameters of a convex body: center (3,), axes (3, 3) column by column, half sizes (3,),
+# layer, and 1 for a half-space, otherwise 0.
 SIZE = 17
 # The axes of the base frame.
 ALONG_BASE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class Obstacle(ABC):
-    """A body that an arm keeps clear of; frozen values are its kinds."""
+    """A body from which an arm keeps clear; subclasses are frozen values."""
 
     @property
     @abstractmethod
     def is_convex(self) -> bool:
-        """Whether it is convex, so that its distance is nowhere below a tangent plane's."""
+        """Whether the body is convex, so that tangent planes bound the distance from below."""
 
     @abstractmethod
     def at(self, points: Array) -> tuple[Array, Array]:
@@ -50,18 +52,18 @@ class Obstacle(ABC):
 
     @abstractmethod
     def nearest_part(self, point: Array) -> Array:
-        """Return the numbers (17,) of a convex body to keep a point (3,) clear of in its place.
+        """Return the parameters (17,) of a convex body that bounds the obstacle near a point.
 
-        It is as near to a point outside as the body, and no part of the body near that is outside
-        of it.
+        Outside of the obstacle, both have the same distance from the point, and the convex body
+        contains all of the obstacle near the point.
         """
 
     @abstractmethod
     def translated(self, by: tuple[float, ...]) -> Obstacle:
-        """Return the obstacle after a translation (3,) [m]."""
+        """Return the obstacle translated by a vector (3,) [m]."""
 
     def distance(self, points: Any) -> Array:
-        """Return signed distances (...) of points (..., 3) [m], below 0 inside."""
+        """Return signed distances (...) at points (..., 3) [m], negative inside."""
         result = _points(points)
         return self.at(result.reshape(-1, 3))[0].reshape(result.shape[:-1])
 
@@ -72,12 +74,12 @@ class Obstacle(ABC):
 
 
 class Convex(Obstacle):
-    """An obstacle that is a box in a layer; see the formula above.
+    """An obstacle that is a box in a layer; see the formula in the module's docstring.
 
     Attributes
     ----------
     places : tuple of str
-        The fields that are points of it: a translation moves these.
+        Names of the fields that a translation changes.
     """
 
     places: ClassVar[tuple[str, ...]] = ("center",)
@@ -85,16 +87,16 @@ class Convex(Obstacle):
 
     @property
     @abstractmethod
-    def numbers(self) -> Array:
-        """The body as numbers (17,): center, axes column by column, half sizes, layer, open."""
+    def parameters(self) -> Array:
+        """Parameters (17,): center, axes column by column, half sizes, layer, half-space flag."""
 
     def at(self, points: Array) -> tuple[Array, Array]:
         """See Obstacle.at."""
-        return pair_distances(self.numbers[None], points)
+        return pair_distances(self.parameters[None], points)
 
     def nearest_part(self, point: Array) -> Array:
-        """See Obstacle.nearest_part: itself."""
-        return self.numbers
+        """See Obstacle.nearest_part: the body itself."""
+        return self.parameters
 
     def translated(self, by: tuple[float, ...]) -> Obstacle:
         """See Obstacle.translated."""
@@ -106,15 +108,15 @@ SUCH[Obstacle] = "an obstacle such as a Sphere"
 SUCH[Convex] = "a convex obstacle such as Capsule(start, end, radius); a Mesh is none"
 
 
-def numbers_of(obstacles: Sequence[Convex]) -> Array:
-    """Return the numbers (M, 17) of convex obstacles."""
-    return np.array([obstacle.numbers for obstacle in obstacles]).reshape(-1, SIZE)
+def convex_parameters(obstacles: Sequence[Convex]) -> Array:
+    """Return the parameters (M, 17) of convex obstacles."""
+    return np.array([obstacle.parameters for obstacle in obstacles]).reshape(-1, SIZE)
 
 
 def distances(bodies: Array, points: Array) -> tuple[Array, Array]:
     """Return signed distances (N, M) [m] and their gradients (N, M, 3) at points (N, 3) [m].
 
-    From bodies by their numbers (M, 17).
+    Each body is given by its parameters (M, 17).
     """
     m = len(bodies)
     result, gradient = pair_distances(bodies, np.repeat(points, m, axis=0))
@@ -124,23 +126,22 @@ def distances(bodies: Array, points: Array) -> tuple[Array, Array]:
 def distances_from(obstacles: Sequence[Obstacle], points: Array) -> tuple[Array, Array]:
     """Return signed distances (..., M) [m] from M obstacles, and their gradients (..., M, 3).
 
-    Of points (..., M, 3) [m], one for each obstacle; of (..., 1, 3) all obstacles have the same.
+    Points (..., M, 3) [m] are one for each obstacle; points (..., 1, 3) are the same for all.
     """
     each = np.broadcast_to(points, (*points.shape[:-2], len(obstacles), 3))
-    result, gradients = np.zeros(each.shape[:-1]), np.zeros(each.shape)
+    result = np.zeros(each.shape[:-1])
+    gradients = np.zeros(each.shape)
     for i, obstacle in enumerate(obstacles):
         d, g = obstacle.at(each[..., i, :].reshape(-1, 3))
-        result[..., i], gradients[..., i, :] = (
-            d.reshape(each.shape[:-2]),
-            g.reshape(points[..., 0, :].shape),
-        )
+        result[..., i] = d.reshape(each.shape[:-2])
+        gradients[..., i, :] = g.reshape(points[..., 0, :].shape)
     return result, gradients
 
 
 def pair_distances(bodies: Array, points: Array) -> tuple[Array, Array]:
-    """Return signed distances (N,) [m] and gradients (N, 3), each of a point (N, 3) and a body.
+    """Return signed distances (N,) [m] and gradients (N, 3) for pairs of a point and a body.
 
-    Fewer bodies are taken again and again.
+    Bodies are repeated cyclically if there are fewer bodies than points.
     """
     distance, gradient = cached(BatchFunction, signed_distance())(points, bodies)
     return distance.ravel(), gradient
@@ -148,8 +149,9 @@ def pair_distances(bodies: Array, points: Array) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=1)
 def signed_distance() -> ca.Function:
-    """Return point (3,), numbers (17,) of a body -> signed distance, its gradient (3,)."""
-    x, p = ca.SX.sym("x", 3), ca.SX.sym("p", SIZE)
+    """Return the function point (3,), body parameters (17,) -> signed distance, gradient (3,)."""
+    x = ca.SX.sym("x", 3)
+    p = ca.SX.sym("p", SIZE)
     y = ca.reshape(p[3:12], 3, 3).T @ (x - p[:3])
     size = ca.vertcat(*map(norm, ca.vertsplit(y)))
     first = (1 - p[16]) * size[0] + p[16] * y[0]
@@ -161,7 +163,7 @@ def signed_distance() -> ca.Function:
 
 
 def check_obstacles(obstacles: Any) -> tuple[Obstacle, ...]:
-    """Return obstacles as a tuple; a single one may stand for itself. InputError for others."""
+    """Return one or several obstacles as a tuple, or raise InputError."""
     result = (obstacles,) if isinstance(obstacles, Obstacle) else obstacles
     if not isinstance(result, Sequence):
         raise InputError("obstacles", obstacles, "a list of obstacles")
@@ -175,7 +177,7 @@ def check_obstacles(obstacles: Any) -> tuple[Obstacle, ...]:
 def rounded(
     center: Array, axes: Array, half: Array, layer: float = 0.0, is_open: bool = False
 ) -> Array:
-    """Return the numbers (17,) of a box in a layer; see Convex.numbers."""
+    """Return the parameters (17,) of a box in a layer; see Convex.parameters."""
     return np.concatenate([center, axes.T.ravel(), half, [layer, float(is_open)]])
 
 

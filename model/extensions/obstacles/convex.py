@@ -1,4 +1,4 @@
-"""Convex obstacles by their signed distance: spheres, capsules, boxes and half spaces."""
+"""Convex obstacles: spheres, capsules, boxes and half-spaces."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class Sphere(Convex):
     radius: Length
 
     @property
-    def numbers(self) -> Array:
-        """See Convex.numbers: a point in a layer."""
+    def parameters(self) -> Array:
+        """See Convex.parameters: a point in a layer."""
         return rounded(np.array(self.center), np.eye(3), np.zeros(3), self.radius)
 
 
@@ -40,7 +40,7 @@ class Capsule(Convex):
     Attributes
     ----------
     start, end : (3,)
-        Of the segment, in the base frame [m].
+        End points of the segment, in the base frame [m].
     radius : float
         [m].
     """
@@ -55,9 +55,10 @@ class Capsule(Convex):
             raise InputError("Capsule.end", self.end, "a point apart from the start; or a Sphere")
 
     @property
-    def numbers(self) -> Array:
-        """See Convex.numbers: a box of no width in a layer."""
-        a, b = np.array(self.start), np.array(self.end)
+    def parameters(self) -> Array:
+        """See Convex.parameters: a box without width in a layer."""
+        a = np.array(self.start)
+        b = np.array(self.end)
         half = np.array([np.linalg.norm(b - a) / 2, 0.0, 0.0])
         return rounded((a + b) / 2, axes_with(b - a), half, self.radius)
 
@@ -71,9 +72,9 @@ class Box(Convex):
     center : (3,)
         In the base frame [m].
     size : (3,)
-        Lengths of its edges [m].
+        Lengths of the edges [m].
     frame : (3, 3)
-        VectorInterpreter are the directions of the edges; those of the coordinates unless given.
+        Directions of the edges, by columns; the axes of the base frame unless given.
     """
 
     center: Place
@@ -81,22 +82,22 @@ class Box(Convex):
     frame: Axes = ALONG_BASE
 
     @property
-    def numbers(self) -> Array:
-        """See Convex.numbers."""
+    def parameters(self) -> Array:
+        """See Convex.parameters."""
         half = np.array(self.size) / 2
         return rounded(np.array(self.center), np.array(self.frame), half)
 
 
 @value
 class HalfSpace(Convex):
-    """All that is behind a plane: a wall, a floor, a table.
+    """All points behind a plane, such as a wall, a floor or a table.
 
     Attributes
     ----------
     point : (3,)
-        On the plane, in the base frame [m].
+        A point of the plane, in the base frame [m].
     normal : (3,)
-        Out of the body, towards the free side; of any length but 0.
+        Normal of the plane, towards the free side; of any length but 0.
     """
 
     point: Place
@@ -104,8 +105,8 @@ class HalfSpace(Convex):
     places = ("point",)
 
     @property
-    def numbers(self) -> Array:
-        """See Convex.numbers: a box without end, but for one side."""
+    def parameters(self) -> Array:
+        """See Convex.parameters: a box of unlimited size, with one face."""
         half = np.array([0.0, LARGEST, LARGEST])
         axes = axes_with(np.array(self.normal))
         return rounded(np.array(self.point), axes, half, is_open=True)

@@ -1,4 +1,4 @@
-"""A body of any shape, by a closed surface of triangles."""
+"""Obstacle of any shape: a closed surface of triangles."""
 
 from __future__ import annotations
 
@@ -23,24 +23,25 @@ UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
 
 @value(repr=False)
 class Mesh(Obstacle):
-    """A body by the triangles of its surface, which is closed; it need not be convex.
+    """A body with a closed surface of triangles; the body need not be convex.
 
-    That triangles do not pass through each other is not checked. Distances are those of libigl,
-    which the extra `mesh` brings; they have derivatives but where two places are equally near.
+    Intersections of triangles are not checked. libigl evaluates the distance (install the extra
+    `mesh`). The distance is differentiable except at points with two nearest surface points.
 
     Attributes
     ----------
     vertices : (N, 3)
         In the base frame [m].
     faces : (M, 3)
-        The corners of each triangle, counter-clockwise from outside, from 0.
+        Indices of each triangle's vertices from 0, counter-clockwise seen from outside.
     """
 
     vertices: tuple[Vector, ...]
     faces: Annotated[tuple[Corners, ...], Meta(min_length=4)]
 
     def __post_init__(self) -> None:
-        vertices, faces = np.array(self.vertices), np.array(self.faces)
+        vertices = np.array(self.vertices)
+        faces = np.array(self.faces)
         if faces.min() < 0 or faces.max() >= len(vertices):
             worst = faces.flat[np.abs(faces - (len(vertices) - 1) / 2).argmax()]
             message = f"numbers of vertices, from 0 to {len(vertices) - 1}"
@@ -52,19 +53,20 @@ class Mesh(Obstacle):
     def read(
         cls, path: str | Path, unit: str, position: Any = (0, 0, 0), frame: Any = ALONG_BASE
     ) -> Mesh:
-        """Return the mesh of a .stl, .obj, .ply or .off file, whose corners are joined.
+        """Read a mesh from a .stl, .obj, .ply or .off file, and merge equal vertices.
 
         Parameters
         ----------
+        path : str or Path
         unit : "m", "cm", "mm" or "in"
-            Of the file, which does not say.
+            Unit of the coordinates; the files have no unit.
         position, frame : (3,), (3, 3)
-            Where its origin is in the base frame [m], and the directions of its axes, by columns.
+            Origin of the file's coordinates in the base frame [m], and axes by columns.
 
         Raises
         ------
         FileError
-            For a file that cannot be read or is no closed surface; MissingExtraError without the
+            If the file cannot be read or is not a closed surface; MissingExtraError without the
             extra `mesh`.
         """
         if unit not in UNITS:
@@ -76,7 +78,7 @@ class Mesh(Obstacle):
             result.merge_vertices(merge_tex=True, merge_norm=True)
             result.update_faces(result.nondegenerate_faces(height=0))
             vertices, faces = np.array(result.vertices, float), np.array(result.faces, np.int64)
-        except Exception as reason:  # readers of formats raise what they like
+        except Exception as reason:  # the readers raise many types of errors
             raise FileError(str(path), "", f"cannot be read as a mesh: {reason}") from None
         if not len(faces):
             raise FileError(str(path), "", "there are no triangles in it")
@@ -88,7 +90,7 @@ class Mesh(Obstacle):
             raise FileError.of(reason, str(path), "") from None
 
     def __hash__(self) -> int:
-        """By a few of the numbers: there are many."""
+        """Hash some of the vertices and faces, because a mesh may have many."""
         return hash((len(self.faces), self.vertices[:8], self.faces[-8:]))
 
     def __repr__(self) -> str:
@@ -106,9 +108,9 @@ class Mesh(Obstacle):
         return _triangles(self).nearest(points)[:2]
 
     def nearest_part(self, point: Array) -> Array:
-        """See Obstacle.nearest_part: what is behind the tangent plane at the nearest place.
+        """See Obstacle.nearest_part: the half-space behind the tangent plane at the nearest point.
 
-        Of a point inside a convex one the box around it.
+        For a point inside a convex mesh, the box around the mesh.
         """
         surface = _triangles(self)
         d, gradient, _, place = surface.nearest(point[None])
@@ -124,7 +126,7 @@ class Mesh(Obstacle):
 
 @value
 class TranslatedMesh(Obstacle):
-    """A mesh after a translation (3,) [m]; it is searched as the mesh itself."""
+    """A mesh after a translation (3,) [m], which shares the search tree of the mesh."""
 
     mesh: Mesh
     by: tuple[float, ...]

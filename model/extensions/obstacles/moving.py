@@ -1,4 +1,4 @@
-"""A body that moves along a path over time."""
+"""Obstacle that moves along a path over time."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from octoplan.model.support.value import value
 
 @value
 class Moving:
-    """An obstacle that moves without turning; for motions, as plans have no time.
+    """An obstacle that moves without rotation; for motions only, because plans have no time.
 
     Attributes
     ----------
     obstacle : Obstacle
-        Where the path counts from.
+        The obstacle at zero displacement.
     times : (K,)
-        Increasing [s]; before the first and after the last it rests.
+        Increasing times [s]; the obstacle rests before the first and after the last.
     path : (K, 3)
-        How far it has moved at these times [m]; steadily in between.
+        Displacements at these times [m], linear in between.
     """
 
     obstacle: Obstacle
@@ -39,10 +39,10 @@ class Moving:
             raise InputError("Moving.path", self.path, allowed)
 
     def displacement(self, t: Any) -> Array:
-        """Return how far it has moved (..., 3) [m] at times (...) [s]."""
+        """Return displacements (..., 3) [m] at times (...) [s]."""
         path = np.array(self.path)
         return np.stack([np.interp(t, self.times, each) for each in path.T], axis=-1)
 
     def at(self, t: float) -> Obstacle:
-        """Return the obstacle where it is at a time [s]."""
+        """Return the obstacle at its position at a time [s]."""
         return self.obstacle.translated(tuple(self.displacement(t).tolist()))

@@ -17,7 +17,7 @@ from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import STAGES, Start, newton
 from octoplan.model.equilibrium.stability import is_stable
-from octoplan.model.extensions.clearance.pieces import Spread
+from octoplan.model.extensions.clearance.pieces import DeviationBound
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.forward import explicit_map
 from octoplan.model.loads import is_loaded
@@ -113,7 +113,7 @@ class Lines:
 class Moving:
     """The way of an arm whose tensions change steadily.
 
-    See octoplan.model.extensions.clearance.bisection.Way.
+    See octoplan.model.extensions.clearance.bisection.Motion.
     """
 
     def __init__(self, lines: Lines, tensions: Tensions) -> None:
@@ -121,14 +121,14 @@ class Moving:
         self._known: dict[tuple[int, float], Centreline | None] = {}
 
     def lines(self, stretch: Counts, share: Array) -> list[Centreline | None]:
-        """See Way.lines."""
+        """See Motion.lines."""
         keys = list(zip(stretch.tolist(), share.tolist(), strict=True))
         for key, T in zip(keys, self._tensions(stretch, share), strict=True):
             if key not in self._known:
                 self._known[key] = self._lines(T)
         return [self._known[key] for key in keys]
 
-    def spread(self, stretch: Counts, start: Array, end: Array) -> Spread:
+    def deviation_bound(self, stretch: Counts, start: Array, end: Array) -> DeviationBound:
         """Return how far strains are from straight lines from shares (P,) to others.
 
         Proven without loads, estimated under loads; see

@@ -15,7 +15,7 @@ but for rounding, at the mesh's stages.
 
 Under loads cross-sections are coupled, and there is no such proof here: strains are compared with
 the shape halfway, and taken to be at most twice as far from the line anywhere as there. That is a
-check at steps, of which the largest is told (`Found.step`), and no proof.
+check at steps, of which the largest is told (`ClearanceBound.step`), and no proof.
 
 An interval is an array whose first axis has the lower and the upper bound; one of length 1 is a
 number. Every value of a function for arguments inside of boxes is inside of its bounds, but for
@@ -33,7 +33,7 @@ import numpy as np
 
 from octoplan.model.cross_section.law import CrossSection, body_size
 from octoplan.model.cross_section.sections import Sections
-from octoplan.model.extensions.clearance.pieces import Spread
+from octoplan.model.extensions.clearance.pieces import DeviationBound
 from octoplan.model.paths import SAME, Array, Mask
 from octoplan.model.support.machine.functions import cached, instructions
 
@@ -44,7 +44,7 @@ _AROUND = 0.4
 _FARTHER, _BENT, _TURN = 2.0, 0.25, 1.0
 
 
-def proven(sections: Sections, T: Array, y: Array) -> Spread:
+def proven(sections: Sections, T: Array, y: Array) -> DeviationBound:
     """Return the spread without loads between two tensions (2, P, n_tendons) with two strains.
 
     Strains (2, P, N, 3) are curvatures about n and b [1/m] and the tangent's length, per unit
@@ -60,10 +60,10 @@ def proven(sections: Sections, T: Array, y: Array) -> Spread:
     stays = (y[0] + rate[0] >= box[0]) & (y[0] + rate[1] <= box[1])
     wide = np.where(np.isfinite(rate).all(axis=0), rate[1] - rate[0], 0.0) / 4
     kappa, nu = np.hypot(wide[..., 0], wide[..., 1]), wide[..., 2:].sum(axis=2)
-    return Spread(kappa, nu, np.asarray(stays.all(axis=(1, 2))))
+    return DeviationBound(kappa, nu, np.asarray(stays.all(axis=(1, 2))))
 
 
-def estimated(ends: Array, halfway: Array, length: float) -> Spread:
+def estimated(ends: Array, halfway: Array, length: float) -> DeviationBound:
     """Return the spread under loads by kappa and nu at both ends (2, P, N, 6) and halfway.
 
     Of an arm of a `length` [m]; known where that is small beside the change, and the change small,
@@ -73,7 +73,7 @@ def estimated(ends: Array, halfway: Array, length: float) -> Spread:
     kappa, nu = (np.linalg.norm(each, axis=2) for each in np.split(bent, 2, axis=2))
     change = np.linalg.norm((ends[1] - ends[0])[..., :3], axis=2).mean(axis=1) * length
     known = kappa.mean(axis=1) * length <= _BENT * change + SAME
-    return Spread(kappa, nu, known & (change <= _TURN))
+    return DeviationBound(kappa, nu, known & (change <= _TURN))
 
 
 def _rates(sections: Sections, T: Array, box: Array) -> Array:

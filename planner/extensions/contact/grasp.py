@@ -86,7 +86,7 @@ class Grasp:
         first = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
         first /= np.linalg.norm(first, axis=1)[:, None]
         bases = np.stack([first, np.cross(normals, first)], axis=2)
-        levers, units = (points - hold.obstacle.numbers[:3]) / lever, bases.transpose(0, 2, 1)
+        levers, units = (points - hold.obstacle.parameters[:3]) / lever, bases.transpose(0, 2, 1)
         columns = np.concatenate([units, np.cross(levers[:, None], units)], axis=2)
         pressed = -forces[:, None] * normals
         total = np.append(pressed.sum(axis=0), np.cross(levers, pressed).sum(axis=0))

@@ -1,1 +1,1 @@
-"""Motions: tensions over time, through targets, within limits on their rates."""
+"""Motions: tensions over time that pass through targets within rate limits."""

@@ -1,4 +1,4 @@
-"""The certificate of a motion: limits and rates exactly, targets, and clearance in between."""
+"""Certificate of a motion: limits, rates, targets, and clearance between waypoints."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ from octoplan.planner.question import Statement
 from octoplan.planner.targets.base import Target
 from octoplan.planner.task import Task
 
-# What rates and accelerations of strokes and tip may be off by, over their limit: at instants.
+# Tolerance of rates and accelerations of strokes and tip, over their limits, because these are
+# evaluated at discrete instants.
 SAMPLED = 1e-3
-# What is told over its limit: its name, label, words, and what it may be off by.
+# Quantities over their limits: attribute, label, words of the failure, tolerance.
 _RATIOS = (
     ("rate", "rate of tension over limit [-]", "a rate of tension", FINEST_ACCURACY),
     ("stroke_rate", "rate of stroke over limit [-]", "a rate of stroke", SAMPLED),
@@ -41,39 +42,40 @@ _RATIOS = (
 
 @dataclass(frozen=True)
 class MotionCertificate(HtmlRepr):
-    """What the check of a motion found.
+    """Result of the check of a motion.
 
     Attributes
     ----------
     at_targets : (M,)
-        The certificates of the waypoints at which targets are met, as plans have them: by another
-        integrator.
+        Certificates of the waypoints that meet targets, as for plans: by another integrator.
     bounds : float
-        Largest violation of a tension limit [N]; between waypoints there is none beyond theirs.
+        Largest violation of a tension limit [N]. Tensions are linear between waypoints, so that the
+        largest violation is at a waypoint.
     strokes : float
-        Largest violation of a limit of strokes, at waypoints and between them, by more than they
-        are met to [m]: of the settled arm at 320 instants from each waypoint to the next.
+        Largest violation of a stroke limit beyond the accuracy of strokes [m], of the settled arm
+        at waypoints and at 320 instants from each waypoint to the next.
     rate : float
-        Largest rate of tension over its limit; exact, as tensions are linear in between.
+        Largest rate of tension over its limit; exact, because tensions are linear between
+        waypoints.
     stroke_rate, stroke_acceleration, tip_acceleration : float
         Largest rate and acceleration of a stroke, and acceleration of the tip, over their limits,
         of the settled arm at 320 instants from each waypoint to the next.
     clearance : float
-        What is kept of the clearance asked for, at waypoints and between them [m]; a lower bound,
-        refined until it is 0 or more or close to the truth, below 0 where it is not kept, and
-        -infinite where it cannot be verified. Infinite where nothing was asked. Proven without
-        loads; under loads verified at steps, see
+        Smallest distance minus the required clearance, at and between waypoints [m]. The value is a
+        lower bound, refined until it is nonnegative or close to the exact value. It is -inf if the
+        clearance cannot be verified, and inf if no clearance is required. Without loads the bound
+        is proven; under loads it is verified at steps, see
         octoplan.planner.extensions.avoidance.strain_bounds.
     nearest : float
-        When that is [s].
+        Time of the smallest clearance [s].
     step : float
-        Under loads the largest of these steps: how far places of the arm go at the most between two
-        shapes that were compared [m]; 0 where clearance is proven.
+        Under loads, the largest displacement of a point of the arm between two compared shapes [m];
+        0 if clearance is proven.
     jumps : tuple of int
-        Waypoints, from 0 where the motion begins, on the way to which an arm in contact or under
-        loads jumps, or is unstable.
+        Indices of waypoints before which an arm in contact or under loads jumps or is unstable; 0
+        is the initial waypoint.
     problem : str
-        Why the check could not be made, if so.
+        Error that prevented the check, or "".
     """
 
     at_targets: tuple[Certificate, ...] = ()
@@ -91,22 +93,22 @@ class MotionCertificate(HtmlRepr):
 
     @property
     def residuals(self) -> tuple[float, ...]:
-        """The largest residual of what has to be met at each target; lengths over the arm's."""
+        """The largest equality residual at each target; lengths over the arm's length."""
         return tuple(one.residual for one in self.at_targets)
 
     @property
     def inequalities(self) -> tuple[float, ...]:
-        """The least of what has to be 0 or above at each target."""
+        """The smallest inequality at each target; nonnegative if all are satisfied."""
         return tuple(min(one.inequality.values(), default=0.0) for one in self.at_targets)
 
     @property
     def reached(self) -> tuple[bool, ...]:
-        """Which targets are met."""
+        """Whether each target is met."""
         return tuple(one.attained for one in self.at_targets)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was not required at targets and yet is impossible or doubtful, a sentence each."""
+        """Warnings of the certificates at targets, a sentence each; they do not fail the motion."""
         return tuple(
             f"at target {i} {warning}"
             for i, one in enumerate(self.at_targets)
@@ -115,15 +117,15 @@ class MotionCertificate(HtmlRepr):
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """What did not pass, a sentence each."""
+        """Failed checks, a sentence each."""
         sentences = [self.problem] * bool(self.problem)
         pairs = enumerate(zip(self.residuals, self.inequalities, self.at_targets, strict=True))
         missed = [(i, max(size, -least)) for i, (size, least, of) in pairs if not of.attained]
         sentences += [f"target {i} is off by {size:.2g}" for i, size in missed[:3]]
         for i, one in enumerate(self.at_targets):
-            # Targets and limits are told of already.
-            kept = replace(one, equality={}, inequality={}, bounds=0.0, strokes=0.0)
-            sentences += [f"at target {i} {failure}" for failure in kept.failures]
+            # Report targets and limits once: only the other failures of the certificate remain.
+            others = replace(one, equality={}, inequality={}, bounds=0.0, strokes=0.0)
+            sentences += [f"at target {i} {failure}" for failure in others.failures]
         if self.bounds > 0:
             sentences.append(f"a tension limit is violated by {self.bounds:.2g} N")
         if self.strokes > 0:
@@ -146,7 +148,7 @@ class MotionCertificate(HtmlRepr):
 
     @property
     def rows(self) -> list[list[str]]:
-        """What was checked: name with unit and value; first the names of columns."""
+        """Table of the checks: column names, then rows of name with unit, and value."""
         numbers = {
             "limits violated by [N]": self.bounds,
             "stroke limits passed by [mm]": 1e3 * self.strokes,
@@ -159,7 +161,7 @@ class MotionCertificate(HtmlRepr):
 
     @property
     def numbers(self) -> dict[str, Any]:
-        """What it found, by name, for files."""
+        """Results by name, for files."""
         each = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "at_targets"}
         names = "residuals", "inequalities", "failures"
         return {name: getattr(self, name) for name in names} | each
@@ -171,19 +173,21 @@ class MotionCertificate(HtmlRepr):
 def certify_motion(
     question: Question, way: Timed, settled: Callable[[], tuple[Shape, ...]]
 ) -> MotionCertificate:
-    """Check a motion; `settled` returns the shapes at the waypoints, each near the one before.
+    """Check a motion; `settled` returns the shapes at the waypoints, each near the previous one.
 
-    If the time limit is reached first, `problem` says so.
+    If the time limit is reached first, `problem` reports it.
     """
+    rates = question.rates
     rates, parts = question.rates, way.progress.c[2].astype(int)
+    parts = way.progress.c[2].astype(int)
     changes = (np.abs(np.diff(way.tensions, axis=0)) / rates.tension).max(axis=1)
-    stroke_rate, stroke, tip = map(float, way.largest / rates.of_places)
+    stroke_rate, stroke_acceleration, tip_acceleration = map(float, way.largest / rates.of_places)
     result = MotionCertificate(
         bounds=max(tension_excess(T, question.limits) for T in way.tensions),
         rate=float((changes[parts] * fastest_pace(way.progress)).max()),
         stroke_rate=stroke_rate,
-        stroke_acceleration=stroke,
-        tip_acceleration=tip,
+        stroke_acceleration=stroke_acceleration,
+        tip_acceleration=tip_acceleration,
     )
     try:
         return _checked(result, question, way, settled())
@@ -196,7 +200,7 @@ def certify_motion(
 def _checked(
     result: MotionCertificate, question: Question, way: Timed, shapes: tuple[Shape, ...]
 ) -> MotionCertificate:
-    """Return a certificate with the checks at targets and of what lies between them."""
+    """Return a certificate with the checks at targets and between waypoints."""
     pairs = zip(question.targets, (shapes[k] for k in way.met), strict=True)
     result = replace(
         result,
@@ -207,10 +211,11 @@ def _checked(
     if contacts(question.scene):
         return result
     report("verifying between waypoints")
-    lines, loaded = question.lines(), is_loaded(question.scene)
+    lines = question.lines()
+    loaded = is_loaded(question.scene)
     if loaded or question.limits.strokes is not None:
-        left, _, jumps = strokes_between(question, lines, way)
-        result = replace(result, strokes=max(0.0, -float(left.min())), jumps=jumps)
+        slack, _, jumps = strokes_between(question, lines, way)
+        result = replace(result, strokes=max(0.0, -float(slack.min())), jumps=jumps)
     bound, when, step = between(lines, way, question.surroundings)
     k = int(np.argmin(bound))
     return replace(
@@ -222,7 +227,9 @@ def _checked(
 
 
 def _at_target(question: Question, targets: tuple[Target, ...], shape: Shape) -> Certificate:
-    """Return the certificate of a waypoint, of which optimality is not asked; all has to be met."""
-    stated = question.arm, targets, question.scene, question.limits, Statement()
-    one = certify(Task(*stated, question.accuracy), shape.tensions, lambda: shape, lambda: 0.0)
+    """Return the certificate of a waypoint: all targets must be met, optimality is not required."""
+    problem = Task(
+        question.arm, targets, question.scene, question.limits, Statement(), question.accuracy
+    )
+    one = certify(problem, shape.tensions, lambda: shape, lambda: 0.0)
     return replace(one, equality={**one.equality, **one.soft_residual}, soft_residual={})

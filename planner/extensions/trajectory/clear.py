@@ -1,8 +1,8 @@
-"""Motions that keep clear and within limits of strokes, by further waypoints where they do not.
+"""Motions with clearance and stroke limits, which hold between waypoints too.
 
-Inequalities that keep clear are added where they are violated, at waypoints and, by further
-waypoints without targets, between them; then the program over all is solved again. Limits of
-strokes hold at all waypoints, and where they are passed between two there is a further one.
+The program over all waypoints is solved repeatedly. Violated clearance inequalities are added at
+waypoints. If the arm violates clearance or a stroke limit between two waypoints, a waypoint without
+targets is inserted there. Stroke limits apply at all waypoints.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from numpy.polynomial import chebyshev
 
 from octoplan.model.centreline import Counts
 from octoplan.model.extensions.clearance.bisection import closest
-from octoplan.model.extensions.clearance.nearest import BASE, ITSELF, OBSTACLES, around
-from octoplan.model.extensions.obstacles import numbers_of
+from octoplan.model.extensions.clearance.nearest import BASE, ITSELF, OBSTACLES, clearance_query
+from octoplan.model.extensions.obstacles import convex_parameters
 from octoplan.model.extensions.obstacles.base import Convex
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import ConvergenceError, InputError
@@ -29,15 +29,15 @@ from octoplan.planner.extensions.trajectory.waypoints import Waypoints
 from octoplan.planner.measure import taken_in
 from octoplan.planner.solve.refine import CORRECTIONS
 
-# Shares of the way where a further waypoint parts it.
+# Smallest distance of an inserted waypoint from its neighbours, over the distance of these.
 _INSIDE = 0.02
 
 
 def cleared(question: Question) -> list[Waypoint]:
-    """Return the waypoints of the best motion that keeps clear, as far as that can be had.
+    """Return the waypoints of the best motion that satisfies clearance and stroke limits.
 
-    And within limits of strokes. Raises InputError where the arm is too near to something before it
-    moves.
+    If the corrections do not converge, some clearance may be violated, which the certificate
+    detects. Raises InputError if the arm is too close to something before it moves.
     """
     if not question.surroundings and question.limits.strokes is None:
         return Waypoints(question).waypoints
@@ -52,31 +52,33 @@ def cleared(question: Question) -> list[Waypoint]:
     waypoints = Waypoints(question)
     for _ in range(CORRECTIONS):
         corrected = _corrected(question, waypoints.waypoints, lines)
-        # Those that keep clear are the same objects.
+        # Unchanged waypoints are the same objects, so that this detects convergence.
         if corrected == waypoints.waypoints or not waypoints.solve(corrected):
             break
     return waypoints.waypoints
 
 
 def _corrected(question: Question, before: list[Waypoint], lines: Lines) -> list[Waypoint]:
-    """Return waypoints with inequalities where they, or the ways between, are too near.
-
-    And with further ones where limits of strokes are passed between them.
-    """
-    way, waypoints = Timed.of(question, before), list[Waypoint]()
-    (bound, when, _), starts = between(lines, way, question.surroundings), way.starts
-    too_near, parted = bound < 0, bound < 0
+    """Return the waypoints, with clearance inequalities and inserted waypoints at violations."""
+    way = Timed.of(question, before)
+    waypoints = list[Waypoint]()
+    bound, when, _ = between(lines, way, question.surroundings)
+    starts = way.starts
+    too_near = bound < 0
+    violated = too_near
     if question.limits.strokes is not None:
-        left, then, _ = strokes_between(question, lines, way)
-        parted, when = too_near | (left < 0), np.where(too_near, when, then)
+        slack, stroke_when, _ = strokes_between(question, lines, way)
+        violated = too_near | (slack < 0)
+        when = np.where(too_near, when, stroke_when)
     shares = (when - starts[:-1]) / np.diff(starts)
-    inside = parted & (shares > _INSIDE) & (shares < 1 - _INSIDE)
+    inside = violated & (shares > _INSIDE) & (shares < 1 - _INSIDE)
     beside = too_near | np.append(too_near[1:], False)
     for k, waypoint in enumerate(before):
         if inside[k]:
-            T, whole = way.at(when[k : k + 1])[0], waypoint.fraction
-            parting = Waypoint((), T, fraction=shares[k] * whole)
-            waypoints.append(_updated(question, lines, parting, float(when[k])))
+            T = way.at(when[k : k + 1])[0]
+            whole = waypoint.fraction
+            inserted = Waypoint((), T, fraction=shares[k] * whole)
+            waypoints.append(_updated(question, lines, inserted, float(when[k])))
             waypoint = replace(waypoint, fraction=(1 - shares[k]) * whole)
         if beside[k]:
             waypoint = _updated(question, lines, waypoint, float(starts[k + 1]))
@@ -85,34 +87,36 @@ def _corrected(question: Question, before: list[Waypoint], lines: Lines) -> list
 
 
 def _updated(question: Question, lines: Lines, waypoint: Waypoint, t: float) -> Waypoint:
-    """Return a waypoint with further inequalities where it is too near at a time [s], or is new.
+    """Return a waypoint with clearance inequalities for a time [s], if it is too close or new.
 
-    Without those of obstacles that have moved on.
+    Inequalities of obstacles that have moved since are removed.
     """
-    line, surroundings, before = lines(waypoint.tensions), question.wider.at(t), waypoint.avoidance
+    line = lines(waypoint.tensions)
+    surroundings = question.wider.at(t)
+    before = waypoint.avoidance
     if line is None or (waypoint.stated and not surroundings.in_the_way(line)):
         return waypoint
     if before is not None and question.wider.moving:
         convex = [one for one in surroundings.obstacles if isinstance(one, Convex)]
-        numbers = {tuple(obstacle.tolist()) for obstacle in numbers_of(convex)}
-        kept = (r for r in before.rows if isinstance(r.other, Place) or r.other in numbers)
+        present = {tuple(obstacle.tolist()) for obstacle in convex_parameters(convex)}
+        kept = (r for r in before.rows if isinstance(r.other, Place) or r.other in present)
         before = replace(before, rows=tuple(kept))
     return replace(waypoint, avoidance=avoiding(line, surroundings, before)[0])
 
 
 def between(lines: Lines, way: Timed, surroundings: Environment) -> tuple[Array, Array, float]:
-    """Return how clear an arm stays from each of N waypoints to the next.
+    """Return the smallest clearance of the arm from each of N waypoints to the next.
 
-    What is kept besides the clearance (N,) [m], a lower bound, see
-    octoplan.model.extensions.clearance.bisection; when that is (N,) [s]; how far places of the arm
-    go at the most between two shapes that were looked at [m]. Infinite where there is nothing to
-    keep clear of.
+    The results are a lower bound of the distance minus the required clearance (N,) [m], see
+    octoplan.model.extensions.clearance.bisection; its time (N,) [s]; and the largest displacement
+    of a point of the arm between two evaluated shapes [m]. The bound is inf without surroundings.
     """
     if not surroundings:
         return np.full(way.starts.size - 1, np.inf), way.starts[:-1], 0.0
-    times, moving = way.starts, surroundings.moving
+    times = way.starts
+    moving = surroundings.moving
     if moving:
-        # Parts on which obstacles move steadily, and the share of the way is a parabola.
+        # On these intervals, obstacles have constant velocity, and the progress is a parabola.
         breaks = np.concatenate([way.progress.x, *(one.times for one in moving)])
         times = np.unique(breaks[(breaks >= 0) & (breaks <= way.starts[-1])])
     low, length = times[:-1], np.diff(times)
@@ -124,12 +128,12 @@ def between(lines: Lines, way: Timed, surroundings: Environment) -> tuple[Array,
     path, nearest = Moving(lines, tensions), []
     bodies = [*surroundings.obstacles, *(one.obstacle for one in moving)]
     for kind in [*[OBSTACLES] * bool(bodies), *[BASE, ITSELF] * surroundings.of_itself]:
-        near = around(lines.arm, kind, bodies, surroundings.clearance)
+        near = clearance_query(lines.arm, kind, bodies, surroundings.clearance)
         if kind == OBSTACLES and moving:
             ends, count = np.column_stack([low, times[1:]]), len(surroundings.obstacles)
             moved = [np.zeros((*ends.shape, 3))] * count
             moved += [one.displacement(ends) for one in moving]
-            # A parabola is farthest from the line between its ends halfway.
+            # A parabola deviates most from its chord in the middle.
             start, half, end = (tensions(parts, np.full(low.size, u)) for u in (0.0, 0.5, 1.0))
             off = np.linalg.norm(half - (start + end) / 2, axis=1)
             change = np.maximum(np.linalg.norm(end - start, axis=1), 1e-300)
@@ -137,8 +141,9 @@ def between(lines: Lines, way: Timed, surroundings: Environment) -> tuple[Array,
         nearest.append(closest(path, low.size, near))
     bounds = np.array([one.bound for one in nearest])
     least = bounds.argmin(axis=0), parts
-    bound, when = bounds[least], low + np.array([one.share for one in nearest])[least] * length
-    # The first of the least of each stretch.
+    bound = bounds[least]
+    when = low + np.array([one.share for one in nearest])[least] * length
+    # Sort the parts by stretch and bound: the first part of each stretch has the smallest bound.
     which = np.searchsorted(way.starts[1:], low, side="right")
     first = np.lexsort((bound, which))[np.searchsorted(which, np.arange(way.starts.size - 1))]
     return bound[first], when[first], max(float(one.step.max()) for one in nearest)
@@ -147,14 +152,16 @@ def between(lines: Lines, way: Timed, surroundings: Environment) -> tuple[Array,
 def strokes_between(
     question: Question, lines: Lines, way: Timed
 ) -> tuple[Array, Array, tuple[int, ...]]:
-    """Return what is left of limits of strokes from each of N waypoints to the next.
+    """Return the margins of stroke limits from each of N waypoints to the next.
 
-    The least (N,) [m], below 0 where they are passed by more than strokes are met to, infinite
-    without limits; when that is (N,) [s]; the waypoints on the way to which no arm stands or it
-    jumps, under loads, or where limits are to be verified.
+    The results are the smallest margin plus the accuracy of strokes (N,) [m], inf without limits;
+    its time (N,) [s]; and the waypoints before which the arm jumps or has no equilibrium.
     """
-    limits, within = question.limits, question.accuracy * question.arm.length
-    left, when, jumps = np.full(way.starts.size - 1, np.inf), way.starts[:-1].copy(), list[int]()
+    limits = question.limits
+    within = question.accuracy * question.arm.length
+    margins = np.full(way.starts.size - 1, np.inf)
+    when = way.starts[:-1].copy()
+    jumps = list[int]()
     for k, ends in enumerate(pairwise(way.tensions)):
         try:
             stretch = Stretch.of(lines.lengths, *ends, within)
@@ -166,6 +173,7 @@ def strokes_between(
             lengths = chebyshev.chebval(2 * (way.progress(t) - k) - 1, stretch.coefficients).T
             taken = taken_in(question.arm, lengths, limits.stroke_zero)
             low, high = np.array(limits.strokes)
-            least = np.minimum(taken - low, high - taken).min(axis=1) + within
-            left[k], when[k] = least.min(), t[least.argmin()]
-    return left, when, tuple(jumps)
+            smallest = np.minimum(taken - low, high - taken).min(axis=1) + within
+            margins[k] = smallest.min()
+            when[k] = t[smallest.argmin()]
+    return margins, when, tuple(jumps)

@@ -1,4 +1,4 @@
-"""A motion: tensions over time through targets, within limits on their rates."""
+"""Plan a motion: tensions over time that pass through targets, within rate limits."""
 
 from __future__ import annotations
 
@@ -58,21 +58,50 @@ def trajectory(
     quasi_static: bool = False,
     tip_acceleration_max: float | None = None,
 ) -> Trajectory:
-    """Return tensions over time that bring an arm through targets, in the least time or effort.
+    """Return tensions over time that move an arm through targets, in minimal time or effort.
 
-    Quasi-static: the arm is at rest at each instant; the outcome says how slow is slow enough.
-    An arm in contact goes to each target from the one before, planned one by one: which of several
-    equilibria it is in depends on its way. The certificate follows it, tells where it
-    jumps, and checks contact at each target.
+    The motion is quasi-static: the arm is in static equilibrium at each instant. The outcome
+    reports whether the motion is slow enough for this. With contact, each target is planned from
+    the previous one, because the equilibrium depends on the history. The certificate follows the
+    history, reports jumps, and checks contact at each target.
 
     Parameters
     ----------
     arm : Arm
-    targets : sequence of targets (or of several to be met together), function, or file
-        In order; a function of a fraction from 0 to 1 that returns a target or a place of the tip
-        (3,) [m]; or the name of a .csv file with columns x_m, y_m, z_m, and t_s if times are given.
+    targets : sequence of targets, function, or file
+        Targets in order; an entry may be several targets of one shape. A function of a fraction
+        from 0 to 1 returns a target or a place of the tip (3,) [m]. A .csv file has columns x_m,
+        y_m, z_m, and optionally t_s.
     waypoints : int
-        At how many fractions a function is evaluated.
+        Number of fractions at which a function is evaluated.
+    scene, accuracy, compile, progress
+        See plan.
+    time_limit : float
+        Limit of the whole call [s]. The certificate has the time that the search leaves, and at
+        least GRACE, 1 s; `outcome` reports an incomplete certificate.
+    tension_max, tension_min, total_pull, stroke_max, stroke_min, stroke_zero
+        See plan.
+    rate_max : float, or one for each tendon
+        Largest rate of tensions [N/s].
+    stroke_rate_max : float
+        Largest rate of tendon lengths [m/s].
+    stroke_acceleration_max : float
+        Largest acceleration of tendon lengths [m/s2]. Paths are straight in the tensions, so that
+        the arm stops at each waypoint; between waypoints it moves in minimal time. The paths
+        themselves are not optimised for accelerations.
+    times : (M,)
+        Prescribed time of each target [s]; the objective is then the effort, otherwise the time.
+    start : Plan, or tensions
+        Start of the motion; by default the arm at rest, with the smallest allowed tensions.
+    obstacles, clearance, self_clearance
+        Clearance requirements for the whole motion; see plan. Obstacles may be Moving. A motion in
+        minimal time goes around obstacles and does not wait for them.
+    quasi_static : bool
+        Whether to limit the tip's acceleration to a tenth of gravity, so that the neglected inertia
+        is small. A slender arm may still oscillate; see Trajectory.period.
+    tip_acceleration_max : float
+        Largest acceleration of the tip [m/s2], instead of `quasi_static`; the arm then stops at
+        each waypoint, as for accelerations of strokes.
     scene, accuracy, compile, progress
         As plan takes them.
     time_limit : float
@@ -105,26 +134,42 @@ def trajectory(
     Raises
     ------
     InputError
-        Naming the field, for anything that is not allowed; for times that the rates do not allow,
-        with what would do.
+        For unsuitable input, with the name of the field; for times that the rates do not allow,
+        with times or rates that suffice.
     TimeLimitError
-        Where the time limit is reached before there is a motion.
+        If the time limit is reached before there is a motion.
     CompilerError
-        As plan does.
+        See plan.
     """
     scene = planned_scene(arm, scene)
     sequence, file_times = waypoints_of(arm, targets, waypoints)
-    strokes = stroke_max, stroke_min, stroke_zero
-    accelerations = stroke_acceleration_max, tip_acceleration_max
-    limits = checked_limits(arm, scene, tension_max, tension_min, total_pull, *strokes)
-    rates = Rates.of(arm, rate_max, stroke_rate_max, *accelerations, quasi_static)
+    limits = checked_limits(
+        arm, scene, tension_max, tension_min, total_pull, stroke_max, stroke_min, stroke_zero
+    )
+    rates = Rates.of(
+        arm,
+        tension=rate_max,
+        stroke=stroke_rate_max,
+        acceleration=stroke_acceleration_max,
+        tip=tip_acceleration_max,
+        quasi_static=quasi_static,
+    )
     instants = checked_times(file_times if times is None else times, len(sequence), rates)
     every = tuple(target for targets in sequence for target in targets)
-    around = surroundings(arm, every, obstacles, clearance, self_clearance, in_time=True)
-    held = start if isinstance(start, ContactPlan) and is_same(start.scene, scene) else None
-    began, precision = checked_start(arm, start, limits), checked_accuracy(accuracy)
-    how = instants, began, precision, checked_compile(compile), held
-    question = Question(arm, scene, sequence, limits, rates, around, *how)
+    begin = start if isinstance(start, ContactPlan) and is_same(start.scene, scene) else None
+    question = Question(
+        arm=arm,
+        scene=scene,
+        targets=sequence,
+        limits=limits,
+        rates=rates,
+        surroundings=surroundings(arm, every, obstacles, clearance, self_clearance, in_time=True),
+        times=instants,
+        start=checked_start(arm, start, limits),
+        accuracy=checked_accuracy(accuracy),
+        machine_code=checked_compile(compile),
+        begin=begin,
+    )
     with limited(time_limit):
         way = Timed.of(question, (planned_touching if contacts(scene) else cleared)(question))
         left = None if time_limit is None else max(seconds_left(), GRACE)

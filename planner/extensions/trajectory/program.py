@@ -1,14 +1,15 @@
-"""The waypoints of a motion side by side in one program, coupled by rates of tensions and strokes.
+"""Nonlinear program over all waypoints of a motion, coupled by rates of tensions and strokes.
 
-With the unknowns x_k of each waypoint's program (tensions a_k, states, lengths l_k of tendons)
-and the durations d_m from target to target, of which each waypoint on the way has its fraction s_k,
+The variables are the variables x_k of each waypoint's program (tensions a_k, states, tendon lengths
+l_k), and the durations d_m from target to target. Waypoint k takes the fraction s_k of its
+duration.
 
     minimise    sum effort(a_k) + w sum d_m
     subject to  g_k(x_k) within bounds                      the constraints of each waypoint
                 |a_k - a_(k-1)| <= rate s_k d_m             |l_k - l_(k-1)| <= stroke rate s_k d_m
-                d_m >= the time that is given for it, if any
+                d_m >= its prescribed duration, if any
 
-Jacobians and Hessians are block-diagonal but for the coupling, whose rows are linear.
+Jacobian and Hessian are block-diagonal except for the coupling rows, which are linear.
 """
 
 from __future__ import annotations
@@ -28,103 +29,116 @@ from octoplan.planner.program.program import Program
 from octoplan.planner.solve.ipopt import TOGETHER, WARM
 
 Indices = tuple[int, ...]
-# Of effort over time, where time is made least; where effort is, of that over time beyond what is
-# given, an exact penalty.
+# Weight of effort over time if the objective is time. If the objective is effort, the weight of
+# time beyond the prescribed durations is an exact penalty.
 _WEIGHT = 3e-3
-# The least effort and time that count.
+# Lower bound of effort and time in the scaling of the objective.
 _LEAST = 1e-3
-# From the optimum for other defects.
+# Options of ipopt to continue from an optimum after a change of defects.
 _AGAIN = WARM | {"tol": 1e-8, "constr_viol_tol": 1e-9, "mu_init": 1e-8}
 
 
 class MotionProgram:
-    """One program of all waypoints, each with a problem of its own."""
+    """Program over all waypoints of a motion."""
 
     def __init__(
         self, question: Question, waypoints: Sequence[Waypoint], problems: Sequence[Problem]
     ) -> None:
         self._problems = problems
         guess = [each.guess(w.tensions, True) for w, each in zip(waypoints, problems, strict=True)]
-        # The target to which each waypoint leads.
+        # Index of the target to which each waypoint leads.
         group = np.cumsum([0, *(bool(waypoint.targets) for waypoint in waypoints[:-1])])
         fractions = np.array([waypoint.fraction for waypoint in waypoints])
         programs = tuple(problem.program for problem in problems)
         places, start, rate = _limited(question, programs)
         values = [start, *(x[list(at)] for x, at in zip(guess, places, strict=True))]
         slowest = (np.abs(np.diff(values, axis=0)) / rate).max(axis=1, initial=0.0) / fractions
-        least = np.zeros(group[-1] + 1) if question.steps is None else question.steps
-        needed = least.copy()
+        prescribed = np.zeros(group[-1] + 1) if question.steps is None else question.steps
+        needed = prescribed.copy()
         np.maximum.at(needed, group, slowest)
-        unit, pairs = max(float(needed.max()), _LEAST), zip(problems, guess, strict=True)
-        effort = sum(float(of.program.evaluate(x, of.parameters())[0][0]) for of, x in pairs)
+        unit = max(float(needed.max()), _LEAST)
+        effort = sum(
+            float(problem.program.evaluate(x, problem.parameters())[0][0])
+            for problem, x in zip(problems, guess, strict=True)
+        )
         penalty = max(effort, _LEAST) * unit / max(float(needed.sum()), _LEAST)
         weights = np.array([_WEIGHT, penalty]) / (1.0 if question.steps is None else _WEIGHT)
-        self._numbers = [weights, start, rate * unit, fractions]
-        none = np.zeros(2 * rate.size * len(waypoints))
-        more = (least / unit, np.full(least.size, np.inf)), (none - np.inf, none)
-        self._bounds = joined([problem.bounds for problem in problems], *more)
+        self._values = [weights, start, rate * unit, fractions]
+        coupling = np.zeros(2 * rate.size * len(waypoints))
+        self._bounds = joined(
+            [problem.bounds for problem in problems],
+            (prescribed / unit, np.full(prescribed.size, np.inf)),
+            (coupling - np.inf, coupling),
+        )
         self._guess = np.concatenate([*guess, needed / unit])
         self._stated = _stated(programs, tuple(group.tolist()), places)
 
     def solve(
         self, each: Sequence[Array], before: Solution | None = None
     ) -> tuple[Solution, list[Array]]:
-        """Return the optimum by the parameters of each waypoint, and the unknowns of each there.
+        """Return the optimum for parameters of each waypoint, and the variables of each waypoint.
 
-        Warm from that for other parameters if there is one, and cold where that leads nowhere.
+        Warm-start from the optimum for other parameters if given, and start cold if this fails.
         """
-        x, solution = self._guess if before is None else before.x, None
+        x = self._guess if before is None else before.x
+        solution = None
         p = self._parameters(each, x)
         if before is not None:
-            warm = before.lam_x, before.lam_g
-            solution = self._stated.solve(_AGAIN, x, p, self._bounds, warm)
+            multipliers = before.lam_x, before.lam_g
+            solution = self._stated.solve(_AGAIN, x, p, self._bounds, multipliers)
         if solution is None or not solution.met:
             solution = self._stated.solve(TOGETHER, x, p, self._bounds)
         check_time()
         return solution, self._stated.split(solution.x)[:-1]
 
     def violation(self, solution: Solution, each: Sequence[Array]) -> float:
-        """Return by how much rows violate their bounds at most, by other parameters."""
+        """Return the largest bound violation of the constraints for other parameters."""
         rows = self._stated.values(solution.x, self._parameters(each, solution.x))[1].full().ravel()
         low, high = self._bounds[2:]
         return float(np.maximum(low - rows, rows - high).max())
 
     def _parameters(self, each: Sequence[Array], x: Array) -> Array:
-        """Return the parameters of the program, by which modes remain those in unknowns x."""
+        """Return the parameters of the program, with the signs of modes as in variables x."""
         of_each = zip(self._problems, self._stated.split(x), each, strict=False)
         parts = [problem.with_mode(part, p) for problem, part, p in of_each]
-        return np.concatenate([*self._numbers, *parts])
+        return np.concatenate([*self._values, *parts])
 
 
 def _limited(
     question: Question, programs: Sequence[Program]
 ) -> tuple[tuple[Indices, ...], Array, Array]:
-    """Return what has limited rates: its places in each waypoint's unknowns, start, rates.
+    """Return the rate-limited variables: indices in each waypoint, initial values, and rates.
 
-    The latter (m,) in the units of these unknowns.
+    Initial values and rates (m,) are in the units of the variables.
     """
-    rates, unit = question.rates, units(question.arm, question.limits)
-    rate, L = np.array(rates.tension), question.arm.length
+    rates = question.rates
+    unit = units(question.arm, question.limits)
+    rate = np.array(rates.tension)
+    L = question.arm.length
     j = np.flatnonzero(np.isfinite(rate))
-    start, rate = question.start[j] / unit[j], rate[j] / unit[j]
+    start = question.start[j] / unit[j]
+    rate = rate[j] / unit[j]
     if not np.isfinite(rates.pace):
         return (tuple(j.tolist()),) * len(programs), start, rate
     lengths = question.lines().lengths(question.start)
-    wound = [np.r_[j, of.places[of.lengths[0]]] for of in programs]
+    indices = [np.r_[j, program.places[program.lengths[0]]] for program in programs]
     rate = np.append(rate, np.full(lengths.size, rates.pace / L))
-    return tuple(tuple(at.tolist()) for at in wound), np.append(start, lengths / L), rate
+    return tuple(tuple(at.tolist()) for at in indices), np.append(start, lengths / L), rate
 
 
 @lru_cache(maxsize=4)
 def _stated(
     programs: tuple[Program, ...], group: Indices, places: tuple[Indices, ...]
 ) -> SideBySide:
-    """Return the program of waypoints, each of which leads to a target of some duration.
+    """Return the symbolic program of waypoints; `group` is the index of each waypoint's target.
 
-    Parameters are the weights of effort and time; start and rates of what has limited rates, at
-    places in the unknowns of each waypoint; the waypoints' fractions, and their parameters.
+    The parameters are the weights of effort and time; the initial values and the rates of the
+    rate-limited variables, which have the indices `places` in each waypoint; the fractions of the
+    waypoints; and the parameters of the waypoints' programs.
     """
-    N, M, m = len(programs), group[-1] + 1, len(places[0])
+    N = len(programs)
+    M = group[-1] + 1
+    m = len(places[0])
     sizes = [program.size for program in programs]
     rows = [program.rows.size for program in programs]
     n_p = [2, m, m, N, *(program.p.numel() for program in programs)]
@@ -132,15 +146,20 @@ def _stated(
     weights, before, rate, fractions, *ps = ca.vertsplit(at.p, np.cumsum([0, *n_p]).tolist())
     effort, time = ca.vertsplit(weights)
     *unknowns, durations = at.unknowns
-    parts, coupled, none = list[Part](), [ca.MX(0, 1)], ca.MX(M, M)
+    parts = list[Part]()
+    coupled = [ca.MX(0, 1)]
+    none = ca.MX(M, M)
     for k, (program, x, p) in enumerate(zip(programs, unknowns, ps, strict=True)):
         symbols = x, p, effort * at.sigma, at.multipliers[k]
         f, gradient, g, J, H = program.function.call(symbols, True, False)
-        first = ca.vertcat(effort * gradient, ca.MX(M, 1)), ca.horzcat(J, ca.MX(g.numel(), M))
-        parts.append(Part(effort * f, first[0], g, first[1], ca.diagcat(H, none)))
-        most, after = rate * fractions[k] * durations[group[k]], x[list(places[k])]
-        coupled += [after - before - most, before - after - most]
+        padded_gradient = ca.vertcat(effort * gradient, ca.MX(M, 1))
+        padded_J = ca.horzcat(J, ca.MX(g.numel(), M))
+        parts.append(Part(effort * f, padded_gradient, g, padded_J, ca.diagcat(H, none)))
+        largest = rate * fractions[k] * durations[group[k]]
+        after = x[list(places[k])]
+        coupled += [after - before - largest, before - after - largest]
         before = after
-    c, slope = ca.vertcat(*coupled), time * ca.MX.ones(M)
+    c = ca.vertcat(*coupled)
+    slope = time * ca.MX.ones(M)
     coupling = Part(time * ca.sum1(durations), slope, c, ca.jacobian(c, at.x), none)
     return at.stated(parts, coupling)

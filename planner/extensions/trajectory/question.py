@@ -1,4 +1,4 @@
-"""The definition of a motion: its targets, how fast tensions and strokes may change, when."""
+"""Definition of a motion: targets, rate limits, clearance and times."""
 
 from __future__ import annotations
 
@@ -32,27 +32,28 @@ from octoplan.planner.targets import TipPosition
 from octoplan.planner.targets.base import Target
 
 GRAVITY = float(np.linalg.norm(Weight().g))
-# The tip's acceleration over gravity up to which a motion counts as quasi-static.
+# Acceleration of the tip over gravity up to which a motion counts as quasi-static.
 QUASI_STATIC = 0.1
-# Of the mesh of centrelines; what waypoints keep besides the clearance, over L, for the way
-# between them.
-_MESH, _SPARE = 3, 1e-3
+# Refinement of the mesh of midlines.
+_MESH = 3
+# Additional clearance at waypoints, over the arm's length, as a reserve for the path between them.
+_SPARE = 1e-3
 
 
 @dataclass(frozen=True)
 class Rates:
-    """How fast tensions, strokes and the tip may change.
+    """Limits of the rates of tensions, strokes and tip.
 
     Attributes
     ----------
     tension : (n_tendons,)
-        [N/s], infinite where there is no limit.
+        Rate of each tension [N/s]; inf for no limit.
     stroke : float
-        [m/s], of every tendon.
+        Rate of each stroke [m/s].
     acceleration : float
-        Of every stroke [m/s2].
+        Acceleration of each stroke [m/s2].
     tip_acceleration : float
-        [m/s2]. Where this or that of strokes is limited, motions rest at each waypoint.
+        Acceleration of the tip [m/s2]. Motions with a limit of accelerations stop at each waypoint.
     """
 
     tension: tuple[float, ...]
@@ -70,7 +71,7 @@ class Rates:
         tip: Any = None,
         quasi_static: Any = False,
     ) -> Rates:
-        """Return the rates of an arm; None is no limit. InputError for what is none."""
+        """Return the rate limits of an arm, None for no limit; InputError for unsuitable values."""
         if not isinstance(quasi_static, bool | np.bool_):
             raise InputError("quasi_static", quasi_static, "True or False")
         if quasi_static and tip is not None:
@@ -84,25 +85,28 @@ class Rates:
             "stroke_acceleration_max": acceleration,
             "tip_acceleration_max": QUASI_STATIC * GRAVITY if quasi_static else tip,
         }
-        most = [np.inf if limit is None else positive(key, limit) for key, limit in options.items()]
-        warn_unusual("stroke_rate_max", [most[0] / arm.length], STROKE)
-        return cls(tuple(each.tolist()), *most)
+        largest = [
+            np.inf if limit is None else positive(key, limit) for key, limit in options.items()
+        ]
+        warn_unusual("stroke_rate_max", [largest[0] / arm.length], STROKE)
+        return cls(tuple(each.tolist()), *largest)
 
     @property
     def of_places(self) -> Array:
-        """The largest stroke rate [m/s], accelerations of strokes and of the tip [m/s2] (3,)."""
+        """Limits of stroke rate [m/s], and of accelerations of strokes and tip [m/s2] (3,)."""
         return np.array([self.stroke, self.acceleration, self.tip_acceleration])
 
     @property
     def at_rest(self) -> bool:
-        """Whether accelerations are limited, so that motions rest at each waypoint."""
+        """Whether accelerations are limited, so that motions stop at each waypoint."""
         return bool(np.isfinite(self.of_places[1:]).any())
 
     @property
     def pace(self) -> float:
-        """The rate of strokes that the program over the waypoints counts with [m/s].
+        """Stroke rate limit in the program over the waypoints [m/s].
 
-        Where only accelerations are limited, any: durations are theirs then.
+        The value is arbitrary if only accelerations are limited, because these then determine the
+        durations.
         """
         free = not np.isfinite(self.stroke) and self.at_rest
         return 1.0 if free and not np.all(np.isfinite(self.tension)) else self.stroke
@@ -110,10 +114,18 @@ class Rates:
 
 @dataclass(frozen=True, eq=False)
 class Waypoint:
-    """A place of a motion: the targets there, if any, tensions (n_tendons,) [N], inequalities.
+    """A waypoint of a motion.
 
-    `fraction` is that of the time between two targets in which the arm goes there from the waypoint
-    before.
+    Attributes
+    ----------
+    targets : tuple of Target
+        Targets at the waypoint, if any.
+    tensions : (n_tendons,)
+        [N].
+    avoidance : ClearanceConstraints or None
+        Clearance inequalities.
+    fraction : float
+        Fraction of the duration between two targets that the arm takes from the previous waypoint.
     """
 
     targets: tuple[Target, ...]
@@ -123,16 +135,35 @@ class Waypoint:
 
     @property
     def stated(self) -> tuple[Target, ...]:
-        """The targets of its program."""
+        """The targets of the waypoint's program, including clearance."""
         return self.targets if self.avoidance is None else self.avoidance.beside(self.targets)
 
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """The definition of a motion.
+    """Definition of a motion.
 
-    `start` are the tensions (n_tendons,) that it begins with [N]; `begin`, in contact, the plan
-    that these are of.
+    Attributes
+    ----------
+    arm, scene : Arm, Scene
+    targets : tuple of tuple of Target
+        Targets in order.
+    limits : Limits
+        Limits of tensions and strokes.
+    rates : Rates
+        Limits of rates.
+    surroundings : Environment
+        Obstacles and clearance.
+    times : (M,) or None
+        Prescribed time of each target [s].
+    start : (n_tendons,)
+        Initial tensions [N].
+    accuracy : float
+        Accuracy of targets, over the arm's length.
+    machine_code : bool
+        Whether to use compiled kernels.
+    begin : ContactPlan or None
+        With contact, the plan from which the motion starts.
     """
 
     arm: Arm
@@ -149,13 +180,13 @@ class Question:
 
     @property
     def steps(self) -> Array | None:
-        """The time (M,) that is given from target to target [s], if times are."""
+        """The prescribed durations (M,) from target to target [s], if any."""
         return None if self.times is None else np.diff(self.times, prepend=0.0)
 
     def check_durations(self, needed: Array) -> None:
-        """Raise InputError for times that the rates do not allow, with what would do.
+        """Raise InputError for times that the rates do not allow, with times that suffice.
 
-        `needed` (M,) is what the ways from target to target take [s].
+        `needed` (M,) are the smallest durations from target to target [s].
         """
         steps = needed if self.steps is None else self.steps
         for i in np.flatnonzero(needed > steps * (1 + self.accuracy)):
@@ -167,24 +198,25 @@ class Question:
 
     @property
     def wider(self) -> Environment:
-        """What waypoints are planned to keep clear of: by a little more than is asked."""
+        """The environment of waypoint plans, with slightly more than the given clearance."""
         spare = _SPARE * self.arm.length * bool(self.surroundings)
         return replace(self.surroundings, clearance=self.surroundings.clearance + spare)
 
     def planned(self, i: int, near: Plan | None = None) -> Plan:
-        """Return the plan that meets a target alone, as clear of what stands still as waypoints.
+        """Return the plan of a single target, with the clearance of waypoints from fixed obstacles.
 
-        Raises InputError, with the targets after it that are missed as well, if there is none.
+        Raises InputError if the target is missed; the message includes the next targets that are
+        missed too.
         """
         missed = list[Plan]()
-        more = self.limits.keywords | self.wider.keywords
-        more |= {"accuracy": self.accuracy, "compile": self.machine_code, "certify": False}
+        options = self.limits.keywords | self.wider.keywords
+        options |= {"accuracy": self.accuracy, "compile": self.machine_code, "certify": False}
         for k in range(i, len(self.targets) if near is None else i + 1):
             with of_target(k):
-                result = plan(self.arm, self.targets[k], self.scene, near=near, **more)
+                result = plan(self.arm, self.targets[k], self.scene, near=near, **options)
             if result.stopped:
                 raise OutOfTime
-            # Least squares may meet them, too.
+            # The nearest shape in the least squares sense may meet the targets, too.
             if result.mode == "exact" or result.reached:
                 break
             missed.append(result)
@@ -194,9 +226,10 @@ class Question:
         raise InputError(place, "not reached", f"targets that can be met: {missed[0].outcome}")
 
     def shape(self, T: Array, near: Shape | None) -> Shape:
-        """Return the settled shape under tensions (n_tendons,), near another.
+        """Settle under tensions (n_tendons,), warm-started from the shape `near`.
 
-        Where the motion begins there is none: from rest, or on the load path of its plan.
+        The first shape of a motion has no `near`: settle from rest, or along the load path of the
+        initial plan.
         """
         fine = max(self.accuracy / 10, FINEST_ACCURACY)
         if near is None:
@@ -205,14 +238,14 @@ class Question:
         return settle(self.arm, T, self.scene, fine, compile=self.machine_code, near=near)
 
     def lines(self) -> Lines:
-        """Return centrelines by tensions, under loads each near the one before."""
+        """Return a function from tensions to midlines, which under loads warm-starts each solve."""
         places = tuple(grid(self.arm)[1:].tolist())
         return Lines(self.arm, self.scene, _MESH, places, self.machine_code)
 
 
 @contextmanager
 def of_target(i: int) -> Iterator[None]:
-    """Let errors of input name the target that they are about."""
+    """Add the index of a target to errors of its input."""
     try:
         yield
     except InputError as reason:
@@ -223,18 +256,20 @@ def of_target(i: int) -> Iterator[None]:
 def waypoints_of(
     arm: Arm, path: Any, count: int
 ) -> tuple[tuple[tuple[Target, ...], ...], Array | None]:
-    """Return the targets of each waypoint, and the times of a file that has them.
+    """Return the targets of each waypoint, and the times in a file if any.
 
     Parameters
     ----------
+    arm : Arm
     path : sequence of targets, function, or name of a .csv file
-        A function takes a share from 0 to 1 and returns a target, or a place (3,) [m] for the tip;
-        it is asked `count` times. A file has columns x_m, y_m, z_m and, if it has, t_s.
+        A function maps a fraction from 0 to 1 to a target or a place (3,) [m] of the tip, and is
+        evaluated `count` times. A file has columns x_m, y_m, z_m and optionally t_s.
+    count : int
 
     Raises
     ------
     InputError
-        For what is none of these, and no targets; FileError with the place in a file.
+        If `path` has another type or no targets; FileError with the position in a file.
     """
     times = None
     if isinstance(path, str | Path):
@@ -257,9 +292,10 @@ def waypoints_of(
 
 
 def checked_times(times: Any, count: int, rates: Rates) -> Array | None:
-    """Return the time of each target [s], increasing from above 0.
+    """Return the prescribed time of each target [s], or None for minimal time.
 
-    None for the least time, which InputError asks for unless rates are limited.
+    Raises InputError if times do not increase from above 0, and for minimal time without limits of
+    rates.
     """
     limited = np.all(np.isfinite(rates.tension)) or np.isfinite(rates.of_places).any()
     if times is None and not limited:
@@ -278,7 +314,7 @@ def checked_times(times: Any, count: int, rates: Rates) -> Array | None:
 
 
 def checked_start(arm: Arm, start: Any, limits: Limits) -> Array:
-    """Return the tensions (n_tendons,) that a motion begins with [N]."""
+    """Return the initial tensions (n_tendons,) of a motion [N]."""
     if start is None:
         return np.array(limits.lower)
     if not isinstance(start, Plan):

@@ -1,4 +1,4 @@
-"""A motion: tensions over time, its definition, and how it was checked."""
+"""Result of planning a motion: tensions over time, definition and certificate."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ from octoplan.planner.frontends.io.files import path_of, write_named
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory(TextRepr):
-    """Tensions over time. Numbers only.
+    """Tensions over time.
 
-    `complete` computes certificate and outcome; `trajectory` has done so.
+    `trajectory` returns complete motions; `complete` computes certificate and outcome of others.
 
     Attributes
     ----------
     question : Question
-        Its definition.
+        Definition of the motion.
     way : Timed
-        The waypoints and the pace between them.
+        Waypoints, and the progress between them over time.
     """
 
     question: Question
@@ -52,9 +52,9 @@ class Trajectory(TextRepr):
     def times(self) -> Array:
         """Times (N + 1,) [s], from 0.
 
-        Those of the targets, of further waypoints around obstacles, and where accelerations of
-        strokes are limited more in between. From one to the next tensions change linearly, or
-        where accelerations are limited nearly so: `at` is exact.
+        The times of targets, of additional waypoints around obstacles, and with limits of
+        accelerations of intermediate knots. Tensions are linear between the times without limits of
+        accelerations, and nearly linear with such limits; `at` is exact.
         """
         return np.asarray(self.way.progress.x)
 
@@ -65,7 +65,7 @@ class Trajectory(TextRepr):
 
     @property
     def stops(self) -> tuple[int, ...]:
-        """At which of the times each target is met."""
+        """Indices of the times at which the targets are met."""
         at = np.searchsorted(self.times, self.way.starts[list(self.way.met)] * (1 - 1e-12))
         return tuple(at.tolist())
 
@@ -81,14 +81,14 @@ class Trajectory(TextRepr):
 
     @cached_property
     def shapes(self) -> tuple[Shape, ...]:
-        """The settled shapes at the times."""
+        """Settled shapes at the times."""
         return tuple(self.shape(t) for t in self.times)
 
     @cached_property
     def _at_waypoints(self) -> tuple[Shape, ...]:
-        """The settled shapes at the waypoints, each near the one before.
+        """Settled shapes at the waypoints, each near the previous one.
 
-        `Shape.snaps` of each tells where an arm in contact jumps before it.
+        `Shape.snaps` reports a jump of an arm in contact on the path to the waypoint.
         """
         shapes = list[Shape]()
         for T in track("shapes", list(self.way.tensions)):
@@ -102,12 +102,12 @@ class Trajectory(TextRepr):
 
     @property
     def duration(self) -> float:
-        """How long it takes [s]."""
+        """Duration of the motion [s]."""
         return float(self.times[-1])
 
     @cached_property
     def certificate(self) -> MotionCertificate:
-        """The check of targets, limits, rates, and of clearance between the times, too."""
+        """Certificate: targets, limits, rates and clearance, at and between the times."""
         return certify_motion(self.question, self.way, lambda: self._at_waypoints)
 
     def complete(self) -> None:
@@ -120,35 +120,34 @@ class Trajectory(TextRepr):
 
     @property
     def reached(self) -> tuple[bool, ...]:
-        """Whether each target is met, by the certificate."""
+        """Whether each target is met according to the certificate."""
         return self.certificate.reached or (False,) * len(self.question.targets)
 
     @cached_property
     def period(self) -> float:
-        """The slowest period of the arm on its way [s]; quasi-static ways take much longer."""
+        """Slowest period of the arm along the motion [s]; quasi-static motions take much longer."""
         return max(slowest_period(self.shapes[stop]) for stop in (0, *self.stops))
 
     @cached_property
     def inertia(self) -> float:
-        """The tip's largest acceleration over gravity; an estimate where it has no limit.
+        """Largest acceleration of the tip over gravity.
 
-        That is from waypoint to waypoint, as if halfway faster and halfway slower.
+        An estimate if accelerations are not limited: the arm accelerates for half of the time
+        between two waypoints, and decelerates for the other half.
         """
         if self.question.rates.at_rest:
             return float(self.way.largest[2] / GRAVITY)
         tips = np.array([shape.tip for shape in self.shapes])
         steps = np.linalg.norm(np.diff(tips, axis=0), axis=1)
-        # Between targets that are the same it moves by what these are met to, in no time.
+        # Between equal targets the arm moves within their accuracy, in no time: ignore this.
         steps[steps <= self.question.accuracy * self.arm.length] = 0.0
         return float((4 * steps / np.diff(self.times) ** 2).max() / GRAVITY)
 
     @cached_property
     def outcome(self) -> str:
-        """What happened, and what to try: a sentence or two."""
-        result, certificate = (
-            f"{self.duration:.4g} s for {len(self.stops)} targets",
-            self.certificate,
-        )
+        """Result of the planning and one remedy, in a sentence or two."""
+        certificate = self.certificate
+        result = f"{self.duration:.4g} s for {len(self.stops)} targets"
         said = f"Reached: {result}, every target met, limits, rates and clearance kept."
         if not certificate.passed:
             advice = "give it more time, room or tension, or move what is missed"
@@ -162,10 +161,11 @@ class Trajectory(TextRepr):
 
     @cached_property
     def _pace(self) -> str:
-        """Whether the motion is slow enough to be quasi-static: a sentence after a space."""
+        """Sentence on whether the motion is quasi-static, after a space."""
         if self.certificate.problem:
             return ""
-        factor, period = f"{self.inertia:.2g} times gravity", f"{self.period:.2g} s"
+        factor = f"{self.inertia:.2g} times gravity"
+        period = f"{self.period:.2g} s"
         is_slow = self.inertia <= QUASI_STATIC * (1 + SAMPLED)
         between = np.diff(self.times[[0, *self.stops]])
         shortest = float(between[between > 0].min(initial=np.inf))
@@ -181,9 +181,9 @@ class Trajectory(TextRepr):
         )
 
     def at(self, t: Any) -> Array:
-        """Return the tensions at a time [s], by section, or at times (M,), flat (M, n_tendons) [N].
+        """Return tensions at a time [s], by section; or at times (M,) [s], flat (M, n_tendons) [N].
 
-        Raises InputError for times beyond the motion's.
+        Raises InputError for times outside of the motion.
         """
         wanted = finite_array("t", np.atleast_1d(t), (None,))
         if wanted.size and (wanted.min() < 0 or wanted.max() > self.duration * (1 + 1e-12)):
@@ -192,7 +192,7 @@ class Trajectory(TextRepr):
         return self.arm.by_section(result[0]) if np.ndim(t) == 0 else result
 
     def shape(self, t: float) -> Shape:
-        """Return the settled shape at a time [s]."""
+        """Settle at a time [s]."""
         k = int(np.searchsorted(self.way.starts, t, side="right")) - 1
         before = self._at_waypoints[k]
         return (
@@ -200,10 +200,11 @@ class Trajectory(TextRepr):
         )
 
     def save(self, path: str | Path) -> Path:
-        """Write times [s], tensions [N] and lengths [m] of the tendons to a .csv file, for a robot.
+        """Write times [s], tensions [N] and tendon lengths [m] to a .csv file.
 
-        Or an animation to .gif, or .mp4 where there is ffmpeg. The file is there whole or not at
-        all. Raises InputError for another suffix, and where it cannot be written.
+        Write an animation to a .gif file, or to an .mp4 file if ffmpeg is installed. The file is
+        written completely or not at all. Raises InputError for another suffix, and if the file
+        cannot be written.
         """
         path = path_of(path)
         if path.suffix.lower() in (".gif", ".mp4"):
@@ -223,12 +224,14 @@ class Trajectory(TextRepr):
 
 
 def slowest_period(shape: Shape) -> float:
-    """Return an estimate of the period of the arm's slowest oscillation about a shape [s].
+    """Estimate the period of the arm's slowest oscillation about a shape [s].
 
-    2 pi sqrt(c m): c the tip's largest compliance, tensions held; m the mass that moves with the
-    tip, of places that move in proportion to their arc length squared, as those of a cantilever
-    about do (Rayleigh's method). A fluid that buoys the arm moves along, as much as it displaces.
+    2 pi sqrt(c m), with the largest compliance c of the tip at constant tensions, and the effective
+    mass m at the tip, for displacements proportional to the square of the arc length, roughly as
+    for a cantilever (Rayleigh's method). A fluid with buoyancy adds the displaced mass.
     """
+    arm = shape.arm
+    fluid = shape.scene.find(Buoyancy)
     arm, fluid = shape.arm, shape.scene.find(Buoyancy)
     density = arm.material.density + (fluid.density if fluid else 0.0)
     share = np.linspace(0.0, 1.0, 201)

@@ -1,11 +1,11 @@
-"""Several programs solved as one: each has unknowns of its own, and all have some in common.
+"""Several nonlinear programs solved as one, with common variables.
 
     minimise    sum f_k(x_k, z) + f_0(z)
     subject to  g_k(x_k, z) within bounds           the constraints of each program
-                c(x_1, ..., x_N, z) within bounds   the constraints that couple them
+                c(x_1, ..., x_N, z) within bounds   the coupling constraints
 
-The unknowns are x_1, ..., x_N, z, the rows those of the programs, then c. Jacobian and Hessian are
-block-diagonal but for the columns of z and the rows of c.
+The variables are x_1, ..., x_N, z; the rows are the constraints of the programs, then c. Jacobian
+and Hessian are block-diagonal except for the columns of z and the rows of c.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ from octoplan.planner.solve.ipopt import Options, named, nlp_solver, solved
 
 
 class Part(NamedTuple):
-    """Objective and constraints of one program, with derivatives by its unknowns (x_k, z).
+    """Objective and constraints of one program, with derivatives by its variables (x_k, z).
 
-    Of the coupling, objective and Hessian are of z, and the Jacobian is by all unknowns.
+    For the coupling, the objective and its Hessian depend on z, and the Jacobian is by all
+    variables.
     """
 
     f: ca.MX
@@ -36,33 +37,39 @@ class Part(NamedTuple):
 
 
 class SideBySide:
-    """N programs as one, in CasADi's symbols; their parts are made of these, then it is `stated`.
+    """N programs as one, in CasADi symbols.
+
+    Build the parts from the symbols, then pass them to `stated`.
 
     Attributes
     ----------
     x, p, sigma, lam : casadi.MX
-        Unknowns, parameters, and the weights of objective and constraints in the Hessian.
+        Variables, parameters, and the factors of objective and constraints in the Hessian.
     unknowns, multipliers : list of casadi.MX
-        The unknowns of each program, then those in common; the weights of the constraints of each
+        Variables of each program, then the common ones; multipliers of the constraints of each
         program, then of the coupling.
     ends : list of int
-        Where the unknowns of each program begin, and those in common.
+        Index of the first variable of each program, then of the common variables.
     """
 
     def __init__(
         self, sizes: Sequence[int], rows: Sequence[int], common: int, coupled: int, n_p: int
     ) -> None:
-        self.ends, last = (np.cumsum([0, *each]).tolist() for each in (sizes, rows))
-        self.x, self.lam = (ca.MX.sym("x", n) for n in (self.ends[-1] + common, last[-1] + coupled))
-        self.p, self.sigma = ca.MX.sym("p", n_p), ca.MX.sym("sigma")
+        self.ends = np.cumsum([0, *sizes]).tolist()
+        last = np.cumsum([0, *rows]).tolist()
+        self.x = ca.MX.sym("x", self.ends[-1] + common)
+        self.lam = ca.MX.sym("lam", last[-1] + coupled)
+        self.p = ca.MX.sym("p", n_p)
+        self.sigma = ca.MX.sym("sigma")
         self.unknowns = ca.vertsplit(self.x, [*self.ends, self.x.numel()])
         self.multipliers = ca.vertsplit(self.lam, [*last, self.lam.numel()])
         self._solvers = dict[tuple[tuple[str, object], ...], BufferedFunction]()
 
     def stated(self, parts: Sequence[Part], coupling: Part) -> Self:
-        """Return it, stated as CasADi's solvers take it, with its derivatives."""
+        """Assemble the program and its derivatives from its parts, for CasADi's solvers."""
         f, gradient, g, jacobian, hessian = zip(*parts, strict=True)
-        n, common = self.ends[-1], self.x.numel() - self.ends[-1]
+        n = self.ends[-1]
+        common = self.x.numel() - n
         ends = [[0, each.numel() - common, each.numel()] for each in gradient]
         gradients = zip(*map(ca.vertsplit, gradient, ends), strict=True)
         jacobians = zip(*map(ca.horzsplit, jacobian, ends), strict=True)
@@ -83,7 +90,7 @@ class SideBySide:
         return self
 
     def split(self, x: Array) -> list[Array]:
-        """Return the unknowns (size,) of each program, then those in common."""
+        """Return the variables (size,) of each program, then the common variables."""
         return np.split(x, self.ends[1:])
 
     def solve(
@@ -94,7 +101,7 @@ class SideBySide:
         bounds: Bounds,
         multipliers: tuple[Array, Array] | None = None,
     ) -> Solution:
-        """Return what ipopt makes of unknowns x, by options that go with cold or warm starts."""
+        """Solve from variables x by ipopt, with options for a cold or a warm start."""
         key = tuple(options.items())
         if key not in self._solvers:
             self._solvers[key] = nlp_solver(self._nlp, self.derivatives, options)
@@ -104,7 +111,7 @@ class SideBySide:
 def joined(
     each: Sequence[Bounds], common: tuple[Array, Array], coupled: tuple[Array, Array]
 ) -> Bounds:
-    """Return the bounds of all from those of each, of the unknowns in common and the coupling."""
+    """Return the joint bounds from bounds of each program, of common variables and of coupling."""
     lbx, ubx, lbg, ubg = (list(item) for item in zip(*each, strict=True))
     pairs = (lbx, common[0]), (ubx, common[1]), (lbg, coupled[0]), (ubg, coupled[1])
     return tuple(np.concatenate([*item, last]) for item, last in pairs)  # type: ignore[return-value]

@@ -1,16 +1,17 @@
-"""When the arm is where on its way: the least time that rates and accelerations allow.
+"""Time law of a motion: the minimal time that limits of rates and accelerations allow.
 
-The way is straight in the tensions from waypoint to waypoint. Where accelerations of strokes or of
-the tip are limited each is met at rest. On a stretch with share u of time, lengths l(u), the tip's
-place x(u) and b = (du/dt)^2 the limits are
+The path is straight in the tensions from waypoint to waypoint. If accelerations of strokes or of
+the tip are limited, the motion stops at each waypoint. On a stretch with parameter u in [0, 1],
+tendon lengths l(u), tip position x(u) and b = (du/dt)^2, the limits are
 
     |T'| sqrt(b) <= rate      |l'| sqrt(b) <= stroke rate      |l' b' / 2 + l'' b| <= acceleration
                                                                |x' b' / 2 + x'' b| <= acceleration
 
-linear in b and its slope, the last a cone. With b linear between even knots, which is a constant
-d2u/dt2, the least time is a conic program: what is fastest at one place is fastest at all. Source:
-Verscheure, Demeulenaere, Swevers, De Schutter, Diehl, "Time-optimal path tracking for robots: a
-convex optimization approach", IEEE Transactions on Automatic Control 54 (2009).
+They are linear in b and its slope, except for the last one, a second-order cone. With b piecewise
+linear on uniform knots, d2u/dt2 is piecewise constant, and minimal time is a conic program: the
+largest b at one knot is the largest at all knots. Source: Verscheure, Demeulenaere, Swevers, De
+Schutter, Diehl, "Time-optimal path tracking for robots: a convex optimization approach", IEEE
+Transactions on Automatic Control 54 (2009).
 """
 
 from __future__ import annotations
@@ -30,30 +31,34 @@ from octoplan.model.support.errors import ConvergenceError
 from octoplan.planner.extensions.contact.grasp import Cone, conic_program
 from octoplan.planner.extensions.trajectory.question import Question, Rates, Waypoint
 
-# Knots of a stretch, and instants at which it is looked at.
+# Number of intervals between the knots of a stretch.
 _KNOTS = 80
+# Number of instants per stretch at which rates and accelerations are evaluated.
 INSTANTS = 4 * _KNOTS
-# Degrees that are tried, and what their last coefficients may be, over the largest change; what a
-# stretch takes on which nothing limits the pace [s].
-_DEGREES, _ROUNDING = (8, 16, 32, 64, 128), 1e-8
-# Tensions (n_tendons,) -> lengths of the tendons, place of the tip: (n_tendons + 3,) [m].
+# Polynomial degrees of a stretch, in the order of trial.
+_DEGREES = (8, 16, 32, 64, 128)
+# Tolerance of the last polynomial coefficients, over the largest change; also the duration of a
+# stretch without limits [s].
+_ROUNDING = 1e-8
+# Tensions (n_tendons,) -> tendon lengths and tip position: (n_tendons + 3,) [m].
 Places = Callable[[Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """The lengths of the tendons and the tip's place along the straight way to a waypoint.
+    """Tendon lengths and tip position along the straight path to a waypoint.
 
-    They are the polynomial through Chebyshev points, of a degree that is doubled until its last
-    coefficients are rounding: they are smooth functions of the tensions, but for friction of
-    tendons. Source: Trefethen, "Approximation Theory and Approximation Practice" (2013), chapter 8.
+    Both are polynomial interpolants at Chebyshev points, whose degree is doubled until the last
+    coefficients are rounding errors; without tendon friction, both are smooth functions of the
+    tensions. Source: Trefethen, "Approximation Theory and Approximation Practice" (2013),
+    chapter 8.
 
     Attributes
     ----------
     change : (n_tendons,)
-        Of the tensions, from its start to its end [N].
+        Final minus initial tensions [N].
     coefficients : (degree + 1, n_tendons + 3)
-        Of Chebyshev polynomials in 2 share - 1 [m].
+        Coefficients of Chebyshev polynomials in 2 u - 1 [m].
     """
 
     change: Array
@@ -63,11 +68,11 @@ class Stretch:
     def of(
         cls, places: Places, start: Array, end: Array, within: float = 0.0, at_last: float = 0.0
     ) -> Stretch:
-        """Return the stretch between tensions (n_tendons,), as close as that or to rounding [m].
+        """Interpolate between tensions (n_tendons,), to the tolerance `within` or to rounding [m].
 
-        Or of the largest degree as close as `at_last` [m]: where a curvature changes its sign
-        friction of tendons leaves a jump of the second derivative. Raises ConvergenceError where
-        the stretch itself jumps, or the arm does not settle.
+        The tolerance of the largest degree is `at_last` [m], because tendon friction makes the
+        second derivative jump if a curvature changes its sign. Raises ConvergenceError if the arm
+        jumps or does not settle on the path.
         """
         for degree in _DEGREES:
             x = chebyshev.chebpts1(degree + 1)
@@ -77,7 +82,7 @@ class Stretch:
             fitted = chebyshev.chebfit(x, values, degree)
             change, size = np.abs(fitted[1:]).max(), np.abs(fitted).max()
             allowed = at_last if degree == _DEGREES[-1] else 0.0
-            # Where an arm all but stays places change by what they are settled to.
+            # If the arm hardly moves, positions change by the accuracy of settle.
             allowed = max(allowed, within, _ROUNDING * change + FINEST_ACCURACY * size)
             if np.abs(fitted[-2:]).max() <= allowed:
                 return cls(end - start, fitted)
@@ -85,34 +90,35 @@ class Stretch:
         raise ConvergenceError(_ROUNDING, np.inf, remedy)
 
     def derivatives(self, share: Array) -> list[Array]:
-        """Return first and second derivatives by the share (K, n_tendons + 3) [m], at shares."""
+        """Return first and second derivatives with respect to u (K, n_tendons + 3) [m]."""
         each = (chebyshev.chebder(self.coefficients, order, scl=2.0) for order in (1, 2))
         return [np.asarray(chebyshev.chebval(2 * share - 1, one).T) for one in each]
 
     def largest(self, law: PPoly) -> Array:
-        """Return the largest stroke rate [m/s], accelerations of strokes and tip [m/s2] (3,).
+        """Return the largest stroke rate [m/s] and accelerations of strokes and tip [m/s2] (3,).
 
-        At many instants.
+        The time law u(t) is evaluated at INSTANTS instants and at its knots.
         """
         knots = np.arange(law.x.size)
         inside = (np.arange(INSTANTS) + 0.5) / INSTANTS * knots[-1]
         t = np.interp(np.concatenate([knots, inside]), knots, law.x)
         first, second = self.derivatives(law(t))
-        speed, rise = law(t, 1)[:, None], law(t, 2)[:, None]
+        speed = law(t, 1)[:, None]
+        rise = law(t, 2)[:, None]
         accelerations = first * rise + second * speed**2
         tip = np.linalg.norm(accelerations[:, -3:], axis=1)
-        most = [np.abs(each[:, :-3]).max() for each in (first * speed, accelerations)]
-        return np.array([*most, tip.max()])
+        largest = [np.abs(each[:, :-3]).max() for each in (first * speed, accelerations)]
+        return np.array([*largest, tip.max()])
 
     def kept(self, law: PPoly, rates: Rates) -> PPoly:
-        """Return a law of pace, slower where that is what limits ask for."""
+        """Return the time law, slowed down if it violates limits."""
         tension = (np.abs(self.change) / rates.tension).max() * fastest_pace(law).max()
         rate, *accelerations = self.largest(law) / rates.of_places
         return _stretched(law, max(1.0, tension, rate, np.sqrt(max(accelerations))))
 
 
 def _paced(shares: Array, speeds: Array) -> PPoly:
-    """Return shares (K + 1,) over time as parabolas, of speeds [1/s] that change steadily."""
+    """Return the time law through u (K + 1,) with piecewise linear speeds [1/s]."""
     steps = 2 * np.diff(shares) / (speeds[1:] + speeds[:-1])
     rise = np.diff(speeds) / (2 * steps)
     times = np.concatenate([[0.0], np.cumsum(steps)])
@@ -120,36 +126,38 @@ def _paced(shares: Array, speeds: Array) -> PPoly:
 
 
 def _stretched(law: PPoly, factor: float) -> PPoly:
-    """Return the law that takes so many times as long."""
+    """Return the time law slowed down by a factor."""
     return PPoly(law.c / factor ** np.array([[2], [1], [0]]), law.x * factor)
 
 
 def fastest_pace(law: PPoly) -> Array:
-    """Return the largest speed in each part (K,) of a law [1/s]: at one of its ends."""
+    """Return the largest speed in each interval (K,) of a time law [1/s], at one of its ends."""
     return np.asarray(np.maximum(law.c[1], law.c[1] + 2 * law.c[0] * np.diff(law.x)))
 
 
 def fastest(stretch: Stretch, rates: Rates) -> PPoly:
-    """Return the share of a stretch over time, from rest to rest in the least time.
+    """Return the time law of minimal time on a stretch, from rest to rest.
 
-    Raises ConvergenceError where none is found.
+    Raises ConvergenceError if the conic program has no solution.
     """
     u = np.linspace(0.0, 1.0, _KNOTS + 1)
     derivatives = np.stack(stretch.derivatives(u))
     limits = np.repeat([rates.acceleration, rates.tip_acceleration], [stretch.change.size, 3])
     size = max(float(np.abs(derivatives / limits).max()), _ROUNDING)
-    # By b at the knots between the ends: itself, and its slope in each interval.
+    # Matrices from b at the interior knots to b at all knots, and to its slope in each interval.
     b = np.eye(_KNOTS + 1)[:, 1:-1]
     slope = np.diff(b, axis=0) * (_KNOTS / 2)
     first, second = derivatives[..., None] / (size * limits)[:, None]
-    begin, end = slice(_KNOTS), slice(1, None)
+    begin = slice(_KNOTS)
+    end = slice(1, None)
     accelerations = np.vstack(
         [first[at] * slope[:, None] + second[at] * b[at][:, None] for at in (begin, end)]
     )
-    lengths, tip = accelerations[:, :-3].reshape(-1, b.shape[1]), accelerations[:, -3:]
+    lengths = accelerations[:, :-3].reshape(-1, b.shape[1])
+    tip = accelerations[:, -3:]
     tension = (np.abs(stretch.change) / rates.tension).max()
     fast = np.maximum(np.abs(derivatives[0, 1:-1, :-3]).max(axis=1) / rates.stroke, tension)
-    # Where nothing limits b it is what takes an instant.
+    # The lower bound limits b if nothing else does: the stretch then takes an instant.
     bounded = np.diag(np.maximum(fast**2 / size, _ROUNDING))
     positive = np.vstack([np.eye(fast.size), -bounded, -lengths, lengths])
     offsets = np.repeat([0.0, 1.0], [fast.size, fast.size + 2 * len(lengths)])
@@ -160,27 +168,27 @@ def fastest(stretch: Stretch, rates: Rates) -> PPoly:
     if solution is None:
         raise ConvergenceError(_ROUNDING, np.inf, "limits of accelerations that are less uneven")
     speeds = np.sqrt(np.maximum(solution[0], 0.0) / size)
-    # Between knots a limit may be passed by a little.
+    # Limits are enforced at knots: slow down if they are violated in between.
     return stretch.kept(_paced(u, np.pad(speeds, 1)), rates)
 
 
 @dataclass(frozen=True, eq=False)
 class Timed:
-    """Waypoints, straight ways between them, and the pace on each. Numbers only.
+    """Waypoints, straight paths between them, and the progress over time.
 
     Attributes
     ----------
     tensions : (N + 1, n_tendons)
-        At the waypoints [N], the first of which is where the motion begins.
+        Tensions at the waypoints [N]; the first one is the start of the motion.
     met : tuple of int
-        At which of these each target is met.
+        Index of the waypoint that meets each target.
     starts : (N + 1,)
-        When each is reached [s], from 0.
+        Times of the waypoints [s], from 0.
     progress : PPoly
-        How many waypoints are passed over time, with the share of the way to the next: 0 to N.
+        Number of waypoints passed plus u of the current stretch, over time: 0 to N.
     largest : (3,)
-        The largest stroke rate [m/s], accelerations of strokes and of the tip [m/s2]; 0 where none
-        of these is limited.
+        Largest stroke rate [m/s] and accelerations of strokes and tip [m/s2]; 0 if none of them is
+        limited.
     """
 
     tensions: Array
@@ -191,14 +199,16 @@ class Timed:
 
     @classmethod
     def of(cls, question: Question, waypoints: Sequence[Waypoint]) -> Timed:
-        """Return the way through waypoints at the pace that limits allow.
+        """Return the fastest motion through waypoints within the limits.
 
-        Where times are given, the stretches up to a target share its time in proportion to the
-        least that they take, or as waypoints have it where nothing limits that.
+        If times are prescribed, the stretches up to a target share its duration in proportion to
+        their minimal durations, or to the waypoints' fractions if no limit determines these.
         """
         tensions = np.vstack([question.start, *(waypoint.tensions for waypoint in waypoints)])
         met = tuple(k for k, waypoint in enumerate(waypoints, start=1) if waypoint.targets)
-        rates, steps, stretches = question.rates, question.steps, list[Stretch]()
+        rates = question.rates
+        steps = question.steps
+        stretches = list[Stretch]()
         least = (np.abs(np.diff(tensions, axis=0)) / rates.tension).max(axis=1)
         fractions = np.array([waypoint.fraction for waypoint in waypoints])
         speeds = 1 / np.maximum(least, _ROUNDING * fractions)
@@ -211,8 +221,8 @@ class Timed:
                 tip = np.full(3, np.nan) if line is None else line.poses[-1, 4:]
                 return np.concatenate([lines.lengths(T), tip])
 
-            met_to = question.accuracy * question.arm.length
-            stretches = [Stretch.of(places, *ends, at_last=met_to) for ends in pairwise(tensions)]
+            accuracy = question.accuracy * question.arm.length
+            stretches = [Stretch.of(places, *ends, at_last=accuracy) for ends in pairwise(tensions)]
             laws = [
                 fastest(stretch, rates) if rates.at_rest else stretch.kept(law, rates)
                 for law, stretch in zip(laws, stretches, strict=True)
@@ -230,5 +240,6 @@ class Timed:
 
     def at(self, t: Array) -> Array:
         """Return the tensions (M, n_tendons) at times (M,) [s]."""
-        passed, all_of_them = self.progress(t), np.arange(len(self.tensions))
-        return np.array([np.interp(passed, all_of_them, T) for T in self.tensions.T]).T
+        progress = self.progress(t)
+        indices = np.arange(len(self.tensions))
+        return np.array([np.interp(progress, indices, T) for T in self.tensions.T]).T

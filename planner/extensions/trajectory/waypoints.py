@@ -1,16 +1,16 @@
-"""From targets to tensions at the waypoints of a motion: one program over all of them.
+"""Tensions at the waypoints of a motion: one program over all targets.
 
-It begins at an optimum of each target by itself. They are followed, each from the one before, and
-the last has to agree with the best that initial guesses lead to: where it does not the path has
-left the better branch, and each target is planned. The mesh is coarse. What targets measure on it
-is off from that of the settled arm by a defect, which changes little from one optimum to the next:
-bounds are shifted by it, and the program is solved again, warm, until the settled arm meets them
-(deferred correction).
+The initial guess is an optimum of each target alone, continued from target to target. Its last
+optimum must agree with the best one from independent initial guesses; otherwise the continuation
+has left the better branch, and each target is planned alone. The mesh is coarse. The difference
+between target values on this mesh and of the settled arm, the defect, varies little between optima:
+the bounds are shifted by the defect, and the program is solved again with a warm start, until the
+settled arm meets the targets (deferred correction).
 
-Which of several equilibria an arm in contact is in depends on how it came there: then waypoints
-are planned one after another, each for the least effort to which tensions lead from the one before.
-A plan that is come to by further tensions has these as waypoints. Friction acts against the way
-from the waypoint before, which is straight in the tensions.
+With contact, the equilibrium depends on the history. Waypoints are then planned one after another,
+each for the least effort that is reachable from the previous one. If a plan has a load path of
+several tensions, these become waypoints. Friction opposes the motion from the previous waypoint,
+which is straight in the tensions.
 """
 
 from __future__ import annotations
@@ -41,29 +41,31 @@ from octoplan.planner.task import Task
 
 
 class Waypoints:
-    """The waypoints of a motion; `waypoints` are the best so far."""
+    """Solver of a motion's waypoints; `waypoints` are the best so far."""
 
     def __init__(self, question: Question) -> None:
-        self.question, self.waypoints = question, list[Waypoint]()
+        self.question = question
+        self.waypoints = list[Waypoint]()
         first = question.planned(0)
         self.statement = first.statement.but(
             mode="exact",
             refinement=1 if question.scene.has(Extension) else 2,
         )
-        followed = self._followed(first)
-        # What is followed is met on the coarse mesh alone.
-        if followed is None or not self.solve(followed):
+        continued = self._continued(first)
+        # Continued optima may be feasible on the coarse mesh only.
+        if continued is None or not self.solve(continued):
             self.solve(self._planned(first))
 
     def solve(self, waypoints: Sequence[Waypoint]) -> bool:
-        """Put optimal tensions in place of those of waypoints; return whether there are any.
+        """Optimise the tensions of waypoints; return whether an optimum was found.
 
-        Where the arm would not stand at all of them, it is held to its stability margin, or at
-        least to stand.
+        If the arm is unstable at some waypoint, add constraints of the stability margin, and if
+        this fails of stability alone.
         """
         self.waypoints = list(waypoints)
-        planned, held = self.statement, self.statement.but(modes=1)
-        more = (held, held.but(margin=0.0)) if is_loaded(self.question.scene) else ()
+        planned = self.statement
+        stable = self.statement.but(modes=1)
+        more = (stable, stable.but(margin=0.0)) if is_loaded(self.question.scene) else ()
         for statement in dict.fromkeys((planned, *more)):
             found = self._optimum(statement)
             if found is not None:
@@ -72,11 +74,12 @@ class Waypoints:
         return False
 
     def _optimum(self, statement: Statement) -> list[Waypoint] | None:
-        """Return the waypoints at the optimum, None if there is none or the arm is unstable."""
+        """Return the waypoints at the optimum; None without optimum or if the arm is unstable."""
         waypoints = self.waypoints
         problems = [self._problem(waypoint, statement) for waypoint in waypoints]
         program = MotionProgram(self.question, waypoints, problems)
-        parameters, solution = [problem.parameters() for problem in problems], None
+        parameters = [problem.parameters() for problem in problems]
+        solution = None
         for k in range(CORRECTIONS):
             report("program over the waypoints", k, CORRECTIONS)
             solution, unknowns = program.solve(parameters, solution)
@@ -91,35 +94,54 @@ class Waypoints:
         return waypoints
 
     def _problem(self, waypoint: Waypoint, statement: Statement) -> Problem:
-        """Return the problem of a waypoint; with lengths of tendons if their rates have limits."""
-        of, limits = self.question, self.question.limits
-        if limits.strokes is None and np.isfinite(of.rates.pace):
-            free = (np.inf,) * of.arm.n_tendons
+        """Return the problem of a waypoint, with tendon lengths if their rates are limited."""
+        question = self.question
+        limits = question.limits
+        if limits.strokes is None and np.isfinite(question.rates.pace):
+            free = (np.inf,) * question.arm.n_tendons
             limits = replace(limits, strokes=(tuple(np.negative(free).tolist()), free))
-        definition = of.arm, waypoint.stated, of.scene, limits, statement, of.accuracy
-        return Problem(Task(*definition, machine_code=of.machine_code))
+        return Problem(
+            Task(
+                question.arm,
+                waypoint.stated,
+                question.scene,
+                limits,
+                statement,
+                question.accuracy,
+                machine_code=question.machine_code,
+            )
+        )
 
     def _corrected(self, problem: Problem, x: Array, p: Array) -> Array:
-        """Return parameters p with the defect of the mesh, by the shape that settles nearby.
+        """Return parameters p with the defect of the mesh, from the shape that settles nearby.
 
-        With that of the least stretch where it is crushed; unchanged where the arm does not settle,
-        which the certificate tells.
+        For a crushed arm, the defect of the smallest stretch is used. If the arm does not settle,
+        the defect is unchanged; the certificate then reports the error.
         """
-        of, point, before = problem.task, problem.linearised(x), p[problem.program.parts["defect"]]
-        near = Shape(of.arm, of.scene, np.inf, point, problem.statement.refinement)
-        at = of.arm, point.tensions, of.scene, of.sharper
+        task = problem.task
+        point = problem.linearised(x)
+        before = p[problem.program.parts["defect"]]
+        near = Shape(task.arm, task.scene, np.inf, point, problem.statement.refinement)
         try:
-            error = defect(problem, x, settle(*at, compile=of.machine_code, near=near))
+            settled = settle(
+                task.arm,
+                point.tensions,
+                task.scene,
+                task.sharper,
+                compile=task.machine_code,
+                near=near,
+            )
+            error = defect(problem, x, settled)
         except CollapsedError as crushed:
             error = stretched(problem, x, crushed, before)
         except OctoplanError:
             error = before
         return problem.parameters(defect=error)
 
-    def _followed(self, first: Plan) -> list[Waypoint] | None:
-        """Return the optimum of each target by itself, followed from the plan for the first.
+    def _continued(self, first: Plan) -> list[Waypoint] | None:
+        """Return the optimum of each target alone, continued from the plan of the first target.
 
-        None where one is not reached, and where guesses lead to a better one of the last.
+        None if a target is not reached, or if initial guesses reach a better optimum of the last.
         """
         begin, *others = self.question.targets
         waypoint = Waypoint(begin, np.ravel(first.tensions), first.avoidance)
@@ -132,8 +154,7 @@ class Waypoints:
                 x, multipliers = optimum.x, (optimum.lam_x, optimum.lam_g)
             else:
                 x, multipliers = problem.guess(waypoint.tensions, True), None
-            numbers = problem.parameters(), problem.bounds, multipliers
-            optimum = solve(problem, x, *numbers, "follow")
+            optimum = solve(problem, x, problem.parameters(), problem.bounds, multipliers, "follow")
             if not optimum.met:
                 return None
             waypoint = replace(waypoint, tensions=optimum.tensions)
@@ -141,14 +162,16 @@ class Waypoints:
         return waypoints if optimum is None or _is_best(optimum) else None
 
     def _planned(self, first: Plan) -> list[Waypoint]:
-        """Return the plan for each target by itself.
+        """Return the plan of each target alone.
 
-        Of mirror images that cost the same those are taken that are next to the tensions before.
+        Among mirror images of equal effort, take the one with tensions closest to the previous
+        ones.
         """
         question = self.question
         later = range(1, len(question.targets))
         plans = [first, *map(question.planned, track("plans of waypoints", later))]
-        alone, before = list[Waypoint](), np.ravel(first.tensions)
+        alone = list[Waypoint]()
+        before = np.ravel(first.tensions)
         for targets, each in zip(question.targets, plans, strict=True):
             images = [each.tensions, *(T for _, T in each.mirror_images())]
             before = min(map(np.ravel, images), key=partial(_largest_change, before))
@@ -157,20 +180,20 @@ class Waypoints:
 
 
 def _largest_change(before: Array, T: Array) -> float:
-    """Return how far the tension that changes most does [N]."""
+    """Return the largest change of a tension [N]."""
     return float(np.abs(T - before).max())
 
 
 def _is_best(optimum: Candidate) -> bool:
-    """Return whether initial guesses lead to none that is better."""
+    """Return whether initial guesses lead to no better optimum."""
     task = optimum.problem.task
     return Reading(task, "exact", Search(task).guesses()).agrees_on(optimum)
 
 
 def planned_touching(question: Question) -> list[Waypoint]:
-    """Return the waypoints: the targets, and what plans for these are come to by.
+    """Return the waypoints of a motion in contact: the targets, and the load paths of their plans.
 
-    Raises InputError for what is not stated of motions in contact.
+    Raises InputError for options that motions in contact do not support.
     """
     of_places = np.isfinite(question.rates.of_places)
     if question.surroundings:
@@ -184,12 +207,14 @@ def planned_touching(question: Question) -> list[Waypoint]:
             allowed = "with friction of contacts the plan that the arm moves from, or none"
             raise InputError("start", question.start.tolist(), allowed)
         from_rest(question.arm, question.start, question.scene, "start")
-    near, waypoints = question.begin, list[Waypoint]()
+    near = question.begin
+    waypoints = list[Waypoint]()
     for k, targets in enumerate(track("waypoints", list(question.targets))):
         before = () if near is None else (*near.load_path, tuple(np.ravel(near.tensions).tolist()))
         planned = question.planned(k, near)
         assert isinstance(planned, ContactPlan)
-        follows, near = planned.load_path[: len(before)] == before, planned
+        follows = planned.load_path[: len(before)] == before
+        near = planned
         new = [*planned.load_path[len(before) * follows :], np.ravel(planned.tensions)]
         each = [Waypoint((), np.array(T), fraction=1 / len(new)) for T in new]
         waypoints += [*each[:-1], replace(each[-1], targets=targets)]

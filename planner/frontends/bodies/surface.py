@@ -126,7 +126,7 @@ def outline(obstacle: Any) -> tuple[Array, NDArray[np.int64]]:
 @outline.register
 def _of_convex(body: Convex) -> tuple[Array, NDArray[np.int64]]:
     """Return the hull of balls as large as the layer about the box's corners."""
-    center, axes, half, layer, _ = np.split(body.numbers, [3, 12, 15, 16])
+    center, axes, half, layer, _ = np.split(body.parameters, [3, 12, 15, 16])
     corners = np.array(list(product((-1, 1), repeat=3))) * half
     angles = np.pi / _STEPS * np.arange(2 * _STEPS)
     theta, phi = (each.ravel() for each in np.meshgrid(angles[: _STEPS + 1], angles))
