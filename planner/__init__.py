@@ -7,7 +7,7 @@ from octoplan.planner.extensions.fit.calibrate import calibrate
 from octoplan.planner.extensions.fit.calibration import Calibration
 from octoplan.planner.extensions.fit.design import design
 from octoplan.planner.extensions.fit.designed import Design
-from octoplan.planner.extensions.fit.making import Making, Reach
+from octoplan.planner.extensions.fit.manufacturing import ManufacturingLimits, Reach
 from octoplan.planner.extensions.fit.measured import Measured
 from octoplan.planner.extensions.fit.unknowns import Unknown
 from octoplan.planner.extensions.trajectory.motion import trajectory
@@ -34,7 +34,7 @@ __all__ = [
     "ExportWarning",
     "FailedPlan",
     "Limits",
-    "Making",
+    "ManufacturingLimits",
     "Measured",
     "Plan",
     "Problem",

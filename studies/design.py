@@ -26,7 +26,7 @@ from scipy.stats import qmc
 from octoplan.model import Arm, OctoplanError, Scene, settle
 from octoplan.model.effects import Extension
 from octoplan.model.paths import Array
-from octoplan.planner import Design, Making, Unknown, design, plan
+from octoplan.planner import Design, ManufacturingLimits, Unknown, design, plan
 from octoplan.planner.targets import Bend, Fetch, TipPosition
 from studies.reporting import asked
 
@@ -41,7 +41,7 @@ UNKNOWNS = [
     Unknown("arm.sections[1].at_mm", 220, 380),
     Unknown("arm.sections[2].at_mm", 90, 200),
 ]
-MAKING = Making(wall=0.0008, spacing=0.05)
+MAKING = ManufacturingLimits(wall=0.0008, spacing=0.05)
 FETCH = Fetch(*(Bend(*np.radians(bend).tolist()) for bend in ((60, 0), (60, 180), (60, 90))))
 # What a global search looks through: taper and places of the inner anchorages.
 SEARCHED = (1, 5, 6)
@@ -128,7 +128,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     arm, unknowns = Arm.from_paper("table-4"), UNKNOWNS[: args.unknowns]
     targets = [FETCH, *tips(args.tips)]
     result = design(
-        arm, targets, unknowns, SCENE, MOST, making=MAKING, begins=args.begins, starts=4
+        arm, targets, unknowns, SCENE, MOST, manufacturing=MAKING, n_starts=args.begins, starts=4
     )
     print(result.outcome)
     jacobian = result.sensitivity if result.feasible else np.full(len(unknowns), np.nan)

@@ -14,9 +14,9 @@ import pytest
 from octoplan.model import Anchorage, Arm, InputError, Linear, Scene, settle
 from octoplan.model.effects import Extension, Weight
 from octoplan.model.support.progress import OutOfTime, time_limit
-from octoplan.planner import Making, Reach, Unknown, design, plan, stiffness
+from octoplan.planner import ManufacturingLimits, Reach, Unknown, design, plan, stiffness
 from octoplan.planner.extensions.fit.design_program import DesignProgram, Targets
-from octoplan.planner.extensions.fit.making import Objective
+from octoplan.planner.extensions.fit.manufacturing import Objective
 from octoplan.planner.extensions.fit.unknowns import Parameters
 from octoplan.planner.frontends.cli import main
 from octoplan.planner.question import Limits
@@ -56,10 +56,12 @@ def test_derivatives_of_the_program_are_those_of_differences(
     """By tensions and states to rounding; by numbers of the arm as their differences are."""
     parameters = Parameters.of(_arm(), scene, [RADIUS, PLACE, OFFSET])
     tasks: list[Targets] = [(tip,) for tip in _tips()]
-    program = DesignProgram(parameters, tasks, Limits.of(_arm(), 5.0), Making(wall=1e-4), objective)
+    program = DesignProgram(
+        parameters, tasks, Limits.of(_arm(), 5.0), ManufacturingLimits(wall=1e-4), objective
+    )
     rng = np.random.default_rng(0)
     T = rng.uniform(0, 0.1, (len(program.tasks), 8))
-    of, x = program.stated.derivatives, program.begun(parameters.start, T)
+    of, x = program.stated.derivatives, program.initial_variables(parameters.start, T)
     x = x + 1e-3 * rng.normal(size=x.size)
     lam = rng.normal(size=program.stated.lam.numel())
 
@@ -91,10 +93,12 @@ def test_derivatives_of_the_program_are_those_of_differences(
 def test_a_time_limit_that_ends_the_program_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """CasADi told of what its callback raised as an error of its own."""
     parameters = Parameters.of(_arm(), PAPER, [RADIUS])
-    program = DesignProgram(parameters, [(_tips()[0],)], Limits.of(_arm(), 5.0), Making())
+    program = DesignProgram(
+        parameters, [(_tips()[0],)], Limits.of(_arm(), 5.0), ManufacturingLimits()
+    )
     T = np.full((1, 8), 0.1)
-    begun = program.begun(parameters.start, T)
-    monkeypatch.setattr(program, "begun", lambda *_: begun)
+    variables = program.initial_variables(parameters.start, T)
+    monkeypatch.setattr(program, "initial_variables", lambda *_: variables)
     with pytest.raises(OutOfTime), time_limit(0.0):
         program.solve(parameters.start, T)
 
@@ -103,7 +107,7 @@ def test_a_time_limit_that_ends_the_program_is_told(monkeypatch: pytest.MonkeyPa
 def test_an_arm_is_designed_for_stiffness() -> None:
     """A thicker tip is stiffer: the optimum is at the bound, or where tensions are at theirs."""
     up = Stiffest((0.0, 0.0, 1.0))
-    found = design(_arm(), _tips()[:1], [RADIUS], PAPER, 5.0, objective=up, begins=1, starts=2)
+    found = design(_arm(), _tips()[:1], [RADIUS], PAPER, 5.0, objective=up, n_starts=1, starts=2)
     assert found.feasible
     assert "stiffness of the tip" in found.outcome
     C = [stiffness(found.arm, own.tensions, PAPER).compliance[2, 2] for own in found.plans]
@@ -117,7 +121,7 @@ def test_a_stiffest_modulus_is_no_softer_than_others() -> None:
     """Forces that compliances are counted by do not change with the arm."""
     up, modulus = Stiffest((0.0, 0.0, 1.0)), Unknown("arm.E_kPa", 60, 200)
     tasks = _tips()[:1]
-    found = design(_arm(), tasks, [modulus], PAPER, 5.0, objective=up, begins=1, starts=2)
+    found = design(_arm(), tasks, [modulus], PAPER, 5.0, objective=up, n_starts=1, starts=2)
     arms = [found.parameters.setting(np.array([E])).arm for E in (60.0, 200.0)]
     plans = [plan(arm, [*tasks, up], PAPER, 5.0, starts=2) for arm in arms]
     of_tip = [stiffness(own.arm, own.tensions, PAPER).compliance[2, 2] for own in plans]
@@ -128,7 +132,7 @@ def test_a_stiffest_modulus_is_no_softer_than_others() -> None:
 def test_an_arm_is_designed_for_reach() -> None:
     """Tendons farther out bend more: the tip gets farther aside, and a search confirms how far."""
     aside = Reach((0.0, -1.0, 0.0))
-    found = design(_arm(), _tips()[:1], [OFFSET], PAPER, 0.8, objective=aside, begins=1, starts=2)
+    found = design(_arm(), _tips()[:1], [OFFSET], PAPER, 0.8, objective=aside, n_starts=1, starts=2)
     assert found.feasible
     assert found.reaches is not None
     assert max(max(T) for T in found.reaches) <= 0.8 * (1 + 1e-9)
@@ -141,7 +145,7 @@ def test_an_arm_is_designed_for_reach() -> None:
 
 
 def test_a_designed_arm_is_cheaper_and_every_plan_is_certified() -> None:
-    found = design(_arm(), _tips(), [RADIUS, OFFSET], PAPER, 5.0, starts=3, begins=1)
+    found = design(_arm(), _tips(), [RADIUS, OFFSET], PAPER, 5.0, starts=3, n_starts=1)
     assert found.feasible
     assert found.gain > 0.1
     assert "% less" in found.outcome
@@ -157,7 +161,7 @@ def test_a_designed_arm_is_cheaper_and_every_plan_is_certified() -> None:
 def test_the_optimum_is_that_of_a_search_over_plans() -> None:
     (tip, _) = _tips()
     bounded = Unknown("arm.sections[1].at_mm", 80, 130)
-    found = design(_arm(), [tip], [bounded], PAPER, 5.0, starts=3, begins=2)
+    found = design(_arm(), [tip], [bounded], PAPER, 5.0, starts=3, n_starts=2)
     parameters = found.parameters
     places = np.linspace(80, 130, 4)
     arms = [parameters.setting(np.array([x])).arm for x in places]
@@ -173,7 +177,7 @@ def test_sensitivity_is_that_of_plans_made_anew(key: str) -> None:
     """At bounds the effort still falls; differences of plans of neighbouring arms say how fast."""
     start = {"arm.sections[1].offset_mm[0]": 6.0, "arm.radius_mm[1]": 5.0}[key]
     narrow = Unknown(key, start - 0.01, start + 0.01)
-    found = design(_arm(), _tips(), [narrow], PAPER, 5.0, starts=3, begins=1)
+    found = design(_arm(), _tips(), [narrow], PAPER, 5.0, starts=3, n_starts=1)
     h = 1e-3
 
     def effort(x: float) -> float:
@@ -191,7 +195,7 @@ def test_a_stiffest_arm_is_no_softer_than_any_corner_of_the_bounds(count: int) -
     tip = Unknown("arm.sections[0].offset_mm[1]", 1, 4)
     unknowns, up = [tip, OFFSET][:count], Stiffest((0, 0, 1))
     task, stiff = _tips()[0], []
-    found = design(_arm(), [task], unknowns, PAPER, 5.0, objective=up, begins=1, starts=2)
+    found = design(_arm(), [task], unknowns, PAPER, 5.0, objective=up, n_starts=1, starts=2)
     assert found.feasible, found.outcome
     parameters = Parameters.of(_arm(), PAPER, unknowns)
     for corner in product(*((own.lower, own.upper) for own in unknowns)):
@@ -203,7 +207,7 @@ def test_a_stiffest_arm_is_no_softer_than_any_corner_of_the_bounds(count: int) -
 
 
 def test_a_number_at_a_bound_is_tried_at_the_other_one() -> None:
-    found = design(_arm(), _tips()[:1], [OFFSET], PAPER, 5.0, starts=2, begins=1)
+    found = design(_arm(), _tips()[:1], [OFFSET], PAPER, 5.0, starts=2, n_starts=1)
     assert "At a bound" in found.outcome
     assert len(found.optima) == 2
     assert found.effort**2 / 2 == pytest.approx(min(found.optima), rel=1e-5)
@@ -212,18 +216,25 @@ def test_a_number_at_a_bound_is_tried_at_the_other_one() -> None:
 def test_what_can_be_made_is_kept_to() -> None:
     wall = 0.0015
     with pytest.raises(InputError, match="it misses it by"):
-        design(_arm(), _tips(), [RADIUS], PAPER, 5.0, making=Making(wall=0.01))
+        design(_arm(), _tips(), [RADIUS], PAPER, 5.0, manufacturing=ManufacturingLimits(wall=0.01))
     found = design(
-        _arm(), _tips(), [RADIUS, OFFSET], PAPER, 5.0, making=Making(wall), starts=2, begins=1
+        _arm(),
+        _tips(),
+        [RADIUS, OFFSET],
+        PAPER,
+        5.0,
+        manufacturing=ManufacturingLimits(wall),
+        starts=2,
+        n_starts=1,
     )
-    assert Making(wall).room(found.arm).min() > -1e-9
+    assert ManufacturingLimits(wall).margins(found.arm).min() > -1e-9
     assert "wall 1.5 mm" in found.outcome
 
 
 @pytest.mark.slow
 def test_a_task_that_no_arm_meets_is_named() -> None:
     far = TipPosition((0.5, 0.0, 0.0))
-    found = design(_arm(), [_tips()[0], far], [RADIUS], PAPER, 5.0, starts=1, begins=1)
+    found = design(_arm(), [_tips()[0], far], [RADIUS], PAPER, 5.0, starts=1, n_starts=1)
     assert not found.feasible
     assert np.isnan(found.gain)
     assert "Task 1 is not met" in found.outcome
@@ -234,7 +245,7 @@ def test_a_task_that_no_arm_meets_is_named() -> None:
 @pytest.mark.slow
 def test_the_limit_that_holds_a_task_is_named() -> None:
     bent = TipPosition(tuple(settle(_arm(), [0, 0, 0.05, 0, 0, 0.8, 0, 0], PAPER).tip.tolist()))
-    found = design(_arm(), [bent], [RADIUS], PAPER, 1e-3, starts=2, begins=1)
+    found = design(_arm(), [bent], [RADIUS], PAPER, 1e-3, starts=2, n_starts=1)
     assert not found.feasible
     assert "Task 0 is not met" in found.outcome
     assert "At the tension limit: T_" in found.outcome
@@ -270,9 +281,10 @@ def test_objectives_that_cannot_be(objective: Any, most: float, told: str) -> No
         design(_arm(), _tips(), [RADIUS], PAPER, most, objective=objective)
 
 
-def test_a_making_that_is_none_is_refused() -> None:
-    with pytest.raises(InputError, match="making = 3: must be a Making"):
-        design(_arm(), _tips(), [RADIUS], PAPER, 5.0, making=3)  # type: ignore[arg-type]
+def test_manufacturing_limits_of_another_type_are_rejected() -> None:
+    wanted = "manufacturing = 3: must be a ManufacturingLimits"
+    with pytest.raises(InputError, match=wanted):
+        design(_arm(), _tips(), [RADIUS], PAPER, 5.0, manufacturing=3)  # type: ignore[arg-type]
 
 
 def test_a_reach_has_a_direction() -> None:

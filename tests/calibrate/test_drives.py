@@ -286,4 +286,4 @@ def test_each_number_has_the_standard_deviation_of_its_kind(own: float | None) -
 
 
 def test_unknowns_are_taken_off_the_degrees_of_freedom(sure: Calibration) -> None:
-    assert sure.degrees_of_freedom == sum(own.numbers.size for own in sure.measured) - 2
+    assert sure.degrees_of_freedom == sum(own.data.size for own in sure.measured) - 2

@@ -1,1 +1,1 @@
-"""Numbers of an arm, its scene and its sensors as unknowns: calibration and design."""
+"""Calibration and design: parameters of an arm, its scene and its sensors as unknowns."""

@@ -1,4 +1,4 @@
-"""Calibrate an arm: numbers of arm, effects and measurement from measured shapes."""
+"""Calibrate an arm: parameters of arm, effects and sensors from measured shapes."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from octoplan.planner.extensions.fit.residuals import Evaluation, UnsettledShape
 from octoplan.planner.extensions.fit.unknowns import Parameters, Unknown
 
 ACCURACY = 1e-5
-# How far apart tips are that are on different branches, over the arm's length.
+# Distance between tips, over the arm's length, above which two shapes are on different branches.
 _ASTRAY = 1e-3
-# How often a fit begins again from shapes as they are reached from rest.
+# Largest number of fits that restart from shapes settled from rest.
 _ROUNDS = 3
 _JUMPS = "it jumps to another shape near the values of the optimum"
-# Refinements and stages of the meshes, from that of the first fits to the finest.
+# Refinement and number of stages of the meshes, from the first fits to the finest mesh.
 _MESHES = ((1, 2), (2, 2), (2, STAGES), (4, STAGES), (8, STAGES))
 
 
@@ -54,51 +54,55 @@ def calibrate(
     time_limit: float | None = None,
     progress: bool | None = None,
 ) -> Calibration:
-    """Return the arm, and the scene, that explain measured shapes best.
+    """Estimate parameters of the arm and the scene from measured shapes.
 
-    Least squares over all shapes at once, with derivatives by the implicit function theorem.
+    Nonlinear least squares over all shapes, with derivatives by the implicit function theorem.
 
     Parameters
     ----------
     arm, scene : Arm, Scene
-        What all other numbers are taken from, and where a fit begins.
+        Initial guess of the unknowns, and the values of all other parameters.
     measured : sequence of Measured
+        Measured shapes.
     unknowns : sequence of Unknown
+        Parameters to estimate, with bounds and priors.
     loss : str
-        "linear", or "huber", "soft_l1", "cauchy": robust against outliers; residuals count in full
-        up to the noise that most of them have.
+        "linear", or one of the robust losses "huber", "soft_l1" and "cauchy". Robust losses reduce
+        the weight of residuals above the noise of the majority.
     absolute_std : bool
-        Whether the standard deviations of the measurements hold as given. Otherwise the residuals
-        scale them, if there are surplus data: more numbers than the unknowns can fit. Intervals are
-        by Student's t then. Without surplus data the standard deviations hold as given, and
-        standard errors are inf if none are given; the outcome says so.
+        Whether to use the standard deviations of the measurements as given. Otherwise the residuals
+        scale the standard deviations if there are surplus data, that is, more data than the
+        unknowns can fit; intervals then follow Student's t distribution. Without surplus data the
+        standard deviations apply as given. If none are given either, standard errors are inf, and
+        the outcome reports the reason.
     starts : int
-        How many fits begin, the first with what arm and scene have, the others spread evenly over
-        the bounds; the best is returned.
+        Number of fits. The first one starts at the values of arm and scene, the others at values
+        that are spread evenly over the bounds. The best fit is returned.
     seed : int
-        Of the other starts.
+        Random seed of the other starts.
     accuracy : float
-        Error of what is predicted, over the arm's length, that meshes may have.
+        Allowed error of predictions due to the mesh, over the arm's length.
     compile : bool or "auto"
-        Whether to work by machine code; see settle.
+        Whether to use compiled kernels; see settle.
     time_limit : float
-        After how long the best values so far are returned [s]; their outcome says so.
+        Time after which the best values so far are returned [s]; the outcome reports the limit.
     progress : bool
-        Whether a line tells how far it is: unless given, after two seconds, on terminals and in
-        notebooks.
+        Whether to show progress. By default, progress is shown after two seconds on terminals and
+        in notebooks.
 
     Raises
     ------
     InputError
-        For what does not fit together: markers off the arm or in other units, unknown keys, bounds
-        that exclude what the arm has, fewer data than unknowns, scenes as printed or with contact.
+        If markers are off the arm or in other units, if keys are unknown, if bounds exclude the
+        given value, if there are fewer data than unknowns, or if the scene is as printed or has
+        contact.
     UnsettledShapeError
-        If a shape settles neither at the given values nor at those that are found. One that does
-        but cannot be followed to an optimum is left out of it, and named; see Calibration.left_out.
+        If a shape settles neither at the given values nor at the estimate. A shape that settles but
+        cannot be followed to the optimum is excluded instead; see Calibration.left_out.
     TimeLimitError
-        If the time limit is reached before a fit has begun.
+        If the time limit is reached before the first fit starts.
     CompilerError
-        If `compile` is True, and there is no compiler or it fails.
+        If `compile` is True, and the compiler is missing or fails.
     """
     scene = supported_scene(arm, scene)
     if not isinstance(loss, str) or loss not in get_args(Loss):
@@ -117,8 +121,15 @@ def calibrate(
     if absolute_std and lacking:
         allowed = f"False, or give the standard deviations of {lacking[0]}"
         raise InputError("absolute_std", True, allowed)
-    counted, machine_code = (loss, bool(absolute_std)), checked_compile(compile)
-    search = _Search(parameters, shapes, *counted, checked_accuracy(accuracy), machine_code)
+    machine_code = checked_compile(compile)
+    search = _Search(
+        parameters=parameters,
+        shapes=shapes,
+        loss=loss,
+        absolute_std=bool(absolute_std),
+        accuracy=checked_accuracy(accuracy),
+        machine_code=machine_code,
+    )
     stopped = False
     with limited(time_limit):
         try:
@@ -130,28 +141,29 @@ def calibrate(
             raise OutOfTime
     refinement, stages, _ = best.evaluation.experiment.mesh
     return Calibration(
-        arm,
-        scene,
-        shapes,
-        parameters.unknowns,
-        tuple(best.evaluation.values.tolist()),
-        best.noise,
-        *counted,
-        refinement,
-        search.error,
-        tuple(search.starts),
-        tuple(search.astray),
-        search.left_out(best),
-        stopped,
-        machine_code,
-        stages,
-        tuple((shapes[i].name, str(why)) for i, why in best.refused.items()),
-        best.evaluation.relinearised(),
+        given_arm=arm,
+        given_scene=scene,
+        measured=shapes,
+        unknowns=parameters.unknowns,
+        values=tuple(best.evaluation.values.tolist()),
+        noise=best.noise,
+        loss=loss,
+        absolute_std=bool(absolute_std),
+        refinement=refinement,
+        error=search.error,
+        starts=tuple(search.starts),
+        astray=tuple(search.astray),
+        left_out=search.left_out(best),
+        stopped=stopped,
+        machine_code=machine_code,
+        stages=stages,
+        blocked=tuple((shapes[i].name, str(why)) for i, why in best.refused.items()),
+        known=best.evaluation.relinearised(),
     )
 
 
 def supported_scene(arm: Arm, scene: Scene | None) -> Scene:
-    """Return a scene whose equations are differentiated by their numbers, or raise InputError."""
+    """Return a scene whose equations have parameter derivatives, or raise InputError."""
     scene = checked_scene(arm, scene)
     if scene.has(PrintedStatics):
         raise InputError("scene", "as printed", "a scene whose equations hold under loads")
@@ -162,20 +174,20 @@ def supported_scene(arm: Arm, scene: Scene | None) -> Scene:
 
 @dataclass
 class _Search:
-    """Fits from several starts on a coarse mesh, the best one followed on finer ones.
+    """Fit from several starts on a coarse mesh, then refine the mesh of the best fit.
 
     Attributes
     ----------
     best : Fit or None
-        So far.
+        Best fit so far.
     error : float
-        Estimated error of its mesh, over the arm's length.
+        Estimated error of the mesh of the best fit, over the arm's length.
     starts : list of Start
-        Where fits came to.
+        Initial and final values of each fit.
     astray : dict of None
-        Names of shapes that fits had on other branches than the arm takes from rest.
+        Names of shapes that a fit had on another branch than the arm reaches from rest.
     why : dict of OctoplanError
-        Why shapes are left out, by number.
+        Errors of the shapes that are left out, by index of the shape.
     """
 
     parameters: Parameters
@@ -191,14 +203,14 @@ class _Search:
     why: dict[int, OctoplanError] = field(default_factory=dict)
     _settled: set[int] = field(default_factory=set)
 
-    def run(self, spread: Sequence[Array]) -> None:
-        """Fit from several values; raises what keeps all of them from settling."""
+    def run(self, initial: Sequence[Array]) -> None:
+        """Fit from several initial values; raise the last error if every fit fails."""
         problems = []
-        for i, values in enumerate(spread):
-            report("fits", i, len(spread))
+        for i, values in enumerate(initial):
+            report("fits", i, len(initial))
             start = Start(tuple(values.tolist()), None, float("inf"))
             try:
-                optimum = self._fit(self._begin(values), first=True)
+                optimum = self._fit(self._initial_evaluation(values), first=True)
             except (UnsettledShapeError, InputError) as reason:
                 problems.append(reason)
                 self.starts.append(start._replace(why=str(reason)))
@@ -212,9 +224,9 @@ class _Search:
         self.best = self._from_rest(self._refined(self.best.evaluation, origin))
 
     def left_out(self, best: Fit) -> tuple[tuple[str, str], ...]:
-        """Return names of shapes that a fit does without, and why.
+        """Return the names of the shapes that a fit excludes, each with the reason.
 
-        UnsettledShapeError for one that settles nowhere.
+        Raises UnsettledShapeError if such a shape has settled in no fit.
         """
         out = [i for i in range(len(self.shapes)) if i not in best.evaluation.equilibria]
         for i in out:
@@ -222,22 +234,22 @@ class _Search:
                 raise UnsettledShapeError(self.shapes[i].name, self.why[i])
         return tuple((self.shapes[i].name, str(self.why[i])) for i in out)
 
-    def _begin(self, values: Array) -> Evaluation:
-        """Return all shapes from rest, on the first mesh that is fine enough for those that settle.
+    def _initial_evaluation(self, values: Array) -> Evaluation:
+        """Settle all shapes from rest on the first mesh that is fine enough.
 
-        A fit needs one finer mesh at least, which its error is estimated by.
+        The finest mesh is excluded: the error estimate of a fit requires a finer mesh.
         """
         for mesh in _MESHES[:-1]:
             start = from_rest(self._experiment(*mesh), values)
-            if not any(isinstance(why, CoarseMeshError) for why in start.lost.values()):
+            if not any(isinstance(why, CoarseMeshError) for why in start.failed.values()):
                 break
         return start
 
     def _refined(self, coarse: Evaluation, origin: Array) -> Evaluation:
-        """Return an evaluation on the first mesh that is as accurate as asked, or the finest.
+        """Refine an evaluation until the mesh error meets the accuracy, or to the finest mesh.
 
-        If no shape settles on a finer mesh, the fit begins there again from its origin: the limit
-        of the shapes, at which it ended, is another one.
+        If no shape settles on a finer mesh, the fit restarts on this mesh from `origin`, because
+        the limit of the shapes, at which the coarse fit ended, differs between the meshes.
         """
         first = _MESHES.index(coarse.experiment.mesh[:2]) + 1
         for number, mesh in enumerate(_MESHES[first:], first):
@@ -247,8 +259,10 @@ class _Search:
                 coarse = self._fit(from_rest(fine.experiment, origin), first=True).evaluation
                 continue
             gap = max((_tip_distance(coarse, fine, i) for i in fine.equilibria), default=0.0)
-            (before, m, _), (after, stages, _) = coarse.experiment.mesh, fine.experiment.mesh
-            # With more stages it is the error of the coarser one: its own is less.
+            before, m, _ = coarse.experiment.mesh
+            after, stages, _ = fine.experiment.mesh
+            # If the number of stages differs, the gap is the error of the coarser mesh, an upper
+            # bound of the error of the finer mesh.
             order = convergence_order(self.parameters.given.scene, 2 * stages)
             self.error = gap if stages > m else float(estimate(gap, before, after, order))
             coarse = fine
@@ -257,10 +271,10 @@ class _Search:
         return coarse
 
     def _from_rest(self, start: Evaluation) -> Fit:
-        """Return the fit that has all shapes as they are reached from rest.
+        """Return a fit in which all shapes are on the branch that the arm reaches from rest.
 
-        It is begun again from there where it has some on other branches, or could not follow them;
-        those that jump again are left out.
+        The fit restarts from shapes settled from rest if some of its shapes are on other branches
+        or could not be followed. Shapes that jump again are left out.
         """
         apart = list[int]()
         for _ in range(_ROUNDS):
@@ -268,7 +282,7 @@ class _Search:
             followed = best.evaluation
             start = from_rest(self._experiment(*_MESHES[0]), followed.values)
             if apart := _on_other_branch(followed, start):
-                # It may be the coarse mesh that has them elsewhere.
+                # The coarse mesh may have settled on another branch: repeat on the mesh of the fit.
                 start = from_rest(followed.experiment, followed.values)
                 apart = _on_other_branch(followed, start)
             if not apart:
@@ -277,19 +291,19 @@ class _Search:
         return self._fit(self._fit(start).evaluation, apart)
 
     def _fit(self, start: Evaluation, jumping: Sequence[int] = (), first: bool = False) -> Fit:
-        """Return the fit of the shapes that settle, without those that jump.
+        """Return the fit of the shapes that settle, without the shapes that jump.
 
-        Nor those that the fit cannot follow, unless that is all of them.
+        Shapes that the fit cannot follow are removed too, unless these are all shapes.
         """
         self._settled |= set(start.equilibria)
-        self.why |= start.lost
+        self.why |= start.failed
         while True:
             kept = set(start.equilibria).difference(jumping)
             if jumping and kept:
                 self.why |= {i: SnapError(1.0, _JUMPS) for i in jumping}
                 start = start.only(kept)
             if not start.equilibria:
-                i, why = next(iter(start.lost.items()))
+                i, why = next(iter(start.failed.items()))
                 remark = crushing_remark(self.parameters.given.arm, self.shapes)
                 raise UnsettledShapeError(self.shapes[i].name, why, remark)
             best = fit(start, self.loss, self.absolute_std, first)
@@ -302,7 +316,7 @@ class _Search:
 
 
 def _tip_distance(one: Evaluation, other: Evaluation, i: int) -> float:
-    """Return how far apart the tips of a shape are in two evaluations, over the arm's length."""
+    """Return the distance between the tips of a shape in two evaluations, over the arm's length."""
     pair = [evaluation.equilibria.get(i) for evaluation in (one, other)]
     tips = [each.system.poses(each.states)[-1, 4:] for each in pair if each]
     length = one.experiment.parameters.given.arm.length
@@ -310,6 +324,6 @@ def _tip_distance(one: Evaluation, other: Evaluation, i: int) -> float:
 
 
 def _on_other_branch(one: Evaluation, other: Evaluation) -> list[int]:
-    """Return which shapes are not on the same branch in two evaluations."""
+    """Return the indices of the shapes that are on different branches in two evaluations."""
     either = sorted({*one.equilibria, *other.equilibria})
     return [i for i in either if not _tip_distance(one, other, i) <= _ASTRAY]

@@ -1,12 +1,13 @@
-"""A calibrated arm: what it predicts, how well it predicts shapes left out, what to measure next.
+"""Calibrated arm: predictions, cross-validation, and the choice of the next measurement.
 
-Which shapes to measure next (D-optimal): what one adds to the logarithm of the determinant of the
-information matrix,
+The next shape to measure is the D-optimal one: the shape that adds most to the logarithm of the
+determinant of the information matrix,
 
-    1/2 log det(I + J M^-1 J^T),    J of its residuals over the noise, M the information so far.
+    1/2 log det(I + J M^-1 J^T),
 
+with the Jacobian J of the shape's residuals over the noise, and the present information matrix M.
 Source: Atkinson, Donev, Tobias, "Optimum Experimental Designs, with SAS" (2007), chapter 11.
-The bounds count as a uniform distribution, so that M is regular.
+The bounds enter as a uniform prior distribution, so that M is regular.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from octoplan.planner.frontends.io.records import record
 from octoplan.planner.frontends.io.saved_records import CalibrationRecord
 from octoplan.planner.plan import Plan, plan
 
-# Eigenvalues of I - H_ii below which a shape alone determines a combination of its numbers.
+# Eigenvalues of I - H_ii below which only this shape determines a combination of its data.
 _ALONE = 1e-3
 _POINTS = "(s, (o_t, o_n, o_b)) for each, in m"
 
@@ -52,12 +53,13 @@ class CalibratedPlan(Plan):
     Attributes
     ----------
     tip_std : float
-        One standard deviation of the tip's distance from where it is planned [m], by the standard
-        errors of the arm's numbers.
+        Standard deviation of the distance between the actual and the planned tip [m], from the
+        standard errors of the arm's parameters.
     measured_std : float
-        The same of where it would be measured, with what the model misses of shapes left out [m].
+        Standard deviation of the distance between a measured and the planned tip [m], including
+        the model error that cross-validation shows.
     evidence : str
-        What these follow from, if there are few surplus data; see Fitted.
+        Source of the standard deviations if there are few surplus data; see Fitted.
     """
 
     tip_std: float
@@ -66,7 +68,7 @@ class CalibratedPlan(Plan):
 
     @property
     def outcome(self) -> str:
-        """What was found, and how sure the tip is."""
+        """Result of the plan, and the uncertainty of the tip."""
         if not np.isfinite(self.tip_std):
             return f"{super().outcome} By the calibration: {self.evidence}"
         sure = f"tip sure to {1e3 * self.tip_std:.2g} mm (one standard deviation)"
@@ -77,27 +79,28 @@ class CalibratedPlan(Plan):
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """The tip and points of a shape, with bands for what would be measured there.
+    """Predicted tip and points of a shape, with prediction bands.
 
     Attributes
     ----------
     tip : (3,)
         [m].
     std : (3, 3)
-        Covariance matrix of the tip by the standard errors of the unknowns [m2]: how sure the
-        calibrated arm's tip is, if the model is right. Where data tell nothing of the unknowns,
-        their bounds do. It is inf on its diagonal if standard errors are unknown.
+        Covariance matrix of the tip from the standard errors of the unknowns [m2]: the uncertainty
+        of the calibrated arm's tip if the model is right. Unknowns that the data do not identify
+        have the uncertainty of their bounds. The diagonal is inf if standard errors are unknown.
     places : (P, 3)
-        Of the points [m]; the tip unless points were given.
+        Predicted positions of the points, or of the tip unless points were given [m].
     covariance : (P, 3, 3)
-        Of what would be measured: that of the unknowns, carried to the points, and the model error.
+        Covariance matrices of measured positions [m2]: the uncertainty of the unknowns, propagated
+        to the points, plus the model error.
     model_error : (P,)
-        Standard deviation of a coordinate by which fits without a shape miss it at such an arc
-        length [m].
+        Standard deviation of a coordinate due to model error [m], from the errors of
+        cross-validation at the same arc length.
     freedom : float
-        Degrees of freedom of the model error: as many as shapes, less what the unknowns take of
-        them, as what a shape's markers are missed by has one cause; inf if standard deviations hold
-        as given.
+        Degrees of freedom of the model error: the number of shapes times the fraction of data that
+        the unknowns leave free, because the errors of one shape's markers have one cause; inf if
+        standard deviations apply as given.
     """
 
     tip: Array
@@ -109,40 +112,40 @@ class Prediction:
 
     @property
     def tip_std(self) -> float:
-        """One standard deviation of the tip's distance from where it is predicted [m]."""
+        """Standard deviation of the distance between the actual and the predicted tip [m]."""
         return float(np.sqrt(np.trace(self.std)))
 
     def band(self, level: float = 0.95) -> Array:
-        """Return the half widths of the band by coordinate (P, 3) [m]."""
+        """Return the half widths of the prediction intervals by coordinate (P, 3) [m]."""
         spread = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
         half = (1 + checked_level(level)) / 2
         return np.asarray(scipy.special.stdtrit(self.freedom, half) * spread)
 
     def holds(self, places: Any, level: float = 0.95) -> Array:
-        """Return whether measured places (P, 3) [m] lie in the points' ellipsoids (P,)."""
+        """Return whether measured positions (P, 3) [m] lie in the prediction ellipsoids (P,)."""
         level = checked_level(level)
         off = (finite_array("places", places, self.places.shape) - self.places)[:, :, None]
         if not np.isfinite(self.covariance).all():
             return np.ones(len(off), dtype=bool)
         size = (off * np.linalg.solve(self.covariance, off)).sum(axis=(1, 2))
-        most = scipy.special.chdtri(3, 1 - level)
+        largest = scipy.special.chdtri(3, 1 - level)
         if np.isfinite(self.freedom):
-            most = 3 * scipy.special.fdtri(3, self.freedom, level)
-        return np.asarray(size <= most)
+            largest = 3 * scipy.special.fdtri(3, self.freedom, level)
+        return np.asarray(size <= largest)
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Shapes that were left out, as the others predict them.
+    """Cross-validation: shapes that were left out, predicted by fits to the other shapes.
 
     Attributes
     ----------
     residuals : tuple of Residual
-        Of all shapes, each by the fit without it.
+        Prediction errors of all shapes, each from the fit without the shape.
     values : tuple of tuple of float
-        Of the unknowns, by fit.
+        Values of the unknowns, by fit.
     held : tuple of bool
-        Whether each marker lies in its 95 % band.
+        Whether each marker lies in its 95 % prediction ellipsoid.
     """
 
     residuals: tuple[Residual, ...]
@@ -151,15 +154,23 @@ class LeftOut:
 
     @property
     def mean_error(self) -> float:
-        """Mean distance of markers and tips from where they are predicted [m]."""
+        """Mean distance between measured and predicted positions of markers and tips [m]."""
         return mean_distance(self.residuals)
 
 
 class Candidate(NamedTuple):
     """A shape that could be measured.
 
-    Its `place` among the candidates, tensions [N], what it tells [nats], and by what factor the
-    standard errors (K,) shrink; a shape that does not settle tells nothing.
+    Attributes
+    ----------
+    place : int
+        Index among the candidates.
+    tensions : tuple of float
+        [N].
+    gain : float
+        Information gain [nats]; 0 if the shape does not settle.
+    shrink : tuple of float
+        Factors by which the standard errors (K,) shrink.
     """
 
     place: int
@@ -170,33 +181,34 @@ class Candidate(NamedTuple):
 
 @dataclass(frozen=True, repr=False)
 class Calibration(TextRepr, Fitted):
-    """A calibrated arm; see Fitted for what it holds."""
+    """A calibrated arm; see Fitted for the attributes."""
 
     def predict(
         self, tensions: Any, points: Sequence[tuple[float, Any]] = (), session: str = ""
     ) -> Prediction:
-        """Return where the tip and points (s [m], offset (3,) [m]) are under tensions, with bands.
+        """Predict the positions of points under tensions, with prediction bands.
 
-        The band of the tip alone unless points are given.
+        Each point has an arc length [m] and an offset (3,) [m]. Without points, predict the tip.
         """
         flat = tuple(self.given_arm.flat(tensions).tolist())
-        # Behind the markers, whose unknowns are not those of points that are said here.
-        none = [Point(0.0, MIDLINE, None)] * len(self.parameters.given.points)
+        # Unknown marker positions must not move the points given here: number these points after
+        # the markers, and replace the markers by unseen ones.
+        unseen = [Point(0.0, MIDLINE, None)] * len(self.parameters.given.points)
         for i, point in enumerate(kind("points", points, Iterable, _POINTS)):
             if not isinstance(point, tuple | list) or len(point) != 2:
                 raise InputError(f"points[{i}]", point, _POINTS)
-        places = [*none, *(Point(s, offset, MIDLINE) for s, offset in points)]
+        places = [*unseen, *(Point(s, offset, MIDLINE) for s, offset in points)]
         self._check_session(session)
         shape = Measured(flat, tuple(places), tip=MIDLINE, session=session, name="the prediction")
         there = from_rest(self.experiment([shape]), self.array)
-        for reason in there.lost.values():
+        for reason in there.failed.values():
             raise UnsettledShapeError(shape.name, reason)
         return self._predicted(there, len(points) or 1)
 
     def plan(self, targets: Any, **options: Any) -> Plan:
-        """Return a plan of the calibrated arm, whose outcome tells how sure its tip is.
+        """Plan for the calibrated arm, and add the uncertainty of the tip to the outcome.
 
-        Arguments are those of `plan`; the scene is the calibrated one.
+        Pass the arguments of `plan`; the scene is the calibrated one.
         """
         planned = plan(self.arm, targets, self.scene, **options)
         predicted = self.predict(planned.tensions)
@@ -209,9 +221,10 @@ class Calibration(TextRepr, Fitted):
         )
 
     def next(self, candidates: Sequence[Any], session: str = "") -> tuple[Candidate, ...]:
-        """Return sets of tensions, best first, by what measuring them tells of the unknowns.
+        """Rank sets of tensions by the information gain of a measurement, best first.
 
-        The markers are those of the session's first shape, or of the first; see Candidate.
+        The markers are the ones of the session's first shape, or else of the first shape of all;
+        see Candidate.
         """
         sets = list(kind("candidates", candidates, Iterable, "a sequence of tensions"))
         if not sets:
@@ -226,21 +239,25 @@ class Calibration(TextRepr, Fitted):
         there = from_rest(self.experiment(shapes), self.array)
         J = self.all_jacobians
         M = J.T @ J + np.eye(J.shape[1]) / UNIFORM
-        before, rows = np.diag(np.linalg.inv(M)), list[Candidate]()
-        told_by = there.scaled(self.noise)
+        before = np.diag(np.linalg.inv(M))
+        rows = list[Candidate]()
+        scaled = there.scaled(self.noise)
         for i, shape in enumerate(shapes):
-            gain, shrink = 0.0, np.ones(len(before))
-            if i in told_by:
-                more = M + told_by[i][1].T @ told_by[i][1]
-                gain = float(np.linalg.slogdet(more)[1] - np.linalg.slogdet(M)[1]) / 2
-                shrink = np.sqrt(np.diag(np.linalg.inv(more)) / before)
+            gain = 0.0
+            shrink = np.ones(len(before))
+            if i in scaled:
+                J_i = scaled[i][1]
+                M_i = M + J_i.T @ J_i
+                gain = float(np.linalg.slogdet(M_i)[1] - np.linalg.slogdet(M)[1]) / 2
+                shrink = np.sqrt(np.diag(np.linalg.inv(M_i)) / before)
             rows.append(Candidate(i, shape.tensions, gain, tuple(shrink.tolist())))
         return tuple(sorted(rows, key=lambda candidate: -candidate.gain))
 
     def leave_out(self, groups: Sequence[Any] | None = None) -> LeftOut:
-        """Return how well shapes are predicted by fits without them.
+        """Cross-validate: predict shapes by fits without them.
 
-        One by one, or all shapes with the same label of `groups` (one for each shape) together.
+        One shape is left out at a time. With `groups`, a label for each shape, all shapes with the
+        same label are left out at a time.
         """
         allowed = f"a label for each of {len(self.measured)} shapes"
         each = range(len(self.measured)) if groups is None else groups
@@ -249,11 +266,13 @@ class Calibration(TextRepr, Fitted):
             raise InputError("groups", len(labels), allowed)
         if len(set(labels)) < 2:
             raise InputError("groups", labels, "two labels or more: some shapes have to stay")
-        whole, values, held = self.evaluation, list[tuple[float, ...]](), list[bool]()
+        whole = self.evaluation
+        values = list[tuple[float, ...]]()
+        held = list[bool]()
         rows = dict[int, tuple[Residual, ...]]()
         for label in track("shapes left out", list(dict.fromkeys(labels))):
-            kept = whole.only([i for i in whole.equilibria if labels[i] != label])
-            refit = fit(kept, self.loss, self.absolute_std)
+            others = whole.only([i for i in whole.equilibria if labels[i] != label])
+            refit = fit(others, self.loss, self.absolute_std)
             at = refit.evaluation.values
             values.append(tuple(at.tolist()))
             without = replace(self, values=values[-1], noise=refit.noise, known=refit.evaluation)
@@ -267,7 +286,7 @@ class Calibration(TextRepr, Fitted):
         return LeftOut(residuals, tuple(values), tuple(held))
 
     def errors(self, measured: Sequence[Measured]) -> tuple[Residual, ...]:
-        """Return what is predicted less what was measured of other shapes of this arm."""
+        """Return predictions minus measurements for other shapes of this arm."""
         shapes = checked_shapes(self.given_arm, measured)
         return tuple(from_rest(self.experiment(shapes), self.array).named())
 
@@ -277,37 +296,45 @@ class Calibration(TextRepr, Fitted):
             raise InputError("session", session, ", ".join(sorted(sessions - {""})) or "none")
 
     def _predicted(self, there: Evaluation, count: int) -> Prediction:
-        """Return the prediction of the one shape of an evaluation, bands of its first places."""
+        """Return the prediction of the first `count` places of an evaluation's only shape."""
         ((i, miss),) = there.residuals.items()
         shape = there.experiment.shapes[i]
         n = len(shape.places)
         J = (there.jacobians[i][: 3 * n] * self.parameters.range).reshape(n, 3, -1)
         places = miss[: 3 * n].reshape(n, 3) + shape.places
-        sure = J @ self.information[1] @ J.transpose(0, 2, 1)
+        parameter_covariance = J @ self.information[1] @ J.transpose(0, 2, 1)
         error = self._model_error(shape.arc_lengths(self.arm))[:count]
-        band = sure[:count] + error[:, None, None] ** 2 * np.eye(3)
+        band = parameter_covariance[:count] + error[:, None, None] ** 2 * np.eye(3)
         if self.is_uncertain:
-            nothing = np.diag([np.inf] * 3)
-            sure, band = np.broadcast_to(nothing, sure.shape), np.broadcast_to(nothing, band.shape)
+            infinite = np.diag([np.inf] * 3)
+            parameter_covariance = np.broadcast_to(infinite, parameter_covariance.shape)
+            band = np.broadcast_to(infinite, band.shape)
             error = np.full(count, np.inf)
-        # What a shape's markers are missed by has one cause.
-        left = self.degrees_of_freedom / sum(shape.size for shape in self.explained)
-        freedom = np.inf if self.uses_given_std else max(left * len(self.explained), 1.0)
-        return Prediction(places[-1], sure[-1], places[:count], band, error, freedom)
+        # The errors of one shape's markers have one cause, and count as one degree of freedom.
+        surplus = self.degrees_of_freedom / sum(shape.size for shape in self.explained)
+        freedom = np.inf if self.uses_given_std else max(surplus * len(self.explained), 1.0)
+        return Prediction(
+            tip=places[-1],
+            std=parameter_covariance[-1],
+            places=places[:count],
+            covariance=band,
+            model_error=error,
+            freedom=freedom,
+        )
 
     def _model_error(self, s: Array) -> Array:
         """Return the standard deviation of a coordinate at arc lengths s (N,) [m].
 
-        By marker what fits without a shape miss of it, between markers in proportion; without
-        markers the noise of the measurements.
+        The root mean square error of cross-validation by marker, interpolated linearly between
+        markers; without markers, the noise of the measurements.
         """
         shapes = {i: self.measured[i] for i in self.jacobians}
         at = np.concatenate([shape.arc_lengths(self.arm) for shape in shapes.values()])
         if not at.size:
             stds = [shape.place_std for shape in self.measured]
             return np.full(s.size, self.noise * np.mean(stds))
-        missed = self._deleted_squares()
-        rows = [missed[i][: shape.places.size].reshape(-1, 3) for i, shape in shapes.items()]
+        errors = self._deleted_squares()
+        rows = [errors[i][: shape.places.size].reshape(-1, 3) for i, shape in shapes.items()]
         squares = np.vstack(rows).mean(axis=1)
         nodes = np.unique(np.round(at, 9))
         by_node = [np.sqrt(np.mean(squares[np.isclose(at, node)])) for node in nodes]
@@ -316,33 +343,34 @@ class Calibration(TextRepr, Fitted):
     def _deleted_squares(self) -> dict[int, Array]:
         """Return squared residuals (size,) of each shape by a fit without it, to first order.
 
-        (I - H_ii)^-1 r_i with H = J (J^T J)^-1 J^T by blocks of shapes: residuals of one shape have
-        the same causes, which no single number's leverage tells. Priors are further rows of J.
-        Source: Cook and Weisberg, "Residuals and Influence in Regression" (1982), 4.2.
+        (I - H_ii)^-1 r_i with H = J (J^T J)^-1 J^T, in blocks of shapes: the residuals of one shape
+        share causes, which the leverage of a single datum does not show. Priors are additional rows
+        of J. Source: Cook and Weisberg, "Residuals and Influence in Regression" (1982), 4.2.
 
-        Combinations of the numbers of a shape that no other shape determines have no such residual.
-        Their square is that of the noise.
+        Combinations of a shape's data that no other shape determines have no such residual. Their
+        square is the variance of the noise.
         """
         J = self.all_jacobians
-        inverse, missed = np.linalg.pinv(J.T @ J, hermitian=True), dict[int, Array]()
+        inverse = np.linalg.pinv(J.T @ J, hermitian=True)
+        squares = dict[int, Array]()
         scaled = self.evaluation.scaled()
         for i, J_i in self.jacobians.items():
-            left, basis = np.linalg.eigh(np.eye(len(J_i)) - J_i @ inverse @ J_i.T)
-            kept = left > _ALONE
+            eigenvalues, basis = np.linalg.eigh(np.eye(len(J_i)) - J_i @ inverse @ J_i.T)
+            kept = eigenvalues > _ALONE
             back = np.linalg.solve(self.evaluation.whitening[i], basis)
-            deleted = back[:, kept] @ (basis[:, kept].T @ scaled[i][0] / left[kept])
+            deleted = back[:, kept] @ (basis[:, kept].T @ scaled[i][0] / eigenvalues[kept])
             alone = np.square(self.noise * back[:, ~kept]).sum(axis=1)
-            missed[i] = np.square(deleted) + alone
-        return missed
+            squares[i] = np.square(deleted) + alone
+        return squares
 
     def save(self, path: str | Path) -> Path:
         """Write the calibration to a .json file, which `load_calibration` reads."""
         return write_named(path, ".json", to_json(record(CalibrationRecord, self)))
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw markers over settled arms, residuals as they were measured, and standard errors.
+        """Draw markers and settled arms, residuals in measuring order, and standard errors.
 
-        Residuals alone in `ax`, if it is given. Returns a new Figure, or the axes.
+        Draw the residuals alone in `ax` if given. Return the new Figure, or the axes.
         """
         from octoplan.planner.frontends.plots.results import plot_calibration
 

@@ -1,14 +1,15 @@
-"""The program of a design: numbers of the arm, and the programs of all tasks, as one.
+"""Nonlinear program of a design: parameters of the arm, and the programs of all tasks.
 
-    minimise    the sum of the tasks' objectives
-    subject to  the constraints of each task, its equations of equilibrium with numbers n(z)
-                what can be made: room(z) >= 0,   0 <= z <= 1
+    minimise    the weighted sum of the tasks' objectives
+    subject to  the constraints of each task, with equilibrium equations of parameters n(z)
+                manufacturing margins(z) >= 0,   0 <= z <= 1
 
-with z the unknown numbers of the arm between their bounds, and for each task its tensions and
-states; solved by ipopt. The equations are differentiated by their numbers n by CasADi. The numbers
-are closed forms of z in NumPy (profiles, integrals over cross-sections, loads on nodes that move
-along with the arm), for which nothing is solved: their own derivatives by z are differences. In the
-Hessian they count as linear in z: it is of K rows and columns that this leaves something out.
+The variables are the unknown parameters z of the arm, as fractions of their bounds' ranges, and the
+tensions and states of each task. The solver is ipopt. CasADi differentiates the equilibrium
+equations with respect to their parameters n. NumPy evaluates n in closed form from z (profiles,
+integrals over cross-sections, loads on nodes that move with the arm), without solving equations;
+difference quotients give dn/dz. The Hessian neglects the curvature of n(z), which affects K rows
+and columns.
 """
 
 from __future__ import annotations
@@ -28,67 +29,93 @@ from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.progress import check_time
-from octoplan.planner.extensions.fit.making import Making, Objective, Reach
+from octoplan.planner.extensions.fit.manufacturing import ManufacturingLimits, Objective, Reach
 from octoplan.planner.extensions.fit.unknowns import Parameters, neighbour
 from octoplan.planner.extensions.trajectory.side_by_side import Part, SideBySide, joined
 from octoplan.planner.program.problem import Bounds, Problem, Solution, units
-from octoplan.planner.program.terms import Targets as Together
+from octoplan.planner.program.terms import Targets as TargetSet
 from octoplan.planner.question import Limits, Statement
 from octoplan.planner.solve.ipopt import TOGETHER, WARM
 from octoplan.planner.targets.base import Target
 from octoplan.planner.task import Task
 
 Targets = tuple[Target, ...]
-# Of the meshes; the residual up to which a task counts as met: plans are certified afresh.
-_REFINEMENT, _MET = 2, 1e-7
+# Refinement of the tasks' meshes.
+_REFINEMENT = 2
+# Constraint violation below which a task counts as met; the final plans have certificates.
+_MET = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
 class DesignOptimum:
-    """A local optimum.
+    """A local optimum of a design.
 
     Attributes
     ----------
     values : (K,)
-        Of the unknowns.
+        Values of the unknowns.
     tensions : (tasks, n_tendons)
         [N].
-    missed : float
-        The largest violation of a constraint, over the arm's length or in rad.
+    violation : float
+        Largest violation of a constraint, over the arm's length or in rad.
     objective : float
-        Half the sum of squared tensions [N2], the mean logarithm of compliances over those of the
-        given arm at rest, or with a minus the reach over the given arm's length.
+        Half the sum of squared tensions [N2]; or the mean logarithm of compliances over the
+        compliances of the given arm at rest; or minus the reach over the given arm's length.
     """
 
     values: Array
     tensions: Array
-    missed: float
+    violation: float
     objective: float
 
     @property
     def cost(self) -> tuple[float, float]:
-        """What is compared: what is missed first."""
-        return max(self.missed - _MET, 0.0), self.objective
+        """Key for comparisons: constraint violation first, then the objective."""
+        return max(self.violation - _MET, 0.0), self.objective
 
 
 class DesignProgram:
-    """Tasks of an arm with unknown numbers, which are `planned`; a reach is one task more."""
+    """Tasks of an arm with unknown parameters.
+
+    Attributes
+    ----------
+    parameters : Parameters
+        The unknowns, with the arm and the scene.
+    limits : Limits
+        Limits of the tensions.
+    manufacturing : ManufacturingLimits
+    tasks, weights : sequences
+        Targets of each task, and the weight of its objective. A reach is an additional task, last.
+    planned : tuple of Targets
+        The given tasks, without the reach.
+    objective_unit : float
+        Value of one unit of the program's objective.
+    problems : list of Problem
+        The nonlinear program of each task.
+    K : int
+        Number of unknowns.
+    """
 
     def __init__(
         self,
         parameters: Parameters,
         tasks: Sequence[Targets],
         limits: Limits,
-        making: Making,
+        manufacturing: ManufacturingLimits,
         objective: Objective = "effort",
     ) -> None:
-        self.parameters, self.limits, self.making = parameters, limits, making
+        self.parameters = parameters
+        self.limits = limits
+        self.manufacturing = manufacturing
         _, self.arm, scene = parameters.setting(parameters.start)
-        self.tasks, self.weights = tuple(tasks), [1.0] * len(tasks)
-        # What one unit of the objective is worth.
-        self.worth = float(units(self.arm, limits).max() ** 2) if objective == "effort" else 1.0
+        self.tasks = tuple(tasks)
+        self.weights = [1.0] * len(tasks)
+        self.objective_unit = 1.0
+        if objective == "effort":
+            self.objective_unit = float(units(self.arm, limits).max() ** 2)
         if isinstance(objective, Reach):
-            self.tasks, self.weights = (*tasks, (objective,)), [*[0.0] * len(tasks), 1.0]
+            self.tasks = (*tasks, (objective,))
+            self.weights = [*[0.0] * len(tasks), 1.0]
         elif objective != "effort":
             self.tasks = tuple((*task, objective) for task in tasks)
             self.weights = [1 / len(tasks)] * len(tasks)
@@ -98,175 +125,204 @@ class DesignProgram:
             Problem(Task(self.arm, task, scene, limits, stated, _MET)) for task in self.tasks
         ]
         if objective == "effort":
-            self.weights = [of.effort_unit**2 / self.worth for of in self.problems]
+            self.weights = [
+                problem.effort_unit**2 / self.objective_unit for problem in self.problems
+            ]
         self.K = len(parameters.unknowns)
 
     def system(self, i: int, arm: Arm, scene: Scene) -> DiscreteRod:
-        """Return the equations of a task's arm, on nodes that move along with it."""
-        of = self.problems[i].forward.system
-        ends = (Together(each, self.tasks[i]).stations for each in (of.arm, arm))
-        return neighbour(of, arm, scene, *ends)
+        """Return the equations of a task for an arm, on nodes that move along with the arm."""
+        nominal = self.problems[i].forward.system
+        before = TargetSet(nominal.arm, self.tasks[i]).stations
+        after = TargetSet(arm, self.tasks[i]).stations
+        return neighbour(nominal, arm, scene, before, after)
 
-    def numbers(self, values: Array) -> list[Array]:
-        """Return the numbers of each task's equations, and last what room is left to the making.
+    def equation_parameters(self, values: Array) -> list[Array]:
+        """Return the parameters of each task's equations, and last the manufacturing margins.
 
-        Raises InputError where no such arm can be.
+        Raises InputError if no arm has these values.
         """
         _, arm, scene = self.parameters.setting(values)
-        numbers, by_structure = list[Array](), dict[Any, Array]()
+        parameters = list[Array]()
+        by_structure = dict[Any, Array]()
         for i, problem in enumerate(self.problems):
-            forces, targets = problem.forces, problem.together
+            forces = problem.forces
+            targets = problem.together
             key = targets.stations, targets.requests, forces.tobytes()
             if key not in by_structure:
                 system = self.system(i, arm, scene)
                 by_structure[key] = problem.program.numbers(system, forces)
-            numbers.append(by_structure[key])
-        return [*numbers, self.making.room(arm)]
+            parameters.append(by_structure[key])
+        return [*parameters, self.manufacturing.margins(arm)]
 
-    def begun(self, values: Array, tensions: Array) -> Array:
-        """Return the unknowns of an arm whose tasks are in equilibrium under tensions."""
+    def initial_variables(self, values: Array, tensions: Array) -> Array:
+        """Return the variables for an arm whose tasks are in equilibrium under tensions."""
         _, arm, scene = self.parameters.setting(values)
-        parts, numbers = list[Array](), self.numbers(values)
+        parts = list[Array]()
+        parameters = self.equation_parameters(values)
         for i, (problem, T) in enumerate(zip(self.problems, tensions, strict=True)):
             states = Collocation(self.system(i, arm, scene)).solve(T).states
-            parts.append(problem.closed(T, states, numbers[i]))
+            parts.append(problem.closed(T, states, parameters[i]))
         return np.concatenate([*parts, self.parameters.fractions(values)])
 
     def solve(self, values: Array, tensions: Array, fixed: bool = False) -> DesignOptimum:
-        """Return the optimum that an arm and its plans lead to, numbers of the arm `fixed` or not.
+        """Solve the program from an arm and its plans; `fixed` holds the parameters of the arm.
 
-        Or the best of all that were met on the way, where that is these themselves.
+        Return the initial point if the solution is worse.
         """
-        x, bounds, solution = self._followed(values, tensions, fixed)
+        x, bounds, solution = self._solve_from(values, tensions, fixed)
         first = self._optimum(x, bounds)
         last = self._optimum(solution.x, bounds)
         return min(last, first, key=lambda optimum: optimum.cost)
 
     def sensitivity(self, values: Array, tensions: Array) -> Array:
-        """Return derivatives of the objective by the values (K,), all tensions chosen anew.
+        """Return derivatives of the objective with respect to the values (K,).
 
-        They are less the multipliers of the values, held at the optimum of the tensions.
+        The tensions are optimal for each value. The derivatives are minus the multipliers of the
+        fixed values.
         """
-        _, _, solution = self._followed(values, tensions, fixed=True)
-        return np.asarray(-self.worth * solution.lam_x[-self.K :] / self.parameters.range)
+        _, _, solution = self._solve_from(values, tensions, fixed=True)
+        multipliers = solution.lam_x[-self.K :]
+        return np.asarray(-self.objective_unit * multipliers / self.parameters.range)
 
-    def _followed(
+    def _solve_from(
         self, values: Array, tensions: Array, fixed: bool
     ) -> tuple[Array, Bounds, Solution]:
-        """Return the unknowns of an arm and its plans, the bounds, and what ipopt makes of them.
+        """Return the initial variables for an arm and its plans, the bounds, and the solution.
 
-        OutOfTime where the time limit stopped it.
+        Raises OutOfTime if the time limit stopped ipopt. A reach starts at the first task's
+        tensions.
         """
-        x = self.begun(values, np.array([*tensions, tensions[0]][: len(self.tasks)]))
-        z, room = x[-self.K :], self.making.room(self.arm).size
+        x = self.initial_variables(values, np.array([*tensions, tensions[0]][: len(self.tasks)]))
+        z = x[-self.K :]
+        n_margins = self.manufacturing.margins(self.arm).size
         ends = (z, z) if fixed else (np.zeros(self.K), np.ones(self.K))
         each = [problem.bounds for problem in self.problems]
-        bounds = joined(each, ends, (np.zeros(room), np.full(room, np.inf)))
+        bounds = joined(each, ends, (np.zeros(n_margins), np.full(n_margins, np.inf)))
         solution = self.stated.solve(TOGETHER, x, np.zeros(0), bounds)
         if solution.is_finite:
-            known = solution.lam_x, solution.lam_g
-            solution = self.stated.solve(WARM, solution.x, np.zeros(0), bounds, known)
+            multipliers = solution.lam_x, solution.lam_g
+            solution = self.stated.solve(WARM, solution.x, np.zeros(0), bounds, multipliers)
         if not solution.met:
             check_time()
         return x, bounds, solution
 
     def _optimum(self, x: Array, bounds: Bounds) -> DesignOptimum:
+        """Return the point of the program as an optimum."""
         f, g = (np.array(v).ravel() for v in self.stated.values(x, []))
-        off = np.concatenate([bounds[2] - g, g - bounds[3], [0.0]]).max()
+        violation = np.concatenate([bounds[2] - g, g - bounds[3], [0.0]]).max()
         *each, z = self.stated.split(x)
         pairs = zip(self.problems, each, strict=True)
-        T = np.array([problem.tensions(item) for problem, item in pairs])
-        missed = float(off) if np.isfinite(off) else np.inf
-        values = self.parameters.from_fractions(np.clip(z, 0.0, 1.0))
-        return DesignOptimum(values, T, missed, self.worth * float(f[0]))
+        return DesignOptimum(
+            values=self.parameters.from_fractions(np.clip(z, 0.0, 1.0)),
+            tensions=np.array([problem.tensions(item) for problem, item in pairs]),
+            violation=float(violation) if np.isfinite(violation) else np.inf,
+            objective=self.objective_unit * float(f[0]),
+        )
 
-    def all_numbers(self, z: Array) -> Array:
-        """Return all numbers (n,) at z; raises InputError where no such arm can be."""
-        return np.concatenate(self.numbers(self.parameters.from_fractions(z)))
+    def all_equation_parameters(self, z: Array) -> Array:
+        """Return all equation parameters and margins (n,) at z; InputError if no arm has z."""
+        return np.concatenate(self.equation_parameters(self.parameters.from_fractions(z)))
 
-    def first_derivatives(self, z: Array) -> Array:
-        """Return their derivatives (n, K) by z."""
+    def parameter_jacobian(self, z: Array) -> Array:
+        """Return the derivatives (n, K) of all equation parameters and margins by z."""
         values = self.parameters.from_fractions(z)
-        parts = self.parameters.derivatives(self.numbers, self.numbers(values), values)
+        at_values = self.equation_parameters(values)
+        parts = self.parameters.derivatives(self.equation_parameters, at_values, values)
         return np.vstack(parts) * self.parameters.range
 
     @cached_property
     def stated(self) -> SideBySide:
-        """The program in symbols: the tasks, with the numbers of the arm in common."""
-        cuts = np.cumsum([0, *map(len, self.numbers(self.parameters.start))]).tolist()
-        room, K = cuts[-1] - cuts[-2], self.K
-        sizes = [problem.program.size for problem in self.problems]
-        rows = [problem.program.rows.size for problem in self.problems]
-        at = SideBySide(sizes, rows, K, room, 0)
+        """The program in CasADi symbols: the tasks, which share the parameters of the arm."""
+        sizes = list(map(len, self.equation_parameters(self.parameters.start)))
+        cuts = np.cumsum([0, *sizes]).tolist()
+        n_margins = sizes[-1]
+        K = self.K
+        at = SideBySide(
+            [problem.program.size for problem in self.problems],
+            [problem.program.rows.size for problem in self.problems],
+            K,
+            n_margins,
+            0,
+        )
         (*xs, z), (*lams, _) = at.unknowns, at.multipliers
-        # CasADi does not keep the closed forms that a program calls.
-        self._closed = [
-            NumbersOfArm(self.all_numbers, K, (cuts[-1], 1)),
-            NumbersOfArm(self.first_derivatives, K, (cuts[-1], K)),
+        # CasADi does not keep callbacks alive: hold references for the life of the program.
+        self._callbacks = [
+            ClosedForm(self.all_equation_parameters, K, (cuts[-1], 1)),
+            ClosedForm(self.parameter_jacobian, K, (cuts[-1], K)),
         ]
-        values, by_z = (ca.vertsplit(each(z), cuts) for each in self._closed)
-        tasks = zip(self.problems, self.weights, xs, values, by_z, lams, strict=False)
+        parameters, by_z = (ca.vertsplit(callback(z), cuts) for callback in self._callbacks)
+        tasks = zip(self.problems, self.weights, xs, parameters, by_z, lams, strict=False)
         parts = [_part(problem, w, x, n, J, lam, at.sigma) for problem, w, x, n, J, lam in tasks]
-        J = ca.horzcat(ca.MX(room, at.ends[-1]), by_z[-1])
-        return at.stated(parts, Part(ca.MX(0), ca.MX(K, 1), values[-1], J, ca.MX(K, K)))
+        J = ca.horzcat(ca.MX(n_margins, at.ends[-1]), by_z[-1])
+        return at.stated(parts, Part(ca.MX(0), ca.MX(K, 1), parameters[-1], J, ca.MX(K, K)))
 
 
 def _part(
     problem: Problem,
     weight: float,
     x: ca.MX,
-    numbers: ca.MX,
+    parameters: ca.MX,
     by_z: ca.MX,
     lam: ca.MX,
     sigma: ca.MX,
 ) -> Part:
-    """Return a task's part at unknowns x, numbers n and their derivatives by z.
+    """Return a task's part of the program, with derivatives with respect to (x, z).
 
-    And the weights of its constraints and of the objective. The equations see y = (unknowns in SI,
-    n); the chain rule takes them to (x, z).
+    The arguments are the weight of the task's objective, its variables x, the parameters n of its
+    equations with their derivatives by z, the multipliers of its constraints, and the factor of the
+    objective in the Hessian. The equations are functions of y = (x in SI units, n); the chain rule
+    gives the derivatives by (x, z).
     """
-    of, p, K = problem.program, ca.DM(problem.parameters()), by_z.size2()
-    whole, scale, m = of.scale(p), p[of.parts["row_scale"]], of.n_outer
+    of = problem.program
+    p = ca.DM(problem.parameters())
+    K = by_z.size2()
+    unit = of.scale(p)
+    row_scale = p[of.parts["row_scale"]]
+    m = of.n_outer
     weights = weight * sigma, lam[:m]
     f, gradient, outer, outer_J, outer_H = of.outer.call([x, p, *weights], True, False)
     equations = of.equations.in_numbers()
-    y, none = ca.vertcat(whole * x, numbers), ca.MX(0, 1)
-    chain = ca.diagcat(ca.MX(ca.diag(whole)), by_z)
-    J, H = equations.jacobian, equations.hessian
-    by_y = ca.diag(1 / scale) @ ca.MX(J.places, J.function(y, none))[:, :-1]
-    curved = chain.T @ ca.MX(H.places, H.function(y, none, lam[m:] / scale)) @ chain
+    y = ca.vertcat(unit * x, parameters)
+    none = ca.MX(0, 1)
+    chain = ca.diagcat(ca.MX(ca.diag(unit)), by_z)
+    J = equations.jacobian
+    H = equations.hessian
+    by_y = ca.diag(1 / row_scale) @ ca.MX(J.places, J.function(y, none))[:, :-1]
+    equation_H = ca.MX(H.places, H.function(y, none, lam[m:] / row_scale))
     return Part(
         weight * f,
         ca.vertcat(weight * gradient, ca.MX(K, 1)),
-        ca.vertcat(outer, equations.value.function(y, none) / scale),
+        ca.vertcat(outer, equations.value.function(y, none) / row_scale),
         ca.vertcat(ca.horzcat(outer_J, ca.MX(m, K)), by_y @ chain),
-        curved + ca.diagcat(outer_H, ca.MX(K, K)),
+        chain.T @ equation_H @ chain + ca.diagcat(outer_H, ca.MX(K, K)),
     )
 
 
-class NumbersOfArm(ca.Callback):
-    """A matrix of z (K,) in NumPy as CasADi calls it.
+class ClosedForm(ca.Callback):
+    """CasADi callback: a matrix that NumPy evaluates from z (K,).
 
-    No numbers where no such arm can be, so that the solver shortens its step.
+    The matrix is NaN if no arm has z, so that the solver shortens its step.
     """
 
-    def __init__(self, of: Callable[[Array], Array], K: int, shape: tuple[int, int]) -> None:
+    def __init__(self, function: Callable[[Array], Array], K: int, shape: tuple[int, int]) -> None:
         super().__init__()
-        self._K, self._shape = K, shape
-        # A step asks for them up to four times.
-        self._at = lru_cache(maxsize=4)(lambda z: ca.DM(of(np.array(z))))
+        self._K = K
+        self._shape = shape
+        # One iteration of ipopt evaluates the callback up to four times, partly at the same z.
+        self._at = lru_cache(maxsize=4)(lambda z: ca.DM(function(np.array(z))))
         self.construct("closed_form", {})
 
     def get_sparsity_in(self, _: int) -> ca.Sparsity:
-        """Return that z is dense."""
+        """Return the sparsity of z: dense."""
         return ca.Sparsity.dense(self._K)
 
     def get_sparsity_out(self, _: int) -> ca.Sparsity:
-        """Return that the matrix is dense."""
+        """Return the sparsity of the matrix: dense."""
         return ca.Sparsity.dense(*self._shape)
 
     def eval(self, given: Sequence[ca.DM]) -> list[ca.DM]:
-        """Return the matrix."""
+        """Evaluate the matrix."""
         try:
             return [self._at(tuple(np.array(given[0]).ravel().tolist()))]
         except InputError:

@@ -1,4 +1,4 @@
-"""A designed arm: its plans, what it is best at, and what to try where that is not enough."""
+"""Designed arm: its plans, the values of the objective, and remedies."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from octoplan.model.paths import Array
 from octoplan.model.stiffness import stiffness
 from octoplan.model.support.text import TextRepr, counted
 from octoplan.planner.extensions.fit.design_program import DesignProgram
-from octoplan.planner.extensions.fit.making import Making, Objective, Reach
+from octoplan.planner.extensions.fit.manufacturing import ManufacturingLimits, Objective, Reach
 from octoplan.planner.extensions.fit.unknowns import AT_BOUND, WORSE, Parameters, Unknown
 from octoplan.planner.plan import Plan
 from octoplan.planner.targets import Softest, Stiffest
@@ -20,31 +20,31 @@ from octoplan.planner.targets import Softest, Stiffest
 
 @dataclass(frozen=True, repr=False)
 class Design(TextRepr):
-    """A designed arm; see octoplan.planner.extensions.fit.design_program for what it is best at.
+    """A designed arm; see octoplan.planner.extensions.fit.design_program for the optimisation.
 
     Attributes
     ----------
     given_arm, scene
-        What it began with.
+        The arm before the design, and the scene.
     unknowns : tuple of Unknown
     values : tuple of float
-        In the units of their keys.
+        Chosen values of the unknowns, in the units of their keys.
     arm : Arm
         The designed arm.
     plans, before : tuple of Plan
-        Of each task for the designed arm, and for the given one.
+        Plans of the tasks for the designed arm, and for the given arm.
     value, value_before : float
-        What was made best: effort [N], mean stiffness of the tip [N/m], or reach [m]; the same of
-        the given arm.
-    making : Making
-        What can be made.
+        Objective of the designed and of the given arm: effort [N], mean stiffness of the tip [N/m],
+        or reach [m].
+    manufacturing : ManufacturingLimits
+        Limits of the arms that can be manufactured.
     objective : "effort", Stiffest, Softest or Reach
     reaches : (before, now) or None
-        Tensions (n_tendons,) that reach farthest, of the given arm and the designed one.
+        Tensions (n_tendons,) of the farthest reach, of the given arm and the designed one.
     optima : tuple of float
-        What is least at the optima that arms begun with came to, if they meet as much as this one.
+        Objectives of all local optima that violate the constraints as little as the best one.
     stopped : bool
-        Whether the time limit came before all of them were begun with.
+        Whether the time limit came before all optimisations had run.
     """
 
     given_arm: Arm
@@ -56,7 +56,7 @@ class Design(TextRepr):
     before: tuple[Plan, ...] = field(compare=False)
     value: float
     value_before: float
-    making: Making = field(default_factory=Making)
+    manufacturing: ManufacturingLimits = field(default_factory=ManufacturingLimits)
     objective: Objective = "effort"
     reaches: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     optima: tuple[float, ...] = ()
@@ -64,7 +64,7 @@ class Design(TextRepr):
 
     @property
     def parameters(self) -> Parameters:
-        """The unknowns with what they are numbers of."""
+        """The unknowns, with the arm and the scene that contain them."""
         return Parameters.of(self.given_arm, self.scene, self.unknowns)
 
     @property
@@ -74,7 +74,7 @@ class Design(TextRepr):
 
     @property
     def feasible(self) -> bool:
-        """Whether the designed arm meets every task, by the plans' certificates."""
+        """Whether the designed arm meets every task, according to the plans' certificates."""
         return _all_met(self.plans)
 
     @property
@@ -84,9 +84,9 @@ class Design(TextRepr):
 
     @property
     def gain(self) -> float:
-        """The share of the given arm's effort that is saved, or by which stiffness or reach grow.
+        """Relative decrease of the effort, or relative increase of the stiffness or the reach.
 
-        NaN unless both meet all tasks.
+        NaN unless both arms meet all tasks.
         """
         if not (self.feasible and _all_met(self.before)):
             return float("nan")
@@ -95,32 +95,35 @@ class Design(TextRepr):
 
     @property
     def sensitivity(self) -> Array:
-        """How the effort changes with the unknowns (K,) [N per unit], tensions chosen anew.
+        """Derivatives of the effort with respect to the unknowns (K,) [N per unit].
 
-        At a bound it says what the bound costs. Raises InputError unless all tasks are met, and
-        unless effort was made least.
+        The tensions are optimal for each value. The derivative of an unknown at a bound is the
+        price of the bound. Raises InputError unless the objective is the effort and all tasks are
+        met.
         """
         if self.objective != "effort":
             raise InputError("design", self.objective, "a design for the least effort")
         if not self.feasible:
             raise InputError("design", "tasks that are not met", "a design that meets all tasks")
-        tasks, limits = [plan.targets for plan in self.plans], self.plans[0].limits
-        program = DesignProgram(self.parameters, tasks, limits, self.making)
+        tasks = [plan.targets for plan in self.plans]
+        limits = self.plans[0].limits
+        program = DesignProgram(self.parameters, tasks, limits, self.manufacturing)
         T = np.array([np.ravel(plan.tensions) for plan in self.plans])
         return program.sensitivity(self.array, T) / self.effort
 
     @property
     def outcome(self) -> str:
-        """What was found, and where that is not enough which task and which limit hold it."""
+        """Result of the design; for tasks that are not met, the active limits."""
         lines = [self._comparison()]
         for i, each in enumerate(self.plans):
             if not each.certificate.passed:
-                T, upper = np.ravel(each.tensions), np.array(each.limits.upper)
-                at = np.flatnonzero(upper * (1 - AT_BOUND) <= T)
-                names = ", ".join(each.arm.tendon_name(int(j)) for j in at)
+                T = np.ravel(each.tensions)
+                upper = np.array(each.limits.upper)
+                at_limit = np.flatnonzero(upper * (1 - AT_BOUND) <= T)
+                names = ", ".join(each.arm.tendon_name(int(j)) for j in at_limit)
                 held = f" At the tension limit: {names}." if names else ""
                 lines.append(f"Task {i} is not met: {each.outcome}{held}")
-        limits = self.making.binding(self.arm)
+        limits = self.manufacturing.binding(self.arm)
         if limits:
             lines.append(f"At a limit of what can be made: {', '.join(limits)}.")
         if ends := self.parameters.names_at_bounds(self.array):
@@ -139,8 +142,8 @@ class Design(TextRepr):
         tasks = f"{counted(len(self.plans), 'task')}, {counted(len(self.unknowns), 'unknown')}"
         if not self.feasible:
             return f"{tasks}: no arm within the bounds was found that meets all of them."
-        said, unit = _WORDS[type(self.objective)]
-        now = f"{said} {self.value:.4g} {unit}"
+        name, unit = _WORDS[type(self.objective)]
+        now = f"{name} {self.value:.4g} {unit}"
         if not np.isfinite(self.gain):
             return f"{tasks}: {now}; the given arm does not meet all of them."
         before = f"the given arm's {self.value_before:.4g} {unit}"
@@ -148,6 +151,7 @@ class Design(TextRepr):
         return f"{tasks}: {now}, {100 * abs(self.gain):.3g} % {compared} than {before}."
 
 
+# Name and unit of the objective in the outcome.
 _WORDS: dict[type, tuple[str, str]] = {
     str: ("effort", "N"),
     Stiffest: ("stiffness of the tip", "N/m"),
@@ -156,10 +160,10 @@ _WORDS: dict[type, tuple[str, str]] = {
 }
 
 
-def worth(
+def objective_value(
     objective: Objective, scene: Scene, arm: Arm, plans: Sequence[Plan], T: Sequence[float] | None
 ) -> float:
-    """Return what a design makes best, of an arm with its plans, or tensions T that reach far."""
+    """Return the objective of an arm with its plans; of a reach, with its tensions T."""
     if objective == "effort":
         return _root_sum_square(plans)
     along = np.array(objective.direction)

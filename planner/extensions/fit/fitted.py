@@ -1,4 +1,4 @@
-"""Fitted values of an arm's numbers, and how well they are known."""
+"""Fitted values of an arm's parameters, with standard errors and diagnostics."""
 
 from __future__ import annotations
 
@@ -17,24 +17,27 @@ from octoplan.model.support.checks import within
 from octoplan.model.support.text import counted
 from octoplan.planner.extensions.fit.experiment import Experiment
 from octoplan.planner.extensions.fit.identifiability import Direction, direction, information
-from octoplan.planner.extensions.fit.least_squares import Loss, counted_by, degrees_of_freedom
+from octoplan.planner.extensions.fit.least_squares import Loss, degrees_of_freedom, loss_weights
 from octoplan.planner.extensions.fit.measured import Measured, crushing_remark
 from octoplan.planner.extensions.fit.residuals import Evaluation, Residual, from_rest, mean_distance
 from octoplan.planner.extensions.fit.unknowns import WORSE, Parameters, Unknown
 
-# Standard error over that of the prior above which the data say nothing; residuals of a shape over
-# those of the median shape above which it is unlike the others.
-_UNMOVED, _UNLIKE = 0.9, 3.0
-# Degrees of freedom from which on Student's t is as good as normal: 12 % wider intervals of 95 %.
+# Standard error over the standard deviation of the prior above which the data add nothing.
+_UNMOVED = 0.9
+# Residuals of a shape over the residuals of the median shape above which the shape is an outlier.
+_UNLIKE = 3.0
+# Degrees of freedom from which on the outcome omits the width of Student's t intervals; at 10,
+# intervals of 95 % are 12 % wider than normal ones.
 _MANY = 10
-# Markers that are off by such a share of the arm's length in the mean are not explained at all.
+# Mean error of a shape's markers, over the arm's length, above which the shape is not reached.
 _UNREACHED = 0.1
 
 
 class Start(NamedTuple):
-    """Values that a fit began with, where it came to, and the misfit there.
+    """Initial values of a fit, the final values, and the misfit.
 
-    The misfit is the negative logarithm of the likelihood, but for a constant.
+    The misfit is the negative log-likelihood up to a constant. `found` is None if the fit failed;
+    `why` is the reason.
     """
 
     values: tuple[float, ...]
@@ -45,41 +48,42 @@ class Start(NamedTuple):
 
 @dataclass(frozen=True)
 class Fitted:
-    """An arm with fitted numbers.
+    """An arm with fitted parameters.
 
     Attributes
     ----------
     given_arm, given_scene
-        What it began with.
+        Arm and scene before the fit.
     measured : tuple of Measured
     unknowns : tuple of Unknown
     values : tuple of float
-        Of the unknowns, in the units of their keys.
+        Estimates of the unknowns, in the units of their keys.
     noise : float
-        What the standard deviations of the measurements are multiplied by; 1 without surplus data.
+        Factor of the standard deviations of the measurements; 1 without surplus data.
     loss : str
-        Of residuals over the noise; see calibrate.
+        Loss function of the residuals over the noise; see calibrate.
     absolute_std : bool
-        Whether standard deviations of the measurements hold as they were given.
+        Whether standard deviations of the measurements apply as given.
     refinement, stages : int
-        Of the mesh.
+        Refinement of the mesh, and number of collocation stages.
     error : float
-        Estimated error of what is predicted, over the arm's length.
+        Estimated error of predictions due to the mesh, over the arm's length.
     starts : tuple of Start
-        Where fits came to, the given values first.
+        Initial and final values of each fit, the given values first.
     astray : tuple of str
-        Shapes that a fit had on another branch than the arm takes from rest; it was begun again.
+        Shapes that a fit had on another branch than the arm reaches from rest, which made the fit
+        restart.
     left_out : tuple of (str, str)
-        Shapes that the fit does without, and why: they jump, or do not settle, near its values.
+        Shapes that the fit excludes, each with the reason: near the estimate these shapes jump or
+        do not settle.
     stopped : bool
-        Whether the time limit came before the optimum.
+        Whether the time limit stopped the fit before the optimum.
     machine_code : bool
         Whether shapes are settled by compiled kernels.
     blocked : tuple of (str, str)
-        Shapes beyond whose limit the optimum is, and why they do not settle there: the fit ended at
-        the limit.
+        Shapes that ended the fit at a limit beyond which they do not settle, each with the reason.
     known : Evaluation or None
-        The shapes at the values, where they are at hand; they do not travel.
+        Shapes at the estimate, if already evaluated; neither saved nor pickled.
     """
 
     given_arm: Arm
@@ -102,13 +106,13 @@ class Fitted:
     known: Evaluation | None = field(default=None, compare=False, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the numbers; what was worked out of them does not travel."""
+        """Return the fields, without results that can be recomputed."""
         state = {item.name: getattr(self, item.name) for item in fields(self)}
         return state | {"known": None}
 
     @property
     def arm(self) -> Arm:
-        """The calibrated arm; see `setting` for what belongs to a session."""
+        """The calibrated arm; see `setting` for the arm of a session."""
         return self.setting()[0]
 
     @property
@@ -117,7 +121,7 @@ class Fitted:
         return self.setting()[1]
 
     def setting(self, session: str = "") -> tuple[Arm, Scene]:
-        """Return arm and scene of a session."""
+        """Return the arm and the scene of a session."""
         return self.parameters.setting(self.array, session)[1:]
 
     @property
@@ -127,16 +131,16 @@ class Fitted:
 
     @property
     def std(self) -> Array:
-        """Standard errors of the values (K,), in their units; inf if nothing determines them.
+        """Standard errors of the values (K,), in their units; inf for unidentified unknowns.
 
-        Without surplus data they follow from the standard deviations of the measurements, and are
-        inf unless these are given.
+        Without surplus data, standard errors are propagated from the given standard deviations of
+        the measurements, and are inf unless these deviations are given.
         """
         return np.sqrt(np.diag(self.information[0])) * self.parameters.range
 
     @property
     def covariance(self) -> Array:
-        """Of the values (K, K), in the units of their keys."""
+        """Covariance matrix of the values (K, K), in the units of their keys."""
         return np.asarray(self.information[0] * np.outer(*[self.parameters.range] * 2))
 
     def interval(self, level: float = 0.95) -> Array:
@@ -145,7 +149,7 @@ class Fitted:
         return np.column_stack([self.array - half, self.array + half])
 
     def quantile(self, level: float) -> float:
-        """Return how many standard errors an interval reaches to either side."""
+        """Return the half width of an interval in standard errors."""
         half = (1 + checked_level(level)) / 2
         if self.uses_given_std:
             return float(scipy.special.ndtri(half))
@@ -153,9 +157,9 @@ class Fitted:
 
     @cached_property
     def degrees_of_freedom(self) -> float:
-        """Number of data minus the number of combinations of unknowns that they determine.
+        """Number of data minus the number of combinations of unknowns that the data determine.
 
-        0 without surplus data: if values of the unknowns exist for any data.
+        0 without surplus data, that is, if some values of the unknowns fit any data.
         """
         return degrees_of_freedom(self.evaluation, self.noise)
 
@@ -171,7 +175,7 @@ class Fitted:
 
     @property
     def evidence(self) -> str:
-        """What standard errors follow from, in one sentence; "" with many surplus data."""
+        """Source of the standard errors, in one sentence; "" with many surplus data."""
         freedom = self.degrees_of_freedom
         if self.absolute_std or freedom >= _MANY:
             return ""
@@ -197,7 +201,7 @@ class Fitted:
 
     @property
     def unidentified(self) -> tuple[Direction, ...]:
-        """Combinations of unknowns that the data do not tell, or hardly."""
+        """Combinations of unknowns that the data identify badly or not at all."""
         names = [unknown.name for unknown in self.unknowns]
         units = [self.parameters.unit(unknown) for unknown in self.unknowns]
         return tuple(
@@ -213,7 +217,7 @@ class Fitted:
 
     @property
     def at_priors(self) -> tuple[str, ...]:
-        """Names of the unknowns of which the data say no more than their priors."""
+        """Names of the unknowns whose priors the data do not improve."""
         if self.is_uncertain:
             return ()
         rows = zip(self.unknowns, self.std, strict=True)
@@ -225,20 +229,20 @@ class Fitted:
 
     @property
     def residuals(self) -> tuple[Residual, ...]:
-        """All that was measured, shape by shape, of those that settle."""
+        """All residuals, shape by shape, of the shapes that settle."""
         return tuple(self.evaluation.named())
 
     @property
     def mean_error(self) -> float:
-        """Mean distance of markers and tips from where they are predicted [m]; NaN without any."""
+        """Mean distance between measured and predicted markers and tips [m]; NaN without any."""
         return mean_distance(self.residuals)
 
     @property
     def unlike(self) -> tuple[str, ...]:
-        """Names of shapes that are far worse explained than the others.
+        """Names of outliers: shapes that fit far worse than the others.
 
-        Their residuals over the noise are, in the mean, more than three times those of the median
-        shape, and more than noise; no values within the bounds bring them nearer.
+        The root mean square of an outlier's residuals over the noise is above three times the one
+        of the median shape, and above 1.
         """
         scaled = self.evaluation.scaled(self.noise)
         sizes = {i: float(np.sqrt(np.mean(np.square(r)))) for i, (r, _) in scaled.items()}
@@ -247,10 +251,10 @@ class Fitted:
 
     @property
     def unreached(self) -> tuple[str, ...]:
-        """Names of shapes that no values within the bounds come near.
+        """Names of shapes that the fit does not reach.
 
-        Their markers, or lengths or strokes of their tendons, are off by more than a tenth of the
-        arm's length in the mean.
+        The mean error of their markers, tendon lengths or strokes is above a tenth of the arm's
+        length.
         """
         far, sizes = _UNREACHED * self.given_arm.length, dict[tuple[str, str], list[float]]()
         for residual in self.residuals:
@@ -262,7 +266,7 @@ class Fitted:
 
     @property
     def outcome(self) -> str:
-        """What was found, how well it is known, and what to try."""
+        """Result of the fit, uncertainties, and remedies."""
         size = sum(shape.size for shape in self.measured)
         counts = [(len(self.measured), "shape"), (size, "number"), (len(self.unknowns), "unknown")]
         error = f"residuals are {self.noise:.3g} times the standard deviations given"
@@ -290,7 +294,7 @@ class Fitted:
         return " ".join([*lines, *self._agreement()])
 
     def _outliers(self) -> list[str]:
-        """Return which shapes are not reached, and which not as well as others."""
+        """Return sentences on shapes that are not reached and on outliers."""
         lines, far = [], self.unreached
         unlike = [name for name in self.unlike if name not in far]
         if far:
@@ -310,7 +314,7 @@ class Fitted:
         return lines
 
     def _largest_residual(self, names: Sequence[str]) -> str:
-        """Return which marker, length or stroke of some shapes is farthest off."""
+        """Return a sentence on the largest error of a marker, length or stroke in some shapes."""
         rows = [
             residual
             for residual in self.residuals
@@ -322,29 +326,29 @@ class Fitted:
         return f"Farthest off is {worst.what} of {worst.shape}, by {1e3 * worst.size:.3g} mm."
 
     def _agreement(self) -> list[str]:
-        """Return how many of several starts came to the optimum."""
+        """Return a sentence on the number of starts that converged to the optimum."""
         if len(self.starts) == 1:
             return []
         best = min(start.misfit for start in self.starts)
-        there = [start for start in self.starts if start.misfit <= best + WORSE * abs(best) + WORSE]
-        lost = sum(start.found is None for start in self.starts)
-        others = len(self.starts) - len(there) - lost
-        line = f"{len(there)} of {len(self.starts)} starts came to this optimum"
-        line += f", {others} to worse ones" if others else ""
-        line += f", {lost} to no shapes that settle" if lost else ""
+        equal = [start for start in self.starts if start.misfit <= best + WORSE * abs(best) + WORSE]
+        failed = sum(start.found is None for start in self.starts)
+        worse = len(self.starts) - len(equal) - failed
+        line = f"{len(equal)} of {len(self.starts)} starts came to this optimum"
+        line += f", {worse} to worse ones" if worse else ""
+        line += f", {failed} to no shapes that settle" if failed else ""
         first = self.starts[0]
-        if first not in there and first.found is not None:
+        if first not in equal and first.found is not None:
             line += "; the given values lead to a worse one: it is another basin"
         return [f"{line}."]
 
     @cached_property
     def parameters(self) -> Parameters:
-        """The unknowns with what they are numbers of."""
+        """The unknowns, with the arm and the scene that contain them."""
         return parameters_of(self.given_arm, self.given_scene, self.unknowns, self.measured)
 
     @cached_property
     def evaluation(self) -> Evaluation:
-        """The shapes at the values, as they are reached from rest, but for those left out."""
+        """The shapes at the estimate, settled from rest, without the excluded shapes."""
         if self.known is not None:
             return self.known
         names = [name for name, _ in self.left_out]
@@ -353,13 +357,18 @@ class Fitted:
         return rest.only([i for i in kept if i in rest.equilibria]).relinearised()
 
     def experiment(self, shapes: Sequence[Measured]) -> Experiment:
-        """Return shapes with the unknowns of this calibration."""
-        mesh = self.refinement, self.stages, self.machine_code
-        return Experiment(self.parameters, shapes, *mesh)
+        """Return the equations of shapes with the unknowns of this calibration."""
+        return Experiment(
+            parameters=self.parameters,
+            shapes=shapes,
+            refinement=self.refinement,
+            stages=self.stages,
+            machine_code=self.machine_code,
+        )
 
     @cached_property
     def information(self) -> tuple[Array, Array, list[tuple[Array, float]]]:
-        """What data and priors say of the unknowns, from bound to bound; see identifiability."""
+        """Covariances and unidentified directions of unknowns in [0, 1]; see identifiability."""
         covariance, bounded, directions = information(self.all_jacobians)
         if self.is_uncertain:
             covariance[np.diag_indices(len(covariance))] = np.inf
@@ -367,30 +376,31 @@ class Fitted:
 
     @property
     def all_jacobians(self) -> Array:
-        """Those of the residuals of all shapes and of the priors (n, K)."""
+        """Jacobian of the residuals of all shapes and of the priors (n, K)."""
         return np.vstack([*self.jacobians.values(), self.parameters.priors(self.array)[1]])
 
     @cached_property
     def jacobians(self) -> dict[int, Array]:
-        """Derivatives of the residuals of shapes over the noise by unknowns from 0 to 1."""
+        """Derivatives of each shape's residuals over the noise, by unknowns in [0, 1]."""
         return {
-            i: J * np.sqrt(counted_by(self.loss, r))[:, None]
+            i: J * np.sqrt(loss_weights(self.loss, r))[:, None]
             for i, (r, J) in self.evaluation.scaled(self.noise).items()
         }
 
 
 def checked_level(level: Any) -> float:
-    """Return the probability that an interval holds what it is of, or raise InputError."""
+    """Return the confidence level of an interval, or raise InputError."""
     return within("level", level, 0.0, np.nextafter(1.0, 0.0))
 
 
 def parameters_of(
     arm: Arm, scene: Scene, unknowns: Iterable[Unknown], shapes: Sequence[Measured]
 ) -> Parameters:
-    """Return unknowns with the keys of arm, scene and markers, those of the shape that has most.
+    """Return the unknowns, with keys of the arm, the scene and the markers.
 
-    InputError for unknown keys and sessions, and for bounds that do not fit.
+    The markers are the ones of the shape that has most. Raises InputError for unknown keys and
+    sessions, and for unsuitable bounds.
     """
-    most: Sequence[Any] = max((shape.points for shape in shapes), key=len, default=())
+    points: Sequence[Any] = max((shape.points for shape in shapes), key=len, default=())
     sessions = sorted({shape.session for shape in shapes} - {""})
-    return Parameters.of(arm, scene, unknowns, most, sessions)
+    return Parameters.of(arm, scene, unknowns, points, sessions)

@@ -1,8 +1,8 @@
 """Least squares over all measured shapes, by SciPy's trust region method with bounds.
 
-Unknowns are counted from lower to upper bound, 0 to 1. Priors are further residuals, which no
-robust loss touches. A step to values at which no arm can be, or a shape does not settle, is
-shortened: its residuals are infinite, and the trust region shrinks.
+The unknowns are scaled to [0, 1] between their bounds. Priors are additional residuals, to which
+robust losses do not apply. If a step leads to values that no arm has, or at which a shape does not
+settle, its residuals are infinite, so that the trust region shrinks.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from octoplan.planner.extensions.fit.unknowns import AT_BOUND
 LOG = logging.getLogger(__name__)
 Loss = Literal["linear", "huber", "soft_l1", "cauchy"]
 Rho = tuple[Array, Array, Array]
-# rho(z), rho', rho'' of squared residuals z over the noise; scipy.optimize.least_squares.
+# rho(z), rho', rho'' of squared residuals z over the noise, as in scipy.optimize.least_squares.
 _RHO: dict[str, Callable[[Array], Rho]] = {
     "linear": lambda z: (z, np.ones_like(z), np.zeros_like(z)),
     "huber": lambda z: (
@@ -37,45 +37,50 @@ _RHO: dict[str, Callable[[Array], Rho]] = {
     "soft_l1": lambda z: (2 * (np.sqrt(1 + z) - 1), (1 + z) ** -0.5, -0.5 * (1 + z) ** -1.5),
     "cauchy": lambda z: (np.log1p(z), 1 / (1 + z), -1 / (1 + z) ** 2),
 }
-# The standard deviation of a normal distribution over the median of sizes.
+# Standard deviation of a normal distribution over the median of the absolute values.
 _MEDIAN = 1 / float(scipy.special.ndtri(0.75))
-# The least noise, over the standard deviations given; the last step, over the unknowns from 0 to 1.
-_LEAST_NOISE, _STEP = 1e-9, 1e-7
-# How often degrees of freedom, which depend on the noise if there are priors, are found again, and
-# the relative change that is small enough.
-_NOISE_ROUNDS, _NOISE_STEP = 5, 0.01
-# How near to optima fits come, by the logarithm of the likelihood: where only the best is gone on
-# with, and last.
-_ROUGHLY, _LAST = 1e-1, 1e-6
-# Derivatives serve elsewhere if they tell changes up to so much, over the root of the tolerance: by
-# what they are off there the logarithm of the likelihood changes by less than the tolerance. Twice
-# as much takes half as many steps more.
+# Smallest noise, over the given standard deviations.
+_LEAST_NOISE = 1e-9
+# Step tolerance, for unknowns in [0, 1].
+_STEP = 1e-7
+# Largest number of updates of the degrees of freedom, which depend on the noise if there are
+# priors, and the relative change at which the updates stop.
+_NOISE_ROUNDS = 5
+_NOISE_STEP = 0.01
+# Tolerance of the log-likelihood for first fits, of which only the best is continued.
+_ROUGHLY = 1e-1
+# Tolerance of the log-likelihood for final fits.
+_LAST = 1e-6
+# Relative error, over the root of the tolerance, up to which a Jacobian must predict the change of
+# the residuals to be reused. The log-likelihood then changes by less than the tolerance. With 1
+# instead of 0.5, fits take 50 % more steps.
 _TRUSTED = 0.5
 
 
-def counted_by(loss: Loss, r: Array) -> Array:
-    """Return how much residuals over the noise count against those of a square: rho'."""
+def loss_weights(loss: Loss, r: Array) -> Array:
+    """Return the weights rho' of residuals over the noise; 1 for the linear loss."""
     return np.asarray(_RHO[loss](np.square(r))[1])
 
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """The negative logarithm of the likelihood of residuals r and of their noise.
+    """Negative log-likelihood of residuals r and of their noise,
 
-        n log(noise) + 1/2 sum rho((r / noise)^2),
+        n log(noise) + 1/2 sum rho((r / noise)^2).
 
-    of squares, rho(z) = z, with the noise where that is least unless it is known: the gradient by r
-    is that of fixed noise.
+    For the linear loss, rho(z) = z, the noise minimises the expression unless it is given; the
+    gradient with respect to r is the one for constant noise.
 
     Attributes
     ----------
     loss : str
+        Name of rho.
     free : float
-        n, the degrees of freedom.
+        Degrees of freedom n.
     size : int
-        How many of the residuals are of data; the rest are of priors, which are in full.
+        Number of residuals of data. The remaining residuals belong to priors and have weight 1.
     noise : float
-        If it is known, as it is of all losses but squares.
+        Given noise; required for robust losses.
     """
 
     loss: Loss
@@ -84,13 +89,13 @@ class Likelihood:
     noise: float | None = None
 
     def noise_of(self, z: Array) -> float:
-        """Return the noise of squared residuals of data."""
+        """Return the noise for squared residuals of data."""
         if self.noise is not None:
             return self.noise
         return max(float(np.sqrt(z.sum() / self.free)), _LEAST_NOISE)
 
     def rho(self, z: Array) -> Array:
-        """Return twice the likelihood's terms of squared residuals z, and their derivatives."""
+        """Return twice the terms of the log-likelihood and derivatives, for squared residuals z."""
         rows, data = np.array(_RHO["linear"](z)), z[: self.size]
         noise = self.noise_of(data)
         rho, first, second = _RHO[self.loss](data / noise**2)
@@ -102,19 +107,20 @@ class Likelihood:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A local optimum.
+    """A local optimum of the likelihood.
 
     Attributes
     ----------
     evaluation : Evaluation
-        The shapes at the values there.
+        Settled shapes at the optimal values.
     noise : float
-        What standard deviations are multiplied by, as the residuals say; 1 if they hold as given,
-        and without surplus data.
+        Factor of the standard deviations, estimated from the residuals; 1 if the standard
+        deviations apply as given, and without surplus data.
     cost : float
-        The negative logarithm of the likelihood, but for a constant.
+        Negative log-likelihood up to a constant.
     refused : dict of OctoplanError
-        Why shapes did not settle on the last steps, which end the fit; by number.
+        Errors of the shapes that did not settle on the last steps, by index; these shapes ended the
+        fit.
     """
 
     evaluation: Evaluation
@@ -124,16 +130,18 @@ class Fit:
 
 
 def fit(start: Evaluation, loss: Loss, absolute: bool, first: bool = False) -> Fit:
-    """Return the optimum that an evaluation leads to, of the shapes that it has.
+    """Minimise the negative log-likelihood from an evaluation, for the shapes that it contains.
 
-    Roughly, of a `first` fit that begins anywhere. Unless standard deviations hold as given
-    (`absolute`), the noise of a robust loss is by the median of the residuals where the fit begins:
-    near an optimum, or of a first fit at that of Cauchy's loss with the noise by the median before,
-    which bounds what outliers add. Source: Huber, "Robust Statistics" (1981), 7.7.
+    A `first` fit has a coarse tolerance and accepts any initial values. Unless the standard
+    deviations apply as given (`absolute`), the noise of a robust loss follows from the median of
+    the initial residuals. A first fit of a robust loss starts with Cauchy's loss, which bounds the
+    influence of outliers, and takes the median at its optimum. Source: Huber, "Robust Statistics"
+    (1981), 7.7.
 
-    Without surplus data the residuals are zero whatever the noise is, so that it is 1.
+    Without surplus data the optimal residuals are zero for any noise; the noise is then 1.
     """
-    tolerance, freedom = _ROUGHLY if first else _LAST, _most_freedom(start)
+    tolerance = _ROUGHLY if first else _LAST
+    freedom = _most_freedom(start)
     unknowns = start.experiment.parameters.unknowns
     has_priors = any(unknown.prior is not None for unknown in unknowns)
     noise = 1.0 if absolute or (has_priors and _size(start) <= len(unknowns)) else None
@@ -148,7 +156,8 @@ def fit(start: Evaluation, loss: Loss, absolute: bool, first: bool = False) -> F
     if absolute or first:
         return result
     for _ in range(_NOISE_ROUNDS):
-        before, freedom = freedom, degrees_of_freedom(result.evaluation, result.noise)
+        before = freedom
+        freedom = degrees_of_freedom(result.evaluation, result.noise)
         if not freedom:
             if has_priors and noise != 1.0:
                 result = _descent(result.evaluation, loss, 1.0, tolerance, 1.0)
@@ -165,7 +174,7 @@ def fit(start: Evaluation, loss: Loss, absolute: bool, first: bool = False) -> F
 def degrees_of_freedom(at: Evaluation, noise: float) -> float:
     """Return the number of data minus the number of combinations of unknowns that they determine.
 
-    0 without surplus data: if values of the unknowns exist for any data.
+    0 without surplus data, that is, if some values of the unknowns fit any data.
     """
     priors = at.experiment.parameters.priors(at.values)[1]
     J = np.vstack([*(J for _, J in at.scaled(noise).values()), priors])
@@ -174,7 +183,7 @@ def degrees_of_freedom(at: Evaluation, noise: float) -> float:
 
 
 def _median_noise(start: Evaluation) -> float:
-    """Return the noise of a normal distribution with the median of the residuals' sizes."""
+    """Return the noise of a normal distribution, from the median of absolute residuals."""
     sizes = np.abs(np.concatenate([r for r, _ in start.scaled().values()]))
     used = sizes.size / _most_freedom(start)
     return max(float(_MEDIAN * np.median(sizes) * np.sqrt(used)), _LEAST_NOISE)
@@ -185,7 +194,7 @@ def _size(at: Evaluation) -> int:
 
 
 def _most_freedom(start: Evaluation) -> float:
-    """Return the degrees of freedom if priors hold their unknowns; at least 1."""
+    """Return the degrees of freedom if priors determine their unknowns; at least 1."""
     free = sum(unknown.prior is None for unknown in start.experiment.parameters.unknowns)
     return max(_size(start) - free, 1)
 
@@ -193,8 +202,9 @@ def _most_freedom(start: Evaluation) -> float:
 def _descent(
     start: Evaluation, loss: Loss, noise: float | None, tolerance: float, freedom: float
 ) -> Fit:
-    """Return the optimum of a likelihood with degrees of freedom for its noise, if that is None."""
-    steps, parameters = _Steps(start, tolerance), start.experiment.parameters
+    """Minimise from an evaluation; `freedom` applies if `noise` is None."""
+    steps = _Steps(start, tolerance)
+    parameters = start.experiment.parameters
     likelihood = Likelihood(loss, freedom, steps.size, noise)
 
     def stop_at_the_optimum(z: Array) -> None:
@@ -215,32 +225,35 @@ def _descent(
             callback=stop_at_the_optimum,
         )
         LOG.debug("%s: %s after %d evaluations", loss, result.message, result.nfev)
-    z = np.square(steps.taken)
+    z = np.square(steps.accepted)
     noise = likelihood.noise_of(z[: steps.size])
     known = 0.0 if likelihood.noise is None else likelihood.free * float(np.log(noise))
     return Fit(steps.best, noise, known + float(likelihood.rho(z)[0].sum()) / 2, steps.refused)
 
 
 class _BlockedError(Exception):
-    """No step is short enough for all shapes to settle."""
+    """Some shape does not settle even after the shortest step."""
 
 
 class _Steps:
-    """What SciPy calls: z (K,) from 0 to 1; shapes follow from those last differentiated.
+    """Residuals and Jacobian for SciPy, as functions of z (K,), the unknowns in [0, 1].
+
+    Shapes are continued from the last differentiated evaluation.
 
     Attributes
     ----------
     best : Evaluation
-        The shapes at the last step that was taken.
+        Shapes at the last accepted step.
     size, priors : int
-        Number of residuals of data, and of priors, which come last.
+        Number of residuals of data, and of priors, which are last.
     refused : dict of OctoplanError
-        Why shapes did not settle on the steps since then, by number.
+        Errors of shapes that did not settle on the rejected steps since then, by index.
     """
 
     def __init__(self, start: Evaluation, tolerance: float) -> None:
         self.best = self._last = self._differentiated = start
-        self._parameters, self._whitening = start.experiment.parameters, start.whitening
+        self._parameters = start.experiment.parameters
+        self._whitening = start.whitening
         self._at = np.clip(self._parameters.fractions(start.values), 0.0, 1.0)
         self.size = _size(start)
         self.priors = self._parameters.priors(start.values)[0].size
@@ -254,10 +267,10 @@ class _Steps:
             check_time()
             try:
                 evaluation = self._differentiated.near(self._parameters.from_fractions(z))
-                self.refused = evaluation.lost or self.refused
+                self.refused = evaluation.failed or self.refused
             except InputError:
                 evaluation = None
-            if evaluation is None or evaluation.lost:
+            if evaluation is None or evaluation.failed:
                 step = z - self._parameters.fractions(self.best.values)
                 if np.linalg.norm(step) <= _STEP:
                     raise _BlockedError
@@ -266,8 +279,8 @@ class _Steps:
         return self._residuals(self._last)
 
     @property
-    def taken(self) -> Array:
-        """The residuals of data and priors at the last step that was taken."""
+    def accepted(self) -> Array:
+        """The residuals of data and priors at the last accepted step."""
         return self._residuals(self.best)
 
     def _residuals(self, at: Evaluation) -> Array:
@@ -275,33 +288,35 @@ class _Steps:
         return np.concatenate([*rows, self._parameters.priors(at.values)[0]])
 
     def jacobian(self, z: Array) -> Array:
-        """Return their derivatives (n, K); the step that led here is taken.
+        """Return the derivatives (n, K) of the residuals, and accept the step to z.
 
-        Those where shapes were differentiated last do where residuals have changed as these said.
+        Reuse the last derivatives if they predicted the change of the residuals.
         """
         r = self.residuals(z)
-        self.best, self.refused = self._last, {}
+        self.best = self._last
+        self.refused = {}
         if self._linear is not None:
             at, before, J = self._linear
             predicted = J @ (z - at)
             if np.linalg.norm(r - before - predicted) <= self._trusted * np.linalg.norm(predicted):
                 return J
-        scale, self._differentiated = self._parameters.range, self.best
+        scale = self._parameters.range
+        self._differentiated = self.best
         rows = [self._whitening[i] @ J * scale for i, J in self.best.jacobians.items()]
         J = np.vstack([*rows, self._parameters.priors(self.best.values)[1]])
         self._linear = self._at, r, J
         return J
 
     def gain(self, z: Array, likelihood: Likelihood) -> float:
-        """Return what the linearisation says can be gained of the logarithm of the likelihood.
+        """Return the log-likelihood that a Gauss-Newton step can gain.
 
-        By the unknowns that do not press against a bound: half the square of the part of the
-        residuals that they explain. Source: Bates and Watts, "Nonlinear Regression Analysis and Its
-        Applications" (1988), 2.2.3.
+        The gain is half the squared norm of the projection of the residuals onto the columns of the
+        unknowns that do not press against a bound. Source: Bates and Watts, "Nonlinear Regression
+        Analysis and Its Applications" (1988), 2.2.3.
         """
         r = self.residuals(z)
-        counted = np.sqrt(likelihood.rho(np.square(r))[1])
-        J, r = counted[:, None] * self.jacobian(z), counted * r
+        weights = np.sqrt(likelihood.rho(np.square(r))[1])
+        J, r = weights[:, None] * self.jacobian(z), weights * r
         slope = J.T @ r
         free = J[:, np.where(slope > 0, z, 1 - z) > AT_BOUND]
         explained = free @ np.linalg.lstsq(free, r, rcond=None)[0]

@@ -1,4 +1,4 @@
-"""What was measured of one shape of an arm."""
+"""Measurements of one shape of an arm."""
 
 from __future__ import annotations
 
@@ -17,16 +17,18 @@ from octoplan.model.support.units import DISTANCE
 from octoplan.model.support.value import Rule, value
 from octoplan.model.winches import rest_lengths
 
-# Standard deviations [m], [rad] that weigh places and lengths against frames if none is given: only
-# their ratio counts then.
-_ASSUMED_STD, _ASSUMED_ANGLE_STD = 1e-3, 1e-2
-# Markers farther from the base than this, in arm lengths and offsets, cannot be on the arm.
+# Standard deviations of places and lengths [m], and of frames [rad], if none are given. Only their
+# ratio matters then.
+_ASSUMED_STD = 1e-3
+_ASSUMED_ANGLE_STD = 1e-2
+# Distance from the base, over arm length plus offset, beyond which a marker cannot be on the arm.
 _FAR = 1.5
+# Offset of a point on the midline.
 MIDLINE = (0.0, 0.0, 0.0)
 
 
 class Point(NamedTuple):
-    """A marker: arc length [m], offset in the local frame (t, n, b) [m], place [m] if seen."""
+    """A marker: arc length [m], offset in the local frame (t, n, b) [m], measured place [m]."""
 
     s: float
     offset: Vector
@@ -41,10 +43,20 @@ class MeasuredFrame(NamedTuple):
 
 
 class Sensor(NamedTuple):
-    """What is looked at on the arm.
+    """A sensor on the arm.
 
-    Its name; arc length [m], inf of the tip; what was measured there, a place (3,) [m] or a frame
-    (3, 3); offset in the local frame [m]; and the number of the point, -1 of what is none.
+    Attributes
+    ----------
+    what : str
+        Name.
+    s : float
+        Arc length [m]; inf for the tip.
+    value : (3,) or (3, 3)
+        Measured place [m] or frame.
+    offset : (3,)
+        Offset in the local frame [m].
+    point : int
+        Index of the point, or -1 if the sensor is not a point.
     """
 
     what: str
@@ -60,19 +72,20 @@ SUCH[MeasuredFrame] = "(s, matrix (3, 3))"
 
 @value
 class Measured:
-    """One measured shape, in SI units and the coordinates in which the arm's base is given.
+    """One measured shape, in SI units and in the coordinates of the arm's base.
 
-    Load cells tell tensions, encoders lengths or strokes. Where both are given the arm is settled
-    under the tensions, and the lengths are residuals; where only lengths or strokes are, it is
-    settled by them. What is known of the arm at rest (its droop) is a shape without tensions.
+    Load cells measure tensions, encoders measure lengths or strokes. If tensions are given, the arm
+    is settled under the tensions, and lengths or strokes are residuals. If only lengths or strokes
+    are given, the arm is settled with these lengths. Represent measurements of the arm at rest (its
+    droop) by a shape with zero tensions.
 
     Attributes
     ----------
     tensions : (n_tendons,) or by section
-        [N]; None where winches hold the tendons by `lengths` or `strokes`.
+        [N]; None if winches hold the tendons by `lengths` or `strokes`.
     points : sequence of (s, offset, place)
-        Markers: arc length [m], offset from the midline in the local frame (t, n, b) [m], measured
-        place (3,) [m], or None where a marker was not seen.
+        Markers: arc length [m], offset from the midline in the local frame (t, n, b) [m], and
+        measured place (3,) [m], or None if the marker was not seen.
     frames : sequence of (s, matrix)
         Measured frames (3, 3), columns t, n, b.
     tip : (3,)
@@ -80,21 +93,21 @@ class Measured:
     lengths : (n_tendons,)
         Measured lengths of the tendons from base to anchorage [m].
     strokes : (n_tendons,)
-        What was taken in of them from the straight arm at rest [m].
+        Lengths of tendon taken in since the straight arm at rest [m].
     session : str
-        Shapes of a session share its unknowns.
+        Label of the session; unknowns can be common to the shapes of a session.
     name : str
-        Of the shape, in reports.
+        Name of the shape in reports.
     std : float
         Standard deviation of places, lengths and strokes [m]. Surplus data scale it, unless
-        `absolute_std` of `calibrate` is True; without surplus data it holds as given. If it is not
-        given, 1 mm weighs places against the rest, and only surplus data give standard errors.
+        `absolute_std` of `calibrate` is True; without surplus data it applies as given. If None,
+        places have a relative weight of 1 mm, and standard errors require surplus data.
     angle_std : float
-        Standard deviation of frames [rad]; 0.01 in the same way.
+        Standard deviation of frames [rad]. If None, frames have a relative weight of 0.01 rad.
     tension_std : float
-        Standard deviation of the tensions [N]; 0: they are exact.
+        Standard deviation of the tensions [N]; 0 for exact tensions.
     length_std : float
-        Standard deviation of lengths and strokes [m], `std` unless given.
+        Standard deviation of lengths and strokes [m]; `std` unless given.
     """
 
     tensions: Any = None
@@ -120,12 +133,12 @@ class Measured:
 
     @property
     def by_length(self) -> bool:
-        """Whether the arm is settled by lengths or strokes."""
+        """Whether lengths or strokes, not tensions, drive the shape."""
         return self.tensions is None
 
     @property
     def markers(self) -> list[Sensor]:
-        """What is looked at whose place is measured: the points that were seen, and the tip."""
+        """The sensors that measure a place: the points that were seen, and the tip."""
         points = [
             Sensor(f"points[{i}]", point.s, point.place, point.offset, i)
             for i, point in enumerate(self.points)
@@ -135,7 +148,7 @@ class Measured:
 
     @property
     def sensors(self) -> list[Sensor]:
-        """All that is looked at: markers, then frames."""
+        """All sensors: markers, then frames."""
         frames = [Sensor(f"frames[{i}]", *each) for i, each in enumerate(self.frames)]
         return [*self.markers, *frames]
 
@@ -145,22 +158,22 @@ class Measured:
         return np.array([sensor.value for sensor in self.markers], dtype=float).reshape(-1, 3)
 
     def arc_lengths(self, arm: Arm) -> Array:
-        """Return where `places` are along the arm (n,) [m]."""
+        """Return the arc lengths of `places` (n,) [m]."""
         return np.array([min(sensor.s, arm.length) for sensor in self.markers])
 
     @property
-    def numbers(self) -> Array:
-        """All that was measured (size,): places, frames as 0, lengths, strokes."""
-        runs = [np.array(getattr(self, kind)) for kind in self.runs]
-        return np.concatenate([self.places.ravel(), np.zeros(3 * len(self.frames)), *runs])
+    def data(self) -> Array:
+        """All measurements (size,): places, frames as 0, lengths, strokes."""
+        tendons = [np.array(getattr(self, kind)) for kind in self.tendon_residuals]
+        return np.concatenate([self.places.ravel(), np.zeros(3 * len(self.frames)), *tendons])
 
     @property
     def stds(self) -> Array:
-        """Standard deviation of each number that is measured (size,)."""
+        """Standard deviation of each measurement (size,)."""
         counts = [3 * len(self.places), 3 * len(self.frames)]
-        counts.append(self.numbers.size - sum(counts))
-        of_frames = self.angle_std or _ASSUMED_ANGLE_STD
-        return np.repeat([self.place_std, of_frames, self.tendon_std], counts)
+        counts.append(self.data.size - sum(counts))
+        frame_std = self.angle_std or _ASSUMED_ANGLE_STD
+        return np.repeat([self.place_std, frame_std, self.tendon_std], counts)
 
     @property
     def place_std(self) -> float:
@@ -174,8 +187,8 @@ class Measured:
 
     @property
     def has_stds(self) -> bool:
-        """Whether the standard deviations of all numbers are given."""
-        uses_tendons = self.by_length or bool(self.runs)
+        """Whether the standard deviations of all measurements are given."""
+        uses_tendons = self.by_length or bool(self.tendon_residuals)
         return (
             (self.std is not None or not self.markers)
             and (self.angle_std is not None or not self.frames)
@@ -184,24 +197,27 @@ class Measured:
 
     @property
     def size(self) -> int:
-        """How many numbers residuals are made of: places, rotation vectors, lengths, strokes."""
-        return int(self.numbers.size)
+        """Number of residuals: coordinates of places, rotation vectors, lengths, strokes."""
+        return int(self.data.size)
 
     @property
-    def runs(self) -> list[str]:
-        """Which of lengths and strokes are residuals: those that do not drive the shape."""
+    def tendon_residuals(self) -> list[str]:
+        """Names of the residuals among "lengths" and "strokes"; none if these drive the shape."""
         kinds = [] if self.by_length else ["lengths", "strokes"]
         return [kind for kind in kinds if getattr(self, kind) is not None]
 
-    def run_values(self, lengths: Callable[[], Array], rest: Array | float) -> list[Array]:
-        """Return the lengths and strokes that are residuals, or their derivatives (n_tendons, ...).
+    def tendon_values(self, lengths: Callable[[], Array], rest: Array | float) -> list[Array]:
+        """Return the predictions of `tendon_residuals`, or their derivatives (n_tendons, ...).
 
-        By those of the tendons' lengths, which are asked for if need be, and of lengths at rest.
+        The arguments are the tendon lengths, evaluated on demand, and the lengths at rest, or the
+        derivatives of both.
         """
-        return [lengths() if run == "lengths" else rest - lengths() for run in self.runs]
+        return [
+            lengths() if kind == "lengths" else rest - lengths() for kind in self.tendon_residuals
+        ]
 
     def checked(self, arm: Arm, name: str) -> Measured:
-        """Return the shape by the name `name`, tensions flat; InputError for what is not of it."""
+        """Return the shape with a name and flat tensions, or raise InputError."""
         flat = None
         if not self.by_length:
             flat = tuple(arm.flat(self.tensions, f"{name}: tensions").tolist())
@@ -215,9 +231,9 @@ class Measured:
             _check_place(arm, where, np.array(sensor.value), np.array(sensor.offset))
         for what in ("lengths", "strokes"):
             if getattr(self, what) is not None:
-                _check_runs(arm, f"{name}: {what}", getattr(self, what))
+                _check_lengths(arm, f"{name}: {what}", getattr(self, what))
         if self.strokes is not None:
-            # No more of a tendon is taken in than there is of it.
+            # A stroke cannot exceed the length of the tendon.
             rest = rest_lengths(arm)
             most = int(np.argmax(np.array(self.strokes) - rest))
             if self.strokes[most] > rest[most]:
@@ -228,7 +244,7 @@ class Measured:
 
 
 def checked_shapes(arm: Arm, measured: Iterable[Measured]) -> tuple[Measured, ...]:
-    """Return shapes of an arm, each with a name; InputError for what is not of it, and for none."""
+    """Return shapes of an arm, each with a name; InputError for unsuitable shapes or no shapes."""
     shapes = tuple(kind("measured", measured, Iterable, "a sequence of Measured"))
     if not shapes:
         raise InputError("measured", shapes, "at least one shape")
@@ -255,7 +271,7 @@ def crushing_remark(arm: Arm, measured: Iterable[Measured]) -> str:
 
 
 def _check_place(arm: Arm, where: str, place: Array, offset: Array) -> None:
-    """Refuse a place that the arm cannot reach, or one that says that all are in other units."""
+    """Raise InputError for a place that the arm cannot reach, which suggests other units."""
     away, aside = float(np.linalg.norm(place - arm.base_position)), float(np.linalg.norm(offset))
     reach = arm.length + aside
     if away > _FAR * reach:
@@ -267,8 +283,8 @@ def _check_place(arm: Arm, where: str, place: Array, offset: Array) -> None:
         raise InputError(f"{where}: offset", tuple(offset.tolist()), allowed)
 
 
-def _check_runs(arm: Arm, where: str, lengths: Sequence[float]) -> None:
-    """Refuse lengths or strokes of another number of tendons, or in other units."""
+def _check_lengths(arm: Arm, where: str, lengths: Sequence[float]) -> None:
+    """Raise InputError for lengths or strokes of wrong number or implausible size."""
     if len(lengths) != arm.n_tendons:
         allowed = f"one of each of {arm.n_tendons} tendons"
         raise InputError(where, f"{len(lengths)} numbers", allowed)
@@ -279,7 +295,7 @@ def _check_runs(arm: Arm, where: str, lengths: Sequence[float]) -> None:
 
 
 def _check_scale(arm: Arm, shapes: Sequence[Measured]) -> None:
-    """Refuse shapes of which all markers are next to the base: they may be in kilometres."""
+    """Raise InputError if all markers are close to the base, which suggests other units."""
     ends = np.concatenate([shape.arc_lengths(arm) for shape in shapes])
     away = np.vstack([shape.places for shape in shapes]) - arm.base_position
     far = float(np.linalg.norm(away, axis=1).max(initial=0.0))
@@ -289,5 +305,5 @@ def _check_scale(arm: Arm, shapes: Sequence[Measured]) -> None:
 
 
 def _in_mm(ratio: float) -> str:
-    """Return a hint where a value over what it could be at most says that it is in mm."""
+    """Return a hint at millimetres if a value over its plausible maximum suggests these."""
     return "; is it in mm? Lengths are in m" if 20 < ratio < 3000 else ""

@@ -1,8 +1,8 @@
-"""What settled shapes predict less what was measured of them, with derivatives by the unknowns.
+"""Residuals: predictions of settled shapes minus measurements, and their derivatives.
 
-What a sensor shows of a pose is a function in CasADi's symbols, differentiated by CasADi: the place
-of a marker, or of a frame twice the vector part of the quaternion that is between it and the
-measured one. How poses and lengths change with the unknowns is told by the equations' derivatives.
+CasADi functions map a pose to a sensor reading: the place of a marker, or for a frame twice the
+vector part of the quaternion from the measured frame to the predicted one. The sensitivities of the
+equilibrium give the derivatives of poses and lengths with respect to the unknowns.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from octoplan.planner.extensions.fit.experiment import (
     tensions_by_lengths,
 )
 
-# How often the way to other values is halved for shapes that one step does not lead to.
+# Largest number of bisections of the step to other values, for shapes that one step loses.
 _HALVINGS = 2
 
 
@@ -45,11 +45,17 @@ class UnsettledShapeError(OctoplanError):
 
 
 class Residual(NamedTuple):
-    """What is predicted less what was measured of one thing of a shape.
+    """Prediction minus measurement of one quantity of a shape.
 
-    `what` is a marker ("points[1]"), "tip", a frame or a tendon; `miss` in m, of frames the axis of
-    the rotation between times twice the sine of half its angle: the rotation vector [rad] where
-    that is small.
+    Attributes
+    ----------
+    shape : str
+        Name of the shape.
+    what : str
+        Measured quantity: a marker ("points[1]"), "tip", a frame or a tendon.
+    miss : tuple of float
+        Prediction minus measurement [m]. For frames: the rotation axis times twice the sine of half
+        the rotation angle, close to the rotation vector [rad] for small angles.
     """
 
     shape: str
@@ -58,40 +64,43 @@ class Residual(NamedTuple):
 
     @property
     def size(self) -> float:
-        """The distance [m], or angle [rad]."""
+        """Norm of the residual: distance [m] or angle [rad]."""
         return float(np.linalg.norm(self.miss))
 
     @property
     def is_place(self) -> bool:
-        """Whether it is a marker's or the tip's."""
+        """Whether the residual belongs to a marker or the tip."""
         return self.what.startswith(("points", "tip"))
 
 
 def mean_distance(residuals: Iterable[Residual]) -> float:
-    """Return the mean distance of markers and tips from where they are predicted [m], or NaN."""
+    """Return the mean distance between measured and predicted markers and tips [m], or NaN."""
     sizes = [residual.size for residual in residuals if residual.is_place]
     return float(np.mean(sizes)) if sizes else float("nan")
 
 
 @lru_cache(maxsize=1)
 def _sensor_readings() -> ca.Function:
-    """Return pose (7,), offset (3,), quaternion -> what is shown (3,), its derivatives (3, 10).
+    """Return the function pose (7,), offset (3,), quaternion -> reading (3,), derivatives (3, 10).
 
-    By pose and offset. The quaternion is that of a measured frame, 0 of a marker.
+    The quaternion is the measured frame, or 0 for a marker. The derivatives are with respect to
+    pose and offset.
     """
-    pose, offset, seen = ca.SX.sym("pose", 7), ca.SX.sym("offset", 3), ca.SX.sym("seen", 4)
+    pose = ca.SX.sym("pose", 7)
+    offset = ca.SX.sym("offset", 3)
+    measured = ca.SX.sym("measured", 4)
     place = pose[4:] + rotate(pose[:4], offset)
-    between = multiply(pose[:4], conjugate(seen))
-    turned = 2 * ca.if_else(between[0] < 0, -between[1:], between[1:])
-    shown = ca.if_else(ca.sumsqr(seen) > 0, turned, place)
-    J = ca.jacobian(shown, ca.vertcat(pose, offset))
-    return ca.Function("shown", [pose, offset, seen], [shown, ca.densify(J.T)])
+    between = multiply(pose[:4], conjugate(measured))
+    rotation = 2 * ca.if_else(between[0] < 0, -between[1:], between[1:])
+    reading = ca.if_else(ca.sumsqr(measured) > 0, rotation, place)
+    J = ca.jacobian(reading, ca.vertcat(pose, offset))
+    return ca.Function("reading", [pose, offset, measured], [reading, ca.densify(J.T)])
 
 
 def from_rest(experiment: Experiment, values: Array) -> Evaluation:
-    """Return all shapes at values (K,) as they are reached from rest.
+    """Settle all shapes from rest at values (K,); InputError if no arm has the values.
 
-    InputError where no such arm can be; shapes that have no equilibrium are `lost`.
+    Shapes without equilibrium are in `failed`.
     """
     at = experiment.at(values)
     reached = {i: at[of].from_rest(i) for i, of in enumerate(experiment.session)}
@@ -100,25 +109,25 @@ def from_rest(experiment: Experiment, values: Array) -> Evaluation:
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Shapes at given values (K,) of the unknowns, and what sensors show of them.
+    """Settled shapes at values (K,) of the unknowns, with sensor readings and derivatives.
 
     Attributes
     ----------
     experiment : Experiment
     values : (K,)
     at : dict of SessionEquations
-        Of each session.
+        Equations of each session.
     equilibria : dict of Equilibrium
-        By the number of their shape, in order; without those left out or lost.
-    lost : dict of OctoplanError
-        Why others have none.
+        Equilibria by index of the shape, in order, without shapes that are left out or failed.
+    failed : dict of OctoplanError
+        Errors of the shapes that did not settle, by index.
     """
 
     experiment: Experiment
     values: Array
     at: Mapping[str, SessionEquations]
     equilibria: Mapping[int, Equilibrium]
-    lost: Mapping[int, OctoplanError]
+    failed: Mapping[int, OctoplanError]
 
     @classmethod
     def of(
@@ -128,69 +137,74 @@ class Evaluation:
         at: Mapping[str, SessionEquations],
         reached: Mapping[int, Reached],
     ) -> Evaluation:
-        """Return the shapes that were reached, in order, and those that were not."""
+        """Return the evaluation of equilibria and errors, by index of the shape."""
         rows = sorted(reached.items(), key=itemgetter(0))
         equilibria = {i: end for i, end in rows if isinstance(end, Equilibrium)}
-        lost = {i: end for i, end in rows if isinstance(end, OctoplanError)}
-        return cls(experiment, values, at, equilibria, lost)
+        failed = {i: end for i, end in rows if isinstance(end, OctoplanError)}
+        return cls(experiment, values, at, equilibria, failed)
 
     def relinearised(self) -> Evaluation:
-        """Return the evaluation with derivatives at the shapes' own states."""
+        """Return the evaluation with derivatives at the exact states of the equilibria."""
         points = {i: point.relinearised() for i, point in self.equilibria.items()}
-        return Evaluation(self.experiment, self.values, self.at, points, self.lost)
+        return Evaluation(self.experiment, self.values, self.at, points, self.failed)
 
     def only(self, kept: Iterable[int]) -> Evaluation:
-        """Return the evaluation with all but some shapes left out."""
-        left = {i: self.equilibria[i] for i in sorted(kept) if i in self.equilibria}
-        return Evaluation(self.experiment, self.values, self.at, left, {})
+        """Return the evaluation of some of the shapes."""
+        equilibria = {i: self.equilibria[i] for i in sorted(kept) if i in self.equilibria}
+        return Evaluation(self.experiment, self.values, self.at, equilibria, {})
 
     def near(self, values: Array, experiment: Experiment | None = None) -> Evaluation:
-        """Return the shapes at other values, on the same branches if these can be followed.
+        """Continue the shapes to other values, on the same branches if possible.
 
-        On the meshes of this experiment or of another one of the same shapes. A shape that cannot
-        be followed is taken as the arm reaches it from rest; one that does not settle is `lost`.
+        The meshes are the ones of this experiment, or of another experiment with the same shapes.
+        A shape that cannot be continued is settled from rest; if that fails, it is in `failed`.
         """
-        there = self._followed(values, experiment or self.experiment, _HALVINGS)
-        rest = {i: there.equations(i).from_rest(i) for i in there.lost}
+        there = self._continued(values, experiment or self.experiment, _HALVINGS)
+        rest = {i: there.equations(i).from_rest(i) for i in there.failed}
         return Evaluation.of(there.experiment, values, there.at, {**there.equilibria, **rest})
 
-    def _followed(self, values: Array, experiment: Experiment, halvings: int) -> Evaluation:
-        """Return the shapes on the same branches; the others are `lost`.
+    def _continued(self, values: Array, experiment: Experiment, halvings: int) -> Evaluation:
+        """Continue the shapes on the same branches; the others are in `failed`.
 
-        The way to other values is halved, at most so often, for shapes that one step loses.
+        Bisect the step to other values up to `halvings` times for shapes that one step loses.
         """
-        there = self._predicted_shapes(values, experiment)
-        if there.lost and halvings and experiment is self.experiment:
+        there = self._newton_step(values, experiment)
+        if there.failed and halvings and experiment is self.experiment:
             middle = (self.values + values) / 2
-            half = self.only(there.lost)._followed(middle, experiment, halvings - 1)
-            rest = half._followed(values, experiment, halvings - 1)
-            reached = dict[int, Reached](there.lost)
-            for part in (half.lost, rest.lost, there.equilibria, rest.equilibria):
+            half = self.only(there.failed)._continued(middle, experiment, halvings - 1)
+            rest = half._continued(values, experiment, halvings - 1)
+            reached = dict[int, Reached](there.failed)
+            for part in (half.failed, rest.failed, there.equilibria, rest.equilibria):
                 reached |= part
             there = Evaluation.of(experiment, values, there.at, reached)
         return there
 
-    def _predicted_shapes(self, values: Array, experiment: Experiment) -> Evaluation:
-        """Return the shapes where Newton's method leads from where derivatives say that they are.
+    def _newton_step(self, values: Array, experiment: Experiment) -> Evaluation:
+        """Predict the shapes at other values to first order, and correct by Newton's method.
 
-        Where the mesh is another, from the strains on that.
+        If the mesh differs, the correction starts from the strains interpolated to the new mesh.
         """
-        at, change, reached = experiment.at(values), values - self.values, dict[int, Reached]()
+        at = experiment.at(values)
+        change = values - self.values
+        reached = dict[int, Reached]()
         for i, before in self.equilibria.items():
-            shape, to = self.experiment.shapes[i], at[self.experiment.session[i]]
-            states, tensions = before.states, before.tensions
+            shape = self.experiment.shapes[i]
+            equations = at[self.experiment.session[i]]
+            states = before.states
+            tensions = before.tensions
             if change.any():
-                by = self.by_numbers[i]
+                by = self.parameter_sensitivities[i]
                 states = states + by.states @ change
                 tensions = np.maximum(tensions + by.tensions @ change, 0.0)
-            T = tensions if shape.by_length else to.tensions(shape)
-            of, near = before.system.layout, None
-            if to.system.layout is not of:
-                states = Collocation(to.system).carried(T[None], [before])[0]
-            elif np.abs(states - before.states)[of.nodes[:, :4]].max() < CLOSE:
+            T = tensions if shape.by_length else equations.tensions(shape)
+            layout = before.system.layout
+            near = None
+            if equations.system.layout is not layout:
+                states = Collocation(equations.system).carried(T[None], [before])[0]
+            elif np.abs(states - before.states)[layout.nodes[:, :4]].max() < CLOSE:
                 near = before
-            (end,) = newton(to.system, [Start(T, 1.0, states, near, LOOSER)])
-            reached[i] = to.held(shape, end or OctoplanError("it jumps"))
+            (end,) = newton(equations.system, [Start(T, 1.0, states, near, LOOSER)])
+            reached[i] = equations.enforce_lengths(shape, end or OctoplanError("it jumps"))
             if isinstance(end, Equilibrium):
                 try:
                     check_stretch(end)
@@ -203,8 +217,8 @@ class Evaluation:
         return self.at[self.experiment.session[i]]
 
     @cached_property
-    def by_numbers(self) -> dict[int, ByNumbers]:
-        """Derivatives of the equilibria by the unknowns."""
+    def parameter_sensitivities(self) -> dict[int, ByNumbers]:
+        """Derivatives of the equilibria with respect to the unknowns, by index of the shape."""
         shapes = self.experiment.shapes
         return {
             i: self.equations(i).differentiated(shapes[i], here)
@@ -213,23 +227,26 @@ class Evaluation:
 
     @property
     def residuals(self) -> dict[int, Array]:
-        """Predictions less measurements (size,), [m] and [rad], of each shape by number."""
+        """Predictions minus measurements (size,), [m] and [rad], by index of the shape."""
         result = dict[int, Array]()
         for i, here in self.equilibria.items():
-            shape, rest = self.experiment.shapes[i], self.equations(i).numbers.rest
-            runs = shape.run_values(partial(getattr, here, "lengths"), rest)
-            shown = np.concatenate([self._sensor_readings[i][0].ravel(), *runs])
-            result[i] = shown - shape.numbers
+            shape = self.experiment.shapes[i]
+            rest = self.equations(i).parameters.rest
+            tendons = shape.tendon_values(partial(getattr, here, "lengths"), rest)
+            predicted = np.concatenate([self._sensor_readings[i][0].ravel(), *tendons])
+            result[i] = predicted - shape.data
         return result
 
     @cached_property
     def jacobians(self) -> dict[int, Array]:
-        """Their derivatives by the unknowns (size, K)."""
+        """Derivatives of the residuals with respect to the unknowns (size, K)."""
         result = dict[int, Array]()
-        for i, by in self.by_numbers.items():
-            at, rows = self.equations(i), self.experiment.rows[i]
-            poses, derivatives = by.states[at.places[rows]], at.derivatives
-            # Of what is looked at, which need not move along with its node.
+        for i, by in self.parameter_sensitivities.items():
+            at = self.equations(i)
+            rows = self.experiment.rows[i]
+            derivatives = at.derivatives
+            poses = by.states[at.pose_indices[rows]]
+            # A sensor whose arc length changes moves relative to its node.
             slip = derivatives.s[rows] - derivatives.nodes[at.nodes[rows]]
             if slip.any():
                 poses = poses + along(by.point, at.nodes[rows])[:, :, None] * slip[:, None, :]
@@ -241,21 +258,22 @@ class Evaluation:
 
     @cached_property
     def whitening(self) -> dict[int, Array]:
-        """Matrices (size, size) by which they are of unit variance, as is known.
+        """Matrices (size, size) that scale the residuals to unit variance at noise 1.
 
-        Noise of what drives a shape, its tensions or its lengths, is carried to the residuals to
-        first order: the effective variance. Source: Orear, American Journal of Physics 50 (1982).
+        The noise of the inputs of a shape, tensions or lengths, is propagated to the residuals to
+        first order (effective variance). Source: Orear, American Journal of Physics 50 (1982).
         """
         result = dict[int, Array]()
         for i, here in self.equilibria.items():
-            shape, at = self.experiment.shapes[i], self.equations(i)
+            shape = self.experiment.shapes[i]
+            at = self.equations(i)
             if not shape.by_length and not shape.tension_std:
                 result[i] = np.diag(1 / shape.stds)
                 continue
-            inputs = shape.tension_std * np.diag(at.numbers.scale)
+            inputs = shape.tension_std * np.diag(at.parameters.scale)
             if shape.by_length:
                 inputs = shape.tendon_std * tensions_by_lengths(here)
-            poses = here.by_tensions[at.places[self.experiment.rows[i]]]
+            poses = here.by_tensions[at.pose_indices[self.experiment.rows[i]]]
             moved = np.concatenate([poses, np.zeros((len(poses), 3, len(inputs)))], axis=1)
             J = (
                 self._residual_derivatives(i, moved, partial(getattr, here, "length_tension"), 0.0)
@@ -266,9 +284,9 @@ class Evaluation:
         return result
 
     def scaled(self, noise: float = 1.0) -> dict[int, tuple[Array, Array]]:
-        """Return residuals (size,) of each shape over the noise, whitened, and their derivatives.
+        """Return whitened residuals (size,) over the noise, and their derivatives, by shape.
 
-        By unknowns counted from 0 to 1 (size, K).
+        The derivatives (size, K) are with respect to unknowns in [0, 1].
         """
         span = self.experiment.parameters.range
         return {
@@ -282,28 +300,36 @@ class Evaluation:
             shape = self.experiment.shapes[i]
             names = [sensor.what for sensor in shape.sensors]
             rows = [*miss[: 3 * len(names)].reshape(-1, 3), *miss[3 * len(names) :, None]]
-            names += [f"{run}[{j}]" for run in shape.runs for j in range(len(getattr(shape, run)))]
+            names += [
+                f"{kind}[{j}]"
+                for kind in shape.tendon_residuals
+                for j in range(len(getattr(shape, kind)))
+            ]
             for what, row in zip(names, rows, strict=True):
                 yield Residual(shape.name, what, tuple(row.tolist()))
 
     def _residual_derivatives(
         self, i: int, moved: Array, lengths: Callable[[], Array], rest: Array | float
     ) -> Array:
-        """Return how residuals of a shape change (size, k).
+        """Return the changes of a shape's residuals (size, k).
 
-        With poses and offsets (M, 10, k) of its sensors, and lengths and those at rest of its
-        tendons (n_tendons, k).
+        The arguments are the changes of its sensors' poses and offsets (M, 10, k), and of its
+        tendons' lengths and rest lengths (n_tendons, k).
         """
-        runs = self.experiment.shapes[i].run_values(lengths, rest)
-        return np.vstack([(self._sensor_readings[i][1] @ moved).reshape(-1, moved.shape[2]), *runs])
+        tendons = self.experiment.shapes[i].tendon_values(lengths, rest)
+        readings = (self._sensor_readings[i][1] @ moved).reshape(-1, moved.shape[2])
+        return np.vstack([readings, *tendons])
 
     @cached_property
     def _sensor_readings(self) -> dict[int, tuple[Array, Array]]:
-        """What sensors of each shape show (M, 3), and its derivatives (M, 3, 10)."""
-        show, result = cached(BatchFunction, _sensor_readings()), dict[int, tuple[Array, Array]]()
+        """Readings of each shape's sensors (M, 3), and their derivatives (M, 3, 10)."""
+        function = cached(BatchFunction, _sensor_readings())
+        result = dict[int, tuple[Array, Array]]()
         for i, here in self.equilibria.items():
-            at, rows = self.equations(i), self.experiment.rows[i]
-            poses, offsets = here.states[at.places[rows]], at.numbers.offsets[rows]
-            shown, J = show(poses, offsets, self.experiment.seen[rows])
-            result[i] = shown, J.reshape(-1, 3, 10)
+            at = self.equations(i)
+            rows = self.experiment.rows[i]
+            poses = here.states[at.pose_indices[rows]]
+            offsets = at.parameters.offsets[rows]
+            readings, J = function(poses, offsets, self.experiment.measured_rotations[rows])
+            result[i] = readings, J.reshape(-1, 3, 10)
         return result

@@ -1,4 +1,4 @@
-"""Unknown numbers: their keys in scene files, bounds and priors, and the arms of their values."""
+"""Unknown parameters: keys in scene files, bounds and priors, and the arms of given values."""
 
 from __future__ import annotations
 
@@ -19,14 +19,16 @@ from octoplan.model.support.checks import kind
 from octoplan.model.support.value import Rule, value
 from octoplan.planner.frontends.io.varied import Setting
 
-# Steps of difference quotients, over the bounds' range; how near a bound an unknown is at it.
-_STEP, AT_BOUND = 2e-8, 1e-6
-# By what share of the least cost another optimum is a worse one.
+# Steps of difference quotients, over the range of the bounds.
+_STEP = 2e-8
+# Distance from a bound, over the range of the bounds, below which an unknown is at the bound.
+AT_BOUND = 1e-6
+# Relative difference from the smallest cost above which another optimum counts as worse.
 WORSE = 1e-3
 
 
 def _each_once(name: str, keys: str | tuple[str, ...]) -> str | tuple[str, ...]:
-    """Return keys of which none is another, a single one by itself."""
+    """Return distinct keys, and a single key as a string."""
     if not keys:
         raise InputError(name, keys, "a key path such as arm.E_kPa, or several")
     if isinstance(keys, tuple) and len(set(keys)) < len(keys):
@@ -36,21 +38,22 @@ def _each_once(name: str, keys: str | tuple[str, ...]) -> str | tuple[str, ...]:
 
 @value
 class Unknown:
-    """A number to be estimated or chosen, in the unit of its key.
+    """A parameter to be estimated or chosen, in the unit of its key.
 
     Attributes
     ----------
     key : str or tuple of str
         Path in a scene file, such as "arm.E_kPa", "arm.sections[0].angles_deg[1]" or
-        "effects.friction.mu"; for a calibration also "points[1].s_mm", "points[1].offset_mm[2]"
-        (the second point of each shape), and "tension_scale[0]", what the tensions of the first
-        tendon are multiplied by. Several keys have the same value.
+        "effects.friction.mu". A calibration also accepts "points[1].s_mm" and
+        "points[1].offset_mm[2]" (the second point of each shape), and "tension_scale[0]", the
+        factor by which the tensions of the first tendon are multiplied. Several keys share one
+        value.
     lower, upper : float
         Bounds.
     prior : (mean, standard deviation), optional
-        What is known of it beforehand.
+        Normal prior distribution.
     session : str, optional
-        The measurements that it belongs to, by their session; all unless given.
+        Session of the measurements that the unknown affects; all sessions unless given.
     """
 
     key: Annotated[str | tuple[str, ...], Rule(_each_once)]
@@ -76,28 +79,29 @@ class Unknown:
 
     @property
     def name(self) -> str:
-        """Keys, and the session where it belongs to one."""
+        """Keys, and the session if the unknown has one."""
         return " = ".join(self.keys) + (f" [{self.session}]" if self.session else "")
 
     @property
     def range(self) -> float:
-        """From the lower to the upper bound."""
+        """Upper bound minus lower bound."""
         return self.upper - self.lower
 
     def belongs(self, session: str) -> bool:
-        """Return whether shapes of a session depend on it."""
+        """Return whether shapes of a session depend on the unknown."""
         return self.session is None or self.session == session
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """Unknowns of an arm and a scene, and of what was measured on it.
+    """Unknowns of an arm, a scene and measurements.
 
     Attributes
     ----------
     given : Setting
-        Those given, of all of whose numbers the unknowns are some.
+        Arm, scene and points that contain all parameters, including the unknown ones.
     unknowns : tuple of Unknown
+        Unknown parameters, in the order of the values (K,).
     """
 
     given: Setting
@@ -112,7 +116,7 @@ class Parameters:
         points: Iterable[Any] = (),
         sessions: Sequence[str] = (),
     ) -> Parameters:
-        """Return the parameters; InputError for unknown keys, sessions, and bounds that misfit."""
+        """Return the unknowns, or raise InputError for unsuitable keys, sessions or bounds."""
         allowed = 'at least one, such as Unknown("arm.E_kPa", 50, 1000)'
         checked = tuple(kind("unknowns", unknowns, Iterable, f"a sequence of {allowed}"))
         if not checked or not all(isinstance(unknown, Unknown) for unknown in checked):
@@ -153,7 +157,7 @@ class Parameters:
 
     @property
     def start(self) -> Array:
-        """The values that arm and scene have already (K,)."""
+        """The values of the given arm and scene (K,)."""
         return np.array([self.given.number(unknown.keys[0]) for unknown in self.unknowns])
 
     @property
@@ -163,7 +167,7 @@ class Parameters:
 
     @property
     def range(self) -> Array:
-        """From lower to upper bounds (K,)."""
+        """Upper minus lower bounds (K,)."""
         return np.array([unknown.range for unknown in self.unknowns])
 
     def from_fractions(self, fractions: Array) -> Array:
@@ -171,11 +175,11 @@ class Parameters:
         return np.asarray(self.lower + self.range * fractions)
 
     def fractions(self, values: Array) -> Array:
-        """Return where values (K,) are between their bounds, from 0 to 1."""
+        """Return values (K,) as fractions of the bounds' ranges, 0 at the lower bound."""
         return np.asarray((values - self.lower) / self.range)
 
     def at_bounds(self, values: Array) -> NDArray[np.bool_]:
-        """Return which unknowns are at a bound (K,)."""
+        """Return a mask of the unknowns that are at a bound (K,)."""
         fractions = self.fractions(values)
         return np.asarray(np.minimum(fractions, 1 - fractions) < AT_BOUND)
 
@@ -184,16 +188,17 @@ class Parameters:
         return tuple(self.unknowns[k].name for k in np.flatnonzero(self.at_bounds(values)))
 
     def priors(self, values: Array) -> tuple[Array, Array]:
-        """Return residuals (m,) of priors, and their derivatives (m, K) by unknowns from 0 to 1."""
+        """Return residuals (m,) of priors, and the derivatives (m, K) for unknowns in [0, 1]."""
         rows = [(k, *unknown.prior) for k, unknown in enumerate(self.unknowns) if unknown.prior]
-        which = [k for k, *_ in rows]
+        indices = [k for k, *_ in rows]
         mean, std = np.array([row[1:] for row in rows]).reshape(-1, 2).T
-        return (values[which] - mean) / std, np.diag(self.range)[which] / std[:, None]
+        return (values[indices] - mean) / std, np.diag(self.range)[indices] / std[:, None]
 
     def setting(self, values: Array, session: str = "", near: Setting | None = None) -> Setting:
-        """Return the setting of values (K,) of the unknowns that belong to a session; see its `at`.
+        """Return the setting for values (K,) of the unknowns that belong to a session.
 
-        InputError where no such arm can be.
+        `near` is a setting whose unchanged objects are reused; see Setting.at. Raises InputError
+        if no arm has these values.
         """
         pairs = [
             (key, value)
@@ -212,8 +217,8 @@ class Parameters:
     ) -> list[Array]:
         """Return the derivatives (..., K) of arrays that are functions of values (K,).
 
-        By difference quotients, away from the nearer bound: for what is put together from the
-        unknowns by low powers, and not settled for, they are good to seven digits or more.
+        Difference quotients step away from the nearer bound. They have at least seven digits for
+        functions that are low powers of the unknowns and solve no equations.
         """
         columns = []
         steps = np.where(self.fractions(values) < 0.5, _STEP, -_STEP) * self.range
@@ -226,12 +231,12 @@ class Parameters:
         return [np.stack(parts, axis=-1) for parts in zip(*columns, strict=True)]
 
     def multistart(self, count: int, seed: int) -> list[Array]:
-        """Return the values of arm and scene (K,), then others spread evenly over the bounds."""
+        """Return the given values (K,), then values that are spread evenly over the bounds."""
         if not isinstance(seed, int) or seed < 0:
             raise InputError("seed", seed, "a whole number of at least 0")
         if count == 1:
             return [self.start]
-        from scipy.stats import qmc  # takes as long to load as all else that a plan needs
+        from scipy.stats import qmc  # slow to import: as long as the rest of a plan's imports
 
         draws = qmc.Halton(len(self.unknowns), seed=seed).random(count - 1)
         return [self.start, *map(self.from_fractions, draws)]
@@ -244,35 +249,38 @@ def neighbour(
     before: Sequence[float] = (),
     after: Sequence[float] = (),
 ) -> DiscreteRod:
-    """Return the equations of an arm in a scene near those of another, node by node.
+    """Return the equations of an arm in a scene on the deformed mesh of another arm's equations.
 
-    Nodes that were at arc lengths `before` are now at `after` [m]. Raises InputError
-    where places that coincided part, or pass each other.
+    Nodes at arc lengths `before` move to `after` [m]. Raises InputError if coincident places
+    separate or if places pass each other.
     """
     form, now = system.layout.form, (*places(arm, scene), *after)
     old = landmarks(system.arm, (*places(system.arm, system.scene), *before))
     mesh = _stretched_mesh(system.mesh, old, landmarks(arm, now))
     result = DiscreteRod(arm, scene, mesh, form.stages, form.loaded, form.machine_code)
-    # A quaternion has either sign.
+    # A quaternion and its negative are the same rotation: keep the sign of the other arm.
     if result.base[:4] @ system.base[:4] < 0:
         result.base[:4] *= -1
     return result
 
 
 def _stretched_mesh(mesh: Mesh, before: Array, new: Array) -> Mesh:
-    """Return a mesh with landmarks (n,) [m] as it fits their new places, node by node.
+    """Return a mesh whose landmarks (n,) [m] have moved to new places, with the same nodes.
 
-    Raises InputError where landmarks that coincide would part, or pass each other.
+    Raises InputError if coincident landmarks separate or if landmarks pass each other.
     """
     if np.array_equal(before, new):
         return mesh
     if before.size != new.size:
         allowed = f"as many knots and loads as before, {before.size}"
         raise InputError("places along the arm", new.size, allowed)
-    order, room = np.argsort(before, kind="stable"), SAME * mesh.s[-1]
+    order = np.argsort(before, kind="stable")
+    tolerance = SAME * mesh.s[-1]
     before, after = before[order], new[order]
-    apart, ahead = np.diff(before) > room, np.diff(after)
-    parted, passed = ~apart & (np.abs(ahead) > 2 * room), apart & (ahead <= room)
+    apart = np.diff(before) > tolerance
+    ahead = np.diff(after)
+    parted = ~apart & (np.abs(ahead) > 2 * tolerance)
+    passed = apart & (ahead <= tolerance)
     for wrong, allowed in (
         (parted, "to move all that is there together: tie their keys in one unknown"),
         (passed, "to stay on its side of its neighbour"),

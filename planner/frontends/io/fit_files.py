@@ -12,7 +12,7 @@ from octoplan.model.support.errors import FileError
 from octoplan.model.support.quantities import NotNegative, Positive
 from octoplan.planner.extensions.fit.design import design
 from octoplan.planner.extensions.fit.designed import Design
-from octoplan.planner.extensions.fit.making import Making, Objective, Reach
+from octoplan.planner.extensions.fit.manufacturing import ManufacturingLimits, Objective, Reach
 from octoplan.planner.extensions.fit.unknowns import Unknown
 from octoplan.planner.frontends.io.codec import Table, arguments_of, quantity, value_of
 from octoplan.planner.frontends.io.csv_files import MarkerColumns, load_shapes
@@ -23,7 +23,7 @@ from octoplan.planner.frontends.io.scene_file import SceneFile, scene_beside, wr
 from octoplan.planner.frontends.io.scene_tables import SceneKey
 from octoplan.planner.frontends.io.tables import Accuracy, table
 
-MakingTable: Any = table(Making)
+ManufacturingTable: Any = table(ManufacturingLimits)
 ReachTable: Any = table(Reach, tag="reach")
 UnknownTable: Any = table(Unknown)
 
@@ -54,7 +54,7 @@ class DesignFile(Table, frozen=True):
     scene: SceneKey
     tasks: Annotated[tuple[TargetTable, ...], Meta(min_length=1, description="a target each")]
     unknowns: Annotated[tuple[UnknownTable, ...], Meta(min_length=1)]
-    making: MakingTable = MakingTable()
+    manufacturing: ManufacturingTable = ManufacturingTable()
     objective: Annotated[
         ObjectiveTable | ReachTable | None,
         Meta(description="what is best while all tasks are met; the least effort unless given"),
@@ -92,9 +92,9 @@ def run_design(path: str | Path) -> Design:
     most = question.options.get("tension_max", math.inf)
     with error_context(name, ""):
         objective: Objective = "effort" if file.objective is None else value_of(file.objective)
-        tasks, making = [value_of(item) for item in file.tasks], value_of(file.making)
+        tasks = [value_of(item) for item in file.tasks]
         arguments = question.arm, tasks, unknowns, question.scene, most
-        return design(*arguments, making=making, objective=objective)
+        return design(*arguments, manufacturing=value_of(file.manufacturing), objective=objective)
 
 
 def _read(path: Path, kind: Any, needed: str, command: str) -> tuple[Any, SceneFile, list[Unknown]]:

@@ -1,4 +1,4 @@
-"""What a design makes best, and the limits of what can be made."""
+"""Manufacturing limits and objectives of a design."""
 
 from __future__ import annotations
 
@@ -16,72 +16,77 @@ from octoplan.planner.question import Limits
 from octoplan.planner.targets import Softest, Stiffest
 from octoplan.planner.targets.base import Target, Terms, View
 
-# Places along the arm at which walls and radii are evaluated.
+# Number of arc lengths at which wall thicknesses and radii are evaluated.
 _STATIONS = 9
 
 
 @value
-class Making:
-    """Limits of what can be made.
+class ManufacturingLimits:
+    """Limits of the arms that can be manufactured.
 
     Attributes
     ----------
     wall : float
-        Least distance of a tendon from the surface [m].
+        Smallest distance of a tendon from the surface [m].
     radius : float
-        Least radius of the body [m].
+        Smallest radius of the body [m].
     spacing : float
-        Least distance between anchorages, and from the base to the first [m].
+        Smallest distance between anchorages, and from the base to the first anchorage [m].
     """
 
     wall: ArcLength = 0.0
     radius: ArcLength = 0.0
     spacing: ArcLength = 0.0
 
-    def room(self, arm: Arm) -> Array:
-        """Return what is left of each limit over the arm's length (n,): 0 or above can be made."""
-        return np.concatenate([*self._margins(arm).values(), [arm.length - arm.anchorages[0]]])
+    def margins(self, arm: Arm) -> Array:
+        """Return the margin of each limit, over the arm's length (n,); a feasible arm has none < 0.
+
+        The last one is the margin of the tip-most anchorage from the tip.
+        """
+        return np.concatenate([*self._by_limit(arm).values(), [arm.length - arm.anchorages[0]]])
 
     def check(self, arm: Arm) -> None:
-        """Raise InputError where an arm to begin with cannot be made."""
-        room = float(self.room(arm).min())
-        if room < -AT_BOUND:
-            violation = -1e3 * room * arm.length
+        """Raise InputError if the given arm violates a limit."""
+        smallest = float(self.margins(arm).min())
+        if smallest < -AT_BOUND:
+            violation = -1e3 * smallest * arm.length
             allowed = f"a limit that the given arm keeps: it misses it by {violation:.3g} mm"
-            raise InputError("making", self, allowed)
+            raise InputError("manufacturing", self, allowed)
 
     def binding(self, arm: Arm) -> tuple[str, ...]:
-        """Return what an arm has no room left of, in words; only of limits that were given."""
+        """Return descriptions of the given limits that are active."""
         return tuple(
             f"{name} {1e3 * getattr(self, name):g} mm"
-            for name, room in self._margins(arm).items()
-            if getattr(self, name) and room.min() < AT_BOUND
+            for name, margins in self._by_limit(arm).items()
+            if getattr(self, name) and margins.min() < AT_BOUND
         )
 
-    def _margins(self, arm: Arm) -> dict[str, Array]:
-        """Return what is left of each limit, over the arm's length."""
+    def _by_limit(self, arm: Arm) -> dict[str, Array]:
+        """Return the margins of each limit by name, over the arm's length."""
         share = np.linspace(0.0, 1.0, _STATIONS)
         walls = []
         for i, path in arm.offset_paths:
             end = arm.sections[i].at
             surface = (arm.hull or arm.radius).evaluate(share * end, arm.length)[0]
             walls.append(surface - np.abs(path.evaluate(share * end, end)[0]) - self.wall)
-        radius = arm.radius.evaluate(share * arm.length, arm.length)[0] - self.radius
-        spacing = -np.diff([*arm.anchorages, 0.0]) - self.spacing
-        rooms = {"radius": radius, "wall": np.concatenate(walls), "spacing": spacing}
-        return {name: room / arm.length for name, room in rooms.items()}
+        margins = {
+            "radius": arm.radius.evaluate(share * arm.length, arm.length)[0] - self.radius,
+            "wall": np.concatenate(walls),
+            "spacing": -np.diff([*arm.anchorages, 0.0]) - self.spacing,
+        }
+        return {name: values / arm.length for name, values in margins.items()}
 
 
 @value
 class Reach(Target):
-    """The farthest place of the tip along a direction (3,), base frame, within the tension limits.
+    """Maximise the tip coordinate along a direction within the tension limits.
 
-    By tensions of its own, beside those of the tasks.
+    The reach has tensions of its own, in addition to the tensions of the tasks.
 
     Attributes
     ----------
     direction : (3,)
-        In the base frame.
+        Direction in the base frame.
     """
 
     direction: Direction
@@ -99,7 +104,7 @@ Objective = Literal["effort"] | Stiffest | Softest | Reach
 
 
 def checked_objective(objective: Any, limits: Limits) -> Objective:
-    """Return what a design makes best within limits, or raise InputError."""
+    """Return the objective of a design, or raise InputError if the limits do not allow it."""
     if isinstance(objective, Reach) and not np.all(np.isfinite(limits.upper)):
         raise InputError("tension_max", limits.upper, "finite tensions where a reach is asked for")
     if isinstance(objective, Reach) or np.array_equal(objective, "effort"):
