@@ -1,1 +1,1 @@
-"""Errors, values, checks, text, progress and compiled functions, on which all modules rest."""
+"""Errors, checked values, text, progress and compiled functions, for all other modules."""

@@ -1,4 +1,4 @@
-"""Checks of what users hand in, each raising InputError with the name of the field."""
+"""Checks of user input; each raises InputError with the name of the field."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from octoplan.model.support.errors import InputError
 
-# Sizes of numbers that have a meaning, in SI units; products of a few of them are numbers still.
-LARGEST, SMALLEST = 1e30, 1e-30
+# Largest and smallest absolute value of a quantity in SI units; products of several quantities
+# within these limits do not overflow or underflow.
+LARGEST = 1e30
+SMALLEST = 1e-30
 
 
 def finite_array(field: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
-    """Return value as a float array of the given shape; None in shape is any size."""
+    """Return a value as a float array of a shape, with None for any size."""
     wanted = "x".join("n" if n is None else str(n) for n in shape) or "scalar"
     array = numbers(field, value, f"numbers of shape {wanted}")
     matches = array.ndim == len(shape) and all(
@@ -31,9 +33,9 @@ def finite_array(field: str, value: Any, shape: tuple[int | None, ...]) -> NDArr
 
 
 def numbers(field: str, value: Any, allowed: str) -> NDArray[np.float64]:
-    """Return value as a float array of any shape; strings of digits are not numbers.
+    """Return a value as a float array of any shape.
 
-    Nor are masked ones: what is beneath a mask was not told.
+    Raises InputError for strings, even of digits, and for masked arrays.
     """
     try:
         array = np.asarray(value)
@@ -44,12 +46,12 @@ def numbers(field: str, value: Any, allowed: str) -> NDArray[np.float64]:
     return array.astype(float)
 
 
-# What values of a type are like, in messages.
+# Descriptions of the values of a type, for messages.
 SUCH: dict[Any, str] = {bool: "True or False", str: "text"}
 
 
 def such(kind: Any) -> str:
-    """Return what values of a type are like, in words."""
+    """Return a description of the values of a type."""
     if kind in SUCH:
         return SUCH[kind]
     if get_origin(kind) is Literal:
@@ -60,22 +62,23 @@ def such(kind: Any) -> str:
 
 
 def kind(field: str, value: Any, wanted: Any, allowed: str = "") -> Any:
-    """Return a value that is of a type; InputError for others, among them classes themselves."""
+    """Return a value of a type; InputError for other values and for classes."""
     if isinstance(value, type) or not isinstance(value, wanted):
         raise InputError(field, value, allowed or such(wanted))
     return value
 
 
 def literal(field: str, value: Any, wanted: Any) -> Any:
-    """Return what is one of several texts or whole numbers, those of a Literal."""
-    allowed, is_plain = get_args(wanted), isinstance(value, str | int | np.integer)
+    """Return a value that is one of the texts or integers of a Literal, or raise InputError."""
+    allowed = get_args(wanted)
+    is_plain = isinstance(value, str | int | np.integer)
     if is_plain and not isinstance(value, bool) and value in allowed:
         return allowed[allowed.index(value)]
     raise InputError(field, value, such(wanted))
 
 
 def is_several(value: Any) -> bool:
-    """Return whether a value holds others in an order: no text, no array without dimensions."""
+    """Return whether a value is a sequence, excluding text and arrays without dimensions."""
     is_other = isinstance(value, str | bytes | Mapping | Set)
     holds = hasattr(value, "__len__") and hasattr(value, "__iter__")
     return holds and not is_other and getattr(value, "shape", None) != ()
@@ -88,14 +91,14 @@ def arc_lengths(value: Any) -> NDArray[np.float64]:
 
 
 def finite(field: str, value: Any) -> float:
-    """Return value as a finite float."""
+    """Return a value as a finite float."""
     if type(value) is float and -LARGEST <= value <= LARGEST:
         return value
     return float(finite_array(field, value, ()))
 
 
 def positive(field: str, value: Any) -> float:
-    """Return value as a finite float above zero, and not next to it."""
+    """Return a value as a finite float of at least SMALLEST."""
     number = finite(field, value)
     if number <= 0:
         raise InputError(field, value, "a number above 0")
@@ -105,7 +108,7 @@ def positive(field: str, value: Any) -> float:
 
 
 def not_negative(field: str, value: Any) -> float:
-    """Return value as a finite float, zero or above."""
+    """Return a value as a finite float of at least zero."""
     number = finite(field, value)
     if number < 0:
         raise InputError(field, value, "0 or a number above it")
@@ -113,7 +116,7 @@ def not_negative(field: str, value: Any) -> float:
 
 
 def within(field: str, value: Any, low: float, high: float) -> float:
-    """Return value as a float in [low, high]."""
+    """Return a value as a float in [low, high]."""
     number = finite(field, value)
     if not low <= number <= high:
         raise InputError(field, value, f"a number from {low:g} to {high:g}")
@@ -121,7 +124,7 @@ def within(field: str, value: Any, low: float, high: float) -> float:
 
 
 def unit_vector(field: str, value: Any) -> tuple[float, ...]:
-    """Return value as three floats of length 1; what has that to rounding stays as it is."""
+    """Return a vector scaled to length 1, as three floats; unit vectors are not changed."""
     argument = finite_array(field, value, (3,))
     scaled = argument / (np.abs(argument).max() or 1.0)
     length = np.linalg.norm(scaled)

@@ -1,4 +1,4 @@
-"""The tree of exceptions: everything raised on purpose derives from OctoplanError."""
+"""Exceptions and warnings; all errors that octoplan raises on purpose are OctoplanErrors."""
 
 from __future__ import annotations
 
@@ -7,39 +7,39 @@ from functools import partial
 from importlib import import_module
 from typing import Any, Self
 
-# Largest difference of the fractions at which an arm snaps on two meshes that agree.
+# Largest difference of the load fractions at which an arm snaps on two meshes that agree.
 _SNAP_AGREEMENT = 1e-2
-# Of what was given, in characters, in a message.
+# Largest number of characters of a given value in a message.
 _LONG = 300
 
 
 def shortened(text: str, most: int = _LONG) -> str:
-    """Return a text, of one that is longer than `most` characters its beginning and its length."""
+    """Return a text, truncated to `most` characters, with the full length if truncated."""
     return text if len(text) <= most else f"{text[:most]} ... ({len(text)} characters)"
 
 
 def as_given(value: object) -> str:
-    """Return how a value is shown in a message."""
+    """Return the representation of a value in messages."""
     try:
         return shortened(repr(value))
-    except ValueError:  # a whole number of more digits than Python writes
+    except ValueError:  # an integer with more digits than Python converts to text
         return f"a {type(value).__name__} too long to show"
 
 
 class OctoplanError(Exception):
-    """Root of all errors raised by octoplan; they pickle by what they were made of.
+    """Base class of all errors of octoplan; errors pickle with the arguments of their constructor.
 
     Attributes
     ----------
     which : str
-        The set of tensions or lengths that failed, if there were many; empty otherwise.
+        The set of tensions or lengths that failed, if there are several; otherwise empty.
     """
 
     which: str = ""
     _made_of: tuple[tuple[Any, ...], dict[str, Any]]
 
     def __new__(cls, *args: Any, **more: Any) -> Self:
-        """Remember the arguments; messages are made of them."""
+        """Store the arguments, for pickling and `of_set`."""
         made = super().__new__(cls, *args)
         made._made_of = args, more
         return made
@@ -54,7 +54,7 @@ class OctoplanError(Exception):
         return f"{self.which}: {message}" if self.which else message
 
     def of_set(self, which: str) -> Self:
-        """Return this error as that of one set of many, which its message names first."""
+        """Return this error for one set of several; the message starts with the set."""
         args, more = self._made_of
         error = type(self)(*args, **more)
         error.which = which
@@ -62,16 +62,16 @@ class OctoplanError(Exception):
 
 
 class InputError(OctoplanError, ValueError):
-    """A value that was given is not allowed.
+    """A given value is not allowed.
 
     Attributes
     ----------
     field : str
-        What was given, by name (for a scene file: its key path).
+        Name of the value (in a scene file: its key path).
     given : object
-        The offending value.
+        The value.
     allowed : str
-        What would have been accepted.
+        Description of allowed values.
     """
 
     def __init__(self, field: str, value: object, allowed: str) -> None:
@@ -80,7 +80,7 @@ class InputError(OctoplanError, ValueError):
 
 
 class TimeLimitError(OctoplanError):
-    """What was asked for is not found within the time limit.
+    """The time limit was reached before there was a result.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class TimeLimitError(OctoplanError):
 
 
 class UncertifiedError(OctoplanError):
-    """The shape of a plan is not settled: the time limit was reached first."""
+    """The shape of a plan is not settled, because the time limit was reached first."""
 
 
 class FileError(InputError):
@@ -143,7 +143,7 @@ class CollapsedError(OctoplanError):
     Attributes
     ----------
     s : float
-        Where, in m from the base.
+        Arc length of the cross-section [m].
     stretch : float
         The value of 1 + q there.
     """
@@ -158,12 +158,12 @@ class CollapsedError(OctoplanError):
 
 
 class ConvergenceError(OctoplanError):
-    """No equilibrium was found to the accuracy asked for.
+    """No equilibrium was found to the requested accuracy.
 
     Attributes
     ----------
     asked, reached : float
-        Tip error over arm length.
+        Requested and reached tip error over arm length.
     """
 
     def __init__(self, request: float, reached: float, remedy: str) -> None:
@@ -180,7 +180,7 @@ class UnsettledSectionError(ConvergenceError):
     Attributes
     ----------
     s : float
-        Where, in m from the base.
+        Arc length of the cross-section [m].
     """
 
     def __init__(self, s: float) -> None:
@@ -197,9 +197,9 @@ class UnsettledContactError(ConvergenceError):
     Attributes
     ----------
     share : float
-        How much of tensions and loads, from 0 to 1, was reached.
+        Reached fraction of tensions and loads, from 0 to 1.
     why : str
-        What was not found there.
+        The error at this fraction.
     """
 
     def __init__(self, share: float, why: str) -> None:
@@ -213,16 +213,16 @@ class UnsettledContactError(ConvergenceError):
 
 
 class SnapError(OctoplanError):
-    """The arm loses its equilibrium before its loads and tensions act in full.
+    """The arm loses its equilibrium before loads and tensions act in full.
 
     Attributes
     ----------
     load_factor, tension_factor : float
         Fractions of the loads and of the tensions, from 0 to 1, at which the arm snaps.
     why : str
-        What happens to the arm there.
+        Description of the instability.
     history : "loads first", "tensions first" or "together"
-        In what order loads and tensions acted.
+        Order in which loads and tensions acted.
     """
 
     def __init__(
@@ -246,7 +246,7 @@ class SnapError(OctoplanError):
         super().__init__(message[history])
 
     def agrees(self, other: SnapError | None) -> bool:
-        """Return whether two meshes agree on where the arm snaps, clearly before the end."""
+        """Return whether two meshes agree on the fraction at which the arm snaps, well before 1."""
         if other is None or self.history != other.history:
             return False
         now = self.load_factor * self.tension_factor
@@ -255,18 +255,18 @@ class SnapError(OctoplanError):
 
 
 class SingularError(OctoplanError):
-    """A matrix that was asked for does not exist; the message says along what it is singular."""
+    """A requested matrix does not exist; the message names the singular direction."""
 
 
 class DetailedWarning(UserWarning):
-    """A warning whose text is the same for all cases of a kind.
+    """A warning with a constant text for each kind of case.
 
-    Python shows a text once for each line of a script, so that a loop does not repeat it.
+    Python shows a text once for each line of a script, so that a loop does not repeat the text.
 
     Attributes
     ----------
     details : str
-        The text with the numbers of this case.
+        The text with the values of this case.
     """
 
     def __init__(self, text: str, details: str = "") -> None:
@@ -275,26 +275,26 @@ class DetailedWarning(UserWarning):
 
 
 class ShapeWarning(DetailedWarning):
-    """A settled shape that no arm takes: bent too sharply, or stretched too far."""
+    """A settled shape that no real arm takes: bent too sharply, or stretched too far."""
 
 
 class CompilerWarning(DetailedWarning, RuntimeWarning):
-    """No C compiler works, or compiled code cannot be kept."""
+    """No C compiler works, or compiled code cannot be stored."""
 
 
 class CompilerError(OctoplanError):
-    """There is no C compiler, or it failed; the message is its own."""
+    """The C compiler is missing or failed; the message is the compiler's."""
 
 
 class MissingExtraError(OctoplanError):
-    """A package is needed that `pip install octoplan` alone does not bring.
+    """An optional package is required that `pip install octoplan` does not install.
 
     Attributes
     ----------
     package : str
-        What could not be imported.
+        Name of the package.
     extra : str
-        The extra of octoplan that brings it.
+        The extra of octoplan that installs the package.
     """
 
     def __init__(self, package: str, extra: str) -> None:
@@ -306,7 +306,7 @@ class MissingExtraError(OctoplanError):
 
 
 def needed(package: str, extra: str) -> Any:
-    """Return a package that an extra brings; MissingExtraError where it is not installed."""
+    """Import a package of an extra; MissingExtraError if not installed."""
     try:
         return import_module(package)
     except ModuleNotFoundError as reason:

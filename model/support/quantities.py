@@ -1,8 +1,8 @@
-"""What the numbers of values are, as annotations: the units that files name them in, their bounds.
+"""Annotations of quantities: types, bounds, and units in files.
 
-Values hold SI units; bounds are in these. `octoplan.planner.frontends.io` derives the keys of
-files, their checks, schema and documentation from the annotations, so that an argument is said
-once, in its class.
+Values are stored in SI units, and bounds are in SI units. `octoplan.planner.frontends.io` derives
+keys, checks, schema and documentation of files from the annotations, so that each argument is
+defined once, in its class.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from octoplan.model.support.value import Rule
 
 
 def unit(name: str, **bounds: Any) -> Meta:
-    """Return the annotation of a quantity: its unit in files, and what Meta takes besides."""
+    """Return the annotation of a quantity: its unit in files, and other arguments of Meta."""
     return Meta(extra={"unit": name}, **bounds)
 
 
@@ -38,7 +38,7 @@ Length = Annotated[Positive, unit("mm")]
 ArcLength = Annotated[NotNegative, unit("mm")]
 Place = Annotated[Vector, unit("mm")]
 Sizes = Annotated[tuple[Positive, ...], unit("mm", min_length=3, max_length=3)]
-# Functions of arc length, as files write them.
+# Descriptions of functions of arc length in files.
 _PATH = "[base, end], or samples"
 _PATHS = f"{_PATH}, or a list with one for each tendon"
 LengthPath = Annotated[Path, unit("mm", description=_PATH)]
@@ -48,6 +48,6 @@ CurvaturePath = Annotated[Path, unit("1/m", description=_PATH)]
 Angle = Annotated[float, unit("deg")]
 Density = Annotated[NotNegative, unit("kg/m3")]
 Force = Annotated[Vector, unit("N")]
-# Stiffness E A of tendons whose lengths are held.
+# Axial stiffness E A of tendons whose lengths are held.
 Tension = Annotated[Positive, unit("N")]
 Stiffness = Annotated[Positive, unit("N/m")]

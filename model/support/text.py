@@ -1,4 +1,4 @@
-"""Values as people read them: tables that fit a screen, and the same in notebooks."""
+"""Text and HTML representations of values: paragraphs, tables and figures."""
 
 from __future__ import annotations
 
@@ -16,23 +16,26 @@ from octoplan.model.paths import Array, Path
 from octoplan.model.support.errors import OctoplanError
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+|inf|nan)(e[-+]?\d+)?")
-# Tendons in a line of a table; lines of a table in a repr.
-_ACROSS, MOST_LINES = 6, 12
+# Number of tendons in a line of a table.
+_ACROSS = 6
+# Number of lines of a table in a repr.
+MOST_LINES = 12
 
-# How the figure of a kind of value is drawn, and what is told of it; whoever can says so.
-# What is called before the first of them is looked for.
-_later: list[Callable[[], Any]] = []
-# What a value is told by: a paragraph, or a table by its rows, the names of its columns first.
+# Part of a representation: a paragraph, or the rows of a table, starting with the column names.
 Part = str | Sequence[Sequence[str]]
-_Way = tuple[Callable[..., Any] | None, Callable[[Any], Iterable[Part]]]
-_shown: dict[type, _Way] = {}
+# Functions that draw the figure of a value, and that return its parts.
+_Display = tuple[Callable[..., Any] | None, Callable[[Any], Iterable[Part]]]
+# Representations by class.
+_displays: dict[type, _Display] = {}
+# Function that registers more representations, called before the first one is missing.
+_later: list[Callable[[], Any]] = []
 
 
 def columns(rows: Sequence[Sequence[str]], left: int = 1) -> list[str]:
-    """Return lines in which the cells of rows stand below each other, two blanks apart.
+    """Return aligned lines of the cells of rows, with two blanks between columns.
 
-    The first `left` columns are flush left, the others flush right, but for the last of a row that
-    is longer than the first row: it is text that follows.
+    The first `left` columns are left-aligned, the others right-aligned. Cells beyond the length of
+    the first row are text that is appended to the line.
     """
     n = len(rows[0])
     widths = [max(len(row[j]) for row in rows if j < len(row)) for j in range(n)]
@@ -47,12 +50,12 @@ def columns(rows: Sequence[Sequence[str]], left: int = 1) -> list[str]:
 
 
 def counted(count: int, what: str) -> str:
-    """Return how many of something there are: "1 shape", "2 shapes"."""
+    """Return a number of things in words: "1 shape", "2 shapes"."""
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def shortened_lines(lines: list[str], most: int = MOST_LINES) -> list[str]:
-    """Return lines, of many the first and how many more there are."""
+    """Return the first lines, and the number of omitted lines if there are more than `most`."""
     if len(lines) <= most:
         return lines
     return [*lines[: most - 1], f"  ... and {len(lines) - most + 1} more"]
@@ -67,16 +70,16 @@ def shown_by(
     plot: Callable[..., Any] | None = None,
     parts: Callable[[Any], Iterable[Part]] = _in_words,
 ) -> None:
-    """Let values of a kind be shown by a figure, `plot(value, ax)`, and by paragraphs and tables.
+    """Register the representation of a class: the figure `plot(value, ax)` and the parts.
 
-    As text (`to_text`) and in notebooks.
+    `to_text` and notebooks use the representation.
     """
-    _shown[kind] = plot, parts
+    _displays[kind] = plot, parts
 
 
 def parts_of(value: Any) -> Iterator[Part]:
     """Yield the paragraphs and tables of a value."""
-    yield from _shown_as(value)[1](value)
+    yield from _display_of(value)[1](value)
 
 
 def to_text(value: Any) -> str:
@@ -88,26 +91,23 @@ def to_text(value: Any) -> str:
 
 
 def register_display(load: Callable[[], Any]) -> None:
-    """Let `load` be called where a figure is wanted first: it says how values are shown."""
+    """Register a function that registers representations, to be called when one is missing."""
     _later[:] = [load]
 
 
 def plotted(value: Any, ax: Any = None) -> Any:
-    """Return the figure of a value, or draw it in axes and return these.
+    """Return the figure of a value, or draw the figure in axes and return the axes.
 
-    Raises OctoplanError where nothing is loaded that draws.
+    Raises OctoplanError if no plotting function is registered.
     """
-    plot, _ = _shown_as(value)
+    plot, _ = _display_of(value)
     if plot is None:
         raise OctoplanError("figures are drawn by octoplan.planner: import it first")
     return plot(value, ax)
 
 
 def _html(part: Part) -> str:
-    """Return a paragraph as it stands, long lines broken between words, or a table, in HTML.
-
-    Its numbers are flush right.
-    """
+    """Return a paragraph with its line breaks, or a table with right-aligned numbers, in HTML."""
     if isinstance(part, str):
         style = "white-space:pre-wrap;word-break:normal"
         return f"<pre style='{style}'>{html.escape(part)}</pre>" if part else ""
@@ -124,13 +124,13 @@ def _html(part: Part) -> str:
 
 
 class HtmlRepr:
-    """What notebooks show by its figure and by what is told of it; see shown_by."""
+    """Representation in notebooks: figure, paragraphs and tables; see shown_by."""
 
     __slots__ = ()
 
     def _repr_html_(self) -> str:
-        """Return the figure, where one can be drawn, then paragraphs and tables."""
-        plot, parts = _shown_as(self)
+        """Return the figure if one can be drawn, then paragraphs and tables."""
+        plot, parts = _display_of(self)
         text = "".join(map(_html, parts(self)))
         if plot is None:
             return text
@@ -141,7 +141,7 @@ class HtmlRepr:
 
 
 class TextRepr(HtmlRepr):
-    """What is read by what is told of it: all where it is printed, the first part where named."""
+    """Representation as text: str() returns all parts, repr() the first one."""
 
     __slots__ = ()
 
@@ -152,15 +152,15 @@ class TextRepr(HtmlRepr):
         return to_text(self)
 
 
-def _shown_as(value: Any) -> _Way:
+def _display_of(value: Any) -> _Display:
     kinds = type(value).__mro__
-    if _later and not any(kind in _shown for kind in kinds):
+    if _later and not any(kind in _displays for kind in kinds):
         _later.pop()()
-    return next((_shown[kind] for kind in kinds if kind in _shown), (None, _in_words))
+    return next((_displays[kind] for kind in kinds if kind in _displays), (None, _in_words))
 
 
 def ends_text(path: Path, span: float) -> str:
-    """Return a function of arc length by its values at base and end [mm]."""
+    """Return a function of arc length as text: its values at both ends [mm]."""
     base, end = 1e3 * path.evaluate(np.array([0.0, span]), span)[0]
     return f"{base:.4g}" if base == end else f"{base:.4g} to {end:.4g}"
 
@@ -168,17 +168,20 @@ def ends_text(path: Path, span: float) -> str:
 def tendon_table(
     title: str, by_section: Sequence[tuple[float, Sequence[str]]], values: Array
 ) -> str:
-    """Return a table of a number for each tendon, a line a section, of many tendons several.
+    """Return a table of a value for each tendon, one or several lines for each section.
 
     Parameters
     ----------
+    title : str
+        First line.
     by_section : sequence of (at, names)
         Arc length of each anchorage [m] and its tendons' names, in tendon order.
-    values : array of n_tendons numbers
+    values : (n_tendons,)
     """
     numbers = iter(np.ravel(values).tolist())
     heads = [f"  section {i + 1} (at {1e3 * at:g} mm)" for i, (at, _) in enumerate(by_section)]
-    width, lines = max(map(len, heads)), [title]
+    width = max(map(len, heads))
+    lines = [title]
     for head, (_, names) in zip(heads, by_section, strict=True):
         cells = [f"{name:>7} {next(numbers):9.4f}" for name in names]
         for begin in range(0, len(cells), _ACROSS):
@@ -190,10 +193,7 @@ def tendon_table(
 def shape_text(
     tables: Sequence[str], tip: Array, frame: Array, error: float, remarks: Sequence[str] = ()
 ) -> str:
-    """Return tables of the tendons, then where the tip is [m], its frame, the estimated error.
-
-    Last come remarks, a sentence each.
-    """
+    """Return a text of tendon tables, tip position [m], tip frame, estimated error and remarks."""
     place = "  ".join(f"{1e3 * x:.4f}" for x in tip)
     rows = "\n".join("  " + " ".join(f"{x:9.5f}" for x in row) for row in frame)
     return "\n\n".join(

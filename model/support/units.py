@@ -1,8 +1,9 @@
-"""Warnings of numbers that are likely given in another unit: millimetres, degrees, kilopascals.
+"""Warnings about values that are likely in another unit: millimetres, degrees, kilopascals.
 
-Unusual numbers are allowed. The warning names the field and the likely mistake, the same text for
-all numbers, so that Python shows it once for each line of a script; its `details` have the number
-and the one likely meant. `warnings.simplefilter("ignore", UnitWarning)` silences it.
+Unusual values are allowed. The warning names the field and the likely mistake. The text is the same
+for all values, so that Python shows a warning once for each line of a script; `details` contain the
+value and the likely intended one. `warnings.simplefilter("ignore", UnitWarning)` silences the
+warnings.
 """
 
 from __future__ import annotations
@@ -21,14 +22,14 @@ from octoplan.model.support.errors import DetailedWarning
 _OURS = "octoplan"
 
 
-# What stands between a script and what it calls.
+# Modules that may be on the call stack between a script and a public function.
 _BETWEEN = frozenset(
     {"octoplan.model.support.progress", "octoplan.model.settle", "octoplan.model.support.units"}
 )
 
 
 def called_by_a_script() -> bool:
-    """Return whether a public call is a script's, and no part of another call of ours."""
+    """Return whether a script, not another function of octoplan, made a public call."""
     frame: FrameType | None = sys._getframe(1)
     while frame is not None and frame.f_globals.get("__name__", "") in _BETWEEN:
         frame = frame.f_back
@@ -36,11 +37,12 @@ def called_by_a_script() -> bool:
 
 
 def warn(text: str, category: type[Warning], details: str = "") -> None:
-    """Warn as of the nearest line that is not this project's; `details` are a DetailedWarning's."""
+    """Warn at the nearest line outside of octoplan; `details` are for a DetailedWarning."""
     frame: FrameType | None = sys._getframe(1)
     level = 2
     while frame is not None and frame.f_globals.get("__name__", "").split(".")[0] == _OURS:
-        frame, level = frame.f_back, level + 1
+        frame = frame.f_back
+        level += 1
     detailed = issubclass(category, DetailedWarning)
     message = category(text, details) if detailed else category(text)
     warnings.warn(message, stacklevel=level)
@@ -51,7 +53,7 @@ _SENTENCES_IN_MM = ContextVar("sentences tell lengths in mm", default=False)
 
 @contextmanager
 def millimetres() -> Iterator[None]:
-    """Let sentences inside the block tell lengths in mm, as the files do that they are about."""
+    """Write lengths in mm inside the block, for messages about files."""
     token = _SENTENCES_IN_MM.set(True)
     try:
         yield
@@ -60,27 +62,28 @@ def millimetres() -> Iterator[None]:
 
 
 def length_text(metres: float) -> str:
-    """Return a length as a sentence tells it: in m, or as `millimetres` wants it."""
+    """Return a length as text in m, or in mm inside of `millimetres`."""
     return f"{1e3 * metres:.6g} mm" if _SENTENCES_IN_MM.get() else f"{metres:.6g} m"
 
 
 class UnitWarning(DetailedWarning):
-    """A number that was likely given in another unit."""
+    """A value that is likely in another unit."""
 
 
 @dataclass(frozen=True)
 class Usual:
-    """The usual size of numbers of a kind, and the warnings about others.
+    """Usual size of a kind of values, and texts of warnings about other values.
 
-    Details may hold `{field}`; the number `{x}`, a thousandth, a thousand and a million times it,
-    `{m}`, `{k}` and `{M}`; of an angle its `{turns}`, and `{rad}`, what it is in degrees.
+    Details are format strings with the fields `{field}`; the value `{x}`, and the value times 1e-3,
+    1e3 and 1e6, `{m}`, `{k}` and `{M}`; for angles `{turns}`, and `{rad}`, the value converted
+    from degrees.
 
     Attributes
     ----------
     least, most : float
-        Bounds of the size of usual numbers.
+        Bounds of the absolute value of usual values.
     small, large : (str, str)
-        The constant end of the text about a number below and above, and the details.
+        Warnings about values below and above: constant end of the text, and details.
     """
 
     least: float
@@ -90,7 +93,8 @@ class Usual:
 
 
 _NONE = "", ""
-_IN_MM, _IN_M = "if metres were meant in a key in mm", "if millimetres were meant for metres"
+_IN_MM = "if metres were meant in a key in mm"
+_IN_M = "if millimetres were meant for metres"
 _SMALL, _LARGE = (
     f"is very small; {_IN_MM}, multiply by 1000",
     f"is very large; {_IN_M}, divide by 1000",
@@ -131,8 +135,8 @@ MODULUS = Usual(
     ),
 )
 DENSITY = Usual(
-    25.0,  # foams are heavier
-    3e4,  # the heaviest metals have 2.3e4 kg/m3
+    25.0,  # below the density of foams
+    3e4,  # above the density of the heaviest metals, 2.3e4 kg/m3
     (
         "is lighter than any elastomer; if g/cm3 were meant, multiply by 1000",
         "{field} is {x:g} kg/m3, lighter than any elastomer; if g/cm3 were meant, give {k:g} "
@@ -145,7 +149,7 @@ DENSITY = Usual(
     ),
 )
 FLUID = Usual(
-    0.05,  # hydrogen has 0.08 kg/m3
+    0.05,  # below the density of hydrogen, 0.08 kg/m3
     3e4,
     (
         "is lighter than any gas; densities are in kg/m3",
@@ -166,10 +170,10 @@ ANGLE, ANGLE_AROUND = (
     )
     for turns in (1, 2)
 )
-# The turn of a tendon along the arm: that of 90 degrees is 14 turns if it is in radians.
+# Twist of a tendon along the arm: 90 degrees, misread as radians, are 14 turns.
 TURN = Usual(0.0, 2 * math.pi * 10, ANGLE.small, ANGLE.large)
-# Over the arm's length: distances of targets from the base, lengths of tendons, and strokes of
-# winches, of which shorter ones move no tip that anybody sees.
+# Distances of targets from the base, tendon lengths and strokes, over the arm's length. Shorter
+# strokes have no visible effect on the tip.
 DISTANCE = Usual(
     3e-3,
     50.0,
@@ -200,7 +204,7 @@ STROKE = Usual(
     (_SMALL, f"{{field}} is {{x:.2g}} arm lengths or less; {_IN_MM}, it is 1000 times too little"),
     (_LARGE, f"{{field}} is {{x:.3g}} arm lengths; {_IN_M}, it is 1000 times too much"),
 )
-# Acceleration of gravity [m/s2], up to ten times that of Earth.
+# Acceleration of gravity [m/s2], up to ten times Earth's.
 GRAVITY = Usual(
     0.0,
     100.0,
@@ -211,7 +215,7 @@ GRAVITY = Usual(
         "(m/s2)",
     ),
 )
-# Speed of a stream [m/s]: no arm is used in faster ones.
+# Speed of a fluid [m/s]; faster currents are implausible for an arm.
 SPEED = Usual(
     0.0,
     100.0,
@@ -228,15 +232,15 @@ RADIUS = Usual(
     (_SMALL, f"{{field}} is {{x:.2g}} arm lengths or less; {_IN_MM}, it is 1000 times too small"),
     (_LARGE, f"{{field}} is {{x:.3g}} arm lengths; {_IN_M}, it is 1000 times too large"),
 )
-# Tension that bends an arm by 1 rad, of the tendon that bends it least [N]. Moduli from 1e7 to 1e10
-# Pa are those of plastics, and a thousand times those of the rubbers that soft arms are made of:
-# among them an arm that needs tens of newtons is likely of rubber. Metal rods are stiffer.
+# Smallest tension of any tendon that bends the arm by 1 rad [N], and range of moduli [Pa] with a
+# lower limit. Moduli of 1e7 to 1e10 Pa are plastics, or rubbers of soft arms with a wrong unit; an
+# arm of such a modulus that requires tens of newtons is likely rubber. Metal rods are stiffer.
 PLASTICS = 1e7, 1e10
 _STIFF = "makes the arm stiff against its tendons; if it was in pascals already, divide by 1000", ""
 STIFF = Usual(0.0, 300.0, _NONE, _STIFF)
 STIFF_PLASTIC = Usual(0.0, 20.0, _NONE, _STIFF)
-# A limit of tensions over the tension that bends the arm by 1 rad: of the tendon with the largest
-# such share, and of that with the smallest.
+# Tension limits over the tension that bends the arm by 1 rad: the largest and the smallest of all
+# tendons.
 LARGEST_LIMIT = Usual(
     1e-2,
     math.inf,
@@ -260,7 +264,7 @@ SMALLEST_LIMIT = Usual(
 
 
 def stiff_text(tension: float, modulus: float) -> str:
-    """Return the details about an arm that only a large tension [N] bends, by its modulus [Pa]."""
+    """Return details for an arm that only a large tension [N] bends, with its modulus [Pa]."""
     return (
         f"Material.E is {modulus:g} Pa, so that a tendon needs {tension:.3g} N to bend the arm by "
         f"1 rad; if that was in pascals already, give {modulus / 1e3:g} Pa "
@@ -269,9 +273,9 @@ def stiff_text(tension: float, modulus: float) -> str:
 
 
 def warn_unusual(field: str, numbers: Iterable[float], usual: Usual, details: str = "") -> None:
-    """Warn of the first number that is too large, or of the largest if all are too small.
+    """Warn about the first value that is too large, or about the largest if all are too small.
 
-    The details are those of `usual` unless given.
+    The details are the ones of `usual` unless given.
     """
     finite = [x for x in numbers if math.isfinite(x)]
     large = next((x for x in finite if abs(x) > usual.most), None)
@@ -280,12 +284,12 @@ def warn_unusual(field: str, numbers: Iterable[float], usual: Usual, details: st
         text, sentence = usual.small if large is None else usual.large
         scaled = {"x": x, "m": x / 1e3, "k": 1e3 * x, "M": 1e6 * x, "earth": x / 9.81}
         angle = {"turns": abs(x) / (2 * math.pi), "rad": math.radians(x)}
-        told = details or sentence.format(field=field, **scaled, **angle)
-        warn(f"{field} {text}", UnitWarning, told)
+        text_details = details or sentence.format(field=field, **scaled, **angle)
+        warn(f"{field} {text}", UnitWarning, text_details)
 
 
 def likely_degrees(radians: float) -> str:
-    """Return what to give for an angle that is not allowed, if it is likely in degrees."""
+    """Return a hint for an angle [rad] out of bounds that is likely in degrees, or ""."""
     if abs(radians) <= 2 * math.pi or abs(radians) > 360:
         return ""
     return f"; {radians:g} degrees are {math.radians(radians):.6g}"

@@ -1,8 +1,8 @@
-"""Frozen values: dataclasses whose arguments are checked and kept as their annotations say.
+"""Frozen values: dataclasses that check and convert their arguments according to annotations.
 
-An argument is converted before the class looks at it: numbers become floats within their bounds,
-sequences tuples, arrays of numbers nested tuples of their shape; what is of another type is told by
-InputError with the class and the argument. `__post_init__` is left with what depends on several.
+Arguments are converted before `__post_init__`: numbers to floats within bounds, sequences to
+tuples, arrays of numbers to nested tuples of a given shape. Arguments of another type raise
+InputError with the class and the argument. `__post_init__` checks relations between arguments.
 """
 
 from __future__ import annotations
@@ -41,21 +41,21 @@ from octoplan.model.support.checks import (
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.units import likely_degrees
 
-# Returns an argument as it is kept, from the name that it has in messages and what was given.
+# Converts an argument, from the name in messages and the value.
 Convert = Callable[[str, Any], Any]
-# What annotations say of numbers and sizes, by the names that Meta has for it.
+# Bounds of numbers and sizes, by the names of Meta's arguments.
 Bounds = dict[str, Any]
 T = TypeVar("T", bound=type[Any])
 
 
 @dataclass(frozen=True)
 class Rule:
-    """What an argument has to be besides its type, as an annotation.
+    """Condition of an argument in addition to its type, as an annotation.
 
     Attributes
     ----------
     apply : function
-        Returns the converted argument as it is kept, from its name and itself; or InputError.
+        Returns the final argument from the name and the converted value, or raises InputError.
     """
 
     apply: Convert
@@ -67,9 +67,10 @@ def value(cls: T) -> T: ...
 def value(*, init: bool = True, repr: bool = True) -> Callable[[T], T]: ...
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
 def value(cls: Any = None, **options: bool) -> Any:
-    """Make a class a frozen dataclass that converts its arguments and remembers its hash.
+    """Make a class a frozen dataclass that converts its arguments and caches its hash.
 
-    Options are those of `dataclasses.dataclass`. With init=False the class converts by itself.
+    Options are the ones of `dataclasses.dataclass`. With init=False the class must
+    convert its arguments on its own.
     """
     if cls is None:
         return partial(value, **options)
@@ -102,30 +103,32 @@ def _converters(cls: Any) -> list[tuple[str, Any, str, Convert]]:
 
 
 def _remember_hash(cls: Any) -> None:
-    """Let a hash be worked out once: values are looked up often.
+    """Cache the hash of instances, which are often used as keys.
 
-    It does not travel with a pickle: hashes of one process mean nothing in another.
+    The cache is not pickled, because hashes differ between processes.
     """
-    work_out, key = cls.__hash__, "_hash"
+    compute = cls.__hash__
+    key = "_hash"
 
     def remembered(self: Any) -> int:
         if key not in vars(self):
-            vars(self)[key] = work_out(self)
+            vars(self)[key] = compute(self)
         return int(vars(self)[key])
 
     def state(self: Any) -> dict[str, Any]:
         return {name: each for name, each in vars(self).items() if name != key}
 
-    cls.__hash__, cls.__getstate__ = remembered, state
+    cls.__hash__ = remembered
+    cls.__getstate__ = state
 
 
-# Converters, by annotations
+# Converters by annotation
 
 
 def converter(hint: Any, outer: Bounds | None = None) -> Convert:
-    """Return what converts arguments of an annotation; TypeError for one that says too little.
+    """Return the converter of an annotation; TypeError if the annotation is insufficient.
 
-    Bounds that are said of a choice hold for what is chosen: they are the `outer` ones.
+    The bounds of a union, `outer`, apply to its members.
     """
     bounds = (outer or {}) | _bounds(hint)
     rules = [each.apply for each in getattr(hint, "__metadata__", ()) if isinstance(each, Rule)]
@@ -141,12 +144,12 @@ def converter(hint: Any, outer: Bounds | None = None) -> Convert:
 
 
 def bare(hint: Any) -> Any:
-    """Return a type without what it is annotated with."""
+    """Return a type without its annotations."""
     return hint.__origin__ if get_origin(hint) is Annotated else hint
 
 
 def _bounds(hint: Any) -> Bounds:
-    """Return what annotations say of a number or a size, and whether it is an angle."""
+    """Return the bounds of a number or a size from annotations, and whether it is an angle."""
     metas = [each for each in getattr(hint, "__metadata__", ()) if isinstance(each, Meta)]
     names = ("gt", "ge", "lt", "le", "min_length", "max_length")
     pairs = [(name, getattr(meta, name)) for meta in metas for name in names]
@@ -156,7 +159,7 @@ def _bounds(hint: Any) -> Bounds:
 
 
 def _of_type(hint: Any, bounds: Bounds) -> Convert:
-    """Return the converter of a type, with the bounds that it is annotated with."""
+    """Return the converter of a type with bounds."""
     origin, inside = get_origin(hint), get_args(hint)
     if origin in (Union, UnionType):
         return _choice(inside, bounds)
@@ -177,7 +180,7 @@ def _of_type(hint: Any, bounds: Bounds) -> Convert:
 
 
 def _choice(kinds: tuple[Any, ...], bounds: Bounds) -> Convert:
-    """Return the converter of one value, a sequence of them, or None, as far as each is allowed."""
+    """Return the converter of a union of a value, a sequence of values, and None."""
     others = [each for each in kinds if each is not NoneType]
     by_form = {get_origin(bare(each)) is tuple: converter(each, bounds) for each in others}
     if len(by_form) < len(others):
@@ -205,7 +208,7 @@ _BOUNDS = {"gt": "above {}", "ge": "from {}", "lt": "below {}", "le": "up to {}"
 
 
 def _number(hint: Any, bounds: Bounds) -> Convert:
-    """Return the converter of a float or a whole number within bounds."""
+    """Return the converter of a float or an integer within bounds."""
     ends = {key: each for key, each in bounds.items() if key in _BOUNDS}
     number: Convert = partial(_bounded, ends, "angle" in bounds)
     if ends in ({"gt": 0}, {"ge": 0}):
@@ -221,7 +224,7 @@ def _number(hint: Any, bounds: Bounds) -> Convert:
 
 
 def _bounded(ends: Bounds, is_angle: bool, name: str, argument: Any) -> float:
-    """Return a number within any bounds."""
+    """Return a number within its bounds, or raise InputError."""
     number = finite(name, argument)
     low, high = ends.get("ge", -math.inf), ends.get("le", math.inf)
     if low <= number <= high and ends.get("gt", -math.inf) < number < ends.get("lt", math.inf):
@@ -233,7 +236,7 @@ def _bounded(ends: Bounds, is_angle: bool, name: str, argument: Any) -> float:
 
 
 def _parts(hint: Any) -> tuple[list[Any], bool]:
-    """Return the annotations inside of a tuple, and whether it is of any length."""
+    """Return the annotations of a tuple's items, and whether the tuple may have any length."""
     if hasattr(hint, "_fields"):
         return list(get_type_hints(hint, include_extras=True).values()), False
     inside = list(get_args(hint)) if get_origin(hint) is tuple else []
@@ -241,9 +244,9 @@ def _parts(hint: Any) -> tuple[list[Any], bool]:
 
 
 def _numbers(hint: Any, bounds: Bounds) -> tuple[tuple[int | None, ...], list[Any]] | None:
-    """Return the shape of numbers in nested tuples, and their annotations in turn; None of others.
+    """Return the shape of nested tuples of numbers, and their annotations; None for other types.
 
-    The shape has None along what is of any length.
+    The shape has None for any length.
     """
     parts, is_endless = _parts(hint)
     inner = [
@@ -259,7 +262,7 @@ def _numbers(hint: Any, bounds: Bounds) -> tuple[tuple[int | None, ...], list[An
 
 
 def _array(hint: Any, shape: tuple[int | None, ...], leaves: list[Any], least: int) -> Convert:
-    """Return the converter of numbers in nested tuples, each within its own bounds."""
+    """Return the converter of nested tuples of numbers, each within its bounds."""
     make, is_whole = getattr(hint, "_make", tuple), bare(leaves[0]) is int
     each = [converter(leaf) for leaf in leaves if any(map(_bounds, leaves))]
 
@@ -281,7 +284,7 @@ def _tuples(nested: Any) -> Any:
 
 
 def _items(hint: Any, least: int) -> Convert:
-    """Return the converter of a named tuple, or a sequence, of what are not all numbers."""
+    """Return the converter of a named tuple or a sequence with items that are not only numbers."""
     parts, is_endless = _parts(hint)
     each = [converter(part) for part in parts]
     allowed = f"a tuple of which each is {such(bare(parts[0]))}" if is_endless else such(hint)

@@ -1,1 +1,1 @@
-"""The same functions run faster: many columns at once, machine code, calls without overhead."""
+"""Faster evaluation of CasADi functions: in batches, as machine code, without call overhead."""

@@ -1,10 +1,10 @@
-/* A function for many sets of arguments, LANES of them side by side as the processor's vector units
-   take them; names that end in an underscore are written in by model/support/machine/columns.py. Contraction
-   of products and sums is off, so that the digits are those of the interpreter. */
+/* A function for many sets of arguments, LANES of them in a vector of the processor. functions.py
+   replaces the names that end in an underscore. Contraction of products and sums is off, so that
+   results are identical to the interpreter's. */
 #include <math.h>
 
 #define LANES LANES_
-/* Constants as Python writes them. */
+/* Python's spelling of constants. */
 #define nan NAN
 #define inf INFINITY
 typedef double lanes __attribute__((vector_size(8 * LANES)));
@@ -28,10 +28,10 @@ static inline void function(const lanes *y, lanes *r) {
 BODY_
 }
 
-/* in[i] is (steps, size, n), or (steps, size, 1) of what is the same for all sets, out[i] (steps,
-   size, n) or, unless every step is looked at, (size, n) of the last one; but for in[0], which is
-   that of the first step alone: others go on from out[0]. Of less than LANES sets the rest of the
-   lanes is 0; the last sets of more are done again. */
+/* in[i] is (steps, size, n), or (steps, size, 1) if it is the same for all sets. out[i] is (steps,
+   size, n), or (size, n) of the last step unless `every` is set. in[0] is (size, n) of the first
+   step; later steps use out[0] of the previous step. If n < LANES, the remaining lanes are 0;
+   otherwise the last vector overlaps the previous one. */
 void columns(long n, long steps, long every, const long *same, const double *const *in,
              double *const *out) {
   static const int sizes_in[] = {SIZES_IN_, 0}, sizes_out[] = {SIZES_OUT_, 0};

@@ -1,9 +1,9 @@
-"""Kernels as machine code: the same digits as interpreted, ten to twenty times sooner.
+"""Kernels as machine code: results identical to the interpreter's, ten to twenty times faster.
 
-Shared libraries are in the user's cache folder, so that each is compiled once. A library's name is
-a hash of its source, compiler and flags, and then the checksum of its own bytes: what is found
-under the name but has another checksum is never loaded. Libraries come to their names in one step,
-so that several processes may build the same at once.
+Shared libraries are stored in the user's cache folder, so that each is compiled once. The name of a
+library is a hash of source, compiler and flags, followed by the checksum of the library. A file
+with a wrong checksum is never loaded. Files are renamed atomically, so that several processes may
+compile the same library at the same time.
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ from octoplan.model.support.errors import CompilerError, CompilerWarning, InputE
 from octoplan.model.support.units import warn
 
 Compile = bool | Literal["auto"]
-# More takes the compiler several times as long, for code that is a tenth faster.
+# Optimisation level. Higher levels multiply the compile time, for code that is 10 % faster.
 _LEVEL = "-O1"
-# Longer functions stay as they are: half a minute of a compiler's for what few plans call at all,
-# those that hold the least stable mode to a margin.
+# Largest number of instructions of a compiled function. Longer functions take half a minute to
+# compile, and only plans with a stability margin call them.
 _LONGEST = 31_000
-_built: WeakKeyDictionary[ca.Function, ca.Function] = WeakKeyDictionary()
-# No contraction of products and sums: the digits are those of the interpreter.
+_compiled: WeakKeyDictionary[ca.Function, ca.Function] = WeakKeyDictionary()
+# Contraction of products and sums is off, so that results are identical to the interpreter's.
 FLAGS = ("-march=native", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared")
 _NAMES = ("cc", "gcc", "clang")
 _REMEDY = "install one, name one by $CC, or pip install 'octoplan[compiled]'"
 
 
 def checked_compile(compile: Any) -> bool:  # noqa: A002  (the name that scripts use)
-    """Return whether to compile: True, False, or "auto" for where there is a compiler that works.
+    """Return whether to compile, for True, False, or "auto": if a compiler works.
 
-    Raises InputError for anything else; CompilerError for True where there is none.
+    Raises InputError for other values, and CompilerError for True without a working compiler.
     """
     if isinstance(compile, bool) and not compile:
         return False
@@ -64,46 +64,47 @@ def checked_compile(compile: Any) -> bool:  # noqa: A002  (the name that scripts
 
 @lru_cache(maxsize=8)
 def _compile_trial(named: str | None, path: str | None) -> None:
+    """Compile a trivial library; cached by the environment variables CC and PATH."""
     library("int works(void) { return 1; }\n", _LEVEL)
 
 
 def kernels(functions: Iterable[ca.Function], machine_code: bool = True) -> list[ca.Function]:
-    """Return functions as machine code, or as they are; several are compiled side by side.
+    """Return functions as machine code, or unchanged; compile several functions in parallel.
 
-    Those that are no SX functions stay, and very long ones. CasADi cannot differentiate what is
-    compiled.
+    Long functions, and functions that are not SX functions, are returned unchanged. CasADi cannot
+    differentiate compiled functions.
 
     Raises CompilerError.
     """
     functions = list(functions)
     if not machine_code:
         return functions
-    left = [f for f in dict.fromkeys(functions) if f not in _built and is_short(f)]
-    generators = [ca.CodeGenerator("function.c") for _ in left]
-    for generator, f in zip(generators, left, strict=True):
+    new = [f for f in dict.fromkeys(functions) if f not in _compiled and is_short(f)]
+    generators = [ca.CodeGenerator("function.c") for _ in new]
+    for generator, f in zip(generators, new, strict=True):
         generator.add(f)
-    with ThreadPoolExecutor(max(len(left), 1)) as pool:
+    with ThreadPoolExecutor(max(len(new), 1)) as pool:
         paths = list(pool.map(lambda each: library(str(each.dump()), _LEVEL), generators))
-    for f, path in zip(left, paths, strict=True):
-        _built[f] = ca.external(f.name(), str(path))
-    return [_built.get(f, f) for f in functions]
+    for f, path in zip(new, paths, strict=True):
+        _compiled[f] = ca.external(f.name(), str(path))
+    return [_compiled.get(f, f) for f in functions]
 
 
 def is_short(f: ca.Function) -> bool:
-    """Return whether a function is one of scalar operations that a compiler is soon done with."""
+    """Return whether a function consists of scalar operations, few enough to compile."""
     return f.is_a("SXFunction") and f.n_instructions() <= _LONGEST
 
 
 def kernel(function: ca.Function, machine_code: bool = True) -> ca.Function:
-    """Return a function as machine code, or as it is; see kernels."""
+    """Return a function as machine code, or unchanged; see kernels."""
     return kernels([function], machine_code)[0]
 
 
 @lru_cache(maxsize=8)
 def _compiler(named: str, path: str) -> tuple[tuple[str, ...], str]:
-    """Return how the compiler is called, and a hash of its version and of the processor."""
+    """Return the command of the compiler, and a hash of its version and of the processor."""
     command = _command(named)
-    # The macros that it begins with tell its version, the machine and the processor's features.
+    # Predefined macros identify the version, the machine and the processor's features.
     macros = _run((*command, *FLAGS[:1], "-dM", "-E", "-x", "c", "-"), "")
     return command, hashlib.sha256(macros.encode()).hexdigest()
 
@@ -123,7 +124,7 @@ def _command(named: str) -> tuple[str, ...]:
 
 
 def _run(command: tuple[str, ...], source: str) -> str:
-    """Return what a command prints, given source; raises CompilerError with what it says."""
+    """Return the output of a command for a source; raise CompilerError with the error output."""
     try:
         done = subprocess.run(command, input=source, capture_output=True, text=True, check=False)
     except OSError as reason:
@@ -135,12 +136,13 @@ def _run(command: tuple[str, ...], source: str) -> str:
 
 
 def library(source: str, flag: str) -> Path:
-    """Return the library of C source, verified; built where it is not there.
+    """Return the verified library of C source; compile it if necessary.
 
     Parameters
     ----------
+    source : str
     flag : str
-        Of the compiler, besides those that are always given.
+        Flag of the compiler in addition to FLAGS.
 
     Raises
     ------
@@ -148,7 +150,8 @@ def library(source: str, flag: str) -> Path:
     """
     command, identity = _compiler(os.environ.get("CC", ""), os.environ.get("PATH", ""))
     values = (source, command, identity, FLAGS, flag)
-    key, folder = hashlib.sha256(repr(values).encode()).hexdigest(), cache_folder()
+    key = hashlib.sha256(repr(values).encode()).hexdigest()
+    folder = cache_folder()
     for path in folder.glob(f"{key}-*.so"):
         if path.name == _file_name(key, path):
             return path
@@ -163,7 +166,7 @@ def library(source: str, flag: str) -> Path:
 
 
 def cache_folder() -> Path:
-    """Return the folder of the libraries; it need not be there."""
+    """Return the folder of the libraries, which may not exist."""
     return user_cache_path("octoplan", appauthor=False) / "compiled"
 
 
@@ -172,7 +175,7 @@ def _file_name(key: str, path: Path) -> str:
 
 
 def _writable(folder: Path) -> Path:
-    """Return the folder, or where it cannot be written one that lasts as long as the process."""
+    """Return the folder if it is writable, otherwise a temporary folder of this process."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

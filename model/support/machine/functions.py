@@ -1,9 +1,9 @@
-"""Functions as NumPy calls them: without CasADi's wrapping, for one set of arguments or for many.
+"""CasADi functions for NumPy arrays: without call overhead, for one or many sets of arguments.
 
-CasADi's wrapping of arguments and results is most of a short call, and its interpreter takes one
-set through all operations of an SX function. Done by NumPy for hundreds of sets, one operation
-after the other, or written out in C for the numbers of several sets in a vector, the same
-operations in the same order give the same digits several times sooner.
+CasADi's conversion of arguments and results dominates short calls, and its interpreter evaluates
+one set of arguments after another. For many sets, NumPy evaluates one operation of an SX function
+after another for all sets, or compiled C evaluates several sets in vector registers. The order of
+operations is the same, so that results are identical, and several times faster.
 """
 
 from __future__ import annotations
@@ -23,16 +23,18 @@ from octoplan.model.paths import Array
 from octoplan.model.support.machine.compiled import is_short, library
 
 K = TypeVar("K")
-# Arguments, all results, what runs a function on these, and its buffer.
+# Arguments, all results, callable that evaluates the function on these, and CasADi's buffer.
 Prepared = tuple[list[Array], Array, Callable[[], None], Any]
-# Sets side by side in C, and by NumPy: intermediate numbers stay in the processor's cache.
-LANES, _AT_ONCE = 8, 2048
-# As few sets as these CasADi interprets sooner, one by one.
+# Number of sets in a vector of the C code.
+LANES = 8
+# Number of sets that NumPy evaluates together, so that intermediate results fit into the cache.
+_AT_ONCE = 2048
+# Number of sets up to which CasADi's interpreter is faster.
 FEW = 192
 
 
 def cached(make: Callable[..., K], *of: Any) -> K:
-    """Return what is made of a structure, made once for all arms and meshes that have it."""
+    """Return `make(*of)`, cached for all arms and meshes with the same structure."""
     result: K = _build_once(make, *of)
     return result
 
@@ -43,7 +45,7 @@ def _build_once(make: Callable[..., Any], *of: Any) -> Any:
 
 
 class BufferedFunction:
-    """A function of dense vectors, with dense results, that may be called from any thread."""
+    """A function of dense vectors with dense results, for calls from any thread."""
 
     def __init__(self, function: ca.Function) -> None:
         self.function = function
@@ -60,40 +62,40 @@ class BufferedFunction:
         return [whole[part].reshape(shape) for part, shape in self._parts]
 
     def flat(self, *inputs: Array) -> Array:
-        """Return all results behind each other (n,), as they are until this thread calls again."""
+        """Return all results concatenated (n,), valid until the next call from this thread."""
         try:
             prepared: Prepared = self._local.prepared
         except AttributeError:
             prepared = self._local.prepared = self.prepared()
-        held, whole, run, _ = prepared
-        for each, value in zip(held, inputs, strict=True):
+        arguments, whole, run, _ = prepared
+        for each, value in zip(arguments, inputs, strict=True):
             each[:] = value
         run()
         return whole
 
     def stats(self) -> dict[str, Any]:
-        """Return what the function tells of the last call of this thread."""
+        """Return the function's statistics of the last call from this thread."""
         return dict(self._local.prepared[3].stats())
 
     def prepared(self) -> Prepared:
-        """Return arguments, all results, what runs the function on these, and its buffer."""
+        """Return arguments, all results, callable that evaluates the function, and its buffer."""
         f = self.function
         arguments = [np.zeros(f.nnz_in(i)) for i in range(f.n_in())]
         whole: Array = np.zeros(self._parts[-1][0].stop)
         buffer, run = f.buffer()
-        for i, held in enumerate(arguments):
-            buffer.set_arg(i, memoryview(held))  # type: ignore[call-arg,arg-type]
+        for i, argument in enumerate(arguments):
+            buffer.set_arg(i, memoryview(argument))  # type: ignore[call-arg,arg-type]
         for i, (part, _) in enumerate(self._parts):
             buffer.set_res(i, memoryview(whole[part]))  # type: ignore[call-arg,arg-type]
         return arguments, whole, run, buffer
 
 
 class BatchFunction:
-    """A function of dense vectors for many sets of arguments, from any thread; rows are sets.
+    """A function of dense vectors for many sets of arguments, one per row, from any thread.
 
-    Few are taken by CasADi's maps, of which the last ones are kept; many, and all with
-    `machine_code`, by VectorInterpreter where these know all operations. The first argument has all
-    rows; others may have fewer, which are taken again and again.
+    CasADi's map evaluates few sets. A VectorInterpreter evaluates many sets, and any number of sets
+    with `machine_code`, if it supports all operations. The first argument determines the number of
+    rows; other arguments are repeated cyclically.
     """
 
     def __init__(self, function: ca.Function, machine_code: bool = False) -> None:
@@ -103,7 +105,8 @@ class BatchFunction:
 
     def __call__(self, *value: Array) -> list[Array]:
         """Return the results (N, n_out) of arguments (N, n_in) or (N,)."""
-        count, f = len(value[0]), self._function
+        count = len(value[0])
+        f = self._function
         if not count:
             return [np.zeros((0, f.numel_out(i))) for i in range(f.n_out())]
         columns = self.columns if self._machine_code or count > FEW else None
@@ -116,8 +119,8 @@ class BatchFunction:
 
     @cached_property
     def columns(self) -> VectorInterpreter | None:
-        """The function of arguments (n_in, N) with results (n_out, N), of scalar operations."""
-        if unknown(self._function):
+        """Interpreter for arguments (n_in, N) and results (n_out, N), if operations allow it."""
+        if unsupported(self._function):
             return None
         return VectorInterpreter(self._function, self._machine_code)
 
@@ -126,7 +129,7 @@ class BatchFunction:
 
 
 class Operation(NamedTuple):
-    """How NumPy does an operation on rows, its last argument, and how it is written in C."""
+    """A scalar operation: NumPy function of rows with an output argument, and C expression."""
 
     numpy: Callable[..., Any]
     c: str
@@ -164,16 +167,17 @@ _MOVES = (ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT)
 Instruction = tuple[int, Sequence[int], Sequence[int], float]
 
 
-def unknown(function: ca.Function) -> list[int]:
+def unsupported(function: ca.Function) -> list[int]:
     """Return the operations of an SX function that are not in OPERATIONS."""
     values = (function.instruction_id(k) for k in range(function.n_instructions()))
     return [op for op in values if op not in OPERATIONS and op not in _MOVES]
 
 
 def instructions(function: ca.Function) -> list[Instruction]:
-    """Return operation, registers or places read and written, and constant, of an SX function.
+    """Return the instructions of an SX function: operation, inputs, outputs and constant.
 
-    An input is read from (argument, element), an output written to (result, element).
+    Inputs and outputs are registers; OP_INPUT reads (argument, element), OP_OUTPUT writes (result,
+    element).
     """
     lines: list[Instruction] = []
     for k in range(function.n_instructions()):
@@ -184,10 +188,10 @@ def instructions(function: ca.Function) -> list[Instruction]:
 
 
 class VectorInterpreter:
-    """An SX function of many sets of arguments, by NumPy or C, from any thread; columns are sets.
+    """An SX function for many sets of arguments, one per column, by NumPy or C, from any thread.
 
-    Arguments are (n_in, N), or (n_in, 1) where all sets have the same; results are (n_out, N). Of
-    operations that OPERATIONS has. Raises CompilerError.
+    Arguments are (n_in, N), or (n_in, 1) if all sets share the argument; results are (n_out, N).
+    All operations must be in OPERATIONS. Raises CompilerError.
     """
 
     def __init__(self, function: ca.Function, machine_code: bool) -> None:
@@ -200,21 +204,23 @@ class VectorInterpreter:
         self._n_registers = function.sz_w()
         self._run = None
         if machine_code:
-            self._run = ctypes.CDLL(str(library(written(function), "-O2"))).columns
-            at, count = ctypes.c_void_p, ctypes.c_long
+            self._run = ctypes.CDLL(str(library(c_source(function), "-O2"))).columns
+            at = ctypes.c_void_p
+            count = ctypes.c_long
             self._run.argtypes = [count, count, count, at, at, at]
             self._run.restype = None
             self._places = (at * function.n_in(), at * function.n_out())
             self._same = count * function.n_in()
 
     def __call__(self, *columns: Array, steps: int = 1, every: bool = True) -> list[Array]:
-        """Return the results of N sets, as many as one of the arguments has columns at the most.
+        """Return the results of N sets, the largest number of columns of an argument.
 
-        Of several steps, each of which has the first result of the one before as its first
-        argument, the other arguments are (steps n_in, N), and results (steps n_out, N), or unless
-        `every` step is looked at those of the last one.
+        With several steps, the first result of a step is the first argument of the next step. The
+        other arguments are (steps n_in, N). The results are (steps n_out, N), or (n_out, N) of the
+        last step unless `every` is set.
         """
-        N, most = max(each.shape[1] for each in columns), steps if every else 1
+        N = max(each.shape[1] for each in columns)
+        most = steps if every else 1
         if self._run is None:
             results = [np.empty((steps * size, N)) for size in self._sizes]
             for i in range(0, N, _AT_ONCE):
@@ -232,9 +238,10 @@ class VectorInterpreter:
         return results
 
     def _interpret(self, steps: int, columns: list[Array], results: list[Array]) -> None:
-        """Fill in the results of some sets, step by step, one operation after the other."""
+        """Evaluate some sets step by step, one operation after another, into `results`."""
         work = [*np.empty((self._n_registers, results[0].shape[1]))]
-        registers, state = work.copy(), columns[0]
+        registers = work.copy()
+        state = columns[0]
         for k in range(steps):
             inputs, outputs = (
                 [each[k * size : (k + 1) * size] for each, size in zip(rows, sizes, strict=True)]
@@ -253,17 +260,18 @@ class VectorInterpreter:
                         registers[to] = np.float64(value)
 
 
-def written(function: ca.Function) -> str:
-    """Return the C of an SX function for many sets."""
+def c_source(function: ca.Function) -> str:
+    """Return C source that evaluates an SX function for many sets."""
     sizes_in = [function.nnz_in(i) for i in range(function.n_in())]
     sizes_out = [function.nnz_out(i) for i in range(function.n_out())]
-    begins_in, begins_out = (np.cumsum([0, *sizes]).tolist() for sizes in (sizes_in, sizes_out))
+    ends_in = np.cumsum([0, *sizes_in]).tolist()
+    ends_out = np.cumsum([0, *sizes_out]).tolist()
     lines = []
     for op, read, to, value in instructions(function):
         if op == ca.OP_INPUT:
-            lines.append(f"  a{to[0]}=y[{begins_in[read[0]] + read[1]}];")
+            lines.append(f"  a{to[0]}=y[{ends_in[read[0]] + read[1]}];")
         elif op == ca.OP_OUTPUT:
-            lines.append(f"  r[{begins_out[to[0]] + to[1]}]=a{read[0]};")
+            lines.append(f"  r[{ends_out[to[0]] + to[1]}]=a{read[0]};")
         elif op == ca.OP_CONST:
             lines.append(f"  a{to[0]}=all({value!r});")
         else:
@@ -275,8 +283,8 @@ def written(function: ca.Function) -> str:
         "SIZES_OUT_": ", ".join(map(str, sizes_out)),
         "N_IN_": len(sizes_in),
         "N_OUT_": len(sizes_out),
-        "N_Y_": begins_in[-1],
-        "N_R_": begins_out[-1],
+        "N_Y_": ends_in[-1],
+        "N_R_": ends_out[-1],
         "BODY_": "\n".join([f"  lanes {registers};", *lines]),
     }
     source = (
