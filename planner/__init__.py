@@ -22,10 +22,11 @@ from octoplan.planner.frontends.io.csv_files import save_shape
 from octoplan.planner.frontends.io.saved_files import load_calibration, load_plan
 from octoplan.planner.frontends.many import FailedPlan, plan_many
 from octoplan.planner.frontends.sweeps.sweep import sweep
+from octoplan.planner.limits import Limits
+from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.plan import Plan, plan
 from octoplan.planner.program.problem import Problem
-from octoplan.planner.question import Limits, Statement
-from octoplan.planner.task import Trial
+from octoplan.planner.solution import Trial
 
 __all__ = [
     "Calibration",
@@ -36,10 +37,10 @@ __all__ = [
     "Limits",
     "ManufacturingLimits",
     "Measured",
+    "NlpOptions",
     "Plan",
     "Problem",
     "Reach",
-    "Statement",
     "Switch",
     "Trajectory",
     "Trial",

@@ -24,6 +24,8 @@ from octoplan.planner.extensions.avoidance.surroundings import NOTHING, Environm
 from octoplan.planner.extensions.contact.remarks import remarks
 from octoplan.planner.extensions.mirror import mirror_images
 from octoplan.planner.measure import remark_on_slack, strokes
+from octoplan.planner.nlp_options import Mode, effort
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.program.problem import (
     RESOLVED,
     STABILITY_TOLERANCE,
@@ -32,28 +34,26 @@ from octoplan.planner.program.problem import (
     units,
 )
 from octoplan.planner.program.program import STABILITY, STRETCH, STROKES
-from octoplan.planner.question import Mode, effort
+from octoplan.planner.solution import Solution, n_equal_optima
 from octoplan.planner.solve.refine import on_mesh
 from octoplan.planner.targets.base import OVER_WANTED
-from octoplan.planner.task import SearchResult, Task, agreed
 
 A = TypeVar("A", bound="Answer")
 
 
 @dataclass(frozen=True, eq=False)
-class Answer(SearchResult, Task):
+class Answer(Solution, PlanningProblem):
     """Tensions for a target. Numbers only; shape, certificate and outcome are derived from them.
 
-    Task has the question, SearchResult the solution, and `surroundings` is what the arm was to keep
-    clear of. `complete` computes shape, certificate and outcome; properties return them. An answer
-    that is not complete, such as one whose tensions are changed (dataclasses.replace), computes
-    each of them when it is first read.
+    `surroundings` is what the arm was to keep clear of. `complete` computes shape, certificate and
+    outcome; properties return them. An answer that is not complete, such as one whose tensions are
+    changed (dataclasses.replace), computes each of them when it is first read.
     """
 
     surroundings: Environment = NOTHING
 
     @classmethod
-    def of(cls, task: Task, result: SearchResult, **more: Any) -> Self:
+    def of(cls, task: PlanningProblem, result: Solution, **more: Any) -> Self:
         """Return the answer to a task from the result of its search; `more` are further fields."""
         parts = {f.name: getattr(of, f.name) for of in (task, result) for f in fields(of)}
         return cls(**parts | more)
@@ -123,7 +123,7 @@ class Answer(SearchResult, Task):
     @property
     def mode(self) -> Mode:
         """How the targets were read in the end: "exact", "closest" or "nearest"."""
-        return self.statement.mode
+        return self.options.mode
 
     @property
     def reached(self) -> bool:
@@ -133,7 +133,7 @@ class Answer(SearchResult, Task):
     @property
     def effort(self) -> float:
         """The norm of the tensions that was made least [N]."""
-        return float(effort(np.ravel(self.tensions), self.statement.norm))
+        return float(effort(np.ravel(self.tensions), self.options.norm))
 
     @property
     def outcome(self) -> str:
@@ -161,7 +161,7 @@ class Answer(SearchResult, Task):
             said = f" Its mirror image across the plane at {planes} from n costs the same."
         missed = not self.certificate.attained and not self.stopped
         said += remarks(self.targets, self.shape, self.limits, missed, self.accuracy)
-        return said + remark_on_slack(self.together, self.shape)
+        return said + remark_on_slack(self.target_set, self.shape)
 
     def mirror_images(self) -> tuple[tuple[float, Array], ...]:
         """Return other tensions that meet the targets at the same effort.
@@ -192,7 +192,7 @@ class Answer(SearchResult, Task):
         ]
         kinds = (
             (STRETCH, np.inf, "the body, which would be crushed (1 + q at its least)"),
-            (STABILITY, np.inf, f"stability, at its margin of {self.statement.least:g}"),
+            (STABILITY, np.inf, f"stability, at its margin of {self.options.least:g}"),
             ("clear", 0.0, "what the arm is to keep clear of"),
         )
         for kind, weight, name in kinds:
@@ -213,9 +213,9 @@ class Answer(SearchResult, Task):
         return Problem(self.avoiding(self.avoidance))
 
     @property
-    def agreed(self) -> int:
+    def n_equal_optima(self) -> int:
         """How many starts ended at the best objective, to a thousandth."""
-        return agreed(self.starts)
+        return n_equal_optima(self.starts)
 
     def _rows(self, name: str) -> Array:
         """Return the multipliers of the constraints of a name, as far as there are any."""
@@ -279,7 +279,7 @@ def _verdict(plan: Any) -> str:
         return f"Not certified: {certificate.problem}{more}"
     guesses = "initial guess" if count == 1 else "initial guesses"
     samples = f" and {plan.sampled} sampled shapes" if plan.sampled else ""
-    tried = f"{count} {guesses}{samples} tried, {plan.agreed} led to the best optimum"
+    tried = f"{count} {guesses}{samples} tried, {plan.n_equal_optima} led to the best optimum"
     if certificate.passed:
         bears = f"stability {certificate.stability:.3g}, {certificate.bears}; "
         cost = f"effort {plan.effort:.4g} N; {bears if certificate.bears else ''}"

@@ -34,11 +34,11 @@ from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, report
 from octoplan.model.support.text import HtmlRepr, to_text
 from octoplan.planner.extensions.avoidance.surroundings import NOTHING, Environment
 from octoplan.planner.extensions.contact.grasp import Grasp
+from octoplan.planner.limits import Limits
 from octoplan.planner.measure import strokes
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.program.problem import KKT_TOLERANCE, STABILITY_TOLERANCE
-from octoplan.planner.question import Limits
 from octoplan.planner.targets.hold import WRENCH, Hold
-from octoplan.planner.task import Task
 
 # What is less stable under its loads, or yields at so little more of them, is on the brink.
 BRINK = 0.1
@@ -223,7 +223,7 @@ def _digits(value: float) -> str:
 
 
 def certify(
-    task: Task,
+    task: PlanningProblem,
     tensions: Array,
     settled: Callable[[], Shape],
     kkt: Callable[[], float],
@@ -247,15 +247,15 @@ def certify(
 
 def _checked(
     begun: Certificate,
-    task: Task,
+    task: PlanningProblem,
     shape: Shape,
     kkt: Callable[[], float],
     surroundings: Environment,
 ) -> Certificate:
     """Return a certificate with the checks of a shape; raise what integration does."""
-    arm, targets, limits = task.arm, task.together, task.limits
+    arm, targets, limits = task.arm, task.target_set, task.limits
     report("verifying by initial value integration")
-    poses, tip, error, least, line = _integrated(shape, targets.stations, task.sharper)
+    poses, tip, error, least, line = _integrated(shape, targets.stations, task.reference_accuracy)
     least_gaps, obstacles = surroundings.least, surroundings.obstacles
     gaps = clearances(line(), obstacles, least_gaps) if least_gaps else {}
     equality, soft_residual, inequality, _ = targets.values(poses, targets.compliances(shape))
@@ -286,7 +286,7 @@ def _checked(
         agreement=math.dist(tip, shape.tip) / arm.length,
         error=error,
         stability=least,
-        stability_margin=task.statement.margin,
+        stability_margin=task.options.margin,
         gaps_asked={name: clear.gap for name, clear in gaps.items()},
         least_gaps=least_gaps,
         clearances={**gaps, **clearances(line(), obstacles, others)},

@@ -43,20 +43,21 @@ from octoplan.planner.extensions.contact.wrapping import (
 from octoplan.planner.extensions.warm_start import jump, warm_start
 from octoplan.planner.frontends.io.files import to_json, write_named
 from octoplan.planner.frontends.io.saved_records import plan_record
+from octoplan.planner.limits import checked_limits
+from octoplan.planner.planning_problem import (
+    PlanningProblem,
+    check_targets,
+    checked_options,
+    planned_scene,
+)
 from octoplan.planner.program.problem import Problem
 from octoplan.planner.program.program import STABILITY
-from octoplan.planner.question import (
-    check_targets,
-    checked_limits,
-    planned_scene,
-    stated,
-)
+from octoplan.planner.solution import Solution
 from octoplan.planner.solve.refine import CORRECTIONS
 from octoplan.planner.solve.search import Search
 from octoplan.planner.targets.base import Target
 from octoplan.planner.targets.hold import Hold
 from octoplan.planner.targets.wrap import Wrap
-from octoplan.planner.task import SearchResult, Task
 
 # In contact the fraction of the time limit that is kept for shape and certificate until the search
 # has measured how long the arm takes to settle.
@@ -93,10 +94,10 @@ class Plan(TextRepr, Answer):
             self.arm,
             self.targets,
             self.scene,
-            norm=self.statement.norm,
+            norm=self.options.norm,
             accuracy=self.accuracy,
             near=self,
-            stability_margin=self.statement.margin,
+            stability_margin=self.options.margin,
             compile=self.machine_code,
             **self.limits.keywords | {"tension_min": least},
             **({} if contacts(self.scene) else self.surroundings.keywords),
@@ -122,7 +123,7 @@ class Plan(TextRepr, Answer):
 class ContactPlan(Plan):
     """A plan for an arm in contact; see octoplan.planner.extensions.contact.
 
-    SearchResult has its load path; `shape.snaps` tells where the arm jumps at last. With
+    Solution has its load path; `shape.snaps` tells where the arm jumps at last. With
     surroundings it is that of an arm which keeps clear of what it may lean on, and optimal among
     these.
     """
@@ -161,7 +162,7 @@ class ContactPlan(Plan):
         """See Answer._rows: where it leans stability alone holds beside limits of tensions."""
         if self.beside:
             return super()._rows(name)
-        return np.array(self.lam_g[-1:] if name == STABILITY and self.statement.modes else ())
+        return np.array(self.lam_g[-1:] if name == STABILITY and self.options.modes else ())
 
     def _kkt(self) -> float:
         if self.beside:
@@ -283,13 +284,13 @@ def plan(
     margin = BRINK if is_loaded(scene) and not rubs(scene) else 0.0
     if stability_margin is not None:
         margin = within("stability_margin", stability_margin, 0.0, 1.0)
-    statement = stated(targets, limits, norm, starts).but(margin=margin)
-    task = Task(
+    options = checked_options(targets, limits, norm, starts).but(margin=margin)
+    task = PlanningProblem(
         arm,
         targets,
         scene,
         limits,
-        statement,
+        options,
         checked_accuracy(accuracy),
         machine_code=checked_compile(compile),
         guesses=starts,
@@ -328,7 +329,7 @@ def plan(
     return result
 
 
-def _held_along(task: Task, around: Environment, plan: Plan) -> Plan:
+def _held_along(task: PlanningProblem, around: Environment, plan: Plan) -> Plan:
     """Return the plan whose targets hold between their stations, too.
 
     Stations are added where the settled arm violates a target, and the plan is solved again from
@@ -363,7 +364,7 @@ def _centreline(plan: Plan) -> Centreline:
     return plan.shape.centreline()
 
 
-def _planned(task: Task, around: Environment, near: Plan | None) -> Plan:
+def _planned(task: PlanningProblem, around: Environment, near: Plan | None) -> Plan:
     """Return the plan for a task; raises OutOfTime where it has nothing to show by then."""
     if not contacts(task.scene):
         return Plan.of(task, searched(task, around, near), surroundings=around)
@@ -375,14 +376,14 @@ def _planned(task: Task, around: Environment, near: Plan | None) -> Plan:
         result = searched(*question, held and held.beside)
         plan = ContactPlan.of(task, result, surroundings=question[1])
         with suppress(OctoplanError, OutOfTime):
-            if result.stopped or (result.statement.mode == "exact" and not plan.shape.contacts):
+            if result.stopped or (result.options.mode == "exact" and not plan.shape.contacts):
                 return plan
     begin = None if near is None else tuple(np.ravel(near.tensions).tolist())
     load_path = None if begin is None else (*(held.load_path if held else ()), begin)
     return ContactPlan.of(task, ContactSearch(task, load_path).run())
 
 
-def searched(task: Task, around: Environment, near: Answer | None) -> SearchResult:
+def searched(task: PlanningProblem, around: Environment, near: Answer | None) -> Solution:
     """Return what a plan that is near leads to, or the best from all starts."""
     if near is not None and near.avoidance is not None and near.surroundings == around:
         # Among the same obstacles: by the inequalities of its program, if that keeps clear.
@@ -399,6 +400,6 @@ def searched(task: Task, around: Environment, near: Answer | None) -> SearchResu
         left = led.searched
     elif result is None:
         result = Search(task).run()
-    if near is not None and left and not result.stopped and result.statement.mode == "exact":
+    if near is not None and left and not result.stopped and result.options.mode == "exact":
         return replace(result, jump=jump(near.tensions, result.tensions))
     return result

@@ -64,11 +64,11 @@ from octoplan.model.effects import (
 from octoplan.model.forward import schemes_of
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
-from octoplan.planner import Plan, Statement, plan
+from octoplan.planner import NlpOptions, Plan, plan
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.program.problem import Candidate, Problem
 from octoplan.planner.solve.search import attempt
 from octoplan.planner.targets import Target, TipPose, TipPosition
-from octoplan.planner.task import Task
 from studies import draws
 from studies.draws import ARM, MAXIMUM, READ, off
 from studies.reporting import asked, keep_finished
@@ -168,11 +168,11 @@ _RESULTS = ("reached", "error", "cost", "seconds", "starts", "outcome")
 
 
 def _solved(
-    result: Plan, scene: Scene, statement: Statement, count: int, rng: np.random.Generator
+    result: Plan, scene: Scene, options: NlpOptions, count: int, rng: np.random.Generator
 ) -> list[Candidate]:
     """Return what random starts of a plan's problem lead to, on the mesh of the search."""
     limits = result.limits
-    task = Task(ARM, result.targets, scene, limits, statement, result.accuracy)
+    task = PlanningProblem(ARM, result.targets, scene, limits, options, result.accuracy)
     coarse = Problem(task, task.coarse(result.mode))
     scale = np.minimum(np.repeat([0.6, 5.0, 15.0], 4), limits.upper)
     tried = (attempt(coarse, rng.uniform() * rng.uniform(size=12) * scale) for _ in range(count))
@@ -184,8 +184,8 @@ def _over_best(result: Plan, scene: Scene, count: int, rng: np.random.Generator)
     heavy = is_loaded(scene) or scene.has(ExactTendons)
     if heavy or not count or result.mode != "exact":
         return 0.0
-    statement = Statement(norm=result.statement.norm)
-    solutions = _solved(result, scene, statement, count, rng)
+    options = NlpOptions(norm=result.options.norm)
+    solutions = _solved(result, scene, options, count, rng)
     best = min((np.linalg.norm(each.tensions) for each in solutions), default=np.inf)
     return float(result.effort / best) if 0 < best < np.inf else 0.0
 
@@ -387,7 +387,7 @@ def run_beyond(job: tuple[int, int, int, Sequence[str]]) -> Case:
     if result.reached and max(result.certificate.soft_residual.values(), default=0.0) <= _NEAR:
         error = off(settle(ARM, result.tensions, scene, 1e-9), target)
         return replace(case, reached=True, error=error)
-    solutions = _solved(result, scene, Statement(), best_of, rng)
+    solutions = _solved(result, scene, NlpOptions(), best_of, rng)
     best = min((s.f for s in solutions), default=np.inf)
     values = min((s.objective for s in result.starts if s.met), default=np.inf)
     return replace(case, cost=float(np.sqrt(values / best)) if values < np.inf else np.inf)

@@ -29,12 +29,12 @@ from scipy.optimize import Bounds, NonlinearConstraint, minimize
 from octoplan.model import Arm, OctoplanError, Scene, settle
 from octoplan.model.paths import Array
 from octoplan.model.stiffness import tip_jacobian
-from octoplan.planner import Limits, Statement
+from octoplan.planner import Limits, NlpOptions
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.program.problem import Problem
 from octoplan.planner.solve.search import Search
 from octoplan.planner.solve.search import attempt as led_to
 from octoplan.planner.targets import TipPosition
-from octoplan.planner.task import Task
 from studies.draws import MAXIMUM, SCENES, shape
 from studies.reporting import asked
 
@@ -105,7 +105,7 @@ def compare(name: str, scene: Scene, targets: int, guesses: int, seed: int) -> N
     for i in range(targets):
         tip = shape(arm, scene, rng, i % 3).tip
         limits, target = Limits.of(arm, MAXIMUM), (TipPosition(tuple(tip)),)
-        search = Search(Task(arm, target, scene, limits, Statement(), 1e-6))
+        search = Search(PlanningProblem(arm, target, scene, limits, NlpOptions(), 1e-6))
         begins = list(islice(search.guesses(), guesses))
         entries = {
             name: [attempt(solver, search, tip, T) for T in begins]

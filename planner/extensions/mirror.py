@@ -19,9 +19,9 @@ from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.winches import pulls
+from octoplan.planner.limits import Limits
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.program.terms import Targets
-from octoplan.planner.question import Limits
-from octoplan.planner.task import Task
 
 
 def _planes(arm: Arm, limits: Limits) -> Iterator[tuple[float, Array]]:
@@ -58,13 +58,13 @@ def _mirrored(arm: Arm, angle: float, poses: Array) -> Array:
     )
 
 
-def mirror_images(task: Task, shape: Shape) -> Iterator[tuple[float, Array]]:
+def mirror_images(task: PlanningProblem, shape: Shape) -> Iterator[tuple[float, Array]]:
     """Yield angles of planes [rad], and mirrored tensions (n_tendons,) that meet the targets too.
 
     As well as the shape does, to ten times the accuracy. None for targets of stiffness, with limits
     on strokes, where nothing pulls, and of tensions that are their own mirror image.
     """
-    arm, targets, limits = task.arm, task.together, task.limits
+    arm, targets, limits = task.arm, task.target_set, task.limits
     T, stations = shape.tensions, np.array(targets.stations)
     if targets.requests or limits.strokes is not None or not pulls(arm, T).any():
         return

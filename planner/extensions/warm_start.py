@@ -16,9 +16,10 @@ import numpy as np
 from octoplan.model.paths import Array
 from octoplan.model.support.progress import OutOfTime, check_time
 from octoplan.planner.answer import Answer
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.program.problem import STABILITY_TOLERANCE, Candidate, Problem
+from octoplan.planner.solution import Solution, Trial
 from octoplan.planner.solve.refine import PART, polish, refine
-from octoplan.planner.task import SearchResult, Task, Trial
 
 # By so much, over their norm, tensions may change from one target to the next; where more is asked
 # of one step, smaller ones tell whether they jump.
@@ -26,22 +27,22 @@ _LITTLE = 0.25
 _LEAST_STEP = 1 / 64
 
 
-def warm_start(near: Answer, task: Task) -> SearchResult | None:
+def warm_start(near: Answer, task: PlanningProblem) -> Solution | None:
     """Return the optimum that a plan leads to, None where it cannot be followed.
 
     Its targets are of the same structure as the task's. Minima of the tensions may be others;
     maxima are the same. It is also None where the plan does not reach its targets, and where the
     optimum is less stable than it has to be.
     """
-    arm, limits, margin = task.arm, task.limits, task.statement.margin
-    before = near.avoiding(near.avoidance).together
+    arm, limits, margin = task.arm, task.limits, task.options.margin
+    before = near.avoiding(near.avoidance).target_set
     is_alike = (
-        near.statement.mode == "exact"
-        and near.statement.norm == task.statement.norm
-        and near.statement.margin == margin
+        near.options.mode == "exact"
+        and near.options.norm == task.options.norm
+        and near.options.margin == margin
         and replace(near.limits, lower=limits.lower) == limits
-        and before.structure == task.together.structure
-        and before.tendons == task.together.tendons
+        and before.structure == task.target_set.structure
+        and before.tendons == task.target_set.tendons
     )
     if not is_alike:
         return None
@@ -59,7 +60,7 @@ def warm_start(near: Answer, task: Task) -> SearchResult | None:
         return fine.result(trials, jump=apart)
     except OutOfTime:
         T = np.clip(np.ravel(near.tensions), limits.lower, limits.upper)
-        return SearchResult(near.statement, arm.by_section(T), (), (), (), stopped=True)
+        return Solution(near.options, arm.by_section(T), (), (), (), stopped=True)
 
 
 def jump(before: Array, after: Array, *others: Array) -> float:
@@ -72,12 +73,12 @@ def jump(before: Array, after: Array, *others: Array) -> float:
     return apart / size if apart > _LITTLE * size else 0.0
 
 
-def _continued(near: Answer, task: Task) -> tuple[Candidate, float] | None:
+def _continued(near: Answer, task: PlanningProblem) -> tuple[Candidate, float] | None:
     """Return the optimum for a task, by steps in target numbers and minima from one nearby.
 
     By the defect of that; and by how much the tensions jump, 0 where they change little by little.
     """
-    origin, problem, n = near.optimum, Problem(task, near.statement), task.arm.n_tendons
+    origin, problem, n = near.optimum, Problem(task, near.options), task.arm.n_tendons
     if origin is None:
         return None
     begin = current = replace(origin.extended(), problem=problem)

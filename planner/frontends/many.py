@@ -17,10 +17,12 @@ from octoplan.model.support.checks import kind
 from octoplan.model.support.errors import InputError, OctoplanError
 from octoplan.model.support.progress import OutOfTime
 from octoplan.planner.certificate import Certificate
+from octoplan.planner.limits import checked_limits
+from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.plan import Plan, plan
-from octoplan.planner.question import Statement, checked_limits, planned_scene
+from octoplan.planner.planning_problem import PlanningProblem, planned_scene
+from octoplan.planner.solution import Solution
 from octoplan.planner.targets.base import Target
-from octoplan.planner.task import SearchResult, Task
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -110,9 +112,9 @@ def plan_many(
                 raise reason from None
             request: Any = target if isinstance(target, tuple | list) else (target,)
             accuracy = others.get("accuracy", 1e-6)
-            task = Task(arm, tuple(request), scene, limits, Statement(), accuracy)
+            task = PlanningProblem(arm, tuple(request), scene, limits, NlpOptions(), accuracy)
             T = np.nan * arm.by_section(np.zeros(arm.n_tendons))
-            nothing = SearchResult(Statement(), T, (), (), ())
+            nothing = Solution(NlpOptions(), T, (), (), ())
             kind_of = "" if isinstance(reason, OctoplanError) else f"{type(reason).__name__}: "
             plans.append(FailedPlan.of(task, nothing, reason=f"{kind_of}{reason}"))
     return plans

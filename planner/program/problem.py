@@ -36,17 +36,13 @@ from octoplan.model.settle import ACCURACY
 from octoplan.model.stations import base_pose
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.winches import rest_lengths
+from octoplan.planner.limits import NATURAL_RANGE, Limits, effort_unit, natural_tensions
+from octoplan.planner.nlp_options import NlpOptions
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.program.blocks import States
 from octoplan.planner.program.program import STABILITY, STROKES, Program, Structure, factorised
 from octoplan.planner.program.terms import TargetStructure
-from octoplan.planner.question import (
-    NATURAL_RANGE,
-    Limits,
-    Statement,
-    effort_unit,
-    natural_tensions,
-)
-from octoplan.planner.task import SearchResult, Task, Trial
+from octoplan.planner.solution import Solution, Trial
 
 Bounds = tuple[Array, Array, Array, Array]
 # Weight of effort where the targets cannot be met and their residuals are made least: in a search,
@@ -68,12 +64,11 @@ class Problem:
 
     Attributes
     ----------
-    task : Task
+    task : PlanningProblem
         What is asked: of what `arm` in what `scene`, with targets `together`.
     limits : Limits
         What the tendons may do, but for those that targets do not let pull.
-    statement : Statement
-        How it is stated.
+    options : NlpOptions
     program : Program
         The structure.
     forward : Collocation
@@ -92,24 +87,30 @@ class Problem:
         Arc lengths at which stretches are measured, inside of their elements [m].
     """
 
-    def __init__(self, task: Task, statement: Statement | None = None) -> None:
+    def __init__(self, task: PlanningProblem, options: NlpOptions | None = None) -> None:
         self.task, self.arm, self.scene = task, task.arm, task.scene
-        self.together, self.limits = task.together, task.allowed
-        self.statement = (statement or task.statement).but(iterations=0)
+        self.target_set, self.limits = task.target_set, task.allowed
+        self.options = options or task.options
         self.unit = units(task.arm, task.limits)
         self.effort_unit = self._effort_unit()
-        stated = self.statement.but(margin=0.0, floor=0.0)
+        stated = self.options.but(margin=0.0, floor=0.0)
         total, strokes = self.limits.total is not None, self.limits.strokes is not None
         self.program, self.forward, scale, row_scale = of, *_ = _built(
-            task.arm, task.scene, self.together.structure, stated, total, strokes, task.machine_code
+            task.arm,
+            task.scene,
+            self.target_set.structure,
+            stated,
+            total,
+            strokes,
+            task.machine_code,
         )
         self.n_free, self.n_outer = of.n_free, of.n_outer
         force = task.arm.bending_force
-        self.forces = force * np.hstack([np.zeros((3, 0)), *self.together.own.directions])
+        self.forces = force * np.hstack([np.zeros((3, 0)), *self.target_set.own.directions])
         least = REGULARISATION * min(task.accuracy / ACCURACY, 1.0)
         weights = np.array([self.effort_unit, self.limits.total or 0.0, least])
         equations = of.numbers(self.forward.system, self.forces)
-        values = self.together.numbers, weights, self.unit, [force], equations
+        values = self.target_set.numbers, weights, self.unit, [force], equations
         defect = np.zeros(sum(of.measured))
         self._p = np.concatenate([*values, scale, row_scale, defect])
         self.scale = np.array(of.scale(self._p)).ravel()
@@ -126,16 +127,16 @@ class Problem:
         no optimum: programs converge soonest in that of the tensions. Otherwise effort is weighed
         against something else, and the unit does not depend on limits.
         """
-        terms, limits = self.together.own.terms, self.limits
+        terms, limits = self.target_set.own.terms, self.limits
         can_pull = int(np.greater(limits.upper, limits.lower).sum())
-        effort_alone = self.statement.mode == "exact" and not terms.names[3]
+        effort_alone = self.options.mode == "exact" and not terms.names[3]
         if effort_alone and terms.count <= can_pull:
             return float(self.unit.max())
         return effort_unit(self.arm)
 
     def but(self, **changes: Any) -> Problem:
         """Return the same with some choices of the statement changed."""
-        return Problem(self.task, self.statement.but(**changes))
+        return Problem(self.task, self.options.but(**changes))
 
     def parameters(self, weight: float | None = None, defect: Array | None = None) -> Array:
         """Return the parameters of the program, by a weight of effort, the least unless given.
@@ -169,7 +170,7 @@ class Problem:
         free = np.full(of.size - unit.size, np.inf)
         lbx, ubx = np.concatenate([lower / unit, -free]), np.concatenate([upper / unit, free])
         lbx[self.n_free] = ubx[self.n_free] = 1.0
-        lbg, ubg = np.where(of.rows == STABILITY, self.statement.least, of.lower), of.upper.copy()
+        lbg, ubg = np.where(of.rows == STABILITY, self.options.least, of.lower), of.upper.copy()
         if limits.strokes is not None:
             rest, at = np.array(limits.stroke_zero or rest_lengths(self.arm)), of.rows == STROKES
             ubg[at], lbg[at] = (rest - np.array(limits.strokes)) / self.arm.length
@@ -261,18 +262,18 @@ def _built(
     arm: Arm,
     scene: Scene,
     targets: TargetStructure,
-    statement: Statement,
+    options: NlpOptions,
     has_total: bool,
     has_strokes: bool,
     machine_code: bool,
 ) -> tuple[Program, Collocation, Array, Array]:
     """Return program, equations of equilibrium and scales, shared by all numbers of targets."""
     loaded, at = is_loaded(scene) or bool(targets.terms.requests), targets.stations
-    mesh = STAGES, statement.refinement, at, loaded, machine_code, STEPS_PER_UNIT
+    mesh = STAGES, options.refinement, at, loaded, machine_code, STEPS_PER_UNIT
     forward = Collocation(system(arm, scene, *mesh))
     states = States.seen(forward.system, at)
     base = tuple(base_pose(arm).tolist())
-    of = _program(Structure(targets, statement, has_total, has_strokes, base, arm.length, states))
+    of = _program(Structure(targets, options, has_total, has_strokes, base, arm.length, states))
     return of, forward, *of.scales(forward.system)
 
 
@@ -283,7 +284,7 @@ def _program(structure: Structure) -> Program:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class SolverResult:
     """A point that a solver stopped at, in numbers.
 
     Multipliers lam_x and lam_g are of CasADi's signs, below 0 at a lower bound. `met` says that the
@@ -304,7 +305,7 @@ class Solution:
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate(Solution):
+class Candidate(SolverResult):
     """A point of a planning problem that a solver stopped at.
 
     Attributes
@@ -360,15 +361,16 @@ class Candidate(Solution):
         worst = float(norm(np.concatenate([rest / scale, violation, lam * room / scale]), np.inf))
         return worst if np.isfinite(worst) else np.inf
 
-    def result(self, trials: Sequence[Trial], **more: Any) -> SearchResult:
+    def result(self, trials: Sequence[Trial], **more: Any) -> Solution:
         """Return the result of a search that ends here, after trials."""
         of = self.problem
-        return SearchResult(
-            of.statement.but(iterations=self.iterations),
+        return Solution(
+            of.options,
             of.arm.by_section(self.tensions),
             tuple(self.lam_x[: of.n_free].tolist()),
             tuple(self.lam_g[: of.n_outer].tolist()),
             tuple(trials),
-            avoidance=of.together.avoidance,
+            avoidance=of.target_set.avoidance,
+            iterations=self.iterations,
             **more,
         )

@@ -36,9 +36,9 @@ from octoplan.model.rod.layout import POSE
 from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.support.errors import SingularError
 from octoplan.model.support.machine.functions import BufferedFunction
+from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.program.blocks import Block, LeastMode, Responses, States, TendonLengths
 from octoplan.planner.program.terms import HIGH_PRIORITY, LOW_PRIORITY, TargetStructure
-from octoplan.planner.question import Statement
 
 STABILITY, STROKES, STRETCH = "stability", "strokes", "stretch"
 PLANNED_STRETCH = 1e-3
@@ -59,7 +59,7 @@ class Structure:
     Attributes
     ----------
     targets : TargetStructure
-    statement : Statement
+    options : NlpOptions
         Its margin and floor do not count.
     has_total, has_strokes : bool
         Whether there are limits of the total pull and of strokes.
@@ -71,7 +71,7 @@ class Structure:
     """
 
     targets: TargetStructure
-    statement: Statement
+    options: NlpOptions
     has_total: bool
     has_strokes: bool
     base: tuple[float, ...]
@@ -150,18 +150,18 @@ class Program:
 
     def _number(self, structure: Structure) -> None:
         """Number the unknowns, block by block, and state the equations of the blocks."""
-        states, statement = structure.states, structure.statement
+        states, options = structure.states, structure.options
         of, requests, self.states = states.layout, self.terms.requests, states
         # Inequalities have no slack, or those of low priority do, or all.
         kept = {"exact": (), "closest": (LOW_PRIORITY,), "nearest": (LOW_PRIORITY, HIGH_PRIORITY)}
-        has_slack = np.isin(self.terms.inequality_weights, kept[statement.mode])
+        has_slack = np.isin(self.terms.inequality_weights, kept[options.mode])
         self._soft = np.flatnonzero(has_slack).tolist()
         self.n_slack = len(self._soft)
-        self.n_free = of.n_tendons + (statement.norm == "inf") + self.n_slack
+        self.n_free = of.n_tendons + (options.norm == "inf") + self.n_slack
         firsts = accumulate((request.width for request in requests), initial=0)
         pairs = zip(requests, firsts, strict=False)
         self.responses = [Responses(states, request, first) for request, first in pairs]
-        self.modes = [LeastMode(states) for _ in range(statement.modes)]
+        self.modes = [LeastMode(states) for _ in range(options.modes)]
         self.lengths = [TendonLengths(of)] * structure.has_strokes
         blocks: list[Block] = [states, *self.responses, *self.modes, *self.lengths]
         first = self.n_free + 1
@@ -182,8 +182,8 @@ class Program:
 
     def _state(self, structure: Structure, gaps: Equations | None) -> tuple[ca.MX, ca.MX]:
         """Return the objective and the constraints besides the equations; state bounds of all."""
-        statement = structure.statement
-        x, p, parts, terms, mode = self.x, self.p, self.parts, self.terms, statement.mode
+        options = structure.options
+        x, p, parts, terms, mode = self.x, self.p, self.parts, self.terms, options.mode
         measured, none = self._what_is_measured(), ca.MX(0, 1)
         self.measure = BufferedFunction(ca.Function("measured", [x, p], [ca.densify(measured)]))
         ends = np.cumsum([0, *self.measured]).tolist()
@@ -201,7 +201,7 @@ class Program:
             slacks = ca.vertcat(ca.DM(terms.equality_weights) * met, weights * slacks)
         reference, total, weight = ca.vertsplit(p[parts["weights"]])
         pull = tensions * p[parts["unit"]] / reference
-        effort = {"2": ca.sumsqr(pull) / 2, "1": ca.sum1(pull), "inf": peak}[statement.norm]
+        effort = {"2": ca.sumsqr(pull) / 2, "1": ca.sum1(pull), "inf": peak}[options.norm]
         aim = ca.sum1(least) + weight * effort if least.numel() else effort
         missing = ca.sumsqr(ca.vertcat(missed, slacks)) / 2 + weight * aim
         equality = {"exact": ca.vertcat(met, missed), "closest": met, "nearest": none}[mode]

@@ -23,11 +23,11 @@ from octoplan.model.forward import explicit_map
 from octoplan.model.paths import Array
 from octoplan.model.support.machine.functions import BatchFunction
 from octoplan.model.support.progress import check_time
+from octoplan.planner.limits import NATURAL_RANGE, Limits, natural_tensions
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.program.problem import Candidate, units
 from octoplan.planner.program.program import factorised
 from octoplan.planner.program.terms import TargetTerms
-from octoplan.planner.question import NATURAL_RANGE, Limits, natural_tensions
-from octoplan.planner.task import Task
 
 # How many conditions a point is, which arms meet in many ways.
 POINT = 3
@@ -58,14 +58,16 @@ _LEAST, _MOST = (0.5, 0.2), (60.0, 4.0)
 _ASIDE, _UNSEEN = 0.3, 1e-6
 
 
-def initial_guesses(task: Task, loaded: bool = False, missed: bool = False) -> Iterator[Array]:
+def initial_guesses(
+    task: PlanningProblem, loaded: bool = False, missed: bool = False
+) -> Iterator[Array]:
     """Yield tensions (n_tendons,) [N] within limits: fitted ones, drawn ones, the straight arm's.
 
     Fitted ones come by effort and nearness, by nearness alone where targets are `missed`. Drawn
     ones come by how near they are to what the targets want. Of an arm that is `loaded` some come
     again with more pull.
     """
-    limits, count = task.allowed, task.together.conditions
+    limits, count = task.allowed, task.target_set.conditions
     # All tendons pull a little, inside of the limits.
     straight = np.clip(5e-3 * units(task.arm, limits), limits.lower, limits.upper)
     if count > POINT:
@@ -102,13 +104,13 @@ def beside(near: Candidate) -> Iterator[Array]:
                 yield np.clip(T, limits.lower, limits.upper)
 
 
-def drawn_arms(task: Task) -> Iterator[Array]:
+def drawn_arms(task: PlanningProblem) -> Iterator[Array]:
     """Yield drawn tensions that differ: by nearness and effort, and by nearness alone, in turn.
 
     Without a look at the time, of which they take little.
     """
     unit = units(task.arm, task.allowed)
-    bends = BendCoordinates(task.arm, task.together.tendons, task.allowed)
+    bends = BendCoordinates(task.arm, task.target_set.tendons, task.allowed)
     drawn = bends.tensions(bends.draw(_DRAWN))
     distance = np.linalg.norm(residuals_of(task)(drawn), axis=1)
     # What a unit of tension counts beside how near an arm is.
@@ -117,16 +119,16 @@ def drawn_arms(task: Task) -> Iterator[Array]:
     yield from distinct(drawn[np.ravel(orders, "F")], unit, FAR_APART)
 
 
-def fitted(task: Task, effort: float) -> Iterator[Array]:
+def fitted(task: PlanningProblem, effort: float) -> Iterator[Array]:
     """Yield tensions (n_tendons,) fitted to targets and to little effort, the best fits first.
 
     `effort` is its weight beside residuals. Where sections shorten, how hard all tendons of a
     section pull is fitted beside its bends.
     """
-    bends = BendCoordinates(task.arm, task.together.tendons, task.allowed)
+    bends = BendCoordinates(task.arm, task.target_set.tendons, task.allowed)
     unit, residuals = units(task.arm, task.allowed).max(), residuals_of(task)
     # Of least squares a near miss with less effort is no better guess.
-    weight = 0.0 if task.together.terms.names[1] else effort
+    weight = 0.0 if task.target_set.terms.names[1] else effort
 
     def gaps(points: Array) -> Array:
         T = bends.tensions(points)
@@ -194,14 +196,14 @@ def _linearised(gaps: Callable[[Array], Array], U: Array) -> tuple[Array, Array]
     return values[:, 0].copy(), (values[:, 1:] - values[:, :1]) / difference
 
 
-def residuals_of(task: Task) -> Callable[[Array], Array]:
+def residuals_of(task: PlanningProblem) -> Callable[[Array], Array]:
     """Return tensions (m, n_tendons) [N] -> their residuals (m, k), in the scene without its loads.
 
     Those of the targets, violations of inequalities, and last by how much the arm is crushed.
     Stiffness is left out: compliances are taken to be those that are wanted.
     """
-    targets, at = task.together, task.together.stations
-    forward = explicit_map(task.arm, task.bare, "magnus4", 1, at, task.machine_code)
+    targets, at = task.target_set, task.target_set.stations
+    forward = explicit_map(task.arm, task.unloaded_scene, "magnus4", 1, at, task.machine_code)
     nodes, gaps_of = [forward.mesh.node(s) for s in at], _residuals_of(targets.terms)
 
     def residuals(tensions: Array) -> Array:
@@ -226,12 +228,12 @@ def _residuals_of(terms: TargetTerms) -> BatchFunction:
     return BatchFunction(ca.Function("gaps", arguments, function.call(arguments), {"cse": True}))
 
 
-def many_places(task: Task, tensions: Array) -> tuple[Array, Array]:
+def many_places(task: PlanningProblem, tensions: Array) -> tuple[Array, Array]:
     """Return places (m, K, 3) of an arm under tensions (m, n_tendons), and their arc lengths (K,).
 
     Without its loads.
     """
-    forward = explicit_map(task.arm, task.bare, "magnus4", 4, (), task.machine_code)
+    forward = explicit_map(task.arm, task.unloaded_scene, "magnus4", 4, (), task.machine_code)
     poses, _ = forward.many(tensions, range(1, forward.mesh.steps + 1))
     return poses[..., 4:], forward.mesh.s[1:]
 

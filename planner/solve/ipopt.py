@@ -22,9 +22,9 @@ import numpy as np
 from octoplan.model.paths import Array
 from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.model.support.progress import OutOfTime, check_time
-from octoplan.planner.program.problem import KKT_TOLERANCE, Bounds, Candidate, Problem, Solution
+from octoplan.planner.nlp_options import Mode
+from octoplan.planner.program.problem import KKT_TOLERANCE, Bounds, Candidate, Problem, SolverResult
 from octoplan.planner.program.program import Program
-from octoplan.planner.question import Mode
 
 
 class Watch(ca.Callback):
@@ -260,7 +260,7 @@ def solve(
     centre = slack * lam_g[: none.size]
     begin = np.append(x, centre)
     limits = np.append(lbx, none - np.inf), np.append(ubx, none + np.inf), lbg, ubg
-    mode, talks = problem.statement.mode, LOG.isEnabledFor(logging.DEBUG)
+    mode, talks = problem.options.mode, LOG.isEnabledFor(logging.DEBUG)
     run = solver(problem.program, purpose, mode, talks)
     p = np.append(problem.with_mode(x, p), centre)
     ends = _MET | _TO_ROUNDING if purpose == "polish" else _MET
@@ -279,7 +279,7 @@ def solved(
     bounds: Bounds,
     multipliers: tuple[Array, Array] | None = None,
     ends: Set[str] = _MET,
-) -> Solution:
+) -> SolverResult:
     """Return what a solver makes of x, met where it says so in these words.
 
     What it writes, if it does, is logged.
@@ -290,7 +290,7 @@ def solved(
     status, count = run.stats()["return_status"], int(run.stats()["iter_count"])
     met = status in ends
     LOG.debug("%s after %d iterations", "met" if met else f"not met: {status}", count)
-    end = Solution(x, lam_x, lam_g, float(f[0]), met, count)
+    end = SolverResult(x, lam_x, lam_g, float(f[0]), met, count)
     return end if end.is_finite else replace(end, met=False)
 
 

@@ -58,8 +58,8 @@ def refine(candidate: Candidate) -> Candidate | None:
             if change <= enough:
                 last, problem = candidate, candidate.problem
                 # The defect enters the gradient of least squares, and of stiffnesses.
-                of_stiffness = problem.together.own.terms.names[3]
-                of_effort = problem.statement.mode == "exact" and not of_stiffness
+                of_stiffness = problem.target_set.own.terms.names[3]
+                of_effort = problem.options.mode == "exact" and not of_stiffness
                 left = _effort_change(corrected) if of_effort else corrected.residual
                 # Rounding keeps it from falling.
                 stays = of_effort and left > before / 2
@@ -99,7 +99,7 @@ def _corrected(candidate: Candidate, enough: float) -> tuple[Candidate | None, f
     change = np.inf if before is None else _defect_size(problem, error - before)
     if size <= _ROUGH or change <= enough:
         return replace(candidate, defect=error), change
-    order, mesh = convergence_order(problem.scene, 2 * STAGES), problem.statement.refinement
+    order, mesh = convergence_order(problem.scene, 2 * STAGES), problem.options.refinement
     finer = next_refinement(mesh, size, _ROUGH, order) if size <= _ELSEWHERE else None
     if not finer:
         return None, np.inf
@@ -169,7 +169,7 @@ def polish(
 def defect(problem: Problem, x: Array, shape: Shape) -> Array:
     """Return what is measured of the shape less what is of unknowns x: see Program.measured."""
     of, on_mesh = problem.program, problem.measured(x)
-    poses = shape.poses(np.array(problem.together.stations))
+    poses = shape.poses(np.array(problem.target_set.stations))
     turned = (poses * on_mesh[: poses.size].reshape(poses.shape))[:, :4].sum(axis=1) < 0
     poses[turned, :4] *= -1
     # Cross-sections that are far from being crushed are as they are on the mesh.
@@ -178,7 +178,7 @@ def defect(problem: Problem, x: Array, shape: Shape) -> Array:
     if near.any():
         stretches[near] = 1 + shape.strain(problem.slim_at[near])[:, 3]
     parts = [poses.ravel(), stretches]
-    parts += [C.ravel() for C in problem.together.own.compliances(shape)]
+    parts += [C.ravel() for C in problem.target_set.own.compliances(shape)]
     parts += [np.array([shape.stability]) for _ in of.modes]
     parts += [shape.tendon_lengths / problem.arm.length for _ in of.lengths]
     return np.asarray(np.concatenate(parts) - on_mesh)

@@ -21,10 +21,10 @@ from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import check_time, report
+from octoplan.planner.limits import Limits, natural_tensions
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.program.problem import SEARCHED, Problem, units
-from octoplan.planner.question import Limits, natural_tensions
 from octoplan.planner.solve.guesses import FAR_APART, BendCoordinates, distinct, within_total
-from octoplan.planner.task import Task
 
 # Number of sampled shapes without loads. At most half of them are corners of the box of tensions:
 # 512 have all corners of eight tendons.
@@ -64,7 +64,7 @@ class Samples:
 
     Attributes
     ----------
-    task : Task
+    task : PlanningProblem
         The task, with the mesh on which the nearest samples are accurate.
     count : int
         Number of sampled shapes, with those that do not settle.
@@ -74,7 +74,7 @@ class Samples:
         Objective of the nearest shape: the targets' own measure of the distance.
     """
 
-    task: Task
+    task: PlanningProblem
     count: int
     tensions: Array
     objective: Array
@@ -84,7 +84,7 @@ class Samples:
         yield from distinct(self.tensions, units(self.task.arm, self.task.allowed), FAR_APART)
 
 
-def sample(task: Task, n_nearest: int) -> Samples:
+def sample(task: PlanningProblem, n_nearest: int) -> Samples:
     """Return sampled shapes, on a mesh that is fine enough for the nearest `n_nearest` of them."""
     tensions = spread(task, _LOADED if is_loaded(task.scene) else _SAMPLES)
     while True:
@@ -95,7 +95,7 @@ def sample(task: Task, n_nearest: int) -> Samples:
         task = on_finer
 
 
-def fine_enough(task: Task, tensions: Array) -> Task:
+def fine_enough(task: PlanningProblem, tensions: Array) -> PlanningProblem:
     """Return the task on a mesh that is accurate for most of the tensions (m, n_tendons)."""
     while True:
         mesh = task.coarse("nearest").refinement
@@ -105,7 +105,7 @@ def fine_enough(task: Task, tensions: Array) -> Task:
         task = on_finer
 
 
-def _settled(task: Task, tensions: Array) -> Samples:
+def _settled(task: PlanningProblem, tensions: Array) -> Samples:
     """Return the shapes under tensions (m, n_tendons) that settle on the mesh of a task."""
     problem = Problem(task, task.coarse("nearest"))
     p = problem.parameters(SEARCHED)
@@ -137,7 +137,7 @@ def _points(
         yield from problem.forward.many(tensions[some], near[some])
 
 
-def _error(task: Task, on_finer: Task, tensions: Array) -> float:
+def _error(task: PlanningProblem, on_finer: PlanningProblem, tensions: Array) -> float:
     """Return the change of most tips from a mesh to a finer one, over the arm's length."""
     pairs = zip(*(_tips(each, tensions) for each in (task, on_finer)), strict=True)
     apart = [float(np.linalg.norm(fine - tip)) for tip, fine in pairs]
@@ -145,14 +145,14 @@ def _error(task: Task, on_finer: Task, tensions: Array) -> float:
     return float(np.quantile(apart, _SHARE)) / task.arm.length if apart else 0.0
 
 
-def _tips(task: Task, tensions: Array) -> list[Array]:
+def _tips(task: PlanningProblem, tensions: Array) -> list[Array]:
     """Return the tip (3,) under each of the tensions (m, n_tendons), nan where none settles."""
     points = _points(Problem(task, task.coarse("nearest")), tensions)
     lost = np.full(3, np.nan)
     return [point.poses[-1, 4:] if isinstance(point, Equilibrium) else lost for point in points]
 
 
-def fitted(task: Task, tensions: Array) -> tuple[Array, Array]:
+def fitted(task: PlanningProblem, tensions: Array) -> tuple[Array, Array]:
     """Return tensions (m, n_tendons) moved until the targets are met, and the misses left (m,).
 
     Each step is the smallest change of the tensions, so that the shapes stay near those under the
@@ -238,7 +238,7 @@ def _residuals(problem: Problem, point: Equilibrium) -> tuple[Array, Array]:
     J = J.tocsr()[rows]
     jacobian = J[:, :n].toarray() + J[:, at] @ by_states
     weights = np.ones(len(jacobian))
-    terms = problem.together.own.terms
+    terms = problem.target_set.own.terms
     weights[: terms.equality_weights.size] = terms.equality_weights
     equal = program.rows[rows] == "equality"
     residuals = np.where(equal, g[rows], np.minimum(g[rows], 0.0))
@@ -246,7 +246,7 @@ def _residuals(problem: Problem, point: Equilibrium) -> tuple[Array, Array]:
     return weights * residuals, weights[:, None] * jacobian
 
 
-def spread(task: Task, count: int) -> Array:
+def spread(task: PlanningProblem, count: int) -> Array:
     """Return tensions (count, n_tendons) over the limits [N]; always the same.
 
     The first are corners of the box of tensions. One half of the others bends few sections at a
@@ -256,7 +256,7 @@ def spread(task: Task, count: int) -> Array:
     box = Box.of(task)
     corners = box.corners(count // 2, rng)
     n_bends = (count - len(corners)) // 2
-    bends = BendCoordinates(task.arm, task.together.tendons, limits)
+    bends = BendCoordinates(task.arm, task.target_set.tendons, limits)
     levels = box.levels(count - len(corners) - n_bends, rng)
     return np.vstack([corners, bends.tensions(bends.draw(n_bends)), levels])
 
@@ -277,7 +277,7 @@ class Box:
     most: Array
 
     @classmethod
-    def of(cls, task: Task) -> Box:
+    def of(cls, task: PlanningProblem) -> Box:
         """Return the box of a task."""
         natural, lower = natural_tensions(task.arm), np.array(task.allowed.lower)
         most = np.minimum(np.array(task.allowed.upper) - lower, _MOST * natural)

@@ -27,6 +27,8 @@ from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OutOfTime, check_time, report
+from octoplan.planner.nlp_options import Mode
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.program.problem import (
     KKT_TOLERANCE,
     REGULARISATION,
@@ -35,12 +37,11 @@ from octoplan.planner.program.problem import (
     Problem,
 )
 from octoplan.planner.program.terms import LOW_PRIORITY
-from octoplan.planner.question import Mode
+from octoplan.planner.solution import Solution, Trial, n_equal_optima
 from octoplan.planner.solve.guesses import POINT, beside, drawn_arms, initial_guesses
 from octoplan.planner.solve.ipopt import Purpose, solve
 from octoplan.planner.solve.refine import COARSE, CORRECTIONS, on_mesh, refine
 from octoplan.planner.solve.samples import Samples, sample
-from octoplan.planner.task import SearchResult, Task, Trial, agreed
 
 # Guesses that have to agree; one more where all miss the targets, and where a point or more is to
 # be met, which arms meet in several ways.
@@ -71,7 +72,7 @@ _PHASES: dict[Mode, str] = {
 def attempt(problem: Problem, T: Array, defect: Array | None = None) -> Candidate:
     """Solve a program, corrected by a defect of its mesh, from tensions (n_tendons,) [N]."""
     # Least squares come to no end from an arm whose weight is far from being balanced.
-    least_squares = problem.statement.mode != "exact"
+    least_squares = problem.options.mode != "exact"
     x = problem.guess(T, least_squares)
     purpose: Purpose = "search" if defect is None else "meet"
     candidate = solve(problem, x, problem.parameters(SEARCHED, defect), purpose=purpose)
@@ -104,7 +105,7 @@ class Reading:
         The refined optimum of the result.
     """
 
-    task: Task
+    task: PlanningProblem
     mode: Mode
     guesses: Iterator[Array] = field(default_factory=lambda: iter(()))
     trials: list[Trial] = field(default_factory=list)
@@ -145,7 +146,7 @@ class Reading:
                 return
             if until_met and self.is_all_but_met:
                 return
-            report(_PHASES[self.mode], len(self.trials), self.task.most)
+            report(_PHASES[self.mode], len(self.trials), self.task.max_guesses)
             self._keep(attempt(problem, T, defect))
 
     def agrees_on(self, optimum: Candidate) -> bool:
@@ -169,7 +170,7 @@ class Reading:
         Where there were none before poses are unknowns at other places: from its tensions.
         """
         before = optimum.problem
-        problem = Problem(self.task, before.statement)
+        problem = Problem(self.task, before.options)
         if problem.program.size != optimum.x.size:
             return self.led_to(optimum.tensions)
         old, rows = before.program.rows, problem.program.rows
@@ -210,7 +211,7 @@ class Reading:
 
     def sort(self, optimum: Candidate) -> None:
         """Keep an optimum with those that are as stable as they have to be, or with the others."""
-        x, margin = optimum.x, self.task.statement.margin
+        x, margin = optimum.x, self.task.options.margin
         if not any(_is_same(optimum, other) for other in self.optima):
             stable = optimum.problem.is_stable(x, margin - COARSE * (margin > 0))
             (self.met if stable else self.unstable).append(optimum)
@@ -223,16 +224,16 @@ class Reading:
         """
         if self.task.guesses is not None:
             return False
-        trials, mode, count = self.trials, self.mode, self.task.together.conditions
+        trials, mode, count = self.trials, self.mode, self.task.target_set.conditions
         objectives = [trial.objective if trial.met else np.inf for trial in trials]
         best = min(objectives, default=np.inf)
         missed = mode == "nearest" or (mode == "closest" and best > KKT_TOLERANCE)
         hard = missed or (count >= POINT and mode == "exact")
         by_effort = best < np.inf and count > POINT
         since = len(trials) - 1 - objectives.index(best) if by_effort else 0
-        return agreed(trials) >= AGREED + hard or (mode == "exact" and since >= AGREED)
+        return n_equal_optima(trials) >= AGREED + hard or (mode == "exact" and since >= AGREED)
 
-    def best(self, limit: float = np.inf) -> SearchResult | None:
+    def best(self, limit: float = np.inf) -> Solution | None:
         """Return the best optimum up to a limit that is stable, and not lost on a finer mesh.
 
         Unstable ones are held to stability, which makes them dearer, when no other is cheaper.
@@ -253,7 +254,7 @@ class Reading:
                 lost = min(lost, f)
         return None
 
-    def stiffer(self) -> SearchResult | None:
+    def stiffer(self) -> Solution | None:
         """Return a result near rejected optima that is more stable; None if none is found.
 
         Under strong loads the arm may have other shapes under the tensions of an optimum, and take
@@ -279,7 +280,7 @@ class Reading:
         stable then, that one is held next.
         """
         yield optimum.f, None
-        near, least = optimum, max(self.task.statement.least, floor)
+        near, least = optimum, max(self.task.options.least, floor)
         with suppress(OctoplanError, np.linalg.LinAlgError):
             for _ in range(CORRECTIONS):
                 problem = near.problem.but(modes=1, floor=least)
@@ -302,12 +303,12 @@ def _is_same(one: Candidate, other: Candidate) -> bool:
 class Search:
     """One planning question and the readings of its targets that answer it; `now` is the last."""
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: PlanningProblem) -> None:
         self.task, self.now = task, Reading(task, "exact")
         self._source = initial_guesses(task, is_loaded(task.scene))
         self.samples: Samples | None = None
 
-    def run(self) -> SearchResult:
+    def run(self) -> Solution:
         """Return the best optimum from the guesses it takes, or the best so far out of time."""
         try:
             result = self._run()
@@ -315,14 +316,14 @@ class Search:
             result = self._so_far()
         return replace(result, sampled=self.samples.count if self.samples else 0)
 
-    def _run(self) -> SearchResult:
+    def _run(self) -> Solution:
         """Return the best optimum of the first reading of the targets that has one.
 
         Where few guesses meet the targets exactly it is first seen how near they can be had: if
         that is a near miss, exact shapes are looked for from there, and from more guesses.
         """
         unstable, missed = False, None
-        terms = self.task.together.terms
+        terms = self.task.target_set.terms
         can_pull = np.greater(self.task.allowed.upper, self.task.allowed.lower)
         modes: list[Mode] = ["exact"] * bool(terms.count <= can_pull.sum())
         modes += ["closest"] * bool(terms.names[1] or LOW_PRIORITY in terms.inequality_weights)
@@ -346,7 +347,7 @@ class Search:
                 result = self._finished()
                 if result is not None:
                     result = self._attained(result)
-                    return replace(result, unstable=unstable and result.statement.mode != "exact")
+                    return replace(result, unstable=unstable and result.options.mode != "exact")
                 unstable |= bool(self.now.unstable)
             missed = near if hasty else missed
         return replace(self._so_far(stopped=False), unstable=unstable)
@@ -373,7 +374,7 @@ class Search:
         reading.search(until_met=True, until_agreed=False)
         return reading
 
-    def _finished(self) -> SearchResult | None:
+    def _finished(self) -> Solution | None:
         """Return the best optimum of a reading of the targets, None where there is none.
 
         Where finer meshes have none of the coarse mesh's optima others are looked for, as if no
@@ -396,14 +397,14 @@ class Search:
         if result is not None or not reading.unstable or not self.task.best_margin:
             return result
         # The best that is stable at all.
-        stated = self.task.statement.but(margin=0.0)
-        self.task = replace(self.task, statement=stated, best_margin=False)
+        stated = self.task.options.but(margin=0.0)
+        self.task = replace(self.task, options=stated, best_margin=False)
         self.now = replace(reading, task=self.task, met=[], unstable=[])
         for optimum in reading.optima:
             self.now.sort(replace(optimum, problem=optimum.problem.but(margin=0.0)))
         return self.now.best()
 
-    def _attained(self, near: SearchResult) -> SearchResult:
+    def _attained(self, near: Solution) -> Solution:
         """Return the best result that meets all targets, `near` itself if none is found.
 
         If `near` is of least squares that all but vanish, programs corrected by the defect of its
@@ -414,13 +415,13 @@ class Search:
         if reading.mode == "exact" or reading.fine is None or reading.fine.f > ATTAINABLE:
             return near
         fine = reading.fine
-        mesh = fine.problem.statement.refinement
+        mesh = fine.problem.options.refinement
         problem = Problem(task, task.coarse("exact").but(refinement=mesh))
         try:
             with suppress(OctoplanError, np.linalg.LinAlgError):
                 corrected = on_mesh(fine, problem, task.settled(fine.tensions))
                 guesses = chain([fine.tensions], beside(corrected), self.guesses())
-                limited = islice(guesses, task.most)
+                limited = islice(guesses, task.max_guesses)
                 exact = Reading(task, "exact", limited, corrected=corrected)
                 exact.search()
                 return exact.best() or near
@@ -439,18 +440,18 @@ class Search:
         self._source, again = tee(self._source)
         before = list(islice(again, tried))
         yield from before[:1]
-        together = self.task.together
+        together = self.task.target_set
         if tried > 1 and together.conditions > POINT and not together.terms.names[2]:
             again = initial_guesses(self.task, is_loaded(self.task.scene), missed=True)
-        yield from islice(again, max(self.task.most - tried - wide, 0))
+        yield from islice(again, max(self.task.max_guesses - tried - wide, 0))
         yield from before[1:]
 
-    def _so_far(self, stopped: bool = True) -> SearchResult:
+    def _so_far(self, stopped: bool = True) -> Solution:
         """Return the best that was seen: of optima that of least effort, else what came last."""
         seen = [*self.now.met, *self.now.lost]
         best = min(seen, key=attrgetter("f"), default=self.now.last)
         if best is None:
             *_, T = islice(drawn_arms(self.task), 2)
-            statement = self.task.coarse("nearest")
-            return SearchResult(statement, self.task.arm.by_section(T), (), (), (), stopped)
+            options = self.task.coarse("nearest")
+            return Solution(options, self.task.arm.by_section(T), (), (), (), stopped)
         return best.result(self.now.trials, stopped=stopped)

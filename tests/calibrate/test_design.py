@@ -19,7 +19,7 @@ from octoplan.planner.extensions.fit.design_program import DesignProgram, Target
 from octoplan.planner.extensions.fit.manufacturing import Objective
 from octoplan.planner.extensions.fit.unknowns import Parameters
 from octoplan.planner.frontends.cli import main
-from octoplan.planner.question import Limits
+from octoplan.planner.limits import Limits
 from octoplan.planner.targets import Backbone, Stiffest, TipPosition
 from tests.differences import fourth_order
 

@@ -14,7 +14,7 @@ from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Capsule
 from octoplan.model.paths import Array
 from octoplan.planner import load_plan, plan
-from octoplan.planner.question import natural_tensions
+from octoplan.planner.limits import natural_tensions
 from octoplan.planner.targets import Wrap
 from octoplan.planner.targets.wrap import NEAR
 from tests.contact.cases import bar, stiffness

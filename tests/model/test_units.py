@@ -18,7 +18,8 @@ from octoplan.planner.extensions.fit.unknowns import Parameters, Unknown
 from octoplan.planner.frontends.cli import main
 from octoplan.planner.frontends.io.scene_file import read
 from octoplan.planner.frontends.sweeps.definition import sweep_of
-from octoplan.planner.question import Limits, check_targets
+from octoplan.planner.limits import Limits
+from octoplan.planner.planning_problem import check_targets
 from octoplan.planner.targets import Backbone, Bend, BendingPlane, Fetch, FetchReach, TipPosition
 from tests.warned import detailed
 

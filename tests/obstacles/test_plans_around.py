@@ -20,9 +20,10 @@ from octoplan.planner.extensions.avoidance.around import line_of
 from octoplan.planner.extensions.avoidance.rows import avoiding, cubic, element_of, grid
 from octoplan.planner.extensions.avoidance.surroundings import Environment
 from octoplan.planner.frontends.io.scene_file import read
-from octoplan.planner.question import Limits, Statement
+from octoplan.planner.limits import Limits
+from octoplan.planner.nlp_options import NlpOptions
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.targets import BendingPlane, TipPosition
-from octoplan.planner.task import Task
 from tests.oracles import Array
 
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())
@@ -194,8 +195,8 @@ def test_places_are_read_off_the_stations_of_the_settled_arm() -> None:
     """Its mesh has other nodes, the nearest of which were read instead, up to 3 mm away."""
     T = np.zeros(12)
     T[10], T[6] = 14.0, 5.0
-    question = (ARM, (TARGET,), SCENE, Limits.of(ARM, 20.0), Statement(), 1e-6)
-    line, shape = line_of(Task(*question), T), settle(ARM, T, SCENE, 1e-8)
+    question = (ARM, (TARGET,), SCENE, Limits.of(ARM, 20.0), NlpOptions(), 1e-6)
+    line, shape = line_of(PlanningProblem(*question), T), settle(ARM, T, SCENE, 1e-8)
     assert line is not None
     avoidance, _ = avoiding(line, Environment(of_itself=True), None)
     assert avoidance.rows

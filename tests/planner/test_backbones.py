@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
 from octoplan.model.effects import Extension
 from octoplan.planner import plan
-from octoplan.planner.question import natural_tensions
+from octoplan.planner.limits import natural_tensions
 from octoplan.planner.targets import Backbone
 from tests.planner.cases import Array
 

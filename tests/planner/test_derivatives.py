@@ -23,9 +23,9 @@ from octoplan.model.effects import (
     Weight,
 )
 from octoplan.model.extensions.obstacles import Sphere
-from octoplan.planner import Limits, Problem, Statement, plan
+from octoplan.planner import Limits, NlpOptions, Problem, plan
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.targets import Backbone, TipPosition
-from octoplan.planner.task import Task
 from tests.differences import Array, all_of, check_derivatives, dense, whole
 
 ARM = Arm.from_paper("table-4")
@@ -93,8 +93,8 @@ def check_program(arm: Arm, scene: Scene, mode: Any, modes: int = 0) -> None:
     through = Backbone(((0.1, 0.05, 0.0), (0.15, 0.1, 0.02)), tuple(s))
     targets = (TipPosition((0.2, 0.05, 0.01)), through)
     limits = Limits.of(arm, 20.0)
-    statement = Statement(mode=mode, refinement=1, modes=modes)
-    problem = Problem(Task(arm, targets, scene, limits, statement, 1e-6))
+    options = NlpOptions(mode=mode, refinement=1, modes=modes)
+    problem = Problem(PlanningProblem(arm, targets, scene, limits, options, 1e-6))
     of, sigma, rng = problem.program, 0.7, np.random.default_rng(5)
     x, p, sigma_of, lam_of = given = of.function.mx_in()
     f, _, g, _, H_of = of.function.call(given, True, False)

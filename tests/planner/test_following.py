@@ -194,5 +194,5 @@ def test_a_plan_of_another_norm_is_not_followed() -> None:
     (target,) = path(1)
     near = plan(ARM, target, PAPER, 20.0)
     found = plan(ARM, target, PAPER, 20.0, norm="inf", near=near)
-    assert found.statement.norm == "inf"
+    assert found.options.norm == "inf"
     assert found.tensions.max() < 0.99 * near.tensions.max()

@@ -31,7 +31,7 @@ from octoplan.model.extensions.contact.effects import Contact, SelfContact
 from octoplan.model.extensions.obstacles import HalfSpace
 from octoplan.planner import ExportWarning, export, mjcf, urdf
 from octoplan.planner.frontends.cli import main
-from octoplan.planner.question import natural_tensions
+from octoplan.planner.limits import natural_tensions
 from tests.contact.cases import bar
 
 mujoco = pytest.importorskip("mujoco")

@@ -11,13 +11,13 @@ import pytest
 from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
 from octoplan.model.effects import ExactTendons, Extension, Shear, Weight
 from octoplan.model.paths import Array
-from octoplan.planner import Statement, plan
+from octoplan.planner import NlpOptions, plan
+from octoplan.planner.limits import Limits
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.program.problem import Problem
-from octoplan.planner.question import Limits
 from octoplan.planner.solve.samples import fitted, sample, spread
 from octoplan.planner.solve.search import WIDE, attempt
 from octoplan.planner.targets import TipPosition
-from octoplan.planner.task import Task
 
 STRAIGHT = Linear(0.0, 0.0)
 HELICAL = Arm(
@@ -46,9 +46,11 @@ THIN = Arm(
 EXACT = Scene(Extension(), ExactTendons())
 
 
-def _task(arm: Arm, place: tuple[float, ...], scene: Scene, maxima: tuple[float, ...]) -> Task:
+def _task(
+    arm: Arm, place: tuple[float, ...], scene: Scene, maxima: tuple[float, ...]
+) -> PlanningProblem:
     limits, target = Limits.of(arm, np.array(maxima)), TipPosition(place)  # type: ignore[arg-type]
-    return Task(arm, (target,), scene, limits, Statement(), 1e-6)
+    return PlanningProblem(arm, (target,), scene, limits, NlpOptions(), 1e-6)
 
 
 def _least_of_grid(

@@ -138,14 +138,14 @@ BROKEN: dict[str, tuple[tuple[Any, ...], Any, str]] = {
     "a tension in words": (("answer", "tensions", 3), "much", "answer.tensions[3] = 'much'"),
     "limits crossed": (("question", "limits", "lower", 1), 30.0, "T_12"),
     "no such norm": (
-        ("answer", "statement", "norm"),
+        ("answer", "options", "norm"),
         "3",
-        "answer.statement.norm = '3'",
+        "answer.options.norm = '3'",
     ),
-    "a key more in an answer": (("answer", "statement", "solver"), "", "statement.solver: no such"),
+    "a key more in an answer": (("answer", "options", "solver"), "", "options.solver: no such"),
     "a key more in limits": (("question", "limits", "middle"), [], "limits.middle: no such"),
     "a key more in a question": (("question", "clearence"), 0.0, "question.clearence: no such"),
-    "no mesh": (("answer", "statement", "refinement"), 0, "refinement = 0"),
+    "no mesh": (("answer", "options", "refinement"), 0, "refinement = 0"),
     "no accuracy": (("question", "accuracy"), 0.0, "question.accuracy"),
     "a list for a kind": (
         ("question", "arm", "kind"),

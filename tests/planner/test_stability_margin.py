@@ -9,9 +9,9 @@ import pytest
 
 from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import Extension, TipLoad, Weight
-from octoplan.planner import Limits, Plan, Problem, Statement, load_plan, plan
+from octoplan.planner import Limits, NlpOptions, Plan, Problem, load_plan, plan
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.targets import TipPosition
-from octoplan.planner.task import Task
 from tests.differences import check_derivatives, whole
 
 ARM = Arm.from_paper("table-4")
@@ -28,8 +28,8 @@ TARGET = TipPosition(tuple(settle(ARM, T, AIR).tip.tolist()))
 
 
 def test_derivatives_of_a_stability_are_differences_of_it() -> None:
-    statement = Statement(refinement=1, modes=1)
-    problem = Problem(Task(ARM, (TARGET,), AIR, Limits.of(ARM, 20.0), statement, 1e-6))
+    options = NlpOptions(refinement=1, modes=1)
+    problem = Problem(PlanningProblem(ARM, (TARGET,), AIR, Limits.of(ARM, 20.0), options, 1e-6))
     check_derivatives(whole(problem, problem.parameters()), problem.guess(T + 0.05), 1e-4)
 
 

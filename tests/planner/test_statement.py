@@ -95,7 +95,7 @@ def test_guesses_agree_on_the_nearest_shape_under_loads(place: tuple[float, floa
     """Least squares of what is missed outweighed equilibrium: of 14 guesses one came to an end."""
     found = plan(ARM, TipPosition(place), Scene.silicone(Weight()), 20.0)
     assert found.outcome.startswith("Not reached: the nearest shape found is off in tip")
-    assert len(found.starts) == found.agreed == 3
+    assert len(found.starts) == found.n_equal_optima == 3
 
 
 MISSED = Certificate({"tip position": 0.01}, {}, {}, 0.0)
@@ -124,7 +124,7 @@ SENTENCES: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "degrees": (
         {
-            "agreed": 1,
+            "n_equal_optima": 1,
             "certificate": Certificate({"bend": 0.1}, {}, {}, 0.0, units={"bend": "rad"}),
         },
         "the nearest shape found is off in bend by 5.73 deg",
@@ -147,7 +147,7 @@ def test_what_is_not_reached_is_said_to_be_held_by_what_holds_it(
     facts: dict[str, Any], told: str
 ) -> None:
     plan = SimpleNamespace(
-        certificate=MISSED, mode="nearest", effort=1.0, starts=(0, 0, 0), agreed=2, arm=ARM
+        certificate=MISSED, mode="nearest", effort=1.0, starts=(0, 0, 0), n_equal_optima=2, arm=ARM
     )
     limits = {"stopped": False, "in_the_way": "", "unstable": False, "avoidance": None}
     limits["sampled"] = 0

@@ -78,7 +78,7 @@ def check_met(
     found = plan(arm, target, scene, most)
     assert found.certificate.passed, found.outcome
     assert found.reached and found.outcome.startswith("Reached")
-    assert found.statement.iterations > 0
+    assert found.iterations > 0
     scheme = "gauss4" if is_loaded(scene) else "gauss6"
     assert off(settle(arm, found.tensions, scene, 1e-9, scheme), target, kind) < 2e-6
     assert found.tensions.min() >= 0

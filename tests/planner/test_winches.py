@@ -16,8 +16,8 @@ from octoplan.planner import load_plan, plan, stiffness
 from octoplan.planner.extensions.trajectory.question import Rates
 from octoplan.planner.frontends.cli import main
 from octoplan.planner.frontends.io.scene_file import load
+from octoplan.planner.limits import Limits
 from octoplan.planner.measure import length_error
-from octoplan.planner.question import Limits
 from octoplan.planner.targets import TipPosition
 from tests.warned import detailed
 

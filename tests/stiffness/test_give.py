@@ -7,10 +7,10 @@ import pytest
 
 from octoplan.model import Arm, Scene
 from octoplan.model.effects import Current, Effect, Extension, Friction, Shear, TipLoad
-from octoplan.planner import Limits, Statement
+from octoplan.planner import Limits, NlpOptions
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.program.problem import Problem
 from octoplan.planner.targets import MinimumStiffness, Softest, Stiffest, Target, TipPosition
-from octoplan.planner.task import Task
 from tests.differences import check_derivatives, whole
 from tests.stiffness.cases import IN_WATER, Array, pulling
 
@@ -51,8 +51,8 @@ PROGRAMS: dict[str, Case] = {
 def stated(arm: Arm, effects: tuple[Effect, ...], target: Target) -> tuple[Problem, Array, Array]:
     """A small problem with a stiffness, its parameters, and its unknowns at settled tensions."""
     targets, limits = (TipPosition((0.2, 0.05, 0.01)), target), Limits.of(arm, 20.0)
-    statement = Statement(refinement=1)
-    problem = Problem(Task(arm, targets, Scene(*effects), limits, statement, 1e-6))
+    options = NlpOptions(refinement=1)
+    problem = Problem(PlanningProblem(arm, targets, Scene(*effects), limits, options, 1e-6))
     p, rng = problem.parameters(), np.random.default_rng(5)
     return problem, p, problem.guess(rng.uniform(0.05, 0.3, arm.n_tendons))
 

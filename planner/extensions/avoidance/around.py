@@ -27,13 +27,14 @@ from octoplan.model.support.progress import OutOfTime, report
 from octoplan.planner.extensions.avoidance.lines import Lines
 from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints, avoiding, grid
 from octoplan.planner.extensions.avoidance.surroundings import Environment
+from octoplan.planner.nlp_options import Mode
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.program.problem import Candidate
-from octoplan.planner.question import Mode
+from octoplan.planner.solution import Solution, Trial
 from octoplan.planner.solve.guesses import drawn_arms
 from octoplan.planner.solve.refine import CORRECTIONS, refine
 from octoplan.planner.solve.samples import fine_enough, fitted, sample
 from octoplan.planner.solve.search import AGREED, WIDE, Reading, Search
-from octoplan.planner.task import SearchResult, Task, Trial
 
 # Drawn arms that are looked at, and those that are tried, at most.
 _LOOKED_AT, _MOST = 100, 6
@@ -44,14 +45,14 @@ _FITTED, _MET = 60, 1e-2
 _AGAIN = 1e-3
 
 
-def line_of(task: Task, T: Array) -> Centreline | None:
+def line_of(task: PlanningProblem, T: Array) -> Centreline | None:
     """Return the centreline of a plan's settled shape; None if it does not settle."""
     with suppress(OctoplanError, np.linalg.LinAlgError):
         return task.settled(T).centreline(grid(task.arm).tolist())
     return None
 
 
-def _lines_of(task: Task) -> Lines:
+def _lines_of(task: PlanningProblem) -> Lines:
     """Return the centrelines of a task's arm on the mesh of the search."""
     at = tuple(grid(task.arm)[1:].tolist())
     refinement = task.coarse("exact").refinement
@@ -61,12 +62,12 @@ def _lines_of(task: Task) -> Lines:
 class ObstacleSearch:
     """A planning question with surroundings; `searched` tells whether all guesses were tried."""
 
-    def __init__(self, task: Task, surroundings: Environment) -> None:
+    def __init__(self, task: PlanningProblem, surroundings: Environment) -> None:
         self.task, self.surroundings = task, surroundings
         self.trials, self.searched, self.sampled = list[Trial](), False, 0
         self._lines = _lines_of(task)
 
-    def run(self, near: SearchResult | None = None) -> SearchResult:
+    def run(self, near: Solution | None = None) -> Solution:
         """Return the best that keeps clear, or the best so far out of time.
 
         Where a plan that is near is given, it is led around, and only if it cannot be is searched.
@@ -88,13 +89,13 @@ class ObstacleSearch:
             self._lines = _lines_of(self.task)
             best = self._detour(search, result)
             best = replace(best, sampled=max(self.sampled, result.sampled))
-            reached = result.statement.mode == "exact" and best.statement.mode != "exact"
+            reached = result.options.mode == "exact" and best.options.mode != "exact"
             return replace(best, in_the_way=in_the_way) if reached else best
         if result is None:
             raise OutOfTime
         return replace(result, stopped=True)
 
-    def led_from(self, tensions: Array) -> SearchResult | None:
+    def led_from(self, tensions: Array) -> Solution | None:
         """Return the plan that meets the targets and keeps clear, from tensions near it.
 
         None if there is none, or out of time.
@@ -104,18 +105,18 @@ class ObstacleSearch:
             return None if led is None else led[1]
         return None
 
-    def _in_the_way(self, result: SearchResult) -> str | None:
+    def _in_the_way(self, result: Solution) -> str | None:
         """Return what a plan comes nearest to in words, None where it keeps clear."""
         line = line_of(self.task, np.ravel(result.tensions))
         return "" if line is None else self.surroundings.in_the_way(line) or None
 
-    def _detour(self, search: Search, result: SearchResult) -> SearchResult:
+    def _detour(self, search: Search, result: Solution) -> Solution:
         """Return the best of what is led around, the plan without surroundings if nothing is.
 
         From optima that something is in the way of, other guesses, arms that touch nothing: as the
         plan reads its targets, and from the last as near to them as can be.
         """
-        mode, T = result.statement.mode, np.ravel(result.tensions)
+        mode, T = result.options.mode, np.ravel(result.tensions)
         met = sorted(search.now.met, key=attrgetter("f"))
         optima = [(each.f, each.tensions) for each in met] or [(0.0, T)]
         others = ((0.0, guess) for guess in islice(search.guesses(), 1, None))
@@ -150,14 +151,14 @@ class ObstacleSearch:
         yield from self._clear(met[np.argsort(np.linalg.norm(met, axis=1), kind="stable")])
         yield from self._clear(near)
 
-    def _best(self, mode: Mode, *sources: Iterable[tuple[float, Array]]) -> SearchResult | None:
+    def _best(self, mode: Mode, *sources: Iterable[tuple[float, Array]]) -> Solution | None:
         """Return the best that is led around from the first starts of which any is.
 
         From enough of these, of which no objective is less. Starts are what their objective is at
         least, and tensions.
         """
         for starts in sources:
-            done: list[tuple[float, SearchResult]] = []
+            done: list[tuple[float, Solution]] = []
             for least, T in starts:
                 report(f"around obstacles, {mode}", len(self.trials))
                 if len(done) >= AGREED or any(f < least for f, _ in done):
@@ -168,7 +169,7 @@ class ObstacleSearch:
                 return min(done, key=lambda pair: pair[0])[1]
         return None
 
-    def _exchange(self, T: Array, mode: Mode) -> tuple[float, SearchResult] | None:
+    def _exchange(self, T: Array, mode: Mode) -> tuple[float, Solution] | None:
         """Return the plan that keeps clear to which tensions lead, with its objective."""
         avoidance: ClearanceConstraints | None = None
         optimum: Candidate | None = None

@@ -15,7 +15,7 @@ from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OutOfTime, check_time
 from octoplan.planner.extensions.contact.load_path import LoadPath
 from octoplan.planner.extensions.contact.program import Constraints, TensionProgram
-from octoplan.planner.question import natural_tensions
+from octoplan.planner.limits import natural_tensions
 
 # Steps at most, also those that fail; the first trust region, in tensions that bend by 1 rad.
 _STEPS, _RADIUS = 100, 0.25

@@ -34,9 +34,9 @@ from octoplan.model.support.errors import SnapError, UnsettledContactError
 from octoplan.model.support.progress import check_time
 from octoplan.planner.extensions.contact.grasp import COST, Cone, Grasp, conic_program
 from octoplan.planner.extensions.contact.load_path import LoadPath, path_sensitivities, rubs
-from octoplan.planner.question import natural_tensions
+from octoplan.planner.limits import natural_tensions
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.targets.hold import Hold
-from octoplan.planner.task import Task
 
 # Steps of differences in scaled tensions: of states, and of shapes settled anew.
 _STEP, _CHANGE = 1e-6, 1e-5
@@ -151,15 +151,15 @@ class TensionProgram:
     """
 
     def __init__(
-        self, task: Task, refinement: int, least: float = 0.0, load_path: LoadPath = ()
+        self, task: PlanningProblem, refinement: int, least: float = 0.0, load_path: LoadPath = ()
     ) -> None:
         self.task, self.least = task, least
-        self._stations = task.together.stations
+        self._stations = task.target_set.stations
         more = self._stations, task.machine_code
         self.map = TouchingMap(task.arm, task.scene, STAGES, refinement, *more)
         self.unit, self.n = float(natural_tensions(task.arm).max()), task.arm.n_tendons
         self.holds = [target for target in task.targets if isinstance(target, Hold)]
-        self._terms, self._numbers = task.together.terms, task.together.numbers
+        self._terms, self._numbers = task.target_set.terms, task.target_set.numbers
         self._counts = self._terms.count, len(self._terms.names[2])
         self.begin = self.along(load_path) if rubs(task.scene) else None
 

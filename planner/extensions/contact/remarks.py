@@ -18,7 +18,7 @@ from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError
 from octoplan.planner.extensions.contact.grasp import Grasp
-from octoplan.planner.question import Limits, natural_tensions
+from octoplan.planner.limits import Limits, natural_tensions
 from octoplan.planner.targets.base import Target
 from octoplan.planner.targets.hold import LEVER, Hold
 from octoplan.planner.targets.wrap import Wrap

@@ -28,12 +28,13 @@ from octoplan.planner.extensions.contact.load_path import (
 )
 from octoplan.planner.extensions.contact.optimum import ContactOptimum, conditions, optimum
 from octoplan.planner.extensions.contact.program import TensionProgram
+from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.solution import Solution, Trial, n_equal_optima
 from octoplan.planner.solve.guesses import BendCoordinates, initial_guesses, many_places
 from octoplan.planner.solve.search import AGREED, Reading
 from octoplan.planner.targets.backbone import Backbone
 from octoplan.planner.targets.hold import Hold
 from octoplan.planner.targets.wrap import Wrap
-from octoplan.planner.task import SearchResult, Task, Trial, agreed
 
 # The meshes of searches and of plans.
 COARSE = 1
@@ -50,7 +51,7 @@ _SLID = (1.0, 1.5, 2.5)
 _DRAWN, _NEAREST, _SPREAD = 3000, 150, 0.3
 
 
-def check_contact(task: Task, avoids: bool) -> None:
+def check_contact(task: PlanningProblem, avoids: bool) -> None:
     """Raise InputError for what is not stated in scenes with contact, and what is held without."""
     bodies = [contact.obstacle for contact in contacts(task.scene)]
     for target in task.targets:
@@ -66,8 +67,8 @@ def check_contact(task: Task, avoids: bool) -> None:
         "none in a scene",
     )
     refused = [
-        (bool(task.together.requests), "target", "a stiffness", shapes),
-        (task.statement.norm != "2", "norm", task.statement.norm, '"2", in a scene with contact'),
+        (bool(task.target_set.requests), "target", "a stiffness", shapes),
+        (task.options.norm != "2", "norm", task.options.norm, '"2", in a scene with contact'),
         (rubs(task.scene) and holds, "Contact.friction", "above 0", alone),
         (avoids, "obstacles", "given", f"{none} with contact: there they are effects"),
         (task.limits.strokes is not None, "stroke_max", "given", f"{none} with contact"),
@@ -91,12 +92,12 @@ class ContactSearch:
     with friction, that acts against the motion from there, alone; unless given from rest.
     """
 
-    def __init__(self, task: Task, begin: LoadPath | None = None) -> None:
+    def __init__(self, task: PlanningProblem, begin: LoadPath | None = None) -> None:
         self.task, self.begin = task, begin
         self.optima = list[ContactOptimum]()
         self.best: ContactOptimum | None = None
 
-    def run(self) -> SearchResult:
+    def run(self) -> Solution:
         """Return the best optimum from the guesses, or the best so far out of time.
 
         Where the search began where there is none.
@@ -109,14 +110,14 @@ class ContactSearch:
             stopped = True
         best = self.best or min(self.optima, key=attrgetter("cost"), default=None)
         trials, exact = _trials(self.optima), best is not None and not best.violation
-        statement = self.task.statement.but(mode="exact" if exact else "nearest", refinement=FINE)
+        options = self.task.options.but(mode="exact" if exact else "nearest", refinement=FINE)
         if best is None:
             path = self.begin or (self.task.allowed.lower,)
             T = self.task.arm.by_section(np.array(path[-1]))
-            return SearchResult(statement, T, (), (), trials, stopped, load_path=path)
+            return Solution(options, T, (), (), trials, stopped, load_path=path)
         T, multipliers = self.task.arm.by_section(best.point.tensions), (best.lam_x, best.lam_g)
-        statement, way = statement.but(modes=len(best.lam_g)), best.load_path
-        return SearchResult(statement, T, *multipliers, trials, stopped, load_path=way)
+        options, way = options.but(modes=len(best.lam_g)), best.load_path
+        return Solution(options, T, *multipliers, trials, stopped, load_path=way)
 
     def _search_with_friction(self) -> None:
         """Find optima against friction, by what the targets take without.
@@ -148,7 +149,7 @@ class ContactSearch:
         may agree on many times the least effort. Where three guesses miss the targets with the
         default margin of stability, the search goes on without it, from the nearest of these.
         """
-        task, stated = self.task, self.task.statement
+        task, stated = self.task, self.task.options
         hasty = task.best_margin and stated.margin > stated.floor
         coarse, fine = (TensionProgram(task, mesh, stated.least) for mesh in (COARSE, FINE))
         from_all = np.inf if task.guesses else AGREED + bool(coarse.holds)
@@ -156,21 +157,23 @@ class ContactSearch:
         guesses = reaching if coarse.holds else initial_guesses(task)
         from_rest = ((tuple(T.tolist()),) for T in guesses)
         for tried, load_path in enumerate(chain(nearby, from_rest), 1):
-            report("initial guesses", tried - 1, task.most)
+            report("initial guesses", tried - 1, task.max_guesses)
             with suppress(OctoplanError):
                 end = optimum(coarse, coarse.along(load_path))
                 end = replace(end, load_path=(*load_path, *end.load_path))
                 cheapest = all(end.cost < each.cost for each in self.optima)
                 self.optima.append(end)
-                if not end.violation and cheapest and agreed(_trials(self.optima)) < 2:
+                if not end.violation and cheapest and n_equal_optima(_trials(self.optima)) < 2:
                     self.best = self._refined_optimum(fine, end)
-            enough = agreed(_trials(self.optima)) >= (from_all if tried > len(nearby) else needed)
+            enough = n_equal_optima(_trials(self.optima)) >= (
+                from_all if tried > len(nearby) else needed
+            )
             missed = hasty and self.best is None and len(self.optima) > AGREED
-            if enough or missed or tried == task.most:
+            if enough or missed or tried == task.max_guesses:
                 break
         ends = sorted(self.optima, key=attrgetter("cost"))
         if hasty and self.best is None:
-            self.task = replace(task, statement=stated.but(margin=0.0), best_margin=False)
+            self.task = replace(task, options=stated.but(margin=0.0), best_margin=False)
             self._search([end.load_path for end in ends[:1]], from_all)
             return
         for end in () if self.best else ends:
@@ -198,7 +201,7 @@ class ContactSearch:
         raise UnsettledContactError(1.0, "the arm does not come to the optimum")
 
 
-def _free_arms_reaching(task: Task, hold: Hold) -> Iterator[Array]:
+def _free_arms_reaching(task: PlanningProblem, hold: Hold) -> Iterator[Array]:
     """Yield tensions of arms that free, under their loads, would reach into what is held.
 
     From arms without loads that do, by tensions that bring the deepest place of each there under
@@ -233,21 +236,23 @@ def _free_arms_reaching(task: Task, hold: Hold) -> Iterator[Array]:
     force /= max(float(np.linalg.norm(force)), 1e-300)
     against = body.gradient(places) @ force if len(places) else np.zeros(0)
     within = np.minimum(against, 1 / np.hypot(1.0, hold.friction)).round(1)
-    statement, scene = task.statement.but(margin=0.0), without_contacts(task.scene)
+    options, scene = task.options.but(margin=0.0), without_contacts(task.scene)
     for i in np.lexsort((np.linalg.norm(tensions, axis=1), -within)):
         there = Backbone((tuple(places[i].tolist()),), (float(s[i]),))
-        free = replace(task, targets=(there,), scene=scene, statement=statement)
+        free = replace(task, targets=(there,), scene=scene, options=options)
         loaded = Reading(free, "closest").led_to(tensions[i])
         yield tensions[i] if loaded is None else loaded.tensions
 
 
-def optimality_of(task: Task, tensions: Array, shape: Shape, load_path: LoadPath = ()) -> float:
+def optimality_of(
+    task: PlanningProblem, tensions: Array, shape: Shape, load_path: LoadPath = ()
+) -> float:
     """Return the residual of the first-order conditions at tensions (n_tendons,), scaled.
 
     Of the shape that a load path leads to.
     """
     with suppress(OctoplanError):
-        program = TensionProgram(task, FINE, task.statement.least * task.statement.modes, load_path)
+        program = TensionProgram(task, FINE, task.options.least * task.options.modes, load_path)
         # Twice: the gap's curvature at contact points is that of the mesh it comes from.
         on_mesh = program.begin or program.map.solve(tensions, shape.known)
         begin = program.begin or program.settled(tensions, on_mesh)

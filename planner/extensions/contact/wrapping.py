@@ -18,10 +18,10 @@ from octoplan.model.support.progress import OutOfTime
 from octoplan.planner.answer import Answer
 from octoplan.planner.extensions.avoidance.surroundings import Environment
 from octoplan.planner.extensions.contact.remarks import LOOKS, turned
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.targets.base import Target
 from octoplan.planner.targets.hold import Hold
 from octoplan.planner.targets.wrap import Wrap
-from octoplan.planner.task import Task
 
 # Plans from which a part's length follows, and how much longer than estimated they make it.
 _ROUNDS, _SPARE = 4, 0.01
@@ -42,7 +42,7 @@ def beside(targets: Iterable[Target], scene: Scene) -> tuple[Obstacle, ...]:
     return free
 
 
-def beside_contacts(task: Task) -> tuple[Task, Environment] | None:
+def beside_contacts(task: PlanningProblem) -> tuple[PlanningProblem, Environment] | None:
     """Return the task of an arm that keeps clear of what it may lean on, and that as surroundings.
 
     None where nothing says that the arm lies along something, or where something is to be held.

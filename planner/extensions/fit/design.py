@@ -33,9 +33,10 @@ from octoplan.planner.extensions.fit.manufacturing import (
     checked_objective,
 )
 from octoplan.planner.extensions.fit.unknowns import Parameters, Unknown
+from octoplan.planner.limits import Limits
 from octoplan.planner.plan import Plan, plan
+from octoplan.planner.planning_problem import check_targets
 from octoplan.planner.program.terms import Targets as TargetSet
-from octoplan.planner.question import Limits, check_targets
 
 
 @with_progress

@@ -32,12 +32,13 @@ from octoplan.model.support.progress import check_time
 from octoplan.planner.extensions.fit.manufacturing import ManufacturingLimits, Objective, Reach
 from octoplan.planner.extensions.fit.unknowns import Parameters, neighbour
 from octoplan.planner.extensions.trajectory.side_by_side import Part, SideBySide, joined
-from octoplan.planner.program.problem import Bounds, Problem, Solution, units
+from octoplan.planner.limits import Limits
+from octoplan.planner.nlp_options import NlpOptions
+from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.program.problem import Bounds, Problem, SolverResult, units
 from octoplan.planner.program.terms import Targets as TargetSet
-from octoplan.planner.question import Limits, Statement
 from octoplan.planner.solve.ipopt import TOGETHER, WARM
 from octoplan.planner.targets.base import Target
-from octoplan.planner.task import Task
 
 Targets = tuple[Target, ...]
 # Refinement of the tasks' meshes.
@@ -120,9 +121,10 @@ class DesignProgram:
             self.tasks = tuple((*task, objective) for task in tasks)
             self.weights = [1 / len(tasks)] * len(tasks)
         self.planned = self.tasks[: len(tasks)]
-        stated = Statement(refinement=_REFINEMENT)
+        stated = NlpOptions(refinement=_REFINEMENT)
         self.problems = [
-            Problem(Task(self.arm, task, scene, limits, stated, _MET)) for task in self.tasks
+            Problem(PlanningProblem(self.arm, task, scene, limits, stated, _MET))
+            for task in self.tasks
         ]
         if objective == "effort":
             self.weights = [
@@ -147,7 +149,7 @@ class DesignProgram:
         by_structure = dict[Any, Array]()
         for i, problem in enumerate(self.problems):
             forces = problem.forces
-            targets = problem.together
+            targets = problem.target_set
             key = targets.stations, targets.requests, forces.tobytes()
             if key not in by_structure:
                 system = self.system(i, arm, scene)
@@ -187,7 +189,7 @@ class DesignProgram:
 
     def _solve_from(
         self, values: Array, tensions: Array, fixed: bool
-    ) -> tuple[Array, Bounds, Solution]:
+    ) -> tuple[Array, Bounds, SolverResult]:
         """Return the initial variables for an arm and its plans, the bounds, and the solution.
 
         Raises OutOfTime if the time limit stopped ipopt. A reach starts at the first task's

@@ -12,7 +12,7 @@ from octoplan.model.support.errors import InputError
 from octoplan.model.support.quantities import ArcLength, Direction
 from octoplan.model.support.value import value
 from octoplan.planner.extensions.fit.unknowns import AT_BOUND
-from octoplan.planner.question import Limits
+from octoplan.planner.limits import Limits
 from octoplan.planner.targets import Softest, Stiffest
 from octoplan.planner.targets.base import Target, Terms, View
 

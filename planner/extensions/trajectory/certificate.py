@@ -19,9 +19,9 @@ from octoplan.planner.certificate import Certificate, certify, tension_excess
 from octoplan.planner.extensions.trajectory.clear import between, strokes_between
 from octoplan.planner.extensions.trajectory.question import Question
 from octoplan.planner.extensions.trajectory.time_law import Timed, fastest_pace
-from octoplan.planner.question import Statement
+from octoplan.planner.nlp_options import NlpOptions
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.targets.base import Target
-from octoplan.planner.task import Task
 
 # Tolerance of rates and accelerations of strokes and tip, over their limits, because these are
 # evaluated at discrete instants.
@@ -228,8 +228,8 @@ def _checked(
 
 def _at_target(question: Question, targets: tuple[Target, ...], shape: Shape) -> Certificate:
     """Return the certificate of a waypoint: all targets must be met, optimality is not required."""
-    problem = Task(
-        question.arm, targets, question.scene, question.limits, Statement(), question.accuracy
+    problem = PlanningProblem(
+        question.arm, targets, question.scene, question.limits, NlpOptions(), question.accuracy
     )
     one = certify(problem, shape.tensions, lambda: shape, lambda: 0.0)
     return replace(one, equality={**one.equality, **one.soft_residual}, soft_residual={})

@@ -26,8 +26,9 @@ from octoplan.planner.extensions.trajectory.question import (
 from octoplan.planner.extensions.trajectory.result import Trajectory
 from octoplan.planner.extensions.trajectory.time_law import Timed
 from octoplan.planner.extensions.trajectory.waypoints import planned_touching
+from octoplan.planner.limits import checked_limits
 from octoplan.planner.plan import ContactPlan, Plan
-from octoplan.planner.question import checked_limits, planned_scene
+from octoplan.planner.planning_problem import planned_scene
 
 
 @with_progress

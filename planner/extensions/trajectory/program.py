@@ -24,7 +24,7 @@ from octoplan.model.paths import Array
 from octoplan.model.support.progress import check_time
 from octoplan.planner.extensions.trajectory.question import Question, Waypoint
 from octoplan.planner.extensions.trajectory.side_by_side import Part, SideBySide, joined
-from octoplan.planner.program.problem import Problem, Solution, units
+from octoplan.planner.program.problem import Problem, SolverResult, units
 from octoplan.planner.program.program import Program
 from octoplan.planner.solve.ipopt import TOGETHER, WARM
 
@@ -74,8 +74,8 @@ class MotionProgram:
         self._stated = _stated(programs, tuple(group.tolist()), places)
 
     def solve(
-        self, each: Sequence[Array], before: Solution | None = None
-    ) -> tuple[Solution, list[Array]]:
+        self, each: Sequence[Array], before: SolverResult | None = None
+    ) -> tuple[SolverResult, list[Array]]:
         """Return the optimum for parameters of each waypoint, and the variables of each waypoint.
 
         Warm-start from the optimum for other parameters if given, and start cold if this fails.
@@ -91,7 +91,7 @@ class MotionProgram:
         check_time()
         return solution, self._stated.split(solution.x)[:-1]
 
-    def violation(self, solution: Solution, each: Sequence[Array]) -> float:
+    def violation(self, solution: SolverResult, each: Sequence[Array]) -> float:
         """Return the largest bound violation of the constraints for other parameters."""
         rows = self._stated.values(solution.x, self._parameters(each, solution.x))[1].full().ravel()
         low, high = self._bounds[2:]

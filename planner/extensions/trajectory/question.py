@@ -26,8 +26,9 @@ from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints, gri
 from octoplan.planner.extensions.avoidance.surroundings import Environment
 from octoplan.planner.extensions.contact.load_path import settled_along
 from octoplan.planner.frontends.io.csv_files import load_waypoints
+from octoplan.planner.limits import Limits, each_tendon
 from octoplan.planner.plan import ContactPlan, Plan, plan
-from octoplan.planner.question import Limits, check_targets, each_tendon
+from octoplan.planner.planning_problem import check_targets
 from octoplan.planner.targets import TipPosition
 from octoplan.planner.targets.base import Target
 

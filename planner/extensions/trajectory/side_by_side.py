@@ -18,7 +18,7 @@ import numpy as np
 
 from octoplan.model.paths import Array
 from octoplan.model.support.machine.functions import BufferedFunction
-from octoplan.planner.program.problem import Bounds, Solution
+from octoplan.planner.program.problem import Bounds, SolverResult
 from octoplan.planner.solve.ipopt import Options, named, nlp_solver, solved
 
 
@@ -100,7 +100,7 @@ class SideBySide:
         p: Array,
         bounds: Bounds,
         multipliers: tuple[Array, Array] | None = None,
-    ) -> Solution:
+    ) -> SolverResult:
         """Solve from variables x by ipopt, with options for a cold or a warm start."""
         key = tuple(options.items())
         if key not in self._solvers:

@@ -31,13 +31,13 @@ from octoplan.model.support.progress import report, track
 from octoplan.planner.extensions.contact.load_path import from_rest, rubs
 from octoplan.planner.extensions.trajectory.program import MotionProgram
 from octoplan.planner.extensions.trajectory.question import Question, Waypoint
+from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.plan import ContactPlan, Plan
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.program.problem import Candidate, Problem
-from octoplan.planner.question import Statement
 from octoplan.planner.solve.ipopt import solve
 from octoplan.planner.solve.refine import CORRECTIONS, PART, defect, stretched
 from octoplan.planner.solve.search import Reading, Search
-from octoplan.planner.task import Task
 
 
 class Waypoints:
@@ -47,7 +47,7 @@ class Waypoints:
         self.question = question
         self.waypoints = list[Waypoint]()
         first = question.planned(0)
-        self.statement = first.statement.but(
+        self.options = first.options.but(
             mode="exact",
             refinement=1 if question.scene.has(Extension) else 2,
         )
@@ -63,20 +63,20 @@ class Waypoints:
         this fails of stability alone.
         """
         self.waypoints = list(waypoints)
-        planned = self.statement
-        stable = self.statement.but(modes=1)
+        planned = self.options
+        stable = self.options.but(modes=1)
         more = (stable, stable.but(margin=0.0)) if is_loaded(self.question.scene) else ()
-        for statement in dict.fromkeys((planned, *more)):
-            found = self._optimum(statement)
+        for options in dict.fromkeys((planned, *more)):
+            found = self._optimum(options)
             if found is not None:
-                self.waypoints, self.statement = found, statement
+                self.waypoints, self.options = found, options
                 return True
         return False
 
-    def _optimum(self, statement: Statement) -> list[Waypoint] | None:
+    def _optimum(self, options: NlpOptions) -> list[Waypoint] | None:
         """Return the waypoints at the optimum; None without optimum or if the arm is unstable."""
         waypoints = self.waypoints
-        problems = [self._problem(waypoint, statement) for waypoint in waypoints]
+        problems = [self._problem(waypoint, options) for waypoint in waypoints]
         program = MotionProgram(self.question, waypoints, problems)
         parameters = [problem.parameters() for problem in problems]
         solution = None
@@ -93,7 +93,7 @@ class Waypoints:
                 break
         return waypoints
 
-    def _problem(self, waypoint: Waypoint, statement: Statement) -> Problem:
+    def _problem(self, waypoint: Waypoint, options: NlpOptions) -> Problem:
         """Return the problem of a waypoint, with tendon lengths if their rates are limited."""
         question = self.question
         limits = question.limits
@@ -101,12 +101,12 @@ class Waypoints:
             free = (np.inf,) * question.arm.n_tendons
             limits = replace(limits, strokes=(tuple(np.negative(free).tolist()), free))
         return Problem(
-            Task(
+            PlanningProblem(
                 question.arm,
                 waypoint.stated,
                 question.scene,
                 limits,
-                statement,
+                options,
                 question.accuracy,
                 machine_code=question.machine_code,
             )
@@ -121,13 +121,13 @@ class Waypoints:
         task = problem.task
         point = problem.linearised(x)
         before = p[problem.program.parts["defect"]]
-        near = Shape(task.arm, task.scene, np.inf, point, problem.statement.refinement)
+        near = Shape(task.arm, task.scene, np.inf, point, problem.options.refinement)
         try:
             settled = settle(
                 task.arm,
                 point.tensions,
                 task.scene,
-                task.sharper,
+                task.reference_accuracy,
                 compile=task.machine_code,
                 near=near,
             )
@@ -149,7 +149,7 @@ class Waypoints:
         optimum: Candidate | None = None
         for targets in others:
             waypoint = replace(waypoint, targets=targets)
-            problem = self._problem(waypoint, self.statement)
+            problem = self._problem(waypoint, self.options)
             if optimum and problem.program is optimum.problem.program:
                 x, multipliers = optimum.x, (optimum.lam_x, optimum.lam_g)
             else:

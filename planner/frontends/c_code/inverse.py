@@ -37,7 +37,7 @@ def check_inverse(p: Plan) -> None:
     checks: list[tuple[bool, str, object, str]] = [
         (not is_tip, "target", p.targets, "one TipPosition"),
         (p.limits.total is not None, "total_pull", p.limits.total, "no limit of all tensions"),
-        (p.statement.norm != "2", "norm", p.statement.norm, "2"),
+        (p.options.norm != "2", "norm", p.options.norm, "2"),
         (bool(p.surroundings), "obstacles", p.surroundings, "nothing to keep clear of"),
     ]
     for wrong, field, value, allowed in checks:

@@ -30,9 +30,9 @@ from octoplan.planner.frontends.io.saved_records import (
     PlanRecord,
     QuestionRecord,
 )
+from octoplan.planner.limits import checked_limits
 from octoplan.planner.plan import ContactPlan, Plan
-from octoplan.planner.question import check_targets, checked_limits, planned_scene
-from octoplan.planner.task import Task
+from octoplan.planner.planning_problem import PlanningProblem, check_targets, planned_scene
 
 
 class SavedPlan(msgspec.Struct):
@@ -86,7 +86,7 @@ def load_plan(
     return plan
 
 
-def _task(name: str, question: QuestionRecord, answer: Any) -> Task:
+def _task(name: str, question: QuestionRecord, answer: Any) -> PlanningProblem:
     """Return what was asked, checked as `plan` does."""
     arm: Arm = build_at(name, "question.arm", value_of, question.arm)
     scene = build_at(name, "question.scene", value_of, question.scene)
@@ -95,9 +95,9 @@ def _task(name: str, question: QuestionRecord, answer: Any) -> Task:
         limits = checked_limits(arm, scene, **value_of(question.limits).keywords)
     targets = build_at(name, "question.targets", check_targets, arm, read(Any, question.targets))
     accuracy = build_at(name, "question.accuracy", checked_accuracy, question.accuracy)
-    statement = value_of(answer.statement)
-    build_at(name, "answer.statement", within, "stability_margin", statement.margin, 0.0, 1.0)
-    return Task(arm, targets, scene, limits, statement, accuracy)
+    options = value_of(answer.options)
+    build_at(name, "answer.options", within, "stability_margin", options.margin, 0.0, 1.0)
+    return PlanningProblem(arm, targets, scene, limits, options, accuracy)
 
 
 def _check_multipliers(plan: Plan, name: str) -> None:

@@ -40,8 +40,8 @@ from octoplan.planner.frontends.io.records import (
     records,
 )
 from octoplan.planner.frontends.io.tables import Number, exact, exact_choices, struct
-from octoplan.planner.question import Limits
-from octoplan.planner.task import SearchResult
+from octoplan.planner.limits import Limits
+from octoplan.planner.solution import Solution
 
 WRITE |= dict.fromkeys((ClearanceConstraints, ClearanceRow, Place))
 ObstacleKind: Any = choice([*exact_choices(Obstacle), exact(Moving)])
@@ -68,7 +68,7 @@ class QuestionRecord(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     self_clearance: Annotated[bool, about(of=attrgetter("surroundings.of_itself"))] = False
 
 
-AnswerRecord: Any = exact(SearchResult, placed=True)
+AnswerRecord: Any = exact(Solution, placed=True)
 
 CertificateRecord: Any = derived(
     Certificate,
@@ -84,7 +84,7 @@ CertificateRecord: Any = derived(
 
 
 def _answer(plan: Any) -> dict[str, Any]:
-    result = attributes_of(plan, arguments(SearchResult))
+    result = attributes_of(plan, arguments(Solution))
     return result | {"tensions": encode_exact(np.ravel(plan.tensions))}
 
 

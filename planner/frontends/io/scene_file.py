@@ -38,7 +38,8 @@ from octoplan.planner.frontends.io.scene_tables import (
     scene_of,
     whole,
 )
-from octoplan.planner.question import Limits, check_targets
+from octoplan.planner.limits import Limits
+from octoplan.planner.planning_problem import check_targets
 from octoplan.planner.targets import Target
 
 R = TypeVar("R")

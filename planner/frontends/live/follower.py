@@ -35,7 +35,7 @@ from octoplan.model.support.errors import OctoplanError, SingularError
 from octoplan.model.support.progress import limited
 from octoplan.planner.certificate import BRINK
 from octoplan.planner.frontends.live.handles import Goal
-from octoplan.planner.question import Limits, natural_tensions
+from octoplan.planner.limits import Limits, natural_tensions
 
 # What is drawn is as accurate as a pixel or so, over the arm's length: nearer than that the arm is
 # there. So much counts also the tension that bends the arm by 1 rad, beside what is missed.

@@ -18,9 +18,9 @@ from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import check_time
 from octoplan.planner.frontends.live.follower import ACCURACY, Follower
 from octoplan.planner.frontends.live.handles import Goal, Handle, goal_of
+from octoplan.planner.limits import checked_limits
 from octoplan.planner.measure import strokes
 from octoplan.planner.plan import Plan, plan
-from octoplan.planner.question import checked_limits
 from octoplan.planner.targets import BendingPlane, TipPose, TipPosition
 
 # How long the arm moves on before it is drawn [s].

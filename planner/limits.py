@@ -1,79 +1,25 @@
-"""A planning question: how it is stated, what the tendons may do, and checks of what is asked."""
+"""Limits of tensions and strokes, and the tensions that bend an arm by 1 rad."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Annotated, Any, Literal, get_args
+from typing import Any
 
 import numpy as np
-from msgspec import Meta
 
 from octoplan.model.arm import Arm
-from octoplan.model.extensions.printed import PrintedStatics
-from octoplan.model.forward import FINEST
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
-from octoplan.model.settle import checked_scene, settle
+from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.checks import LARGEST, finite_array, is_several, numbers
 from octoplan.model.support.errors import InputError
-from octoplan.model.support.quantities import Count
 from octoplan.model.support.units import LARGEST_LIMIT, SMALLEST_LIMIT, STROKE, warn_unusual
-from octoplan.planner.program.terms import Targets
-from octoplan.planner.targets.base import Target
 
-Norm = Literal["2", "1", "inf"]
-Mode = Literal["exact", "closest", "nearest"]
 # Tensions of plans over those that bend the arm by 1 rad: the range in which most of them are.
 NATURAL_RANGE = 5.0
-
-
-def effort(tensions: Array, norm: Norm) -> Array:
-    """Return the norms (...) of tensions (..., n_tendons) [N]."""
-    return np.asarray(np.linalg.norm(tensions, float(norm), axis=-1))
-
-
-@dataclass(frozen=True)
-class Statement:
-    """The choices that the program's functions depend on.
-
-    Attributes
-    ----------
-    norm : "2", "1" or "inf"
-        What effort is.
-    mode : "exact", "closest" or "nearest"
-        How the targets are read, see octoplan.planner.program.program.
-    refinement : int
-        Of the mesh, whose elements have three Gauss stages.
-    margin : float
-        The least stability that is accepted, see octoplan.planner.certificate.
-    modes : int
-        How many of the least stable modes are held to it; none where stability is only checked.
-    floor : float
-        What these are held to at least: an arm that is about to yield does not settle.
-    iterations : int
-        Of a plan, how many its solution took on the last mesh.
-    """
-
-    norm: Norm = "2"
-    mode: Mode = "exact"
-    refinement: Annotated[int, Meta(ge=1, le=FINEST)] = 4
-    margin: float = 0.0
-    modes: Annotated[int, Meta(ge=0, le=1)] = 0
-    floor: float = 1e-2
-    iterations: Count = 0
-
-    @property
-    def least(self) -> float:
-        """The stability that modes are held to."""
-        return max(self.margin, self.floor)
-
-    def but(self, **changes: Any) -> Statement:
-        """Return the statement with some choices changed."""
-        return replace(self, **changes)
 
 
 @dataclass(frozen=True)
@@ -207,17 +153,6 @@ def effort_unit(arm: Arm) -> float:
     return float(NATURAL_RANGE * natural_tensions(arm).max())
 
 
-def planned_scene(arm: Arm, scene: Scene | None) -> Scene:
-    """Return the scene, that of the bare arm for None; InputError where no plans are made in it."""
-    scene = checked_scene(arm, scene, contact=True)
-    if scene.has(PrintedStatics):
-        allowed = (
-            "a scene whose statics are consistent, such as Scene(Extension()); settle takes it"
-        )
-        raise InputError("scene", "written as printed", allowed)
-    return scene
-
-
 def checked_limits(
     arm: Arm,
     scene: Scene,
@@ -257,53 +192,3 @@ def _zeroed_at(arm: Arm, scene: Scene, zero: Any) -> tuple[float, ...] | None:
     if flat.min() <= 0:
         raise InputError("stroke_zero", zero, "lengths above 0 [m]")
     return tuple(flat.tolist())
-
-
-def stated(targets: tuple[Target, ...], limits: Limits, norm: Any, starts: Any) -> Statement:
-    """Return the statement that arguments of plan ask for; InputError for what is not allowed."""
-    endless = limits.total is None and bool(np.isinf(limits.upper).any())
-    whole = type(starts) is int and starts >= 1
-    norms = "2 (least squares), 1 (least total pull) or inf"
-    checks = (
-        (
-            not (endless and any(target.compliance_request() for target in targets)),
-            ("tension_max", np.inf, "finite limits where a stiffness is wanted"),
-        ),
-        (str(norm) in get_args(Norm), ("norm", norm, f"{norms} (least maximum)")),
-        (starts is None or whole, ("starts", starts, "a whole number from 1")),
-    )
-    for is_allowed, what in checks:
-        if not is_allowed:
-            raise InputError(*what)
-    return Statement(str(norm))  # type: ignore[arg-type]
-
-
-def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, ...]:
-    """Return copies of the targets; InputError for misfits and contradictions.
-
-    Plans keep the copies, so that changes of the given objects do not change what was asked.
-    """
-    targets = tuple(target) if isinstance(target, tuple | list) else (target,)
-    if not targets:
-        raise InputError("target", target, "at least one target")
-    prescribed = dict[str, int]()
-    copies = list[Target]()
-    for i, t in enumerate(targets):
-        if not isinstance(t, Target):
-            raise InputError("target", t, "a target such as TipPosition(...)")
-        t.check(arm)
-        try:
-            copies.append(deepcopy(t))
-        except Exception as reason:
-            allowed = f"a target that copy.deepcopy copies: {reason}"
-            raise InputError("target", type(t).__name__, allowed) from reason
-        for name in t.prescribed(arm):
-            if name in prescribed:
-                allowed = f"one target for it, not two: targets[{prescribed[name]}] prescribes it"
-                raise InputError(f"targets[{i}]", f"another {name}", allowed)
-            prescribed[name] = i
-    if not Targets(arm, targets).tendons:
-        raise InputError(
-            "target", targets, "targets that leave some tendon to pull for all of them"
-        )
-    return tuple(copies)

@@ -1,0 +1,191 @@
+"""Planning problems: an arm, a scene, targets and limits as one value, and checks of the arguments.
+
+Functions of this file raise InputError for arguments that are not allowed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from typing import Any, Self, get_args
+
+import numpy as np
+
+from octoplan.model.arm import Arm
+from octoplan.model.effects import Extension
+from octoplan.model.extensions.printed import PrintedStatics
+from octoplan.model.forward import FINEST_ACCURACY
+from octoplan.model.paths import Array
+from octoplan.model.scene import Scene
+from octoplan.model.settle import checked_scene, settle
+from octoplan.model.shape import Shape
+from octoplan.model.support.errors import InputError
+from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints
+from octoplan.planner.limits import Limits
+from octoplan.planner.nlp_options import Mode, NlpOptions, Norm
+from octoplan.planner.program.terms import Targets
+from octoplan.planner.targets.base import Target
+
+# Default for the largest number of initial guesses.
+MAX_GUESSES = 14
+
+
+@dataclass(frozen=True, eq=False)
+class PlanningProblem:
+    """A planning problem: find the least tensions that give an arm a wanted shape.
+
+    Attributes
+    ----------
+    arm : Arm
+    targets : tuple of Target
+    scene : Scene
+    limits : Limits
+        Limits of all tendons. `allowed` fixes the tendons that a target excludes.
+    options : NlpOptions
+        The search replaces mode and mesh.
+    accuracy : float
+        Tolerance of residuals over the arm's length, of angles in rad.
+    machine_code : bool
+        Whether to use compiled kernels.
+    guesses : int or None
+        Number of initial guesses. With None, the search stops once enough optima are equal, and
+        after `MAX_GUESSES`.
+    best_margin : bool
+        Whether to accept less than the stability margin if the margin cannot be attained.
+    mesh : int
+        Refinement of the search's mesh. 0 selects a mesh for arms that bend by less than a turn.
+    """
+
+    arm: Arm
+    targets: tuple[Target, ...]
+    scene: Scene
+    limits: Limits
+    options: NlpOptions
+    accuracy: float
+    machine_code: bool = field(default=False, kw_only=True, compare=False)
+    guesses: int | None = field(default=None, kw_only=True, compare=False)
+    best_margin: bool = field(default=False, kw_only=True, compare=False)
+    mesh: int = field(default=0, kw_only=True, compare=False)
+
+    @property
+    def max_guesses(self) -> int:
+        """The largest number of initial guesses."""
+        return MAX_GUESSES if self.guesses is None else self.guesses
+
+    @cached_property
+    def target_set(self) -> Targets:
+        """All targets as one."""
+        return Targets(self.arm, self.targets)
+
+    @property
+    def unloaded_scene(self) -> Scene:
+        """The scene without loads in the paper's balance, which has closed forms of the strains."""
+        return Scene(*[Extension()] * self.scene.has(Extension))
+
+    @property
+    def allowed(self) -> Limits:
+        """The limits, with excluded tendons fixed at their minimum."""
+        return self.limits.of_tendons(self.target_set.tendons)
+
+    @property
+    def reference_accuracy(self) -> float:
+        """The accuracy of shapes that verify the problem's accuracy: a hundredth of it."""
+        return max(self.accuracy / 100, FINEST_ACCURACY)
+
+    def avoiding(self, avoidance: ClearanceConstraints | None) -> Self:
+        """Return the problem with the inequalities of an obstacle avoidance, if there are any."""
+        if avoidance is None:
+            return self
+        return replace(self, targets=avoidance.beside(self.targets))
+
+    def settled(self, tensions: Array) -> Shape:
+        """Settle tensions to the reference accuracy; raises the errors of settle.
+
+        The error of a shape is that of the tip position over the arm's length. The error of the tip
+        frame, which targets use too, can be thirty times as large.
+        """
+        T = tuple(np.ravel(tensions).tolist())
+        return _settled(self.arm, T, self.scene, self.reference_accuracy, self.machine_code)
+
+    def coarse(self, mode: Mode) -> NlpOptions:
+        """Return options for a coarse mesh with an error of about 1e-4 of the arm's length.
+
+        Without extension a slender tip winds up further, which takes a finer mesh.
+        """
+        usual = 1 if self.scene.has(Extension) else 2
+        return self.options.but(mode=mode, refinement=self.mesh or usual)
+
+
+@lru_cache(maxsize=8)
+def _settled(
+    arm: Arm, tensions: tuple[float, ...], scene: Scene, accuracy: float, machine_code: bool
+) -> Shape:
+    return settle(arm, tensions, scene, accuracy, compile=machine_code)
+
+
+def planned_scene(arm: Arm, scene: Scene | None) -> Scene:
+    """Return the scene, or that of the bare arm for None.
+
+    Raises InputError for scenes without plans.
+    """
+    scene = checked_scene(arm, scene, contact=True)
+    if scene.has(PrintedStatics):
+        allowed = (
+            "a scene whose statics are consistent, such as Scene(Extension()); settle takes it"
+        )
+        raise InputError("scene", "written as printed", allowed)
+    return scene
+
+
+def checked_options(
+    targets: tuple[Target, ...], limits: Limits, norm: Any, starts: Any
+) -> NlpOptions:
+    """Return the options for arguments of `plan`."""
+    unbounded = limits.total is None and bool(np.isinf(limits.upper).any())
+    is_count = type(starts) is int and starts >= 1
+    norms = "2 (least squares), 1 (least total pull) or inf"
+    checks = (
+        (
+            not (unbounded and any(target.compliance_request() for target in targets)),
+            ("tension_max", np.inf, "finite limits where a stiffness is wanted"),
+        ),
+        (str(norm) in get_args(Norm), ("norm", norm, f"{norms} (least maximum)")),
+        (starts is None or is_count, ("starts", starts, "a whole number from 1")),
+    )
+    for is_allowed, error in checks:
+        if not is_allowed:
+            raise InputError(*error)
+    return NlpOptions(str(norm))  # type: ignore[arg-type]
+
+
+def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, ...]:
+    """Return copies of the targets; raises InputError for misfits and contradictions.
+
+    Plans keep copies, so that later changes of the given objects do not change the problem.
+    """
+    targets = tuple(target) if isinstance(target, tuple | list) else (target,)
+    if not targets:
+        raise InputError("target", target, "at least one target")
+    prescribed = dict[str, int]()
+    copies = list[Target]()
+    for i, t in enumerate(targets):
+        if not isinstance(t, Target):
+            raise InputError("target", t, "a target such as TipPosition(...)")
+        t.check(arm)
+        try:
+            copies.append(deepcopy(t))
+        except Exception as reason:
+            allowed = f"a target that copy.deepcopy copies: {reason}"
+            raise InputError("target", type(t).__name__, allowed) from reason
+        for name in t.prescribed(arm):
+            if name in prescribed:
+                allowed = f"one target for it, not two: targets[{prescribed[name]}] prescribes it"
+                raise InputError(f"targets[{i}]", f"another {name}", allowed)
+            prescribed[name] = i
+    if not Targets(arm, targets).tendons:
+        raise InputError(
+            "target", targets, "targets that leave some tendon to pull for all of them"
+        )
+    return tuple(copies)

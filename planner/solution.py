@@ -1,0 +1,92 @@
+"""Solutions: the optimum that a search ends with, as numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from octoplan.model.paths import Array
+from octoplan.model.support.quantities import Count
+from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints
+from octoplan.planner.nlp_options import NlpOptions
+
+
+@dataclass(frozen=True)
+class Trial:
+    """The result of one initial guess.
+
+    Attributes
+    ----------
+    objective : float
+        Value at the point at which the solver stopped.
+    met : bool
+        Whether this point is an optimum that the search accepts.
+    iterations : int
+        Iterations of the solver.
+    """
+
+    objective: float
+    met: bool
+    iterations: Count
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The optimum that a search ends with.
+
+    Attributes
+    ----------
+    options : NlpOptions
+        Options of the last program. The mode is "nearest" if the targets cannot be met.
+    tensions : (n_sections, n), or (n_tendons,) if sections differ in their number of tendons
+        [N].
+    lam_x, lam_g : tuple of float
+        Multipliers of bounds and constraints of the last program, scaled, with CasADi's signs.
+    starts : tuple of Trial
+        Results of the initial guesses, in order.
+    stopped : bool
+        Whether the time limit ended the search. The tensions are the best that were found.
+    jump : float
+        Change of the tensions from those of the plan `near`, over their norm, if the search left
+        the branch of that plan; otherwise 0.
+    lost : float
+        Fraction of the effort that a cheaper optimum of the coarse mesh saved, if finer meshes do
+        not have this optimum; otherwise 0.
+    in_the_way : str
+        Description of the obstacle nearest to the plan without obstacles, if that plan meets the
+        targets and no plan that keeps clear was found; otherwise empty.
+    unstable : bool
+        Whether all shapes that meet the targets are below the stability margin.
+    load_path : tuple of (n_tendons,)
+        Tensions [N] that lead an arm in contact to its shape. From rest, tensions and loads grow in
+        proportion to the first; then tensions change in straight lines to the next, and to those of
+        the solution. Empty if the arm comes to its shape from rest.
+    avoidance : ClearanceConstraints or None
+        Inequalities of the last program that keep the arm clear of obstacles.
+    sampled : int
+        Number of shapes that were sampled for further guesses; 0 if the first guesses sufficed.
+    iterations : int
+        Iterations of the last program.
+    """
+
+    options: NlpOptions
+    tensions: Array
+    lam_x: tuple[float, ...]
+    lam_g: tuple[float, ...]
+    starts: tuple[Trial, ...]
+    stopped: bool = False
+    jump: float = 0.0
+    lost: float = 0.0
+    in_the_way: str = ""
+    unstable: bool = False
+    load_path: tuple[tuple[float, ...], ...] = ()
+    avoidance: ClearanceConstraints | None = None
+    sampled: Count = 0
+    iterations: Count = 0
+
+
+def n_equal_optima(trials: Sequence[Trial]) -> int:
+    """Return the number of trials that end at the best objective, to a thousandth."""
+    best = min((trial.objective for trial in trials if trial.met), default=float("inf"))
+    near = best + 1e-3 * abs(best) + 1e-12
+    return sum(trial.met and trial.objective <= near for trial in trials)
