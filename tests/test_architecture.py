@@ -1,6 +1,7 @@
 """The shape of the project: who may import whom."""
 
 import ast
+import tomllib
 from functools import cache
 from pathlib import Path
 
@@ -74,6 +75,15 @@ def test_tests_and_studies_do_not_import_each_other(folder: str, others: str) ->
 def test_imports_name_the_installed_package(folder: str) -> None:
     for path in ROOT.glob(f"{folder}/**/*.py"):
         assert not _roots(path) & {"model", "planner"}, path
+
+
+def test_every_module_has_a_layer() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]
+    layers = " : ".join(settings["contracts"][0]["layers"]).split(" : ")
+    places = [path for root in ("model", "planner") for path in (ROOT / root).iterdir()]
+    for path in places:
+        if path.name != "__init__.py" and (path.suffix == ".py" or [*path.glob("*.py")]):
+            assert _name(path) in layers, path
 
 
 def test_no_imports_run_in_circles() -> None:
