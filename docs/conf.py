@@ -38,13 +38,13 @@ autodoc_preserve_defaults = True
 numpydoc_show_class_members = False
 copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True
-# Notebooks are executed when the documentation is built, so that their outputs are current.
+# Notebooks are executed in each build, so that the outputs are current.
 nb_execution_mode = "force"
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_execution_in_temp = True
 nb_output_stderr = "remove"
-# Turn off progress lines in notebooks: they would appear only on slow machines.
+# Turn off progress lines in notebooks, which would appear only on slow machines.
 _ipython = tempfile.TemporaryDirectory()
 _startup = Path(_ipython.name, "profile_default", "startup")
 _startup.mkdir(parents=True)

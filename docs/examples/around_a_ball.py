@@ -1,4 +1,4 @@
-"""A tip target behind a ball: planned through it, and around it.
+"""Plan for a tip target behind a ball, through the ball and around the ball.
 
 python docs/examples/around_a_ball.py [FOLDER]
 """

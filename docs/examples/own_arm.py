@@ -1,4 +1,4 @@
-"""An arm of one's own: described, planned for, verified, and how stiff it is then.
+"""Describe an arm, plan for a tip position, verify the plan and compute the stiffness.
 
 python docs/examples/own_arm.py [FOLDER]
 """
@@ -32,7 +32,7 @@ arm = Arm(
         Anchorage(0.12, Linear(0.007, 0.007), tuple(thirds + np.radians(60))),
     ),
     material=Material(E=150e3, nu=0.5, density=1070.0),
-    base_frame=((0, -1, 0), (0, 0, 1), (-1, 0, 0)),  # columns t, n, b: it hangs
+    base_frame=((0, -1, 0), (0, 0, 1), (-1, 0, 0)),  # columns t, n, b of a hanging arm
 )
 scene = Scene.silicone(Weight(), Buoyancy(1000.0))
 p = plan(arm, TipPosition((0.06, 0.02, -0.20)), scene, tension_max=10.0)

@@ -1,4 +1,4 @@
-"""What the pages of names show of a class: the attributes of its bases too, and no plumbing."""
+"""Add inherited attributes to the reference pages, and omit members for the planner."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ _HEADING = ["Attributes", "----------"]
 def inherit_attributes(
     app: Sphinx, what: str, name: str, shown: Any, options: Any, lines: list[str]
 ) -> None:
-    """Add the attributes that the nearest base documents to a class that documents none."""
+    """Add the attributes of the nearest documented base to a class without such a section."""
     if not isclass(shown) or _HEADING[0] in lines:
         return
     for base in shown.__mro__[1:-1]:
-        told = (getdoc(base) or "").splitlines()
-        if _HEADING[0] in told:
-            lines += ["", *told[told.index(_HEADING[0]) :]]
+        documentation = (getdoc(base) or "").splitlines()
+        if _HEADING[0] in documentation:
+            lines += ["", *documentation[documentation.index(_HEADING[0]) :]]
             return
 
 
 def skip(app: Sphinx, what: str, name: str, shown: Any, skipped: bool, options: Any) -> bool | None:
-    """Leave out what a target tells the planner: it is told once, at Target."""
+    """Omit the members of targets that Target documents for all of them."""
     return True if (getdoc(shown) or "").startswith("See Target") else None
 
 

@@ -1,6 +1,6 @@
-"""The directive `file-reference`: keys of TOML files, made from the tables that read them.
+"""The directive `file-reference`: keys of TOML files, generated from the tables of the reader.
 
-A table that several kinds of files have is written where it is met first.
+A table of several kinds of files is written once, in the first file.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _WORDS = {
 
 
 class FileReference(SphinxDirective):
-    """Write each table of a file that a msgspec struct reads, with its keys."""
+    """Write each table of a file, a msgspec struct, with all keys."""
 
     required_arguments = 1
 
@@ -46,7 +46,7 @@ class FileReference(SphinxDirective):
 
 
 def _tables(info: Any) -> list[tuple[str, Any]]:
-    """Return (place in the file, table) of a struct and of all in it, each once."""
+    """Return (key path, table) of a struct and of all structs inside, each once."""
     found: dict[Any, tuple[str, Any]] = {}
 
     def visit(place: str, table: Any) -> None:
@@ -63,7 +63,7 @@ def _tables(info: Any) -> list[tuple[str, Any]]:
 
 
 def _structs(kind: Any, many: bool = False) -> list[tuple[Any, bool]]:
-    """Return the structs that a type may hold, and whether there may be several."""
+    """Return the structs of a type, and whether several are allowed."""
     if isinstance(kind, inspect.StructType):
         return [(kind, many)]
     if isinstance(kind, inspect.Metadata):
@@ -77,15 +77,15 @@ def _structs(kind: Any, many: bool = False) -> list[tuple[Any, bool]]:
 
 
 def _written(place: str, table: Any, like: Any = None) -> list[str]:
-    """Return a table as reStructuredText; of one with more keys than another, these alone."""
+    """Return a table as reStructuredText, without the keys of the table `like`."""
     title = _heading(place, table)
     told = table.cls.__doc__ or ""
     if like is not None:
         told = f'The keys that an obstacle of type "{table.tag}" has above, and one more.'
     lines = [title, "^" * len(title), "", _linked(told), ""]
-    rows = [("Key", "Holds", "Unless given", "What it is")]
+    rows = [("Key", "Type", "Default", "Meaning")]
     if table.tag is not None:
-        rows.append(("``type``", f'``"{table.tag}"``', "required", "which kind of table it is"))
+        rows.append(("``type``", f'``"{table.tag}"``', "required", "kind of the table"))
     known = like.__struct_fields__ if like is not None else ()
     for field in (own for own in table.fields if own.name not in known):
         holds = _holds(field.type)
@@ -97,7 +97,7 @@ def _written(place: str, table: Any, like: Any = None) -> list[str]:
 
 
 def _linked(doc: str) -> str:
-    """Return a table's docstring; what it refers to is told by its first sentence, and linked."""
+    """Return the docstring of a table; references become links with their first sentence."""
     text = " ".join(doc.split())
 
     def link(match: re.Match[str]) -> str:
@@ -121,7 +121,7 @@ def _heading(place: str, table: Any) -> str:
 
 
 def _told(kind: Any) -> str:
-    """Return the description of a key, which its type carries."""
+    """Return the description of a key, stored with its type."""
     if isinstance(kind, inspect.Metadata):
         own = (kind.extra_json_schema or {}).get("description", "")
         return str(own) or _told(kind.type)
@@ -145,7 +145,7 @@ def _default(field: Any) -> str:
 
 
 def _holds(kind: Any) -> str:
-    """Return in words what a key may hold."""
+    """Return the allowed type of a key in words."""
     if isinstance(kind, inspect.Metadata):
         return _holds(kind.type)
     if isinstance(kind, inspect.UnionType):
@@ -170,7 +170,7 @@ def _holds(kind: Any) -> str:
 
 
 def _plural(kind: str) -> str:
-    """Return what several of a kind are called."""
+    """Return the plural of a type in words."""
     if kind[0].isdigit() or kind.startswith("numbers"):
         return f"rows of {kind}"
     if kind.startswith("``"):

@@ -1,6 +1,6 @@
-"""Formulas as MathML, which browsers draw by themselves: pages need no network for them.
+"""Render formulas as MathML, which browsers draw without a network.
 
-Loaded by conf.py; latex2mathml translates.
+conf.py loads this extension; latex2mathml translates the formulas.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ ElementTree.register_namespace("", MATHML)
 
 
 def translated(text: str, display: str = "inline") -> str:
-    """Return a formula as MathML, its signs placed and spaced as by TeX.
+    """Return a formula as MathML, with the spacing of TeX.
 
-    A prime is raised by the font, not by a superscript too; a minus that no term is before is a
-    sign; there are no spaces around bars and strokes.
+    The font raises primes, so that superscripts of primes are removed. A minus without a term on
+    the left is a prefix. Bars and slashes have no spaces.
     """
     tree = ElementTree.fromstring(convert(text, display=display))
     for part in list(tree.iter()):
@@ -44,13 +44,13 @@ def translated(text: str, display: str = "inline") -> str:
 
 
 def inline(translator: HTML5Translator, node: nodes.math) -> None:
-    """Write a formula in a line."""
+    """Write an inline formula."""
     translator.body.append(translated(node.astext()))
     raise nodes.SkipNode
 
 
 def block(translator: HTML5Translator, node: nodes.math_block) -> None:
-    """Write a formula of its own, with its number at the right."""
+    """Write a displayed formula with the number at the right."""
     translator.body.append(translator.starttag(node, "div", CLASS="math"))
     if node["number"]:
         number = get_node_equation_number(translator, node)

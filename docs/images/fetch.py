@@ -1,6 +1,6 @@
-"""Draws the animation of the README: python docs/images/fetch.py.
+"""Draw the animation of the README: python docs/images/fetch.py.
 
-The fetch of `studies/scenes/fetch_3d.toml`, planned, on its way from rest.
+The animation shows the plan for `studies/scenes/fetch_3d.toml`, from rest.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Draws frames, angles and the numbering of sections: python docs/images/frames.py.
+"""Draw frames, angles and the numbering of sections: python docs/images/frames.py.
 
 The arm is that of table 4, bent in the plane of t and b by the tendons T_22 and T_32.
 """

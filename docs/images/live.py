@@ -1,7 +1,7 @@
-"""Takes the picture of the live page: python docs/images/live.py [--dark] [FILE.png].
+"""Take the screenshot of the live page: python docs/images/live.py [--dark] [FILE.png].
 
-The scene is studies/scenes/around_a_ball.toml, once it is planned. Needs the extra [live], Chromium
-and playwright (python -m pip install playwright).
+The page shows studies/scenes/around_a_ball.toml after planning. This requires the extra [live],
+Chromium and playwright (python -m pip install playwright).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ WAIT = 300_000
 
 
 def main() -> None:
-    """Write live.png beside this file, or another."""
+    """Write live.png beside this file, or the given file."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file", nargs="?", type=Path, default=Path(__file__).with_suffix(".png"))
     parser.add_argument("--scene", type=Path, default=SCENE)
@@ -47,7 +47,7 @@ def main() -> None:
         viewer = browser.new_page(viewport=SIZE)
         viewer.goto(f"http://localhost:{port}")
         viewer.get_by_text("effort").wait_for(timeout=WAIT)
-        # A note that there is no graphics card.
+        # Close the notification about a missing graphics card.
         close = viewer.locator(".mantine-Notification-closeButton")
         if close.count():
             close.first.click()
@@ -63,7 +63,7 @@ def screenshot(viewer: Viewer, top: Colour) -> bytes:
     """Return a screenshot (PNG) whose background begins with a colour.
 
     Without a window Chromium may return the frame before the last change; the next one is newer.
-    Raises TimeoutError where no frame has the colour.
+    Raises TimeoutError if no frame has the colour.
     """
     for _ in range(60):
         seen = viewer.screenshot()
