@@ -48,8 +48,9 @@ _ended: ContextVar[Callable[[], bool] | None] = ContextVar("ended", default=None
 def with_progress(function: Callable[P, T]) -> Callable[P, T]:
     """Show a progress line while a function runs; its keyword argument `progress` selects when.
 
-    None: on terminals and in notebooks, after two seconds; True: always, from the beginning; False:
-    never. With None, a call inside a decorated call uses the line of the outer call.
+    With None, show the line on terminals and in notebooks, after two seconds; with True, always and
+    at once; with False, never. With None, a call inside a decorated call uses the line of the outer
+    call.
     """
 
     @wraps(function)

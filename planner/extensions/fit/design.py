@@ -218,7 +218,7 @@ class _Search:
         first, *others = parameters.multistart(n_starts, seed)
         self._tried[first.tobytes()] = self.program.solve(first, _tensions(before))
         for i, values in enumerate(others, 1):
-            report("arms begun with", i, n_starts)
+            report("initial arms", i, n_starts)
             self._optimise_from(values)
         while untried := [
             values for values in self._at_other_bounds() if values.tobytes() not in self._tried

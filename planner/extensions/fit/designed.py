@@ -130,12 +130,12 @@ class Design(TextRepr):
             lines.append(f"At a bound: {', '.join(ends)}.")
         others = [x for x in self.optima if x > min(self.optima) + WORSE * abs(min(self.optima))]
         if others:
-            count = f"{len(others)} of {counted(len(self.optima), 'arm')} begun with"
+            count = f"{len(others)} of {counted(len(self.optima), 'initial arm')}"
             lines.append(
-                f"{count} came to worse optima: there may be better ones; begin with more."
+                f"{count} ended in worse optima; raise n_starts to search for better ones."
             )
         if self.stopped:
-            lines.append("Stopped at the time limit: not all arms were begun with.")
+            lines.append("Stopped at the time limit: not all initial arms were optimised.")
         return " ".join(lines)
 
     def _comparison(self) -> str:

@@ -103,34 +103,6 @@ def trajectory(
     tip_acceleration_max : float
         Largest acceleration of the tip [m/s2], instead of `quasi_static`; the arm then stops at
         each waypoint, as for accelerations of strokes.
-    scene, accuracy, compile, progress
-        As plan takes them.
-    time_limit : float
-        How long the call may take [s]. The certificate has what the search leaves of the limit, and
-        at least GRACE, 1 s; `outcome` says if the limit came before it was complete.
-    tension_max, tension_min, total_pull, stroke_max, stroke_min, stroke_zero
-        As plan takes them.
-    rate_max : float, or one for each tendon
-        The fastest that tensions change [N/s].
-    stroke_rate_max : float
-        The fastest that lengths of tendons change [m/s].
-    stroke_acceleration_max : float
-        The most that these rates change [m/s2]. Ways are straight in the tensions, so that the arm
-        then rests at each waypoint, and goes between them in the least time that limits allow; the
-        ways themselves are not chosen for it.
-    times : (M,)
-        When each target is to be reached [s]; then effort is made least, otherwise time.
-    start : Plan, or tensions
-        Where the motion begins; at rest, with the least tensions, unless given.
-    obstacles, clearance, self_clearance
-        What the arm keeps clear of, all the time; see plan. Obstacles may be Moving. In the least
-        time it goes around them; that it waits for them is not tried.
-    quasi_static : bool
-        Whether the tip is to accelerate by a tenth of gravity at most, so that inertia, which is
-        left out, counts for little; a slender arm may swing all the same, see Trajectory.period.
-    tip_acceleration_max : float
-        The most that the tip accelerates, in place of that [m/s2]; as with accelerations of strokes
-        the arm then rests at each waypoint.
 
     Raises
     ------
