@@ -75,7 +75,9 @@ class InputError(OctoplanError, ValueError):
     """
 
     def __init__(self, field: str, value: object, allowed: str) -> None:
-        self.field, self.given, self.allowed = field, value, allowed
+        self.field = field
+        self.given = value
+        self.allowed = allowed
         super().__init__(f"{shortened(field)} = {as_given(value)}: must be {allowed}")
 
 
@@ -149,7 +151,8 @@ class CollapsedError(OctoplanError):
     """
 
     def __init__(self, s: float, stretch: float) -> None:
-        self.s, self.stretch = s, stretch
+        self.s = s
+        self.stretch = stretch
         super().__init__(
             f"the arm is crushed at s = {s:.6g} m: "
             f"1 + q = {stretch:.4g}, it has to stay above 0; "
@@ -167,7 +170,9 @@ class ConvergenceError(OctoplanError):
     """
 
     def __init__(self, request: float, reached: float, remedy: str) -> None:
-        self.asked, self.reached, self.remedy = request, reached, remedy
+        self.asked = request
+        self.reached = reached
+        self.remedy = remedy
         how = f"settled to {reached:.2g} of its length, {request:.2g} was asked"
         super().__init__(
             f"the arm was {how if math.isfinite(reached) else 'not settled'}; {remedy}"
@@ -184,7 +189,9 @@ class UnsettledSectionError(ConvergenceError):
     """
 
     def __init__(self, s: float) -> None:
-        self.s, self.asked, self.reached = s, 0.0, float("inf")
+        self.s = s
+        self.asked = 0.0
+        self.reached = float("inf")
         self.remedy = "lower the tensions that cross it"
         OctoplanError.__init__(
             self, f"no equilibrium of the section at s = {s:.6g} m was found; {self.remedy}"
@@ -203,7 +210,10 @@ class UnsettledContactError(ConvergenceError):
     """
 
     def __init__(self, share: float, why: str) -> None:
-        self.share, self.why, self.asked, self.reached = share, why, 0.0, float("inf")
+        self.share = share
+        self.why = why
+        self.asked = 0.0
+        self.reached = float("inf")
         self.remedy = "other tensions, or fewer obstacles, may do"
         OctoplanError.__init__(
             self,
@@ -233,8 +243,11 @@ class SnapError(OctoplanError):
         history: str = "together",
         unpulled: str = "",
     ) -> None:
-        self.load_factor, self.tension_factor = load_factor, tension_factor
-        self.why, self.history, self.unpulled = why, history, unpulled
+        self.load_factor = load_factor
+        self.tension_factor = tension_factor
+        self.why = why
+        self.history = history
+        self.unpulled = unpulled
         bears = f"the arm does not bear its loads: {unpulled}at {100 * load_factor:.1f} % of them"
         message = {
             "loads first": f"the arm does not follow its tendons: under its loads, at "
@@ -298,7 +311,8 @@ class MissingExtraError(OctoplanError):
     """
 
     def __init__(self, package: str, extra: str) -> None:
-        self.package, self.extra = package, extra
+        self.package = package
+        self.extra = extra
         super().__init__(
             f"{package} is needed for this and is not installed; "
             f"it comes with: python -m pip install 'octoplan[{extra}]'"

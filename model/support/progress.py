@@ -158,7 +158,8 @@ def time_limit(seconds: float | None, reserves: bool = False) -> Iterator[None]:
     """
     limit = math.inf if seconds is None else time.monotonic() + seconds
     limit = min(limit, _end.get())
-    token, full_token = _end.set(limit), _full_end.set(limit if reserves else None)
+    token = _end.set(limit)
+    full_token = _full_end.set(limit if reserves else None)
     try:
         yield
     finally:
@@ -219,7 +220,8 @@ def cancel_when(cancelled: Callable[[], bool]) -> Iterator[None]:
 
 def check_time() -> None:
     """Raise OutOfTime if the time limit is reached or the computation is cancelled."""
-    end, ended = _end.get(), _ended.get()
+    end = _end.get()
+    ended = _ended.get()
     if (end < math.inf and time.monotonic() > end) or (ended is not None and ended()):
         raise OutOfTime
 

@@ -95,10 +95,8 @@ class Usual:
 _NONE = "", ""
 _IN_MM = "if metres were meant in a key in mm"
 _IN_M = "if millimetres were meant for metres"
-_SMALL, _LARGE = (
-    f"is very small; {_IN_MM}, multiply by 1000",
-    f"is very large; {_IN_M}, divide by 1000",
-)
+_SMALL = f"is very small; {_IN_MM}, multiply by 1000"
+_LARGE = f"is very large; {_IN_M}, divide by 1000"
 LENGTH = Usual(
     2e-3,
     30.0,

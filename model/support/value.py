@@ -160,7 +160,8 @@ def _bounds(hint: Any) -> Bounds:
 
 def _of_type(hint: Any, bounds: Bounds) -> Convert:
     """Return the converter of a type with bounds."""
-    origin, inside = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    inside = get_args(hint)
     if origin in (Union, UnionType):
         return _choice(inside, bounds)
     if hint in (float, int):
@@ -185,7 +186,8 @@ def _choice(kinds: tuple[Any, ...], bounds: Bounds) -> Convert:
     by_form = {get_origin(bare(each)) is tuple: converter(each, bounds) for each in others}
     if len(by_form) < len(others):
         raise TypeError(f"which of {kinds} an argument is cannot be told")
-    several, single = by_form.get(True), by_form.get(False)
+    several = by_form.get(True)
+    single = by_form.get(False)
 
     def convert(name: str, argument: Any) -> Any:
         if argument is None and NoneType in kinds:
@@ -226,7 +228,8 @@ def _number(hint: Any, bounds: Bounds) -> Convert:
 def _bounded(ends: Bounds, is_angle: bool, name: str, argument: Any) -> float:
     """Return a number within its bounds, or raise InputError."""
     number = finite(name, argument)
-    low, high = ends.get("ge", -math.inf), ends.get("le", math.inf)
+    low = ends.get("ge", -math.inf)
+    high = ends.get("le", math.inf)
     if low <= number <= high and ends.get("gt", -math.inf) < number < ends.get("lt", math.inf):
         return number
     names = ((_BOUNDS[key], "pi" if each == math.pi else f"{each:g}") for key, each in ends.items())
@@ -256,14 +259,16 @@ def _numbers(hint: Any, bounds: Bounds) -> tuple[tuple[int | None, ...], list[An
     shapes = {None if each is None else each[0] for each in inner}
     if len(shapes) != 1 or None in shapes:
         return None
-    least, most = bounds.get("min_length"), bounds.get("max_length")
+    least = bounds.get("min_length")
+    most = bounds.get("max_length")
     count = (most if least == most else None) if is_endless else len(parts)
     return (count, *(shapes.pop() or ())), [leaf for each in inner if each for leaf in each[1]]
 
 
 def _array(hint: Any, shape: tuple[int | None, ...], leaves: list[Any], least: int) -> Convert:
     """Return the converter of nested tuples of numbers, each within its bounds."""
-    make, is_whole = getattr(hint, "_make", tuple), bare(leaves[0]) is int
+    make = getattr(hint, "_make", tuple)
+    is_whole = bare(leaves[0]) is int
     each = [converter(leaf) for leaf in leaves if any(map(_bounds, leaves))]
 
     def convert(name: str, argument: Any) -> Any:

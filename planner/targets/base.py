@@ -140,7 +140,8 @@ def _frame() -> ca.Function:
 
 
 def _rotation() -> ca.Function:
-    q, wanted = ca.SX.sym("q", 4), ca.SX.sym("wanted", 4)
+    q = ca.SX.sym("q", 4)
+    wanted = ca.SX.sym("wanted", 4)
     relative = multiply(conjugate(wanted), q) / ca.sqrt(ca.sumsqr(q))
     return ca.Function("rotation", [q, wanted], [2 * relative[1:]])
 

@@ -52,7 +52,8 @@ class BendingPlane(Target):
 
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms."""
-        e, bend = p[:3], p[3]
+        e = p[:3]
+        bend = p[3]
         t = view.base_frame[:, 0]
         tip = (view.tip - view.base_position) / view.arm.length
         tangent = view.tip_frame[:, 0]

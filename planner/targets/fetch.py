@@ -34,7 +34,8 @@ def stretches(arm: Arm) -> tuple[float, float, float, float]:
     n = len(arm.sections)
     if n < 3:
         raise InputError("arm.sections", n, "at least 3 anchorage sections for a fetch")
-    first, second = round(2 * n / 3), round(n / 3)
+    first = round(2 * n / 3)
+    second = round(n / 3)
     return 0.0, arm.sections[first].at, arm.sections[second].at, arm.sections[0].at
 
 
@@ -82,13 +83,16 @@ class Fetch(Target):
 
     def terms(self, view: View, p: ca.MX) -> Terms:
         """See Target.terms: two components of each tangent, perpendicular to the wanted one."""
-        equality, inequality = {}, {}
+        equality = {}
+        inequality = {}
         for i, (name, (start, end)) in enumerate(
             zip(("proximal", "medial", "distal"), pairwise(stretches(view.arm)), strict=True)
         ):
             tangent = view.frame(start).T @ view.frame(end)[:, 0]
-            cos, sin = ca.cos(p[2 * i]), ca.sin(p[2 * i])
-            b, n = ca.cos(p[2 * i + 1]), -ca.sin(p[2 * i + 1])
+            cos = ca.cos(p[2 * i])
+            sin = ca.sin(p[2 * i])
+            b = ca.cos(p[2 * i + 1])
+            n = -ca.sin(p[2 * i + 1])
             bend = ca.dot(tangent, ca.vertcat(-sin, cos * n, cos * b))
             plane = ca.dot(tangent, ca.vertcat(0, -b, n))
             equality[f"{name} bend"] = ca.vertcat(bend, plane)

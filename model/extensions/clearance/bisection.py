@@ -300,7 +300,8 @@ class _Search:
         k = order[least[order] < result.seen[rows.stretch[order]]]
         # The last of several assignments to an index remains: the smallest value.
         to = rows.stretch[k]
-        result.seen[to], result.body[to] = least[k], which[k]
+        result.seen[to] = least[k]
+        result.body[to] = which[k]
         result.share[to] = np.column_stack([rows.start, rows.end])[k, instant[k]]
         result.s[to, 0] = one.s[k, end[k]]
         result.s[to, 1] = other.s[k, which[k] if bodies is None else end[k]]

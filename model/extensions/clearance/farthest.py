@@ -39,12 +39,15 @@ def largest_excess(
             bound = max(bound, float(above.max(initial=-np.inf)))
             break
         bound = max(bound, float(above[~is_open].max(initial=-np.inf)))
-        element, low, high = element[is_open], low[is_open], high[is_open]
+        element = element[is_open]
+        low = low[is_open]
+        high = high[is_open]
         if not element.size:
             break
         middle = (low + high) / 2
         element = np.tile(element, 2)
-        low, high = np.append(low, middle), np.append(middle, high)
+        low = np.append(low, middle)
+        high = np.append(middle, high)
     return max(bound, seen)
 
 
@@ -82,7 +85,9 @@ def maxima(
     """Return the arc lengths [m] and values of local maxima of the excess along a part."""
     s = np.linspace(max(part[0], line.s[0]), min(part[1], line.s[-1]), _POINTS)
     excess = body.at(line.at(s)[0])[0] - factor * line.arm.outer_radius(s)[0]
-    before, at, after = excess[:-2], excess[1:-1], excess[2:]
+    before = excess[:-2]
+    at = excess[1:-1]
+    after = excess[2:]
     top = np.flatnonzero((at >= before) & (at > after))
     bend = (before - 2 * at + after)[top]
     slope = (after - before)[top] / 2

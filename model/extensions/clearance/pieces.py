@@ -166,10 +166,13 @@ class Parts:
         lines = self.lines
         rows = self.rows[part] * self.turned.shape[2] + element[:, None]
         shares = np.array([start, (start + end) / 2, end]).repeat(self.rows.shape[1], axis=1)
-        a, b = shares[0], shares[2]
+        a = shares[0]
+        b = shares[2]
         if not start.any() and (end == 1).all():
-            u, (lengths, turns) = lines.poses[:, 4:], lines.sizes
-            ends, long = np.stack([u[rows], u[rows + 1]], axis=2), lengths[rows]
+            u = lines.poses[:, 4:]
+            lengths, turns = lines.sizes
+            ends = np.stack([u[rows], u[rows + 1]], axis=2)
+            long = lengths[rows]
             turned = np.stack([0 * turns[rows], turns[rows]], axis=2)
         else:
             arguments = np.tile(rows.ravel(), 2), np.append(0 * a, a), np.append(a, b)

@@ -77,7 +77,8 @@ class Mesh(Obstacle):
             result: Any = trimesh.load(path, force="mesh")
             result.merge_vertices(merge_tex=True, merge_norm=True)
             result.update_faces(result.nondegenerate_faces(height=0))
-            vertices, faces = np.array(result.vertices, float), np.array(result.faces, np.int64)
+            vertices = np.array(result.vertices, float)
+            faces = np.array(result.faces, np.int64)
         except Exception as reason:  # the readers raise many types of errors
             raise FileError(str(path), "", f"cannot be read as a mesh: {reason}") from None
         if not len(faces):

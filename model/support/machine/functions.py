@@ -247,7 +247,8 @@ class VectorInterpreter:
                 [each[k * size : (k + 1) * size] for each, size in zip(rows, sizes, strict=True)]
                 for rows, sizes in ((columns, self._sizes_in), (results, self._sizes))
             )
-            inputs[0], state = state, outputs[0]
+            inputs[0] = state
+            state = outputs[0]
             with np.errstate(all="ignore"):
                 for operation, op, read, (to, *place), value in self._lines:
                     if operation is not None:

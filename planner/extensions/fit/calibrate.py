@@ -218,7 +218,8 @@ class _Search:
             end = tuple(optimum.evaluation.values.tolist())
             self.starts.append(start._replace(found=end, misfit=optimum.cost))
             if self.best is None or optimum.cost < self.best.cost:
-                self.best, origin = optimum, values
+                self.best = optimum
+                origin = values
         if self.best is None:
             raise problems[-1]
         self.best = self._from_rest(self._refined(self.best.evaluation, origin))
@@ -307,7 +308,8 @@ class _Search:
                 remark = crushing_remark(self.parameters.given.arm, self.shapes)
                 raise UnsettledShapeError(self.shapes[i].name, why, remark)
             best = fit(start, self.loss, self.absolute_std, first)
-            start, jumping = best.evaluation, tuple(best.refused)
+            start = best.evaluation
+            jumping = tuple(best.refused)
             if len(jumping) in (0, len(start.equilibria)):
                 return best
 

@@ -247,7 +247,8 @@ class DesignProgram:
             n_margins,
             0,
         )
-        (*xs, z), (*lams, _) = at.unknowns, at.multipliers
+        *xs, z = at.unknowns
+        *lams, _ = at.multipliers
         # CasADi does not keep callbacks alive: hold references for the life of the program.
         self._callbacks = [
             ClosedForm(self.all_equation_parameters, K, (cuts[-1], 1)),

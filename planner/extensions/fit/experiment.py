@@ -258,7 +258,9 @@ class SessionEquations:
 
     def _settled(self, shape: Measured) -> AnyEquilibrium:
         """Settle a shape with `settle`, which refines the mesh as needed."""
-        arm, scene, code = self.system.arm, self.system.scene, self.experiment.mesh[2]
+        arm = self.system.arm
+        scene = self.system.scene
+        code = self.experiment.mesh[2]
         T = None if shape.by_length else self.tensions(shape)
         lengths = self._lengths(shape) if shape.by_length else None
         return settle(arm, T, scene, _ROUGHLY, compile=code, lengths=lengths).equilibrium

@@ -256,7 +256,8 @@ class Fitted:
         The mean error of their markers, tendon lengths or strokes is above a tenth of the arm's
         length.
         """
-        far, sizes = _UNREACHED * self.given_arm.length, dict[tuple[str, str], list[float]]()
+        far = _UNREACHED * self.given_arm.length
+        sizes = dict[tuple[str, str], list[float]]()
         for residual in self.residuals:
             if not residual.what.startswith("frames"):
                 kind = "places" if residual.is_place else residual.what.partition("[")[0]
@@ -295,7 +296,8 @@ class Fitted:
 
     def _outliers(self) -> list[str]:
         """Return sentences on shapes that are not reached and on outliers."""
-        lines, far = [], self.unreached
+        lines = []
+        far = self.unreached
         unlike = [name for name in self.unlike if name not in far]
         if far:
             lines.append(

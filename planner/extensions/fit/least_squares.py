@@ -96,7 +96,8 @@ class Likelihood:
 
     def rho(self, z: Array) -> Array:
         """Return twice the terms of the log-likelihood and derivatives, for squared residuals z."""
-        rows, data = np.array(_RHO["linear"](z)), z[: self.size]
+        rows = np.array(_RHO["linear"](z))
+        data = z[: self.size]
         noise = self.noise_of(data)
         rho, first, second = _RHO[self.loss](data / noise**2)
         if self.noise is None:
@@ -275,7 +276,8 @@ class _Steps:
                 if np.linalg.norm(step) <= _STEP:
                     raise _BlockedError
                 return np.full(self.size + self.priors, np.inf)
-            self._last, self._at = evaluation, z.copy()
+            self._last = evaluation
+            self._at = z.copy()
         return self._residuals(self._last)
 
     @property
@@ -316,7 +318,8 @@ class _Steps:
         """
         r = self.residuals(z)
         weights = np.sqrt(likelihood.rho(np.square(r))[1])
-        J, r = weights[:, None] * self.jacobian(z), weights * r
+        J = weights[:, None] * self.jacobian(z)
+        r = weights * r
         slope = J.T @ r
         free = J[:, np.where(slope > 0, z, 1 - z) > AT_BOUND]
         explained = free @ np.linalg.lstsq(free, r, rcond=None)[0]

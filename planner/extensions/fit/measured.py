@@ -272,7 +272,8 @@ def crushing_remark(arm: Arm, measured: Iterable[Measured]) -> str:
 
 def _check_place(arm: Arm, where: str, place: Array, offset: Array) -> None:
     """Raise InputError for a place that the arm cannot reach, which suggests other units."""
-    away, aside = float(np.linalg.norm(place - arm.base_position)), float(np.linalg.norm(offset))
+    away = float(np.linalg.norm(place - arm.base_position))
+    aside = float(np.linalg.norm(offset))
     reach = arm.length + aside
     if away > _FAR * reach:
         axis = "xyz"[int(np.argmax(np.abs(place - arm.base_position)))]

@@ -40,7 +40,9 @@ class UnsettledShapeError(OctoplanError):
     """A shape does not settle at given values of the unknowns."""
 
     def __init__(self, name: str, why: OctoplanError, remark: str = "") -> None:
-        self.name, self.why, self.remark = name, why, remark
+        self.name = name
+        self.why = why
+        self.remark = remark
         super().__init__(f"{name} does not settle: {why}{'. ' * bool(remark)}{remark}")
 
 

@@ -63,7 +63,8 @@ class Unknown:
     session: str | None = None
 
     def __post_init__(self) -> None:
-        low, high = self.lower, self.upper
+        low = self.lower
+        high = self.upper
         if not low < high:
             raise InputError(f"{self.name}: upper", high, f"above lower, {low:g}")
         if self.prior is not None:
@@ -146,7 +147,8 @@ class Parameters:
             slips = {1e-3: "are they 1000 times too large", 1e3: "are they 1000 times too small"}
             slips |= {math.degrees(1): "are they in radians"} if has.endswith("deg") else {}
             for factor, slip in slips.items():
-                low, high = factor * unknown.lower, factor * unknown.upper
+                low = factor * unknown.lower
+                high = factor * unknown.upper
                 if low <= start <= high:
                     allowed += f"; {slip}? Then give {low:g} to {high:g}"
             raise InputError(unknown.name, (unknown.lower, unknown.upper), allowed)
@@ -254,7 +256,8 @@ def neighbour(
     Nodes at arc lengths `before` move to `after` [m]. Raises InputError if coincident places
     separate or if places pass each other.
     """
-    form, now = system.layout.form, (*places(arm, scene), *after)
+    form = system.layout.form
+    now = (*places(arm, scene), *after)
     old = landmarks(system.arm, (*places(system.arm, system.scene), *before))
     mesh = _stretched_mesh(system.mesh, old, landmarks(arm, now))
     result = DiscreteRod(arm, scene, mesh, form.stages, form.loaded, form.machine_code)
@@ -276,7 +279,8 @@ def _stretched_mesh(mesh: Mesh, before: Array, new: Array) -> Mesh:
         raise InputError("places along the arm", new.size, allowed)
     order = np.argsort(before, kind="stable")
     tolerance = SAME * mesh.s[-1]
-    before, after = before[order], new[order]
+    before = before[order]
+    after = new[order]
     apart = np.diff(before) > tolerance
     ahead = np.diff(after)
     parted = ~apart & (np.abs(ahead) > 2 * tolerance)

@@ -178,7 +178,6 @@ def certify_motion(
     If the time limit is reached first, `problem` reports it.
     """
     rates = question.rates
-    rates, parts = question.rates, way.progress.c[2].astype(int)
     parts = way.progress.c[2].astype(int)
     changes = (np.abs(np.diff(way.tensions, axis=0)) / rates.tension).max(axis=1)
     stroke_rate, stroke_acceleration, tip_acceleration = map(float, way.largest / rates.of_places)

@@ -119,18 +119,21 @@ def between(lines: Lines, way: Timed, surroundings: Environment) -> tuple[Array,
         # On these intervals, obstacles have constant velocity, and the progress is a parabola.
         breaks = np.concatenate([way.progress.x, *(one.times for one in moving)])
         times = np.unique(breaks[(breaks >= 0) & (breaks <= way.starts[-1])])
-    low, length = times[:-1], np.diff(times)
+    low = times[:-1]
+    length = np.diff(times)
     parts = np.arange(low.size)
 
     def tensions(part: Counts, fraction: Array) -> Array:
         return way.at(low[part] + fraction * length[part])
 
-    path, nearest = Moving(lines, tensions), []
+    path = Moving(lines, tensions)
+    nearest = []
     bodies = [*surroundings.obstacles, *(one.obstacle for one in moving)]
     for kind in [*[OBSTACLES] * bool(bodies), *[BASE, ITSELF] * surroundings.of_itself]:
         near = clearance_query(lines.arm, kind, bodies, surroundings.clearance)
         if kind == OBSTACLES and moving:
-            ends, count = np.column_stack([low, times[1:]]), len(surroundings.obstacles)
+            ends = np.column_stack([low, times[1:]])
+            count = len(surroundings.obstacles)
             moved = [np.zeros((*ends.shape, 3))] * count
             moved += [one.displacement(ends) for one in moving]
             # A parabola deviates most from its chord in the middle.

@@ -232,7 +232,6 @@ def slowest_period(shape: Shape) -> float:
     """
     arm = shape.arm
     fluid = shape.scene.find(Buoyancy)
-    arm, fluid = shape.arm, shape.scene.find(Buoyancy)
     density = arm.material.density + (fluid.density if fluid else 0.0)
     share = np.linspace(0.0, 1.0, 201)
     area = np.pi * arm.radius.evaluate(arm.length * share, arm.length)[0] ** 2

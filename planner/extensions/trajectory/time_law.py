@@ -80,7 +80,8 @@ class Stretch:
             if not np.isfinite(values).all():
                 break
             fitted = chebyshev.chebfit(x, values, degree)
-            change, size = np.abs(fitted[1:]).max(), np.abs(fitted).max()
+            change = np.abs(fitted[1:]).max()
+            size = np.abs(fitted).max()
             allowed = at_last if degree == _DEGREES[-1] else 0.0
             # If the arm hardly moves, positions change by the accuracy of settle.
             allowed = max(allowed, within, _ROUNDING * change + FINEST_ACCURACY * size)

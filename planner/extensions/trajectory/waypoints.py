@@ -69,7 +69,8 @@ class Waypoints:
         for options in dict.fromkeys((planned, *more)):
             found = self._optimum(options)
             if found is not None:
-                self.waypoints, self.options = found, options
+                self.waypoints = found
+                self.options = options
                 return True
         return False
 
@@ -151,9 +152,11 @@ class Waypoints:
             waypoint = replace(waypoint, targets=targets)
             problem = self._problem(waypoint, self.options)
             if optimum and problem.program is optimum.problem.program:
-                x, multipliers = optimum.x, (optimum.lam_x, optimum.lam_g)
+                x = optimum.x
+                multipliers = (optimum.lam_x, optimum.lam_g)
             else:
-                x, multipliers = problem.guess(waypoint.tensions, True), None
+                x = problem.guess(waypoint.tensions, True)
+                multipliers = None
             optimum = solve(problem, x, problem.parameters(), problem.bounds, multipliers, "follow")
             if not optimum.met:
                 return None
