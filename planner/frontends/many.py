@@ -1,4 +1,4 @@
-"""Plans for many targets in one call: along a path each begins at the one before."""
+"""Plan many targets in one call; along a path, each plan starts from the one before."""
 
 from __future__ import annotations
 
@@ -27,38 +27,38 @@ from octoplan.planner.targets.base import Target
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FailedPlan(Plan):
-    """The row of a target for which there is no plan, as it is not allowed or led to an error.
+    """A plan for a target that raised an error.
 
-    Its numbers are nan, `reached` is False, and certificate and outcome tell the reason.
+    Its numbers are nan, `reached` is False, and certificate and outcome have the reason.
 
     Attributes
     ----------
     reason : str
-        What was wrong.
+        Message of the error.
     """
 
     reason: str = ""
 
     @property
     def shape(self) -> Shape:
-        """Raises OctoplanError with the reason: there is none."""
+        """Raise OctoplanError with the reason."""
         raise OctoplanError(self.reason)
 
     @property
     def tip(self) -> Array:
-        """Three times nan."""
+        """Position of the tip (3,), nan."""
         return np.full(3, np.nan)
 
     @property
     def lengths(self) -> Array:
-        """As many times nan as there are tendons."""
+        """Tendon lengths, nan for each tendon."""
         return np.full_like(self.tensions, np.nan)
 
     strokes = lengths
 
     @property
     def certificate(self) -> Certificate:
-        """A certificate that is not passed, with the reason."""
+        """A failed certificate with the reason."""
         return Certificate(problem=self.reason, tolerance=self.accuracy)
 
 
@@ -72,26 +72,27 @@ def plan_many(
     errors: Errors = "raise",
     **others: Any,
 ) -> list[Plan]:
-    """Return a plan for each of many targets, in order; `others` as plan takes them.
+    """Return a plan for each of many targets, in order.
 
     Parameters
     ----------
     arm, scene, tension_max
-        As plan takes them.
-    targets : sequence of Target, or of several to be met together
+        See plan.
+    targets : sequence of Target, or of several simultaneous targets
     path : bool
-        Whether each target is near the one before, so that its plan starts at the other's optimum:
-        some ten times sooner, and tensions that change smoothly. What is followed is one optimum;
-        plans that start afresh may find a better one.
+        Whether to warm-start each plan from the one before, for targets that follow a path. This is
+        about ten times faster, and tensions change smoothly; the plans follow one local optimum,
+        and plans from all initial guesses may find a better one.
     errors : "raise" or "nan"
-        Whether a target that is not allowed, or at which something goes wrong, ends all with its
-        error, or is a FailedPlan that tells the reason, its numbers nan.
+        Whether to raise the error of a target, or to return a FailedPlan for this target.
+    **others
+        Further arguments of plan.
 
     Raises
     ------
     InputError
-        As plan does, naming the target, unless `errors` is "nan"; always for what is not allowed
-        whatever the target.
+        As plan, with the index of the target. With `errors="nan"`, for arguments that are invalid
+        for every target only.
     """
     if errors not in ("raise", "nan"):
         raise InputError("errors", errors, '"raise" or "nan"')
@@ -121,7 +122,7 @@ def plan_many(
 
 
 def _of_target(reason: Exception, which: str) -> Exception:
-    """Return an error as that of one target, such as "targets[3]"."""
+    """Return an error with the name of its target, such as "targets[3]"."""
     if isinstance(reason, InputError):
         return InputError(f"{which}: {reason.field}", reason.given, reason.allowed)
     if isinstance(reason, OctoplanError):

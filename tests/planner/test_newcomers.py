@@ -49,7 +49,10 @@ FILES: dict[str, tuple[str, str]] = {
     "a table twice": (ARM + ARM, "twice: [arm]"),
     "an end in the middle": ("[arm]\npreset = 'table-4", "not valid TOML"),
     "an unknown preset": ("[arm]\npreset = 'table4'", 'table-4; did you mean "table-4"?'),
-    "a preset and a length": (ARM + "length_mm = 300", "either a preset, or length_mm"),
+    "a preset and a length": (
+        ARM + "length_mm = 300",
+        "must be omitted if length_mm, radius_mm",
+    ),
     "half an arm": ("[arm]\nlength_mm = 300", "no radius_mm, no sections"),
     "a negative length": (
         "[arm]\nlength_mm = -300",
@@ -296,7 +299,7 @@ LINES: dict[str, tuple[list[str], str]] = {
     "a file that is not there": (["plan", "mien.toml"], 'did you mean "mine.toml"?'),
     "a file quite unlike": (["plan", "nowhere.toml"], "`octoplan new FILE` writes one"),
     "a folder": (["plan", "."], "is a directory"),
-    "a result in place of a scene": (["plan", "plan.json"], "names that end in .toml"),
+    "a result in place of a scene": (["plan", "plan.json"], "name ends in .toml"),
     "a file in place of a folder": (
         ["plan", "mine.toml", "--out", "plan.json"],
         "a folder to write",

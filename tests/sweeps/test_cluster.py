@@ -100,7 +100,7 @@ def test_a_cluster_that_loses_its_scheduler_is_told_and_the_sweep_goes_on_withou
     address, (scheduler, *_) = cluster
     path, out, found = written(tmp_path, AXES, "stiffness", MORE), tmp_path / "out.nc", []
     monkeypatch.setattr(planner.frontends.sweeps.sweep, "on_cluster", _killing(scheduler, found))
-    with pytest.raises(WorkersLostError, match="what is finished is kept"):
+    with pytest.raises(WorkersLostError, match="inished chunks are kept"):
         planner.sweep(path, out, scheduler=address)
     assert 10 <= len(found) < 64
     assert planner.sweep(path, out).identical(planner.sweep(path))

@@ -47,7 +47,7 @@ def test_plans_and_draws_too(tmp_path: Path) -> None:
         ({"axes": {"arm.E_kPa": [1.0]}, "scene": "silicone"}, "scene"),
         ({"axes": {"arm.E_kPa": [1.0]}, "tension": 3}, "no such key"),
         ({"axes": {"arm.E_kPa": [1.0]}}, "scene.tensions: missing: must be tensions = [[0.0"),
-        ({"axes": {"arm.E_kPa": [1.0]}, "target": 3}, "others have no keys"),
+        ({"axes": {"arm.E_kPa": [1.0]}, "target": 3}, "must be one of"),
     ],
 )
 def test_bad_input_is_told(options: dict[str, Any], told: str) -> None:
@@ -57,7 +57,7 @@ def test_bad_input_is_told(options: dict[str, Any], told: str) -> None:
 
 
 def test_a_file_and_objects_do_not_mix(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="with an Arm in place of the file"):
+    with pytest.raises(InputError, match="omitted, or used with an Arm"):
         sweep(written(tmp_path, GRID), axes={"arm.E_kPa": [1.0]})
 
 
@@ -87,7 +87,7 @@ def test_a_finished_sweep_is_not_run_again_and_says_so(
         with caplog.at_level(logging.INFO, "octoplan.planner.frontends.sweeps"):
             found = sweep(path, out)
         assert found.settled.values.all()
-        assert f"{out} holds this sweep already" in caplog.text
+        assert f"{out} contains this sweep already" in caplog.text
         found.close()
     written(tmp_path, GRID.replace("0.5", "0.6"))
     assert main(argv) == 0

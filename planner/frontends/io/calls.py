@@ -1,4 +1,4 @@
-"""What a scene file asks, handed to the functions that compute it."""
+"""Call settle, stiffness, plan and trajectory with the contents of a scene file."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _EXAMPLES = {
 
 
 def check_complete(question: SceneFile, *keys: str) -> None:
-    """Raise FileError for the first of some keys that a scene file needs and lacks."""
+    """Raise FileError for the first of some keys that a scene file lacks."""
     has = {
         "target": question.targets,
         "limits": "tension_max" in question.options,
@@ -49,36 +49,36 @@ def _tensions_example(question: SceneFile) -> str:
 
 
 def check_held(question: SceneFile) -> None:
-    """Raise FileError for a scene file that has neither tensions nor lengths."""
+    """Raise FileError if a scene file has neither tensions nor lengths."""
     if "lengths" not in question.options:
         check_complete(question, "tensions")
 
 
-def _computed(question: SceneFile, function: Callable[..., R], what: Any, **more: Any) -> R:
-    """Return what a function computes of a question, and of tensions or targets."""
+def _computed(question: SceneFile, function: Callable[..., R], argument: Any, **more: Any) -> R:
+    """Return the result of a function for a scene file, given tensions or targets."""
     with error_context(question.name, ""):
-        return function(question.arm, what, question.scene, **question.of(function) | more)
+        return function(question.arm, argument, question.scene, **question.of(function) | more)
 
 
 def settled(question: SceneFile) -> Shape:
-    """Return the shape under a scene file's tensions or lengths; FileError without any."""
+    """Return the shape for the tensions or lengths of a scene file; FileError without both."""
     check_held(question)
     return _computed(question, settle, question.tensions)
 
 
 def stiff(question: SceneFile) -> Stiffness:
-    """Return the stiffness that a scene file asks for; FileError without tensions or lengths."""
+    """Return the stiffness for a scene file; FileError without tensions and lengths."""
     check_held(question)
     return _computed(question, stiffness, question.tensions, **question.stiffness)
 
 
 def planned(question: SceneFile) -> Plan:
-    """Return the plan that a scene file asks for; FileError without target or limits."""
+    """Return the plan for a scene file; FileError without target or limits."""
     check_complete(question, "target", "limits")
     return _computed(question, plan, question.targets)
 
 
 def in_motion(question: SceneFile) -> Trajectory:
-    """Return the motion that a scene file asks for; FileError for what it lacks."""
+    """Return the trajectory for a scene file; FileError without waypoints, motion or limits."""
     check_complete(question, "waypoints", "motion", "limits")
     return _computed(question, trajectory, list(question.waypoints))

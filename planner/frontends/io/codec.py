@@ -1,8 +1,8 @@
-"""How values are written, and read again, by the annotations of their classes.
+"""Encode values as tables of files and decode them, directed by the annotations of their classes.
 
-People write numbers in the units that keys name; where every bit counts they are in SI units, under
-the arguments' own names (the exact form, with None for the unit). The types of both are derived in
-octoplan.planner.frontends.io.tables.
+There are two forms. Scene files have keys that end in units, such as length_mm. Saved results have
+the exact form (`unit=None`): SI numbers with all bits under the argument names. The msgspec
+types of both forms are derived in octoplan.planner.frontends.io.tables.
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError
 from octoplan.planner.frontends.io.files import versions
 
-# Units of keys by their names, as powers of ten of SI's, None where they are none; and SI's.
+# Units in keys: the power of ten that converts a number to SI; None for degrees.
 UNITS = {"mm": -3, "mm/s": -3, "mm/s2": -3, "g": -3, "kPa": 3, "deg": None}
+# The SI unit for each of these.
 SI = {"mm": "m", "g": "kg", "kPa": "Pa", "deg": "rad"}
 
 
@@ -37,33 +38,33 @@ _signature = cache(inspect.signature)
 
 
 def arguments(kind: Any) -> tuple[str, ...]:
-    """Return the names of the arguments of a class, or of a function."""
+    """Return the argument names of a class or a function."""
     return tuple(_signature(kind).parameters)
 
 
 @cache
 def hints_of(kind: Any) -> dict[str, Any]:
-    """Return the annotations of a class or of a table, units and bounds with them."""
+    """Return the annotations of a class or a table, with units and bounds."""
     return get_type_hints(kind, include_extras=True)
 
 
 def is_of_project(kind: Any) -> bool:
-    """Return whether a type is a class of the project's."""
+    """Return whether a type is a class of this project."""
     return isinstance(kind, type) and kind.__module__.partition(".")[0] == "octoplan"
 
 
 def is_union(kind: Any) -> bool:
-    """Return whether a type is a choice of types."""
+    """Return whether a type is a union."""
     return get_origin(kind) in UNIONS
 
 
 def choice(kinds: Iterable[Any]) -> Any:
-    """Return the type of what is of one of several types."""
-    return Union[tuple(kinds)]  # noqa: UP007  (of types that are made here)
+    """Return the union of types."""
+    return Union[tuple(kinds)]  # noqa: UP007  (the types are computed)
 
 
 def metas(kind: Any) -> Iterator[Meta]:
-    """Yield what annotations a type carries, from the outside in."""
+    """Yield the metadata of an annotation, outermost first."""
     if get_origin(kind) is Annotated:
         yield from (item for item in kind.__metadata__[::-1] if isinstance(item, Meta))
         yield from metas(kind.__origin__)
@@ -73,43 +74,44 @@ def metas(kind: Any) -> Iterator[Meta]:
 
 
 def unit_of_type(kind: Any) -> str:
-    """Return the unit that the annotations of a type name; empty without one."""
+    """Return the unit in the annotations of a type; empty without a unit."""
     named = (item.extra["unit"] for item in metas(kind) if item.extra and item.extra.get("unit"))
     return next(named, "")
 
 
 def about_type(kind: Any) -> str:
-    """Return what the annotations of a key's type say that it holds."""
+    """Return the description in the annotations of a type; empty without a description."""
     return next((item.description for item in metas(kind) if item.description), "")
 
 
 def quantity(about: str, unit: str = "", **bounds: Any) -> Meta:
-    """Return the annotation of a key: what it holds, and its unit."""
+    """Return the metadata of a key: a description, the unit and bounds."""
     text = f"{about} [{unit}]".strip() if unit else about
     return Meta(description=text, extra={"unit": unit}, **bounds)
 
 
 def suffix(unit: str) -> str:
-    """Return the end of the keys of a unit; SI's have none."""
+    """Return the suffix of keys with a unit; empty for SI units."""
     return f"_{unit.replace('/', '_')}" if unit in UNITS else ""
 
 
-# How keys end, and the units of their numbers.
+# Suffixes of keys, and the units of their numbers.
 ENDS = {"": "", **{suffix(unit): unit for unit in UNITS}}
 
 
-# What annotations are read and written by
+# Tables and their formats
 
 
 class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """A table of a file; keys that it does not know are refused."""
+    """A table of a file; unknown keys are errors."""
 
 
 @dataclass(frozen=True)
-class Form:
-    """An argument of a class that is written by keys of its own.
+class FieldFormat:
+    """The format of an argument that occupies keys of its own.
 
-    `keys` has their types and defaults, `read` takes their values in order, `write` returns them.
+    `keys` has the type and default of each key, `read` converts their values in order to the
+    argument, `write` returns the keys for a value of the argument.
     """
 
     keys: Mapping[str, tuple[Any, Any]]
@@ -117,18 +119,17 @@ class Form:
     write: Callable[[Any], dict[str, Any]]
 
 
-# How a table is read, and how values of a class are written; None for those that are written in the
-# exact form alone.
+# Decoders by table, and encoders by class; None for a class that has the exact form only.
 READ: dict[Any, Callable[[Any], Any]] = {}
 WRITE: dict[Any, Callable[[Any], dict[str, Any]] | None] = {Linear: None, Sampled: None}
-# Classes that the place where they stand tells, so that in the exact form no kind stands with them.
+# Classes that are implied by their place in a file; their exact form has no key `kind`.
 PLACED: set[Any] = set()
-# Of tables of classes: their own keys by argument, annotations of these, other arguments' forms.
-KEYS: dict[Any, tuple[Mapping[str, str], Mapping[str, Any], Mapping[str, Form]]] = {}
+# By table of a class: the key of each argument, the annotations, the formats of other arguments.
+KEYS: dict[Any, tuple[Mapping[str, str], Mapping[str, Any], Mapping[str, FieldFormat]]] = {}
 
 
 def sample_keys(unit: str) -> tuple[str, str]:
-    """Return the keys of a function of arc length by samples, whose values have a unit."""
+    """Return the two keys of a function of arc length given by samples with a unit."""
     return "s_mm", f"values{suffix(unit)}"
 
 
@@ -136,15 +137,15 @@ def sample_keys(unit: str) -> tuple[str, str]:
 
 
 def value_of(value: msgspec.Struct) -> Any:
-    """Return the value of a table; InputError that names a key, or an argument of the class."""
+    """Return the value of a table; raise InputError with a key or an argument of the class."""
     return READ[type(value)](value)
 
 
 def arguments_of(value: Table, kind: type[Table] | None = None) -> dict[str, Any]:
-    """Return what the keys of a table hold in SI units: the arguments of the class that it writes.
+    """Return the contents of a table in SI units, as the arguments of its class.
 
-    Of a table that is no class's, by the names of its keys without the unit. It may be read as one
-    of a kind of which it has all keys.
+    Without a class, the names are those of the keys without units. `kind` selects another table
+    whose keys are a subset.
     """
     kind = kind or type(value)
     keys, hints, forms = KEYS.get(kind) or (names_of(kind), None, {})
@@ -159,16 +160,16 @@ def arguments_of(value: Table, kind: type[Table] | None = None) -> dict[str, Any
 
 @cache
 def names_of(kind: Any) -> dict[str, str]:
-    """Return the keys of a table by their names without the unit."""
+    """Return the keys of a table by name, the key without its unit."""
     hints = hints_of(kind)
     units = {key: unit_of_type(hints[key]).replace("/", "_") for key in hints}
     return {key.removesuffix(f"_{unit}" if unit else ""): key for key, unit in units.items()}
 
 
 def read(hint: Any, value: Any, key: str = "", unit: str | None = "") -> Any:
-    """Return what a key holds as the value that an annotation asks for; lists as tuples.
+    """Return the value of a key as its annotation requires, with tuples for lists.
 
-    Numbers are in the units that annotations name, in SI's with None for the unit.
+    Numbers are converted from the unit of the annotation to SI; None as the unit: no conversion.
     """
     if value is None:
         return None
@@ -195,14 +196,14 @@ def read(hint: Any, value: Any, key: str = "", unit: str | None = "") -> Any:
 
 @cache
 def _parts(hint: Any) -> tuple[Any, tuple[Any, ...], str]:
-    """Return what an annotation is made of, and its unit: looked up for each value of a sweep."""
+    """Return origin, arguments and unit of an annotation; cached for sweeps of many values."""
     return get_origin(hint), get_args(hint), unit_of_type(hint)
 
 
 def _chosen(kinds: tuple[Any, ...], value: Any, unit: str | None) -> Any:
-    """Return which of several annotations a value is of: lists of paths hold lists or samples.
+    """Return the member of a union that matches a value: a list for lists, otherwise another.
 
-    In SI units paths are no lists.
+    A list of two numbers is a path. In the exact form paths are tables, never lists.
     """
     is_list, others = isinstance(value, list | tuple), [k for k in kinds if k is not type(None)]
     if Path in kinds and is_list:
@@ -217,7 +218,7 @@ def _is_list(kind: Any) -> bool:
 
 
 def in_si(value: Any, unit: str | None) -> Any:
-    """Return a number in a unit, or numbers in lists, in SI's; what is no number as it is."""
+    """Return a number or nested lists of numbers in SI units; other values are unchanged."""
     if isinstance(value, list | tuple):
         return tuple(in_si(item, unit) for item in value)
     if unit in UNITS and isinstance(value, int | float) and not isinstance(value, bool):
@@ -226,7 +227,7 @@ def in_si(value: Any, unit: str | None) -> Any:
 
 
 def _number_in_si(value: float, unit: str) -> float:
-    """Return a number in a unit in SI's, as decimals are: 6.5 mm are 0.0065, as in scripts."""
+    """Return a number in SI units, rounded as a decimal: 6.5 mm gives 0.0065 as in scripts."""
     power = UNITS[unit]
     if power is None:
         return value * (math.pi / 180)
@@ -245,7 +246,7 @@ def _read_path(value: Any, key: str, unit: str | None) -> Path:
 
 
 def read_exact(kind: Any, table: Any) -> Any:
-    """Return the value of a class that a table in the exact form holds."""
+    """Return the value of a class from its table in the exact form."""
     present = {name: getattr(table, name) for name in arguments(kind)}
     values = {
         key: read(hints_of(kind)[key], x, unit=None) for key, x in present.items() if x is not UNSET
@@ -257,19 +258,19 @@ def read_exact(kind: Any, table: Any) -> Any:
 
 
 def table_of(value: Any) -> dict[str, Any]:
-    """Return the table that is read as a value, as TOML is decoded: keys with their units.
+    """Return the table that is read back as a value, in the types of decoded TOML.
 
-    Raises InputError for a value of a kind that has no keys.
+    Raises InputError if the class of the value has no table.
     """
     write = WRITE.get(type(value))
     if write is None:
         allowed = ", ".join(sorted(kind.__name__ for kind in WRITE if WRITE[kind]))
-        raise InputError("to write", value, f"one of {allowed}: others have no keys")
+        raise InputError("to write", value, f"one of {allowed}")
     return {key: item for key, item in write(value).items() if item is not None}
 
 
 def keys_of(value: Any, kind: type[Table]) -> dict[str, Any]:
-    """Return the keys of a table of a value's class, or of values by the names of its keys."""
+    """Return the keys and values of a table for a value whose attributes have these names."""
     keys, hints, forms = KEYS.get(kind) or (names_of(kind), None, {})
     tag = kind.__struct_config__.tag
     result: dict[str, Any] = {} if tag is None else {"type": tag}
@@ -282,7 +283,7 @@ def keys_of(value: Any, kind: type[Table]) -> dict[str, Any]:
 
 
 def encode(value: Any, unit: str | None = "") -> Any:
-    """Return a value as it is written under a key of a unit; InputError if it cannot be."""
+    """Return a value as written under a key with a unit; raise InputError for other types."""
     if value is None or isinstance(value, bool | str):
         return value
     if isinstance(value, np.ndarray | np.generic):
@@ -309,7 +310,7 @@ def encode(value: Any, unit: str | None = "") -> Any:
 
 
 def number_in(value: float, unit: str) -> float:
-    """Return a number of SI in a unit: the one of fewest digits that is read as it, or nearest."""
+    """Return an SI number in a unit, by the fewest digits that are read back as the same number."""
     if unit not in UNITS:
         return value
     power = UNITS[unit]
@@ -320,7 +321,7 @@ def number_in(value: float, unit: str) -> float:
 
 
 def encode_exact(value: Any) -> Any:
-    """Return a value in the exact form; InputError for what could not be read back."""
+    """Return a value in the exact form; raise InputError for types that cannot be read back."""
     return encode(value, None)
 
 
@@ -330,9 +331,6 @@ def attributes_of(value: Any, names: Iterable[str]) -> dict[str, Any]:
 
 
 def identity(*values: Any) -> str:
-    """Return a hash of values and of the versions that compute with them.
-
-    It is the same in every process, and for equal values.
-    """
+    """Return a hash of values and library versions, equal for equal values in every process."""
     text = json.dumps([encode_exact(values), versions()], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()

@@ -1,14 +1,14 @@
-"""CSV files: a line of names that tell units, then numbers line by line.
+"""CSV files: a header of column names with units, then one line of numbers per row.
 
-Plans as winches are driven by, shapes along the arm and motions over time are written; what was
-measured, and waypoints, are read. Measured shapes are a shape a line:
+Plans for winches, shapes along the arm and trajectories are written; measured shapes and waypoints
+are read. A file of measured shapes has one shape per line:
 
     name,session,T_11_N,T_12_N,M1_x_mm,M1_y_mm,M1_z_mm,tip_x_mm,tip_y_mm,tip_z_mm
 
-`name` and `session` may be left out; a tension for each tendon, by the arm's names of them, or
-`length_T_11_mm` or `stroke_T_11_mm` for each, or both; places of markers, by their names, and of
-the tip in mm. Cells of a marker that was not seen are empty; a shape without tensions is settled by
-its lengths or strokes.
+`name` and `session` are optional. The drive of the arm is a tension for each tendon, under the
+tendon names of the arm, or `length_T_11_mm` or `stroke_T_11_mm` for each tendon, or both. Positions
+of markers, by marker name, and of the tip are in mm. Leave the cells of an unseen marker empty. A
+shape without tensions is settled by its lengths or strokes.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ WAYPOINT_COLUMNS = ("x_m", "y_m", "z_m")
 
 
 class MarkerColumns(MarkerTable, frozen=True, kw_only=True):
-    """A marker on the arm, by its name in the columns of the measured shapes."""
+    """A marker on the arm; its name is the prefix of its columns in the file of shapes."""
 
     name: str
 
 
-# Written
+# Writing
 
 
 def _lines(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> bytes:
@@ -59,9 +59,9 @@ def _lines(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> bytes:
 
 
 def shape_csv(shape: Shape, points: int = POINTS) -> bytes:
-    """Return a shape as CSV: a line of names, then one for each of many evenly spaced stations.
+    """Return a shape as CSV: a header, then one line for each of evenly spaced stations.
 
-    Arc length and position [m], the frame's columns t, n, b, strains tau, xi, k [1/m] and q.
+    Columns: arc length and position [m], frame columns t, n, b, strains tau, xi, k [1/m] and q.
     """
     kind("shape", shape, Shape, "a Shape, as settle returns it")
     within("points", points, 2, 1_000_000)
@@ -72,19 +72,19 @@ def shape_csv(shape: Shape, points: int = POINTS) -> bytes:
 
 
 def save_shape(shape: Shape, path: str | Path, points: int = POINTS) -> Path:
-    """Write a shape to a .csv file, whole or not at all; see shape_csv for its columns.
+    """Write a shape to a .csv file, atomically; see shape_csv for its columns.
 
-    Raises InputError for another suffix, and where it cannot be written.
+    Raises InputError for another suffix or if the file cannot be written.
     """
     return write_named(path, ".csv", shape_csv(shape, points))
 
 
 def plan_csv(plan: Any) -> bytes:
-    """Return a plan as CSV, what one drives the arm by: a line of names, then a tendon a line.
+    """Return a plan as CSV to drive the arm by: a header, then one line per tendon.
 
-    Section and tendon by their names, tension [N], the length that the winch leaves between base
-    and anchorage [mm], the stroke that it has taken in [mm], and whether the tendon is taut or
-    slack. Lengths and strokes are empty where the statics have none, or the tensions do not settle.
+    Columns: names of section and tendon, tension [N], tendon length from base to anchorage [mm],
+    stroke taken in by the winch [mm], taut or slack. Lengths and strokes are empty if the statics
+    define none or no equilibrium exists.
     """
     arm, tensions = plan.arm, np.ravel(plan.tensions).tolist()
     shape = of_shape(plan)
@@ -97,31 +97,31 @@ def plan_csv(plan: Any) -> bytes:
 
 
 def _mm(arm: Arm, lengths: Any) -> list[Any]:
-    """Return lengths of tendons [m] in mm; empty cells for none."""
+    """Return tendon lengths [m] in mm; empty cells for None."""
     none = [""] * arm.n_tendons
     return none if lengths is None else [number_in(x, "mm") for x in np.ravel(lengths).tolist()]
 
 
 def motion_csv(motion: Any) -> bytes:
-    """Return a motion as CSV: times [s], tensions [N] and lengths [m] of the tendons."""
+    """Return a trajectory as CSV: times [s], tensions [N] and lengths [m] of the tendons."""
     names = [name.replace(",", "_") for name in motion.arm.tendon_names]
     columns = ["t_s", *(f"{name}_N" for name in names), *(f"{name}_length_m" for name in names)]
     return _lines(columns, np.column_stack([motion.times, motion.flat, motion.lengths]).tolist())
 
 
-# Read
+# Reading
 
 
 def _read(path: Path, wanted: str) -> Iterator[tuple[str, list[str]]]:
-    """Yield where a line is, and its cells, of all lines that hold something; FileError."""
-    text = bytes_of(path, f"{wanted} is wanted").decode("utf-8-sig", errors="replace")
+    """Yield the line number as text and the cells of each line that is not empty; FileError."""
+    text = bytes_of(path, f"must be {wanted}").decode("utf-8-sig", errors="replace")
     for number, row in enumerate(csv.reader(text.splitlines()), 1):
         if any(row) or number == 1:
             yield f"line {number}", [cell.strip() for cell in row]
 
 
 def _number(column: str, cells: dict[str, str], more: str = "") -> float:
-    """Return the number in a column, in SI units; InputError."""
+    """Return the number in a column, in SI units; raise InputError."""
     try:
         value = float(cells.get(column, ""))
     except ValueError:
@@ -132,7 +132,7 @@ def _number(column: str, cells: dict[str, str], more: str = "") -> float:
 
 
 def load_waypoints(path: Path) -> tuple[list[TipPosition], Array | None]:
-    """Return the places of tips and the times of a file: x_m, y_m, z_m and, if it has, t_s.
+    """Return tip targets and times from columns x_m, y_m, z_m and, optionally, t_s.
 
     Raises FileError.
     """
@@ -145,7 +145,8 @@ def load_waypoints(path: Path) -> tuple[list[TipPosition], Array | None]:
             cells = dict(zip(header, row, strict=False))
             rows.append([_number(column, cells) for column in columns])
     if not rows:
-        raise FileError(str(path), "", f"no lines below a heading {', '.join(WAYPOINT_COLUMNS)}")
+        problem = f"must have lines of numbers below the header {', '.join(WAYPOINT_COLUMNS)}"
+        raise FileError(str(path), "", problem)
     times = np.array(rows)[:, 3] if len(columns) > 3 else None
     return [TipPosition(tuple(row[:3])) for row in rows], times
 
@@ -153,14 +154,14 @@ def load_waypoints(path: Path) -> tuple[list[TipPosition], Array | None]:
 def load_shapes(
     path: Path, arm: Arm, points: Sequence[MarkerColumns] = (), **stds: float | None
 ) -> tuple[Measured, ...]:
-    """Return the shapes of a CSV file, of such standard deviations as Measured has.
+    """Return the shapes of a CSV file; `stds` are standard deviations as in Measured.
 
-    FileError with the row and the column for what is wrong.
+    Raises FileError with row and column.
     """
     name = str(path)
     lines = _read(path, "a CSV file of shapes")
     header = next(lines, ("", []))[1]
-    # By argument of Measured, and by marker.
+    # Columns by argument of Measured.
     columns = {"tensions": [f"{tendon}_N" for tendon in arm.tendon_names], "tip": _place("tip")}
     for key in ("length", "stroke"):
         columns[f"{key}s"] = [f"{key}_{tendon}_mm" for tendon in arm.tendon_names]
@@ -177,7 +178,8 @@ def load_shapes(
     result = []
     for where, row in lines:
         if len(row) != len(header):
-            raise FileError(name, where, f"{len(row)} cells; the header has {len(header)}")
+            problem = f"must have {len(header)} cells as the header, not {len(row)}"
+            raise FileError(name, where, problem)
         cells = dict(zip(header, row, strict=True))
         with error_context(name, where):
             values: dict[str, Any] = {key: _values(each, cells) for key, each in columns.items()}
@@ -188,18 +190,18 @@ def load_shapes(
             named = {"name": cells.get("name") or where, "session": cells.get("session", "")}
             result.append(Measured(points=seen, **stds, **named, **values))  # type: ignore[arg-type]
     if not result:
-        raise FileError(name, "", "no shapes; a line of names, then a shape a line")
+        raise FileError(name, "", "must have a header and one line per shape")
     return tuple(result)
 
 
 def _place(point: str) -> list[str]:
-    """Return the columns of the place of a marker."""
+    """Return the columns of the position of a marker."""
     return [f"{point}_{axis}_mm" for axis in "xyz"]
 
 
 def _values(columns: list[str], cells: dict[str, str]) -> list[float] | None:
-    """Return what cells hold, in SI units; None where they are empty."""
+    """Return the numbers of cells in SI units; None if all cells are empty."""
     if not any(cells.get(column) for column in columns):
         return None
-    unseen = "; leave all cells of a marker that was not seen empty"
+    unseen = "; leave all cells of an unseen marker empty"
     return [_number(column, cells, unseen) for column in columns]

@@ -1,6 +1,6 @@
-"""Files: read with a sentence for what is none, and written whole or not at all.
+"""Read files with clear errors; write files atomically: complete, or not at all.
 
-What is written is staged beside where it goes, then moved there.
+Output is staged in a temporary folder beside its destination and moved at the end.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ import numpy as np
 from octoplan.model.support.checks import kind
 from octoplan.model.support.errors import FileError, InputError, as_given, shortened
 
-# Folders in which files are staged, beside where they go, are named after machine and process: by
-# that it is known what a killed process has left there.
+# Prefix of the names of staging folders; the host and the process id follow. An id whose process
+# has ended marks an orphaned folder.
 _MARK = ".octoplan.part"
-# Those of this process.
+# Staging folders of this process.
 _staging: set[Path] = set()
-# What this process has written last, and that in words, for whoever ends it.
-_kept: deque[tuple[Path, str]] = deque(maxlen=9)
+# Files written last by this process, and the sentences that report them when the process is ended.
+_written: deque[tuple[Path, str]] = deque(maxlen=9)
 
 
 @contextmanager
 def staged(folder: Path) -> Iterator[Path]:
-    """Yield a new folder inside a folder, which is gone afterwards, and so are orphans of it."""
+    """Yield a new staging folder inside a folder; remove this one and orphaned ones afterwards."""
     machine = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
     for other in folder.glob(f"{_MARK}.{machine}.*"):
         if _is_orphan(other):
@@ -54,22 +54,22 @@ def staged(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def whole(path: Path, within: Path | None = None) -> Iterator[Path]:
-    """Yield a path to write a file or a folder to, which takes its place once it is there whole.
+    """Yield a path to write a file or a folder to; move the result to `path` at the end.
 
-    It is staged in the folder that it is in, or within another one, in which that is made then.
+    The staging folder is inside `within`, or in the folder of `path` by default.
     """
     with staged(within or path.parent) as here:
         part = here / path.name
         yield part
         path.parent.mkdir(exist_ok=True)
         if part.is_dir() and path.is_dir():
-            # A folder cannot take the place of another at once.
+            # One folder cannot replace another in a single step.
             path.replace(here / "old")
         part.replace(path)
 
 
 def _is_orphan(folder: Path) -> bool:
-    """Return whether the process of this machine that staged in a folder is there no more."""
+    """Return whether the process of this host that created a staging folder has ended."""
     process = folder.name.removeprefix(_MARK).split(".")[2]
     if process == str(os.getpid()):
         return folder not in _staging
@@ -84,9 +84,9 @@ def _is_orphan(folder: Path) -> bool:
 
 @contextmanager
 def atomic_write(path: Path, *suffixes: str) -> Iterator[Path]:
-    """Yield a path to write a file to, which is moved to `path` once it is there whole.
+    """Yield a path to write a file to; move the result to `path` at the end.
 
-    Raises InputError for a name that ends otherwise, and where it cannot be written.
+    Raises InputError if the suffix is not one of `suffixes` or the file cannot be written.
     """
     if path.suffix.lower() not in suffixes:
         raise InputError("path", str(path), f"a file name that ends in {' or '.join(suffixes)}")
@@ -101,30 +101,30 @@ def atomic_write(path: Path, *suffixes: str) -> Iterator[Path]:
 
 
 def remember_written(path: Path, text: str) -> None:
-    """Say what stays where it is should the process be ended while a path is there."""
-    if (path, text) not in _kept:
-        _kept.append((path, text))
+    """Record a sentence that `end` returns as long as `path` exists."""
+    if (path, text) not in _written:
+        _written.append((path, text))
 
 
 def end() -> str:
-    """Remove what is not whole, as the process ends at once; return what is kept, in words."""
+    """Remove all staging folders before the process exits; return which files were written."""
     for here in tuple(_staging):
         shutil.rmtree(here, ignore_errors=True)
-    return "; ".join(text for path, text in _kept if path.exists()) or "nothing was written"
+    return "; ".join(text for path, text in _written if path.exists()) or "nothing was written"
 
 
 def write_together(folder: Path, contents: dict[str, bytes]) -> None:
-    """Write files into a folder, which is made if need be: all of them, or on an error none.
+    """Write files into a folder, creating it if needed: all files, or none on an error.
 
-    They are staged in it, or where it is to be made, so that a full disk spoils nothing; a folder
-    in the place of one of them is refused before. Raises FileError.
+    All files are staged before the first is moved, so that a full disk leaves no partial result.
+    Raises FileError if a file cannot be written or a folder of that name exists.
     """
     try:
         there = next(place for place in (folder, *folder.parents) if place.is_dir())
         with staged(there) as here:
             for name, content in contents.items():
                 if (folder / name).is_dir():
-                    raise IsADirectoryError(errno.EISDIR, f"{name} in it is a folder")
+                    raise IsADirectoryError(errno.EISDIR, f"{name} in this folder is a folder")
                 (here / name).write_bytes(content)
             folder.mkdir(parents=True, exist_ok=True)
             for name in contents:
@@ -136,14 +136,14 @@ def write_together(folder: Path, contents: dict[str, bytes]) -> None:
 
 
 def path_of(value: Any, field: str = "path") -> Path:
-    """Return a path; InputError for what is none."""
+    """Return a value as a path; raise InputError for other types."""
     return Path(kind(field, value, str | os.PathLike, "the name of a file or folder"))
 
 
 def write_named(path: str | Path, suffix: str, content: bytes) -> Path:
-    """Write a file whose name has to end in a suffix; returns its path.
+    """Write a file whose name ends in a suffix; return its path.
 
-    Raises InputError for another suffix, and where it cannot be written.
+    Raises InputError for another suffix or if the file cannot be written.
     """
     path = path_of(path)
     with atomic_write(path, suffix) as part:
@@ -152,7 +152,7 @@ def write_named(path: str | Path, suffix: str, content: bytes) -> Path:
 
 
 def why(reason: OSError | ValueError) -> str:
-    """Return why a file cannot be read or written, in the system's words."""
+    """Return the message of the operating system for a file that cannot be read or written."""
     return (getattr(reason, "strerror", None) or str(reason)).lower()
 
 
@@ -162,16 +162,16 @@ def to_json(values: Any) -> bytes:
 
 
 def _item(value: Any) -> Any:
-    """Return numbers of NumPy's as Python's, mappings as dicts."""
+    """Return NumPy numbers and arrays as Python numbers and lists, and mappings as dicts."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, Mapping):
         return dict(value)
-    raise TypeError(f"{type(value).__name__} is nothing that JSON can hold")
+    raise TypeError(f"{type(value).__name__} cannot be written as JSON")
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of what computes."""
+    """Return the versions of octoplan and of the numerical libraries."""
     return {"octoplan": version("octoplan"), "casadi": version("casadi"), "numpy": version("numpy")}
 
 
@@ -191,29 +191,30 @@ _REMEDIES = (
 
 
 def bytes_of(path: Path, wanted: str = "") -> bytes:
-    """Return what a file holds; FileError, with what is wanted, where it cannot be read.
+    """Return the contents of a file; raise FileError with a remedy if the file cannot be read.
 
-    A scene file unless said. A pipe is no file: it might never end.
+    `wanted` is the remedy; by default it names a scene file. Pipes are rejected: a pipe may never
+    end.
     """
     try:
         if path.exists() and not path.is_file() and not path.is_dir():
             raise OSError(errno.EINVAL, "this is no ordinary file")
         return path.read_bytes()
-    except (OSError, ValueError) as reason:  # ValueError for names that no file can have
+    except (OSError, ValueError) as reason:  # ValueError: the name is not valid for a file
         raise FileError(str(path), "", f"{why(reason)}; {wanted or _instead(path)}") from None
 
 
 def read_toml(path: Path) -> tuple[dict[str, Any], str]:
-    """Return what a TOML file holds, and its text; FileError."""
+    """Return the contents and the text of a TOML file; raise FileError."""
     text = bytes_of(path)
     if path.suffix.lower() != ".toml":
-        wanted = "no scene file: those are TOML, with names that end in .toml"
+        wanted = "must be a scene file, a TOML file whose name ends in .toml"
         raise FileError(str(path), "", wanted)
     return toml_of(text, str(path)), text.decode(errors="replace")
 
 
 def _instead(path: Path) -> str:
-    """Return what to name in place of a file that cannot be read."""
+    """Return the remedy for a scene file that cannot be read: the nearest name, or `new`."""
     others: dict[str, str] = {}
     with suppress(OSError, ValueError):
         result = (other for other in path.parent.glob("*.toml") if other.is_file())
@@ -221,11 +222,11 @@ def _instead(path: Path) -> str:
     near = difflib.get_close_matches(path.stem, others, 1)
     if near:
         return f'did you mean "{path.with_name(others[near[0]])}"?'
-    return "a scene file is wanted, `octoplan new FILE` writes one"
+    return "must be a scene file; `octoplan new FILE` writes one"
 
 
 def toml_of(text: bytes, name: str) -> dict[str, Any]:
-    """Return what a TOML text holds; FileError that shows the line where it is none."""
+    """Return the contents of a TOML text; raise FileError with the line of a syntax error."""
     try:
         return dict(msgspec.toml.decode(text))
     except (msgspec.DecodeError, ValueError, RecursionError) as reason:
@@ -241,13 +242,13 @@ def toml_of(text: bytes, name: str) -> dict[str, Any]:
 
 
 def read_json(path: Path, wanted: str) -> dict[str, Any]:
-    """Return what a saved file holds; FileError for one of another `schema`, with what to do.
+    """Return the contents of a saved file; raise FileError if its `schema` is not `wanted`.
 
-    What is wanted is "octoplan WHAT VERSION".
+    `wanted` is "octoplan KIND VERSION".
     """
     name, what = str(path), wanted.split()[1]
     try:
-        table = msgspec.json.decode(bytes_of(path, f"a {what} that was saved is wanted"))
+        table = msgspec.json.decode(bytes_of(path, f"must be a saved {what}"))
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as reason:
         raise FileError(name, "", f"this is not valid JSON: {reason}") from None
     if not isinstance(table, dict):

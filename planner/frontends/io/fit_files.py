@@ -1,4 +1,4 @@
-"""Files of calibrations and designs: TOML, with the measured shapes in a CSV file beside it."""
+"""Calibration and design files: TOML, with measured shapes in a CSV file beside a calibration."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ UnknownTable: Any = table(Unknown)
 
 
 class CalibrationFile(Table, frozen=True):
-    """A calibration file: a scene, measured shapes, and what is unknown."""
+    """A calibration file: a scene, measured shapes and unknown parameters."""
 
     scene: SceneKey
     measured: Annotated[str, Meta(description="a CSV file of shapes, from this file's folder")]
@@ -37,19 +37,21 @@ class CalibrationFile(Table, frozen=True):
     points: Annotated[tuple[MarkerColumns, ...], Meta(description="the markers")] = ()
     std_mm: Annotated[Positive | None, quantity("standard deviation of places", "mm")] = None
     length_std_mm: Annotated[
-        Positive | None, quantity("of lengths and strokes; std_mm unless given", "mm")
+        Positive | None, quantity("of lengths and strokes; std_mm by default", "mm")
     ] = None
     tension_std: Annotated[NotNegative, quantity("standard deviation of tensions", "N")] = 0.0
-    absolute_std: Annotated[bool, Meta(description="whether that holds as it is")] = False
+    absolute_std: Annotated[
+        bool, Meta(description="whether standard deviations are used without scaling")
+    ] = False
     loss: Annotated[
         Literal["linear", "huber", "soft_l1", "cauchy"], Meta(description="robust unless linear")
     ] = "linear"
-    starts: Annotated[int, Meta(ge=1, le=1000, description="how many fits begin")] = 1
+    starts: Annotated[int, Meta(ge=1, le=1000, description="number of initial guesses")] = 1
     accuracy: Annotated[Accuracy, Meta(description="tip error over arm length")] = 1e-5
 
 
 class DesignFile(Table, frozen=True):
-    """A design file: a scene, tasks, and what of the arm is unknown."""
+    """A design file: a scene, tasks and unknown parameters of the arm."""
 
     scene: SceneKey
     tasks: Annotated[tuple[TargetTable, ...], Meta(min_length=1, description="a target each")]
@@ -57,14 +59,14 @@ class DesignFile(Table, frozen=True):
     manufacturing: ManufacturingTable = ManufacturingTable()
     objective: Annotated[
         ObjectiveTable | ReachTable | None,
-        Meta(description="what is best while all tasks are met; the least effort unless given"),
+        Meta(description="objective subject to all tasks; least effort by default"),
     ] = None
 
 
 def load_asked(path: str | Path) -> dict[str, Any]:
-    """Return what a calibration file asks, as the arguments of calibrate.
+    """Return the contents of a calibration file as the arguments of calibrate.
 
-    Raises FileError with the file, the key and what is allowed.
+    Raises FileError with the file, the key and the allowed values.
     """
     path = path_of(path)
     name = str(path)
@@ -84,7 +86,7 @@ def load_asked(path: str | Path) -> dict[str, Any]:
 
 
 def run_design(path: str | Path) -> Design:
-    """Return the design that a file asks for; FileError with the file and the key."""
+    """Return the design for a file; raise FileError with the file and the key."""
     name = str(path)
     file, question, unknowns = _read(path_of(path), DesignFile, "tasks", "design")
     if question.options.get("tension_min") or question.options.get("total_pull"):
@@ -98,7 +100,7 @@ def run_design(path: str | Path) -> Design:
 
 
 def _read(path: Path, kind: Any, needed: str, command: str) -> tuple[Any, SceneFile, list[Unknown]]:
-    """Return what a file holds as a table of a kind, and its scene and unknowns."""
+    """Return the contents of a file as a table of a kind, its scene and its unknowns."""
     name = str(path)
     file = checked(read_toml(path)[0], kind, name, needed, command)
     with scene_beside(file.scene, path) as (scene, scene_name, _):

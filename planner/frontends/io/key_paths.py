@@ -1,6 +1,6 @@
-"""Key paths such as "arm.E_kPa" or "tensions[0][2]": what may stand there, by the tables' types.
+"""Key paths such as "arm.E_kPa" or "tensions[0][2]": their types, checks and replacement.
 
-Paths are found in a scene, checked, and set; a mistake is told with the nearest key that there is.
+Messages suggest the nearest existing key.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def steps(path: str) -> list[Step]:
 
 
 def value_at(table: Any, path: list[Step]) -> Any:
-    """Return what a file holds at a path, None where it holds nothing."""
+    """Return the contents of a file at a path; None if the path does not exist."""
     for step in path:
         try:
             table = table[step]
@@ -42,7 +42,7 @@ def value_at(table: Any, path: list[Step]) -> Any:
 
 
 def alternatives(kind: inspect.Type) -> Iterator[inspect.Type]:
-    """Yield the members of a union but null, without annotations."""
+    """Yield the members of a union except None, without annotations."""
     if isinstance(kind, inspect.Metadata):
         yield from alternatives(kind.type)
     elif isinstance(kind, inspect.UnionType):
@@ -53,20 +53,20 @@ def alternatives(kind: inspect.Type) -> Iterator[inspect.Type]:
 
 
 def keys_in(kind: inspect.Type) -> dict[str, inspect.Type]:
-    """Return the keys of a table with their types; none of what is no table."""
+    """Return the keys of a table with their types; empty for other types."""
     if not isinstance(kind, inspect.StructType):
         return {}
     return {field.encode_name: field.type for field in kind.fields}
 
 
 def tag_of(kind: inspect.Type) -> tuple[str, Any] | None:
-    """Return the key by which a table is told from others, and what it holds."""
+    """Return the key that distinguishes a table from others, and its value; None without one."""
     is_tagged = isinstance(kind, inspect.StructType) and kind.tag_field is not None
     return (kind.tag_field, kind.tag) if is_tagged else None  # type: ignore[attr-defined]
 
 
 def _inside(kind: inspect.Type, step: Step) -> inspect.Type:
-    """Return the type of a table's key or a list's item."""
+    """Return the type of a key of a table or of an item of a list."""
     tag = tag_of(kind)
     if isinstance(step, str):
         inner = keys_in(kind).get(step, inspect.NoneType())
@@ -78,7 +78,7 @@ def _inside(kind: inspect.Type, step: Step) -> inspect.Type:
 
 
 def kinds_at(root: Any, table: Any, path: Sequence[Step]) -> list[inspect.Type]:
-    """Return the types that are allowed at a path, of tables with a tag those that it chooses."""
+    """Return the types that are allowed at a path; tags in the file select among tables."""
     kinds = list(alternatives(described(root)))
     for i in range(len(path) + 1):
         held = value_at(table, list(path[:i]))
@@ -91,7 +91,7 @@ def kinds_at(root: Any, table: Any, path: Sequence[Step]) -> list[inspect.Type]:
 
 
 def type_at(table: Any, path: list[Step], root: Any = SceneTable) -> Any:
-    """Return the annotated type of the last key on a path; None where no table has it."""
+    """Return the annotated type of the last key on a path; None if no table has the key."""
     last = max((i for i, step in enumerate(path) if isinstance(step, str)), default=-1)
     if last < 0:
         return None
@@ -101,7 +101,7 @@ def type_at(table: Any, path: list[Step], root: Any = SceneTable) -> Any:
 
 
 def places(kind: inspect.Type, key: str, path: str = "") -> Iterator[str]:
-    """Yield the tables in a table, by their paths, that have a key."""
+    """Yield the paths of the tables inside a table that have a key."""
     for item in alternatives(kind):
         if key in keys_in(item):
             yield path
@@ -110,7 +110,7 @@ def places(kind: inspect.Type, key: str, path: str = "") -> Iterator[str]:
 
 
 def hint(value: Any, known: Sequence[Any]) -> str:
-    """Return "; did you mean ...?" where something known is close to what was given."""
+    """Return "; did you mean ...?" with the nearest known text; empty if none is near."""
     texts = [text for text in known if isinstance(text, str)]
     if not isinstance(value, str):
         return ""
@@ -121,7 +121,7 @@ def hint(value: Any, known: Sequence[Any]) -> str:
 
 
 def checked_key(scene: dict[str, Any], key: str, root: Any = SceneTable) -> str:
-    """Return a key path if the scene has a single value there, or could; InputError if not."""
+    """Return a key path of a single value that the scene has or may have; raise InputError."""
     if not _PATH.fullmatch(key):
         raise InputError("key", key, "a path such as arm.E_kPa, tensions[0][2], target.bend_deg")
     value: Any = scene
@@ -138,12 +138,12 @@ def checked_key(scene: dict[str, Any], key: str, root: Any = SceneTable) -> str:
         text = ", ".join(inside) or "none in it"
         raise InputError("key", key, f"a single value, not all of {key}: {text}")
     if value is None and not any(isinstance(k, _ONE) for k in kinds_at(root, scene, path)):
-        raise InputError("key", key, f"a value that the scene has; give it {key} first")
+        raise InputError("key", key, f"a value that the scene has: add {key} to the scene")
     return key
 
 
 def _refused(value: Any, step: Step, here: str) -> str:
-    """Return why a step leads nowhere; empty where it leads on."""
+    """Return the reason for which a step of a path is invalid; empty if the step is valid."""
     if isinstance(value, dict):
         allowed = list(value)
         text = f"in {here} one of {', '.join(allowed)}{hint(step, allowed)}"
@@ -151,22 +151,22 @@ def _refused(value: Any, step: Step, here: str) -> str:
     if isinstance(value, list):
         if isinstance(step, int) and step < len(value):
             return ""
-        inside = f"[0] to [{len(value) - 1}]" if value else "nothing: the scene has none there"
+        inside = f"[0] to [{len(value) - 1}]" if value else "nothing: the list is empty"
         return f"in {here} {inside}"
     if value is None:
-        return f"a value that the scene has; give it {here} first"
+        return f"a value that the scene has: add {here} to the scene"
     return f"{here}, which is a single value"
 
 
 def changed(scene: dict[str, Any], keys: Sequence[str], values: Sequence[Any]) -> dict[str, Any]:
-    """Return a scene with other values at key paths; what is not on these is that of the given."""
+    """Return a scene with other values at key paths; everything else is shared with the given."""
     for key, value in zip(keys, values, strict=True):
         scene = _with_value(scene, steps(key), value)
     return scene
 
 
 def _with_value(table: Any, path: list[Step], value: Any) -> Any:
-    """Return a table, or a list, with another value at a path."""
+    """Return a table or a list with another value at a path."""
     if not path:
         return value
     new = copy.copy(table)

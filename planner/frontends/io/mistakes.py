@@ -1,7 +1,7 @@
-"""Mistakes and likely slips in files, in plain words: where, what is there, what is allowed.
+"""Errors and warnings for the contents of files: the place, the entry, and what is allowed.
 
-What a table may not hold by its type (`checked`), what a TOML parser does not understand
-(`no_toml`), and what a class refuses, at the key of its argument (`_as_written`).
+`checked` converts a table to its type and reports the first wrong key. `error_context` reports the
+InputError of a class at the key of its argument. `warn_of_slips` warns of likely wrong units.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ _SIGNS: dict[str, Any] = {
 
 
 def checked(table: Any, kind: type[R], name: str, needed: str = "", command: str = "") -> R:
-    """Return what a file holds as a table of a kind; FileError where a key is missing or wrong.
+    """Return the contents of a file as a table; raise FileError if a key is missing or wrong.
 
-    `needed` is a key without which it is no file for a command.
+    `needed` is a key that every file for `command` has.
     """
     if needed and needed not in table:
         such = f"`octoplan new --kind {command} FILE` writes a file that has it"
@@ -69,9 +69,10 @@ def checked(table: Any, kind: type[R], name: str, needed: str = "", command: str
 
 @contextmanager
 def error_context(name: str, where: str, part: Any = None) -> Iterator[None]:
-    """Let what is not allowed inside the block be an error of a file, at a place in it.
+    """Raise an InputError of the block as the FileError of a place in a file.
 
-    With the part that the file holds there, it is told at the key of the argument, lengths in mm.
+    If `part`, the contents of the file at this place, is given, the error names the key of the
+    argument, and lengths are in mm.
     """
     try:
         with nullcontext() if part is None else millimetres():
@@ -82,16 +83,16 @@ def error_context(name: str, where: str, part: Any = None) -> Iterator[None]:
         raise _as_written(reason, name, where, part) from None
 
 
-def build_at(name: str, where: str, make: Callable[..., R], *of: Any, part: Any = None) -> R:
-    """Return what is made of arguments; an error is told at a place in a file, see located."""
+def build_at(name: str, where: str, make: Callable[..., R], *values: Any, part: Any = None) -> R:
+    """Return `make(*values)`; report errors at a place in a file, see error_context."""
     with error_context(name, where, part):
-        return make(*of)
+        return make(*values)
 
 
 def _mistake(name: str, table: Any, root: Any, path: str) -> FileError:
-    """Return what is wrong at a path in what a file holds, which is not of its type `root`.
+    """Return the error for an entry of a file that violates its type `root`, at a path.
 
-    The error names the file, the key and its like.
+    The error names the file, the key and similar keys.
     """
     where = steps(path)
     value, kinds = value_at(table, where), kinds_at(root, table, where)
@@ -111,13 +112,13 @@ def _mistake(name: str, table: Any, root: Any, path: str) -> FileError:
 
 
 def shown(value: Any) -> str:
-    """Return a value as a file would write it, shortened."""
+    """Return a value as TOML writes it, shortened."""
     text = {True: "true", False: "false"}[value] if isinstance(value, bool) else as_given(value)
     return text if len(text) <= _LONG else f"{text[: _LONG - 4]} ..."
 
 
 def _words(kind: inspect.Type, value: Any) -> str:
-    """Return a type in words, of its bounds those that a value is not within."""
+    """Return a description of a type, with the bounds that a value violates."""
     if isinstance(kind, inspect.StructType):
         return f"a table {{ ... }} of the keys {', '.join(keys_in(kind))}"
     if isinstance(kind, inspect.TupleType):
@@ -136,7 +137,7 @@ def _words(kind: inspect.Type, value: Any) -> str:
 def _wrong_keys(
     name: str, path: str, entries: dict[str, Any], tables: list[inspect.StructType], root: Any
 ) -> FileError:
-    """Return which key of a table is not known, or missing."""
+    """Return the error for an unknown or missing key of a table."""
     tags = [tag for tag in map(tag_of, tables) if tag]
     allowed = dict.fromkeys([*(key for key, _ in tags), *(k for of in tables for k in keys_in(of))])
     strict = all(item.forbid_unknown_fields for item in tables)
@@ -149,7 +150,7 @@ def _wrong_keys(
             more = "; it belongs at the top of the file, above the first [table]"
         elif len(elsewhere) == 1:
             more = f"; it belongs in [{elsewhere[0]}]"
-        text = f"no such key{more} (known here: {', '.join(allowed)})"
+        text = f"no such key{more} (allowed here: {', '.join(allowed)})"
         return FileError(name, f"{where}{shortened(unknown)}", text)
     if tags and entries.get(tags[0][0]) is None:
         text = f"missing: must be one of {', '.join(str(tag) for _, tag in tags)}"
@@ -161,28 +162,28 @@ def _wrong_keys(
 
 
 def _as_written(reason: InputError, name: str, key: str, part: Any) -> FileError:
-    """Return what a class refuses as an error of the file that said so, at the argument's key.
+    """Return the InputError of a class as the error of a file, at the key of the argument.
 
     Parameters
     ----------
     reason : InputError
-        Its field names an argument: Arm.sections[0].at.
+        The field names an argument, such as Arm.sections[0].at.
     name, key : str
-        The file, and the path of the part of it that was built.
+        The file, and the path of the part of the file that was built.
     part : Any
-        What the file holds there.
+        The contents of the file at this path.
     """
     if not _FIELD.fullmatch(reason.field):
         return FileError.of(reason, name, key)
     names = steps(reason.field)
     if names[0] in _EFFECTS:
         names[0] = _EFFECTS[names[0]]
-    elif names[0] == key or str(names[0])[0].isupper():  # the part, or the class it is built as
+    elif names[0] == key or str(names[0])[0].isupper():  # the part, or the class built from it
         del names[0]
     matches = [item for item in _arguments(key, part, names) if item[0] != key]
     if not matches:
         return FileError.of(reason, name, key)
-    # Of several effects of a kind, the first that has this value.
+    # If there are several effects of a kind, select the first that has this value.
     fitting = (item for item in matches if len(matches) == 1 or _is_same(item, reason.given))
     path, unit, value = next(fitting, matches[0])
     held = shown(value if unit or isinstance(reason.given, tuple) else reason.given)
@@ -194,7 +195,7 @@ _EFFECTS: dict[Step, str] = {kind.__name__: key for kind, key in KEYS.items()}
 
 
 def _is_same(written: tuple[str, str, Any], argument: Any) -> bool:
-    """Return whether a number that a file holds, or a list of them, is a value in SI units."""
+    """Return whether a number or list of numbers of a file equals a value in SI units."""
     _, unit, value = written
     a, b = np.array(in_si(value, unit)), np.array(argument)
     return {a.dtype.kind, b.dtype.kind} <= {"i", "f"} and np.array_equal(a, b, equal_nan=True)
@@ -203,7 +204,7 @@ def _is_same(written: tuple[str, str, Any], argument: Any) -> bool:
 def _arguments(
     path: str, value: Any, names: list[Step], unit: str = ""
 ) -> Iterator[tuple[str, str, Any]]:
-    """Yield path, unit and value of the keys that the names of an argument lead to."""
+    """Yield path, unit and value of the keys at which the names of an argument are found."""
     if not names:
         yield path, unit, value
     elif isinstance(value, dict):
@@ -219,19 +220,21 @@ def _arguments(
             yield from _arguments(f"{path}[{i}]", value[i], rest, unit)
 
 
-# Likely slips: what is allowed is told with the number that was likely meant. A fraction of pi
-# under a key in degrees, a density in g/cm3; what is softer than any elastomer is refused, as no
-# shape of such an arm under tendons settles.
+# Likely slips. The message contains the number that was probably meant: fractions of pi under a key
+# in degrees, densities in g/cm3. A modulus below that of any elastomer is an error, because such an
+# arm has no stable shape under tendons.
 
-# Of fractions of pi that people round to 3.14, over pi / 12.
+# Largest rounding error of a fraction of pi, such as 3.14, over pi / 12.
 _ROUNDED = 7e-3
-# Young's modulus of the softest gels [kPa]; about the density of water in g/cm3.
-_SOFTEST, _WATER = 0.3, (0.9, 1.1)
+# Young's modulus of the softest gels [kPa].
+_SOFTEST = 0.3
+# Range of the density of water in g/cm3, with salt and temperature.
+_WATER = (0.9, 1.1)
 _FLUIDS = ("effects.buoyancy.density", "effects.current.density")
 
 
 def check_modulus(E_kPa: float, name: str) -> None:
-    """Raise FileError for Young's modulus of an arm in MPa or GPa in place of kPa."""
+    """Raise FileError if Young's modulus was given in MPa or GPa in place of kPa."""
     if E_kPa < _SOFTEST:
         unit, factor = ("megapascals", 1e3) if 1e3 * E_kPa >= _SOFTEST else ("gigapascals", 1e6)
         remedy = f"give {factor * E_kPa:g} if {unit} were meant (kPa)"
@@ -240,13 +243,13 @@ def check_modulus(E_kPa: float, name: str) -> None:
 
 
 def warn_of_slips(raw: dict[str, Any]) -> None:
-    """Warn of likely slips in what a scene file holds, with UnitWarning."""
+    """Issue a UnitWarning for each likely slip in the contents of a scene file."""
     for path, value in _entries("", raw):
         warn_of_slip(path, value)
 
 
 def _entries(path: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Yield path and value of all keys that hold no tables."""
+    """Yield path and value of all keys whose values are not tables."""
     if isinstance(value, dict):
         for key, inside in value.items():
             yield from _entries(f"{path}.{key}".removeprefix("."), inside)
@@ -258,7 +261,7 @@ def _entries(path: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 
 def warn_of_slip(path: str, value: Any) -> None:
-    """Warn of a value, or of several, at a key path, that are likely slips; with UnitWarning."""
+    """Issue a UnitWarning if the value or the list of values at a key path is a likely slip."""
     held = value if isinstance(value, list) else [value]
     numbers = [item for item in held if isinstance(item, int | float)]
     if not numbers:
@@ -270,7 +273,7 @@ def warn_of_slip(path: str, value: Any) -> None:
         warn(constant, UnitWarning, f"{text}; {meant}")
     key = next(item for item in reversed(steps(path)) if isinstance(item, str))
     small = all(abs(item) < 7 for item in numbers)
-    # A plain half degree is meant as it is.
+    # Half a degree is a plausible angle.
     fractions = [x for x in numbers if _fraction_of_pi(x) and (2 * x) % 1 > 1e-9]
     if key.endswith("_deg") and small and fractions:
         several = " of which some are fractions" if isinstance(value, list) else " a fraction"
@@ -286,7 +289,7 @@ def _listed(numbers: Iterable[float]) -> str:
 
 
 def _fraction_of_pi(radians: float) -> float:
-    """Return in degrees what is about a multiple of pi / 12, as people round it; 0 for others."""
+    """Return the multiple of 15 degrees that an angle in radians is rounded from; otherwise 0."""
     if not abs(radians) < 7:
         return 0.0
     twelfths = round(radians / (math.pi / 12))

@@ -1,4 +1,4 @@
-"""The arm, obstacles and targets of a scene file, each a key or a table of its own."""
+"""Tables of the arm, the obstacles and the targets of scene files."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from octoplan.model.support.quantities import Vector
 from octoplan.planner.frontends.io.codec import (
     READ,
     WRITE,
-    Form,
+    FieldFormat,
     Table,
     arguments,
     arguments_of,
@@ -42,15 +42,15 @@ from octoplan.planner.targets import Hold, MinimumStiffness, Softest, Stiffest, 
 
 Frame = tuple[tuple[float, ...], ...]
 Numbers = tuple[float, ...]
-# Vectors of frames may be rounded to three digits.
+# Largest deviation of frame vectors from orthonormality: vectors may be rounded to three digits.
 _ROUNDED = 2e-3
 VECTOR: Any = type_in_file(Vector)
 
 
 def frame(tangent: Numbers, normal: Numbers) -> Frame:
-    """Return the frame (3, 3), columns t, n and t x n, row by row.
+    """Return the frame (3, 3) with columns t, n and t x n, row by row.
 
-    Vectors may be rounded to three digits; InputError for what is not orthonormal then.
+    Vectors may be rounded to three digits; larger deviations from orthonormality raise InputError.
     """
     t, n = np.array(tangent), np.array(normal)
     for key, vector in (("tangent", t), ("normal", n)):
@@ -66,31 +66,31 @@ def frame(tangent: Numbers, normal: Numbers) -> Frame:
 
 
 def columns_of(matrix: Frame) -> dict[str, Any]:
-    """Return the keys of a frame: its first two columns."""
+    """Return the keys of a frame: its columns t and n."""
     t, n, _ = np.array(matrix).T.tolist()
     return {"tangent": t, "normal": n}
 
 
 def keyed(of: Any, about: str, *default: Any, unit: str = "") -> Any:
-    """Return the type of a key and its default, if it has one."""
+    """Return the type of a key, and its default if there is one."""
     return Annotated[of, quantity(about, unit)], *default
 
 
-def frame_form(tangent: str, normal: str, *default: Numbers) -> Form:
-    """Return how a frame is written: by two of its columns (t, n, b), told what they are."""
+def frame_form(tangent: str, normal: str, *default: Numbers) -> FieldFormat:
+    """Return the format of a frame: two keys for columns t and n, with their descriptions."""
     about = {"tangent": tangent, "normal": normal}
     keys: dict[str, Any] = {
         key: keyed(VECTOR, f"{item}, of length 1", *default[i : i + 1])
         for i, (key, item) in enumerate(about.items())
     }
-    return Form(keys, frame, columns_of)
+    return FieldFormat(keys, frame, columns_of)
 
 
 _COLUMNS = frame_form("t, along the arm", "n, across the arm and towards tendon 1")
 FrameTable: Any = struct(
     "FrameTable",
     [(key, *held) for key, held in _COLUMNS.keys.items()],
-    "A frame by two of its columns (t, n, b); b is their cross product.",
+    "A frame by its columns t and n; b is their cross product.",
 )
 
 
@@ -102,10 +102,10 @@ def _base(value: Any, rotation_deg: Numbers) -> Frame:
     return tuple(tuple(row) for row in rotated.tolist())
 
 
-_ROTATION = "rotation vector about t, n, b by which the base is off base_frame"
-_BASE = Form(
+_ROTATION = "rotation vector about t, n, b that is applied to base_frame"
+_BASE = FieldFormat(
     {
-        "base_frame": keyed(FrameTable | None, "frame of the base; the paper's unless given", None),
+        "base_frame": keyed(FrameTable | None, "frame of the base; the paper's by default", None),
         "base_rotation_deg": keyed(VECTOR, _ROTATION, (0.0, 0.0, 0.0), unit="deg"),
     },
     _base,
@@ -113,21 +113,21 @@ _BASE = Form(
 )
 
 
-def _inline(kind: Any) -> Form:
-    """Return how an argument is written whose own arguments are keys beside those of the others."""
+def _inline(kind: Any) -> FieldFormat:
+    """Return the format of an argument whose own arguments are keys of the enclosing table."""
     keys = {
         name + suffix(unit_of_type(type_)): (type_, default)
         for name, type_, default in fields_of(kind, {})
     }
     hints = [hints_of(kind)[name] for name in arguments(kind)]
     table(kind)
-    return Form(keys, lambda *each: kind(*map(read, hints, each)), table_of)
+    return FieldFormat(keys, lambda *each: kind(*map(read, hints, each)), table_of)
 
 
 _PRESETS = {name: Arm.from_paper(name) for name in PAPER_ARMS}
 Preset: Any = Literal[tuple(_PRESETS)]
 TABLES[RestCurvature], TABLES[Anchorage] = table(RestCurvature), table(Anchorage)
-_PRESET = "an arm of the paper, in place of length_mm, radius_mm and sections"
+_PRESET = "an arm of the paper; replaces length_mm, radius_mm and sections"
 ArmTable: Any = table(
     Arm,
     more={"preset": keyed(Preset | None, _PRESET, None)},
@@ -137,11 +137,11 @@ ArmTable: Any = table(
 
 
 def arm_of(argument: Any) -> Arm:
-    """Return the arm of a table; raises InputError that names a key, or a field of Arm."""
+    """Return the arm of a table; raise InputError with a key or a field of Arm."""
     required = {key: getattr(argument, key) for key in ("length_mm", "radius_mm", "sections")}
     missing = [key for key, value in required.items() if not value]
     if argument.preset is not None and len(missing) < len(required):
-        allowed = "either a preset, or length_mm, radius_mm and sections of an arm of your own"
+        allowed = "omitted if length_mm, radius_mm or sections are given"
         raise InputError("preset", argument.preset, allowed)
     if argument.preset is None and missing:
         allowed = f"a preset ({', '.join(_PRESETS)}), or length_mm, radius_mm and sections"
@@ -160,13 +160,13 @@ READ[ArmTable] = arm_of
 
 
 def public(module: Any) -> list[Any]:
-    """Return the classes that a package exports: each is written in some way, or no import."""
+    """Return the classes that a package exports; each of them must have a table."""
     exported = (getattr(module, name) for name in module.__all__)
     return [item for item in exported if isinstance(item, type)]
 
 
 def tag_of(kind: type) -> str:
-    """Return by which type the tables of a class are told: tip-position of TipPosition."""
+    """Return the value of the key `type` for a class: tip-position for TipPosition."""
     return re.sub(r"(?<!^)(?=[A-Z])", "-", kind.__name__).lower()
 
 
@@ -178,7 +178,7 @@ def _vertices(values: list[Numbers] | None, position: Numbers, t: Numbers, n: Nu
 
 _EDGES = frame_form("along its first edge", "along its second edge", (1, 0, 0), (0, 1, 0))
 _AXES = frame_form("its own x axis", "its own y axis", (1, 0, 0), (0, 1, 0))
-_VERTICES = Form(
+_VERTICES = FieldFormat(
     {
         "vertices_mm": keyed(list[VECTOR] | None, "along its own axes", None, unit="mm"),
         "position_mm": keyed(VECTOR, "of its own origin", (0, 0, 0), unit="mm"),
@@ -187,10 +187,10 @@ _VERTICES = Form(
     _vertices,
     lambda item: {"vertices_mm": encode(item, "mm")},
 )
-_FROM = ".stl, .obj, .ply or .off, from where the scene file is"
+_FROM = ".stl, .obj, .ply or .off, relative to the folder of the scene file"
 _FILE: dict[str, tuple[Any, Any]] = {
     "file": keyed(str | None, _FROM, None),
-    "unit": keyed(Literal["mm", "cm", "m", "in"], "of the file", "mm"),
+    "unit": keyed(Literal["mm", "cm", "m", "in"], "unit of the file", "mm"),
 }
 _OBSTACLE_FORMS: dict[Any, dict[str, Any]] = {
     Box: {"frame": _EDGES},
@@ -203,9 +203,9 @@ _SHAPES = {kind: table(kind, tag=tag_of(kind), **_OBSTACLE_FORMS.get(kind, {})) 
 
 
 def inlined(value: Any, folder: Path) -> Any:
-    """Return the table of an obstacle with the numbers of its file, looked for from a folder.
+    """Return the table of an obstacle with the vertices of its mesh file, relative to a folder.
 
-    Raises InputError for both or neither of them, and for a file that cannot be read.
+    Raises InputError if both a file and vertices are given, or neither, or the file is unreadable.
     """
     if not isinstance(value, _SHAPES[Mesh]):
         return value
@@ -213,7 +213,7 @@ def inlined(value: Any, folder: Path) -> Any:
     numbers = (mesh.vertices_mm is not None, mesh.faces is not None)
     if numbers != ((mesh.file is None,) * 2):
         there = [key for key in ("file", "vertices_mm", "faces") if getattr(mesh, key) is not None]
-        raise InputError("file", there, "a file, or vertices_mm and faces in its place")
+        raise InputError("file", there, "either a file, or vertices_mm and faces")
     if mesh.file is None:
         return mesh
     try:
@@ -228,11 +228,11 @@ def inlined(value: Any, folder: Path) -> Any:
 def _with_key(
     shape: type[Table], prefix: str, key: str, held: tuple[Any, Any], read: Any
 ) -> type[Table]:
-    """Return the table of an obstacle that has one key more, and how that is read with it."""
+    """Return the table of an obstacle with an additional key; `read` builds the value from both."""
     name, tag = f"{prefix}{shape.__name__}", str(shape.__struct_config__.tag)
-    made: type[Table] = struct(name, [(key, *held)], shape.__doc__, tag, shape)
-    READ[made] = lambda table: read(READ[shape](table), getattr(table, key))
-    return made
+    new_table: type[Table] = struct(name, [(key, *held)], shape.__doc__, tag, shape)
+    READ[new_table] = lambda table: read(READ[shape](table), getattr(table, key))
+    return new_table
 
 
 def _avoided(obstacle: Obstacle, rows: Any) -> Obstacle | Moving:
@@ -241,11 +241,11 @@ def _avoided(obstacle: Obstacle, rows: Any) -> Obstacle | Moving:
     return Moving(obstacle, tuple(row[0] for row in rows), in_si([row[1:] for row in rows], "mm"))
 
 
-_ROWS = "time [s] and how far it has moved by then along x, y, z [mm], row by row"
+_ROWS = "rows of time [s] and displacement along x, y, z [mm]"
 _PATH = keyed(tuple[tuple[float, float, float, float], ...] | None, _ROWS, None)
 _FRICTION = next(item[1:] for item in fields_of(Contact, {"obstacle"}))
 _CONVEX = [_SHAPES[kind] for kind in _KINDS if issubclass(kind, Convex)]
-# What is wrapped round or held; what is kept clear of, and may move in motions; what is leant on.
+# Obstacles to wrap or hold; to avoid, possibly moving; to lean on.
 TABLES[Convex] = choice(_CONVEX)
 ObstacleTable: Any = choice(
     [_with_key(item, "Avoided", "path_s_mm", _PATH, _avoided) for item in _SHAPES.values()]
@@ -267,33 +267,33 @@ WRITE[Contact] = lambda item: {**table_of(item.obstacle), "friction": item.frict
 def _stiffness(direction: Numbers | None, matrix: Any) -> Any:
     if (direction is None) == (matrix is None):
         inputs = "neither" if matrix is None else "both"
-        raise InputError("minimum-stiffness", inputs, "a direction, or a matrix")
+        raise InputError("minimum-stiffness", inputs, "either a direction or a matrix")
     return matrix if direction is None else direction
 
 
-_MATRIX = "symmetric and positive definite, in place of a direction"
+_MATRIX = "symmetric and positive definite; replaces direction"
 _AGAINST: dict[str, tuple[Any, Any]] = {
     "direction": keyed(VECTOR | None, "in the base frame", None),
     "matrix": keyed(tuple[VECTOR, VECTOR, VECTOR] | None, _MATRIX, None),
 }
-_ABOUT = "about its centre; taken up elsewhere without"
+_ABOUT = "about the centre of the object; not balanced if omitted"
 _WRENCH: dict[str, Any] = {
-    "force": keyed(VECTOR, "on the object, base frame", unit="N"),
+    "force": keyed(VECTOR, "on the object, in the base frame", unit="N"),
     "moment": keyed(VECTOR | None, _ABOUT, None, unit="N m"),
 }
 
 
 _TARGET_FORMS: dict[Any, dict[str, Any]] = {
-    TipPose: {"frame": frame_form("t wanted at the tip", "n wanted at the tip, across t")},
+    TipPose: {"frame": frame_form("desired t of the tip", "desired n of the tip, normal to t")},
     MinimumStiffness: {
-        "direction": Form(
+        "direction": FieldFormat(
             _AGAINST,
             _stiffness,
             lambda each: {"matrix" if np.ndim(each) == 2 else "direction": np.array(each).tolist()},
         )
     },
     Hold: {
-        "wrench": Form(
+        "wrench": FieldFormat(
             _WRENCH,
             lambda force, moment: (*force, *(moment or ())),
             lambda each: {"force": list(each[:3]), "moment": list(each[3:]) or None},

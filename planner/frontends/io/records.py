@@ -1,8 +1,8 @@
-"""Results as records with a schema each: what is written and told to machines.
+"""Results as records with a schema: the JSON output of commands and saved results.
 
-SI units, angles in rad; keys name the unit of numbers that have one. Keys are added, never renamed
-or removed, while the number at the end of `schema` stays. A key is an attribute of the result, but
-for the unit at its end, or `about` says what function of the result it is.
+Numbers are in SI units and angles in rad; keys end in the unit of their numbers. As long as the
+number at the end of `schema` stays, keys are added but never renamed or removed. A key is an
+attribute of the result, up to its unit; otherwise `about` has a function of the result.
 """
 
 from collections.abc import Callable, Mapping
@@ -18,45 +18,47 @@ from octoplan.model.support.progress import OutOfTime
 from octoplan.planner.frontends.effect_ablation import Switch
 from octoplan.planner.frontends.io.codec import hints_of
 from octoplan.planner.frontends.io.files import versions
-from octoplan.planner.frontends.io.tables import attributes_told, sentence
+from octoplan.planner.frontends.io.tables import attribute_descriptions, sentence
 from octoplan.planner.measure import length_error, strokes
 
 
 def about(text: str = "", of: Callable[[Any], Any] | None = None) -> Meta:
-    """Return the annotation of a key: what it holds, and its function of a result if no attribute.
+    """Return the metadata of a key: a description, and a function of the result if needed.
 
-    Annotations are evaluated where they stand in these files, so that they can name functions.
+    These modules evaluate their annotations at once, so that annotations can refer to functions.
     """
     return Meta(description=text or None, extra={"of": of})
 
 
-POINTS, _SECTIONS = 101, 21
+# Stations of a shape, and of the stiffness of cross-sections.
+POINTS = 101
+_SECTIONS = 21
 
-Rows = Annotated[Any, about("a row a section, tip first, or flat")]
+Rows = Annotated[Any, about("one row per section, tip first, or flat")]
 Floats = list[float]
 Matrix = list[list[float]]
-Schema = Meta(description="what this is")
+Schema = Meta(description="kind and version of this record")
 R = TypeVar("R", bound=msgspec.Struct)
 
 
 class Record(msgspec.Struct, kw_only=True):
-    """What a command found."""
+    """The result of a command."""
 
-    versions: Annotated[dict[str, str], about("of what computed it", lambda _: versions())]
+    versions: Annotated[dict[str, str], about("of octoplan and libraries", lambda _: versions())]
 
 
 def record(kind: type[R], result: Any, **others: Any) -> R:
-    """Return the record of a result; keys that are nothing of it are handed over by name."""
+    """Return the record of a result; `others` are keys that the result does not have."""
     keys = [key for key in kind.__struct_fields__ if key not in others]
     return kind(**others, **{key: _value(kind, key, result) for key in keys})
 
 
 def derived(kind: Any, *left_out: str, **more: Any) -> Any:
-    """Return the record of a class: its fields but some, as its docstring has them, and more keys.
+    """Return the record type of a class: its fields except `left_out`, and more keys.
 
-    Numbers that are infinite or none are null.
+    Descriptions are those of the docstring. Infinite numbers and NaN become null.
     """
-    descriptions = attributes_told(kind)
+    descriptions = attribute_descriptions(kind)
     fields = [
         (name, Annotated[_or_null(hint), about(descriptions.get(name, ""))])
         for name, hint in hints_of(kind).items()
@@ -73,12 +75,12 @@ def _or_null(hint: Any) -> Any:
 
 
 def records(kind: type[R], results: Any) -> list[R]:
-    """Return the record of each of several results."""
+    """Return the record of each result."""
     return [record(kind, result) for result in results]
 
 
 def schema_name(kind: Any) -> str:
-    """Return what the records of a kind are, by name and version."""
+    """Return the schema of a kind of record, "octoplan KIND VERSION"."""
     return str(get_args(hints_of(kind)["schema"].__origin__)[0])
 
 
@@ -122,7 +124,7 @@ class ShapeRecord(Record, kw_only=True):
 
 
 def of_shape(plan: Any) -> dict[str, Any]:
-    """Return what depends on a plan's shape: None where the tensions do not settle."""
+    """Return the keys of a plan that depend on its shape; None if no equilibrium exists."""
     keys = ("tip_m", "tip_frame", "slack", "lengths_m", "strokes_m", "tip_error_per_length")
     result: dict[str, Any] = dict.fromkeys(keys)
     with suppress(OctoplanError, OutOfTime):
@@ -134,13 +136,15 @@ def of_shape(plan: Any) -> dict[str, Any]:
 
 
 class StiffnessRecord(Record, kw_only=True):
-    """The compliance of a settled shape at a point, and the stiffness of its sections."""
+    """The compliance of a settled shape at a point, and its flexural stiffness."""
 
     schema: Annotated[Literal["octoplan stiffness 1"], Schema]
     tensions_N: Annotated[Rows, about(of=lambda k: k.shape.arm.by_section(k.shape.tensions))]
     tendon_lengths_m: Annotated[Floats, about("in tendon order", lambda k: k.shape.tendon_lengths)]
     tip_m: Annotated[Floats, about(of=lambda k: k.shape.tip)]
-    hold: Annotated[Literal["tension", "length"], about("what holds the tendons")]
+    hold: Annotated[
+        Literal["tension", "length"], about("quantity of the tendons that is held constant")
+    ]
     at_m: Annotated[float, about("arc length of the point")]
     position_m: Annotated[
         Floats, about("of the point, base frame", lambda k: k.shape.position(k.at))
@@ -160,7 +164,7 @@ class StiffnessRecord(Record, kw_only=True):
         ),
     ]
     slack: Annotated[list[str], about("tendons without tension")]
-    stable: Annotated[bool, about("at held tensions", lambda k: bool(k.stable))]
+    stable: Annotated[bool, about("at constant tensions", lambda k: bool(k.stable))]
     error: Annotated[float, about("estimated relative error of the compliance")]
     s_m: Annotated[Floats, about(of=_sections)]
     section_N_m2: Annotated[
@@ -169,26 +173,27 @@ class StiffnessRecord(Record, kw_only=True):
 
 
 class TrajectoryRecord(Record, kw_only=True):
-    """Tensions over time, and what the check of them found."""
+    """Tensions over time, and their certificate."""
 
     schema: Annotated[Literal["octoplan trajectory 1"], Schema]
-    outcome: Annotated[str, about("what happened and what to try")]
+    outcome: Annotated[str, about("the result, and a remedy if it failed")]
     certified: Annotated[bool, about(of=lambda motion: motion.certificate.passed)]
     duration_s: float
-    times_s: Annotated[Floats, about("between which tensions change linearly")]
+    times_s: Annotated[Floats, about("tensions are linear between these times")]
     tensions_N: Annotated[
         Matrix, about("at each time, in tendon order", lambda motion: motion.flat)
     ]
     lengths_m: Annotated[Matrix, about("of the tendons, at each time")]
     tendons: Annotated[
-        list[str], about("their names, in tendon order", lambda motion: motion.arm.tendon_names)
+        list[str], about("names, in tendon order", lambda motion: motion.arm.tendon_names)
     ]
-    stops: Annotated[list[int], about("at which of the times each target is met")]
+    stops: Annotated[list[int], about("index of the time at which each target is met")]
     reached: list[bool]
     certificate: Annotated[
         dict[str, Any],
         about(
-            "what the check found, see MotionCertificate", lambda motion: motion.certificate.numbers
+            "results of the verification, see MotionCertificate",
+            lambda motion: motion.certificate.numbers,
         ),
     ]
 
@@ -197,41 +202,41 @@ EffectRecord: Any = derived(Switch)
 
 
 class EffectsRecord(Record, kw_only=True):
-    """What each effect does and costs: the scene's own, then others."""
+    """Tip change and run time of each effect: first those of the scene, then others."""
 
     schema: Annotated[Literal["octoplan effects 1"], Schema]
-    accuracy: Annotated[float, about("tip change over arm length that matters")]
+    accuracy: Annotated[float, about("tip change over arm length above which an effect matters")]
     effects: Annotated[
         list[EffectRecord], about(of=lambda switches: records(EffectRecord, switches))
     ]
 
 
 class ExportRecord(Record, kw_only=True):
-    """The files of an exported map or arm, and how large and how good it is."""
+    """The files of an exported map or arm, with size and error."""
 
     schema: Annotated[Literal["octoplan export 1"], Schema]
     files: list[str]
     nodes: Annotated[
         int,
-        about("at which a map gives the pose, or of the shape's mesh", lambda shape: shape.s.size),
+        about("nodes of the map's poses, or of the shape's mesh", lambda shape: shape.s.size),
     ]
     error: Annotated[float, about("estimated tip error over arm length")]
-    static_bytes: Annotated[int, about("of work arrays of C; 0 of other files")]
+    static_bytes: Annotated[int, about("of C work arrays; 0 for other files")]
 
 
 class SweepRecord(Record, kw_only=True):
-    """A sweep that is finished."""
+    """A finished sweep."""
 
     schema: Annotated[Literal["octoplan sweep 1"], Schema]
-    file: Annotated[str, about("where the Dataset is")]
+    file: Annotated[str, about("path of the Dataset")]
     compute: Annotated[
         Literal["settle", "plan", "stiffness"], about(of=lambda sweep: sweep.job.compute)
     ]
-    dims: Annotated[dict[str, int], about("what points lie along, and how many there")]
+    dims: Annotated[dict[str, int], about("dimensions of the grid of points, with sizes")]
     points: Annotated[int, about(of=lambda sweep: sweep.size)]
-    met: Annotated[int, about("points that settled, or whose targets are reached")]
+    met: Annotated[int, about("number of points that settled, or whose targets are reached")]
     failures: Annotated[
         dict[str, int],
-        about("outcomes of the others: one of each kind, that differ by numbers alone"),
+        about("number of failures by outcome; outcomes that differ in numbers only are merged"),
     ]
-    earlier: Annotated[bool, about("whether an earlier run had found it all")] = False
+    earlier: Annotated[bool, about("whether an earlier run computed everything")] = False

@@ -1,4 +1,4 @@
-"""Scene files: TOML, checked key by key. The keys name their units where these are not SI."""
+"""Load scene files: TOML, checked key by key; keys have units if these are not SI."""
 
 from __future__ import annotations
 
@@ -47,23 +47,23 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class SceneFile:
-    """What a scene file asks: an arm and a scene, and what to find or to settle.
+    """The contents of a scene file as arguments of settle, stiffness, plan and trajectory.
 
     Attributes
     ----------
     arm, scene
     targets : tuple of Target
-        What `plan` is to reach; none if the file has none.
+        Targets of `plan`; empty if the file has none.
     waypoints : tuple of Target
-        What `trajectory` is to reach, in order.
+        Targets of `trajectory`, in order.
     tensions : list or None
-        [N], as settle takes them.
+        Argument of settle [N].
     options : dict
-        Further arguments of settle, stiffness, plan and trajectory, by their names in these.
+        Keyword arguments of settle, stiffness, plan and trajectory.
     stiffness : dict
-        Those of stiffness alone.
+        Further keyword arguments of stiffness.
     name : str
-        Of the file.
+        Name of the file.
     """
 
     arm: Arm
@@ -76,7 +76,7 @@ class SceneFile:
     name: str = "scene"
 
     def of(self, function: Callable[..., Any]) -> dict[str, Any]:
-        """Return the options that a function takes."""
+        """Return the options that are arguments of a function."""
         return {key: self.options[key] for key in arguments(function) if key in self.options}
 
     @property
@@ -86,48 +86,48 @@ class SceneFile:
 
     @property
     def time_limit(self) -> float | None:
-        """After how long an answer has to be there [s]."""
+        """Limit of the computing time [s]; None without limit."""
         return self.options.get("time_limit")
 
     def but(self, **options: Any) -> SceneFile:
-        """Return the question with other options."""
+        """Return a copy with other options."""
         return replace(self, options=self.options | options)
 
 
 def load(path: str | Path) -> SceneFile:
-    """Return the question of a scene file.
+    """Return the contents of a scene file.
 
     Raises
     ------
     FileError
-        With the file, the key's path, what is there and what is allowed.
+        With the file, the key path, the entry and the allowed values.
     """
     return written_question(read_toml(path_of(path))[0], str(path))
 
 
 def read(text: bytes, name: str = "scene") -> SceneFile:
-    """Return the question of a scene file's text; see load."""
+    """Return the contents of the text of a scene file; see load."""
     return written_question(toml_of(text, name), name)
 
 
 def written_question(raw: dict[str, Any], name: str) -> SceneFile:
-    """Return the question of what somebody wrote: likely slips in it are told as UnitWarning."""
+    """Return the contents of a decoded scene file; issue a UnitWarning for each likely slip."""
     question = question_of(raw, name)
     warn_of_slips(raw)
     return question
 
 
 def question_of(raw: dict[str, Any], name: str = "scene") -> SceneFile:
-    """Return the question of what a scene file holds, as TOML is decoded; see load."""
+    """Return the contents of a decoded scene file; see load."""
     table = checked_table(raw, name)
     check_modulus(table.arm.E_kPa, name)
 
-    def build(key: str, make: Callable[[Any], R], of: Any = None) -> R:
-        """Return what is made of a part of the table; an error is told at its key."""
-        return build_at(name, key, make, of, part=value_at(raw, steps(key)) or {})
+    def build(key: str, make: Callable[[Any], R], value: Any = None) -> R:
+        """Return `make(value)`; report errors at a key of the file."""
+        return build_at(name, key, make, value, part=value_at(raw, steps(key)) or {})
 
-    def each(key: str, make: Callable[[Any], R]) -> tuple[R, ...]:
-        """Return what is made of one table, or of several, under a key; none of none."""
+    def build_each(key: str, make: Callable[[Any], R]) -> tuple[R, ...]:
+        """Return the values built from the tables under a key; empty if the key is missing."""
         item = getattr(table, key)
         if not isinstance(item, tuple):
             return () if item is None else (build(key, make, item),)
@@ -139,32 +139,35 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> SceneFile:
     winches = build(by, partial(_winches, arm), table)
     if table.tensions is not None and not winches:
         build("tensions", arm.flat, table.tensions)
-    targets, ways = (
-        sum((each(key, partial(_target, arm)) for key in keys), start=())
-        for keys in (("target", "targets"), ("waypoints",))
-    )
+    targets = build_each("target", partial(_target, arm))
+    targets += build_each("targets", partial(_target, arm))
+    waypoints = build_each("waypoints", partial(_target, arm))
     if targets:
         build("targets", partial(check_targets, arm), targets)
-    options = _but_none(arguments_of(table, OptionsTable)) | winches
-    obstacles = list(each("obstacles", lambda item: value_of(inlined(item, Path(name).parent))))
+    options = _without_none(arguments_of(table, OptionsTable)) | winches
+    folder = Path(name).parent
+    obstacles = list(build_each("obstacles", lambda item: value_of(inlined(item, folder))))
     clear = options["clearance"], options["self_clearance"]
-    where, moves = "obstacles" if obstacles else "clearance_mm", bool(ways)
-    build(where, lambda of: surroundings(arm, targets + ways, of, *clear, moves), obstacles)
-    options |= {"obstacles": obstacles} | _but_none(arguments_of(table.motion))
+    build(
+        "obstacles" if obstacles else "clearance_mm",
+        lambda given: surroundings(arm, targets + waypoints, given, *clear, bool(waypoints)),
+        obstacles,
+    )
+    options |= {"obstacles": obstacles} | _without_none(arguments_of(table.motion))
     if table.limits is not None:
         options |= build("limits", partial(_limits, arm), table.limits)
     stiff = build("stiffness", partial(_stiffness, arm), table.stiffness)
-    return SceneFile(arm, scene, targets, ways, table.tensions, options, stiff, name)
+    return SceneFile(arm, scene, targets, waypoints, table.tensions, options, stiff, name)
 
 
-def _but_none(arguments: dict[str, Any]) -> dict[str, Any]:
+def _without_none(arguments: dict[str, Any]) -> dict[str, Any]:
     return {key: item for key, item in arguments.items() if item is not None}
 
 
 def _scene(arm: Arm, table: Any) -> Scene:
-    """Return the scene of a table, checked on an arm.
+    """Return the scene of a table, checked with an arm.
 
-    Contact of the arm with itself is refused by what does not state it: settle does.
+    Self-contact is not checked here: settle accepts it, other functions raise InputError.
     """
     scene = scene_of(table)
     apart = Scene(*(effect for effect in scene.effects if not isinstance(effect, SelfContact)))
@@ -182,9 +185,10 @@ def _target(arm: Arm, table: Any) -> Target:
 def scene_beside(
     scene: str | dict[str, Any], path: Path
 ) -> Iterator[tuple[dict[str, Any], str, str]]:
-    """Yield what a scene holds that a file at a path holds or names, its name, and its text.
+    """Yield the contents, the name and the text of the scene that another file has or names.
 
-    Mistakes inside the block are told where they are: under the key `scene` if it is in the file.
+    `path` is the other file. If the scene is in this file, errors of the block are reported under
+    the key `scene`.
     """
     if isinstance(scene, str):
         beside = path.parent / scene
@@ -199,27 +203,27 @@ def scene_beside(
 
 
 def checked_table(raw: dict[str, Any], name: str) -> SceneTable:
-    """Return the table of what a scene file holds, its keys checked one by one; FileError."""
+    """Return the contents of a scene file as a table; raise FileError with the first wrong key."""
     if "sweep" in raw:
-        raise FileError(name, "sweep", f"this is a sweep file, for `octoplan sweep {name}`")
+        raise FileError(name, "sweep", f"must be omitted; run `octoplan sweep {name}` for sweeps")
     return checked(raw, SceneTable, name, "arm", "plan")
 
 
 def _limits(arm: Arm, table: LimitsTable) -> dict[str, Any]:
-    """Return the limits as plan takes them, checked."""
-    result = _but_none(arguments_of(table))
+    """Return the limits as arguments of plan, checked."""
+    result = _without_none(arguments_of(table))
     limits = Limits.of(arm, result["tension_max"], result["tension_min"], result.get("total_pull"))
     limits.with_strokes(arm, result.get("stroke_max"), result.get("stroke_min"))
     return result
 
 
 def _stiffness(arm: Arm, table: StiffnessTable) -> dict[str, Any]:
-    result = _but_none(arguments_of(table))
+    result = _without_none(arguments_of(table))
     if result.get("at", 0.0) > arm.length:
         allowed = f"up to the arm's length, {length_text(arm.length)}"
         raise InputError("at", result["at"], allowed)
     if table.tendon_EA is not None and table.hold != "length":
-        raise InputError("tendon_EA", table.tendon_EA, 'none, unless hold is "length"')
+        raise InputError("tendon_EA", table.tendon_EA, 'omitted, unless hold is "length"')
     return result
 
 
@@ -227,17 +231,18 @@ def _stiffness(arm: Arm, table: StiffnessTable) -> dict[str, Any]:
 
 
 def _winches(arm: Arm, table: SceneTable) -> dict[str, Any]:
-    """Return the further arguments of settle: none where a file has tensions alone; InputError."""
+    """Return the arguments of settle for winches; empty if the file has tensions only."""
     if table.lengths_mm is None and table.strokes_mm is None:
         for key in ("tendon_EA", "tendon_outside_mm"):
             if getattr(table, key):
-                raise InputError(key, getattr(table, key), "none without lengths_mm or strokes_mm")
+                allowed = "omitted without lengths_mm or strokes_mm"
+                raise InputError(key, getattr(table, key), allowed)
         return {}
     if table.lengths_mm is not None and table.strokes_mm is not None:
-        raise InputError("strokes_mm", "given beside lengths_mm", "one of the two")
+        raise InputError("strokes_mm", "given beside lengths_mm", "omitted if lengths_mm are given")
     if table.stiffness.tendon_EA is not None:
         item = table.stiffness.tendon_EA
-        raise InputError("stiffness.tendon_EA", item, "tendon_EA at the top, beside lengths")
+        raise InputError("stiffness.tendon_EA", item, "tendon_EA at the top of the file")
     outside = in_si(table.tendon_outside_mm, "mm")
     lengths: Any = in_si(table.lengths_mm, "mm")
     if table.strokes_mm is not None:
@@ -247,15 +252,15 @@ def _winches(arm: Arm, table: SceneTable) -> dict[str, Any]:
 
 
 def _left(arm: Arm, strokes: Any) -> list[float]:
-    """Return what is left of tendons by strokes (n_tendons,) [m], nan where these are nan.
+    """Return tendon lengths (n_tendons,) [m] for strokes [m]; nan for strokes that are nan.
 
-    Raises InputError for strokes of another form, and for more than there is of a tendon.
+    Raises InputError for strokes of another shape, and for strokes above the tendon length.
     """
     arm.flat([np.zeros(np.shape(row)).tolist() for row in strokes], "strokes")
     taken, rest = np.hstack([np.ravel(row) for row in strokes]), rest_lengths(arm)
     for j in np.flatnonzero(np.isinf(taken) | (taken >= rest)):
         field, stroke = f"strokes[{j}] ({arm.tendon_name(int(j))})", f"{1e3 * taken[j]:g} mm"
-        allowed = f"below {1e3 * rest[j]:.6g} mm, its length at rest, and negative where paid out"
+        allowed = f"below {1e3 * rest[j]:.6g} mm, its length at rest; negative to pay out"
         raise InputError(field, stroke, allowed)
     warn_unusual("strokes_mm", (taken / arm.length).tolist(), STROKE)
     return [*(rest - taken).tolist()]
@@ -273,10 +278,10 @@ def scene_table(
     tension_max: Any = None,
     **keys: Any,
 ) -> dict[str, Any]:
-    """Return the scene file that has this arm, scene and target, as TOML is decoded.
+    """Return the contents of a scene file with an arm, a scene and targets, as decoded TOML.
 
-    Further keys are those of scene files; arrays, and objects of ours in them such as obstacles,
-    are written. Raises InputError for what has no keys.
+    Further keyword arguments are keys of scene files; arrays and objects such as obstacles are
+    encoded. Raises InputError for objects that have no table.
     """
     more = {key: item for key, item in keys.items() if item is not None}
     table: dict[str, Any] = {"arm": table_of(arm), "effects": table_of(scene or Scene())}
@@ -293,9 +298,9 @@ def scene_table(
 
 
 def filled(raw: dict[str, Any], name: str) -> dict[str, Any]:
-    """Return what a scene file holds with all defaults, its meshes as numbers; FileError.
+    """Return the contents of a scene file with all defaults and meshes as numbers.
 
-    Likely slips in it are told as UnitWarning.
+    Raises FileError; issues a UnitWarning for each likely slip.
     """
     warn_of_slips(raw)
     return whole(checked_table(raw, name), Path(name).parent)

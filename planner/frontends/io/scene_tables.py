@@ -1,6 +1,6 @@
-"""The tables of a scene file: its effects, what is asked, and how.
+"""The tables of a scene file: effects, targets, limits and options.
 
-Effects are a key each, which is a switch, a table or several.
+Each effect has a key: a switch, a table, or a list of tables.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from octoplan.planner.frontends.io.tables import (
     TABLES,
     Accuracy,
     Tensions,
-    attributes_told,
+    attribute_descriptions,
     sentence,
     struct,
     table,
@@ -47,7 +47,7 @@ from octoplan.planner.frontends.io.tables import (
 
 # Keys that enable several effects at once.
 BUNDLES = {"silicone": Scene.silicone(), "as_printed": Scene.as_printed()}
-_SILICONE = "what a real silicone arm calls for: extension, exact_tendons and neo_hookean"
+_SILICONE = "effects of a silicone arm: extension, exact_tendons and neo_hookean"
 _EFFECTS: list[type[Effect]] = sorted(
     (
         kind
@@ -61,14 +61,14 @@ _EFFECTS: list[type[Effect]] = sorted(
     ),
     key=lambda kind: kind.__name__,
 )
-# Of those that have a place a scene may have several.
+# A scene may have several effects of a class that has a place.
 _SEVERAL = [item for item in _EFFECTS if item.place is not Effect.place]
-# What has no arguments but switches is a switch, with these beside it.
+# An effect whose arguments are all bool is a switch; its arguments are further switches.
 _SWITCHES = [item for item in _EFFECTS if {*get_type_hints(item).values()} <= {bool}]
 
 
 def _key(kind: type[Effect]) -> str:
-    """Return the key of an effect: tip_load of TipLoad, point_loads of PointLoad."""
+    """Return the key of an effect: tip_load for TipLoad, point_loads for PointLoad."""
     if kind is PrintedStatics:
         return "as_printed"
     words = re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
@@ -86,7 +86,7 @@ def _fields() -> list[Any]:
         about = Meta(description=sentence(kind))
         if kind in _SWITCHES:
             result.append((key, Annotated[bool | None, about], None))
-            for name, item in attributes_told(kind).items():
+            for name, item in attribute_descriptions(kind).items():
                 result.append((name, Annotated[bool, Meta(description=item)], False))
             WRITE[kind] = _switch_keys
             continue
@@ -104,12 +104,12 @@ def _switch_keys(each: Effect) -> dict[str, Any]:
 EffectsTable: Any = struct(
     "EffectsTable",
     _fields(),
-    "The effects enabled; nothing but bending is simulated unless named here.",
+    "The effects of the scene; without any, the arm bends and nothing else.",
 )
 
 
 def scene_of(value: Any) -> Scene:
-    """Return the scene of a table; raises InputError that names a key, or an effect's field."""
+    """Return the scene of a table; raise InputError with a key or a field of an effect."""
     implied = {
         type(item) for key, of in BUNDLES.items() if getattr(value, key) for item in of.effects
     }
@@ -125,11 +125,11 @@ def scene_of(value: Any) -> Scene:
 
 
 def _switched(value: Any, kind: Any, on: bool) -> list[Effect]:
-    """Return an effect that is a switch if it is on, with the switches that are its arguments."""
+    """Return the effect of a switch with its further switches as arguments; empty if off."""
     more = {name: getattr(value, name) for name in arguments(kind)}
     if any(more.values()) and not on:
         name = next(name for name, item in more.items() if item)
-        allowed = f"{name} = true with silicone = true or {KEYS[kind]} = true only"
+        allowed = f"true with silicone = true or {KEYS[kind]} = true only"
         raise InputError(name, True, allowed)
     return [kind(**more)] * on
 
@@ -155,78 +155,74 @@ TendonEA = Annotated[Positive | None, quantity("stiffness E A of tendons of held
 
 
 class LimitsTable(Table, frozen=True):
-    """Limits of tensions [N] and strokes [mm]: a number for all tendons, or one for each."""
+    """Limits of tensions [N] and strokes [mm]: one number for all tendons, or one per tendon."""
 
     tension_max: Annotated[NotNegative | Tensions, quantity("", "N")]
     tension_min: Annotated[NotNegative | Tensions, quantity("", "N")] = 0.0
-    total_pull: Annotated[
-        NotNegative | None, quantity("the most that all together may pull", "N")
-    ] = None
+    total_pull: Annotated[NotNegative | None, quantity("maximal sum of the tensions", "N")] = None
     stroke_max_mm: Annotated[
         NotNegative | Tensions | None,
-        quantity("the most that winches take in from where they are zeroed", "mm"),
+        quantity("maximal length that a winch takes in from its zero", "mm"),
     ] = None
     stroke_min_mm: Annotated[
         Annotated[float, Meta(le=0)] | Tensions | None,
-        quantity("the least, 0 or below: paid out; as much as taken in unless given", "mm"),
+        quantity("minimal stroke, negative for paying out; -stroke_max_mm by default", "mm"),
     ] = None
     stroke_zero: Annotated[
         Literal["straight", "at rest"],
-        Meta(description="where winches are zeroed: the arm straight, or at rest in the scene"),
+        Meta(description="zero of the winches: the straight arm, or the arm at rest in the scene"),
     ] = "straight"
 
 
 class MotionTable(Table, frozen=True):
-    """How fast `octoplan trajectory` may go, and when it is to be at each waypoint."""
+    """Rates and times of `octoplan trajectory`."""
 
     rate_max: Annotated[
-        Positive | Tensions | None, quantity("of tensions, or one for each", "N/s")
+        Positive | Tensions | None, quantity("of tensions; one number, or one per tendon", "N/s")
     ] = None
-    stroke_rate_max_mm_s: Annotated[
-        Positive | None, quantity("of the lengths of tendons", "mm/s")
-    ] = None
+    stroke_rate_max_mm_s: Annotated[Positive | None, quantity("of tendon lengths", "mm/s")] = None
     stroke_acceleration_max_mm_s2: Annotated[
         Positive | None,
-        quantity("of these rates; then the arm rests at each waypoint", "mm/s2"),
+        quantity("of tendon lengths; the arm then stops at each waypoint", "mm/s2"),
     ] = None
     tip_acceleration_max_m_s2: Annotated[
-        Positive | None, quantity("of the tip; then the arm rests at each waypoint", "m/s2")
+        Positive | None, quantity("of the tip; the arm then stops at each waypoint", "m/s2")
     ] = None
     quasi_static: Annotated[
-        bool, Meta(description="whether the tip accelerates by a tenth of gravity at most")
+        bool, Meta(description="whether the tip accelerates by at most a tenth of gravity")
     ] = False
     times_s: Annotated[
         list[Positive] | None,
-        quantity("of each waypoint; then effort is made least, otherwise time", "s"),
+        quantity("of the waypoints; minimises effort in place of time", "s"),
     ] = None
 
 
 class StiffnessTable(Table, frozen=True):
-    """What `octoplan stiffness` is to tell; see octoplan.model.stiffness."""
+    """Options of `octoplan stiffness`; see octoplan.model.stiffness."""
 
     hold: Annotated[
-        Hold | None, Meta(description="tension unless given, length where the scene has lengths")
+        Hold | None, Meta(description="default: length if the scene has lengths, else tension")
     ] = None
     at_mm: Annotated[
-        Positive | None, quantity("arc length of the point; the tip unless given", "mm")
+        Positive | None, quantity("arc length of the point; the tip by default", "mm")
     ] = None
     tendon_EA: TendonEA = None
     release: Annotated[
-        bool, Meta(description="whether tendons without tension are slack where lengths are held")
+        bool, Meta(description="whether tendons of held length without tension are slack")
     ] = True
 
 
 class OptionsTable(Table, frozen=True, kw_only=True):
-    """Options of what is asked, which settle, stiffness, plan and trajectory have as arguments."""
+    """Options of settle, stiffness, plan and trajectory; the keys are their arguments."""
 
     accuracy: Annotated[Accuracy, Meta(description="tip error over arm length")] = 1e-6
     time_limit_s: Annotated[
         Positive | None,
-        quantity("stop then, with the best that was found by then; none unless given", "s"),
+        quantity("limit of the computing time; returns the best result so far", "s"),
     ] = None
     compile: Annotated[
         bool | Literal["auto"],
-        Meta(description="whether to plan, settle and find stiffness by machine code; see settle"),
+        Meta(description="whether to compile plan, settle and stiffness; see settle"),
     ] = False
     norm: Annotated[
         Literal["2", "1", "inf", 1, 2],
@@ -235,62 +231,61 @@ class OptionsTable(Table, frozen=True, kw_only=True):
     stability_margin: Annotated[
         Annotated[float, Meta(ge=0, le=1)] | None,
         Meta(
-            description="the least stability under loads that a plan may have; "
-            "0.1 where that can be had unless given"
+            description="minimal stability of a plan under loads; by default 0.1 if feasible",
         ),
     ] = None
     clearance_mm: Annotated[
-        NotNegative, quantity("least distance of the arm's surface from obstacles", "mm")
+        NotNegative, quantity("minimal distance of the arm's surface from obstacles", "mm")
     ] = 0.0
     self_clearance: Annotated[
         bool,
-        Meta(description="whether it stays as far from itself and from behind its base plane"),
+        Meta(description="whether this distance also holds to the arm itself and its base plane"),
     ] = False
     tendon_EA: TendonEA = None
     tendon_outside_mm: Annotated[
-        NotNegative, quantity("tendon between winch and base, which stretches too", "mm")
+        NotNegative, quantity("length of elastic tendon between winch and base", "mm")
     ] = 0.0
 
 
 class SceneTable(OptionsTable, frozen=True, kw_only=True):
-    """A scene file: an arm, the effects enabled, and what is asked."""
+    """A scene file: an arm, effects, and inputs of the computations."""
 
     arm: ArmTable
     effects: EffectsTable = EffectsTable()
-    target: Annotated[TargetTable | None, Meta(description="what plan is to reach")] = None
+    target: Annotated[TargetTable | None, Meta(description="the target of plan")] = None
     targets: Annotated[
-        tuple[TargetTable, ...], Meta(description="what plan is to reach, all together")
+        tuple[TargetTable, ...], Meta(description="several simultaneous targets of plan")
     ] = ()
     waypoints: Annotated[
-        tuple[TargetTable, ...], Meta(description="what trajectory is to reach, in order")
+        tuple[TargetTable, ...], Meta(description="targets of trajectory, in order")
     ] = ()
     motion: MotionTable = MotionTable()
     obstacles: Annotated[
-        tuple[ObstacleTable, ...], Meta(description="what the arm keeps clear of, all along")
+        tuple[ObstacleTable, ...], Meta(description="obstacles that the whole arm avoids")
     ] = ()
     limits: LimitsTable | None = None
-    tensions: Annotated[Tensions | None, quantity("a row a section, tip first, or flat", "N")] = (
-        None
-    )
+    tensions: Annotated[
+        Tensions | None, quantity("one row per section, tip first, or flat", "N")
+    ] = None
     lengths_mm: Annotated[
         Tensions | None,
         quantity(
-            "what winches leave of tendons between base and anchorage, like tensions; nan where a "
-            "tension is given, which is nan where a length is",
+            "tendon length between base and anchorage, ordered like tensions; nan for tendons "
+            "whose tension is given, and tensions are nan for tendons whose length is given",
             "mm",
         ),
     ] = None
     strokes_mm: Annotated[
         Tensions | None,
-        quantity("in place of lengths_mm: what is taken in from the straight arm", "mm"),
+        quantity("replaces lengths_mm: length taken in from the straight arm", "mm"),
     ] = None
     stiffness: StiffnessTable = StiffnessTable()
 
 
 def whole(table: SceneTable, folder: Path) -> dict[str, Any]:
-    """Return a scene as dicts, lists and values, with all that it has by default.
+    """Return a scene as dicts, lists and values, including all defaults.
 
-    Files of meshes, looked for from a folder, are numbers in it.
+    Mesh files, relative to a folder, are replaced by their vertices and faces.
     """
     obstacles = tuple(inlined(item, folder) for item in table.obstacles)
     full = structs.replace(table, obstacles=obstacles)
@@ -298,8 +293,8 @@ def whole(table: SceneTable, folder: Path) -> dict[str, Any]:
     return result
 
 
-# Files that name a scene, and say what of it varies.
+# Files that name a scene and vary it
 
 SceneKey = Annotated[
-    str | dict[str, Any], Meta(description="a scene file, from this file's folder; or a table")
+    str | dict[str, Any], Meta(description="a scene file, relative to this file; or a table")
 ]

@@ -1,11 +1,11 @@
-"""The types of what files hold, derived from the classes of the project themselves.
+"""Derive the msgspec types of files from the classes of the project.
 
-`table` returns the msgspec struct of a class as people write it: a key for each argument, with the
-unit that its annotation names at the end of the key, its bounds, its default, and what the class's
-docstring says of it. An argument whose annotation says not how it is written needs a `Form`;
-without it the import fails and names it. `exact` returns that of the same class where every bit
-counts, as saved plans and calibrations have it: SI numbers under the arguments' own names, and the
-class beside them as `kind`. None as the unit stands for the exact form.
+`table` returns the struct of a class for scene files: one key per argument, with the unit of its
+annotation as suffix, its bounds, its default and the description in the docstring of the class. An
+argument whose annotation has no such type requires a `FieldFormat`; otherwise the import fails with
+the name of the argument. `exact` returns the struct of a class for saved plans and calibrations: SI
+numbers under the names of the arguments, and the class under `kind`. `unit=None` selects the exact
+form.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from octoplan.planner.frontends.io.codec import (
     READ,
     SI,
     WRITE,
-    Form,
+    FieldFormat,
     Table,
     about_type,
     arguments_of,
@@ -49,9 +49,9 @@ _LENGTHS = ("min_length", "max_length")
 
 Accuracy = Annotated[float, Meta(ge=1e-12, le=0.1)]
 Tensions = list[list[float] | float]
-# Numbers in the exact form: those that JSON has none for go by name.
+# Numbers in the exact form: JSON has no infinities and no NaN.
 Number = float | Literal["inf", "-inf", "nan"]
-# What stands for a class in the keys of others: a table, or a choice of several.
+# The type of a key for each class: a table or a union of tables.
 TABLES: dict[Any, Any] = {}
 
 
@@ -63,20 +63,20 @@ def struct(
     base: type[msgspec.Struct] = Table,
     **config: Any,
 ) -> Any:
-    """Return the struct of fields, (name, type) or (name, type, default)."""
+    """Return a struct with fields (name, type) or (name, type, default)."""
     config = {"kw_only": True, "frozen": True, **config}
     space = {"__doc__": doc}
     return msgspec.defstruct(name, fields, bases=(base,), namespace=space, tag=tag, **config)
 
 
 def _samples(name: str, unit: str) -> Any:
-    """Return the table of a function of arc length by samples, whose values have a unit."""
-    about = ("arc lengths from the base", "mm"), ("the values there", unit)
+    """Return the table of a function of arc length given by samples with a unit."""
+    about = ("arc lengths from the base", "mm"), ("values at these arc lengths", unit)
     fields = [
         (key, Annotated[list[float], quantity(*item, min_length=4)])
         for key, item in zip(sample_keys(unit), about, strict=True)
     ]
-    doc = "A function of arc length by samples; a cubic spline passes through them."
+    doc = "A function of arc length: the cubic spline through samples."
     return struct(f"{name}Samples", fields, doc)
 
 
@@ -85,20 +85,24 @@ SAMPLES: dict[str, Any] = {unit: _samples(name, unit) for unit, name in _NAMES.i
 
 
 def table(
-    kind: Any, *, tag: str | None = None, more: Mapping[str, Any] | None = None, **forms: Form
+    kind: Any,
+    *,
+    tag: str | None = None,
+    more: Mapping[str, Any] | None = None,
+    **forms: FieldFormat,
 ) -> type[Table]:
-    """Return the table by which a class is written; TypeError for arguments without a key.
+    """Return the table of a class; raise TypeError for an argument without a key.
 
     Parameters
     ----------
     kind : type
-        Whose arguments the keys are; all may be left out where there are keys `more`.
+        The class; its arguments define the keys. With `more` keys, all arguments are optional.
     tag : str
-        By which its `type` tells it from others.
+        Value of the key `type`, which distinguishes the table from others.
     more : mapping
-        Keys that are no arguments, with their types and defaults.
-    **forms : Form
-        Arguments that are written in another way.
+        Keys that are not arguments, with types and defaults.
+    **forms : FieldFormat
+        Formats of arguments that occupy other keys.
     """
     fields: list[Any] = [(key, *item) for key, item in (more or {}).items()]
     own_keys: dict[str, str] = {}
@@ -111,16 +115,16 @@ def table(
         )
     for form in forms.values():
         fields += [(key, type_, *default) for key, (type_, *default) in form.keys.items()]
-    made: type[Table] = struct(f"{kind.__name__}Table", fields, f"See {kind.__name__}.", tag)
-    KEYS[made] = own_keys, hints_of(kind), forms
-    READ[made] = lambda arguments: kind(**arguments_of(arguments, made))
-    WRITE[kind] = lambda value: keys_of(value, made)
-    return made
+    new_table: type[Table] = struct(f"{kind.__name__}Table", fields, f"See {kind.__name__}.", tag)
+    KEYS[new_table] = own_keys, hints_of(kind), forms
+    READ[new_table] = lambda arguments: kind(**arguments_of(arguments, new_table))
+    WRITE[kind] = lambda value: keys_of(value, new_table)
+    return new_table
 
 
 def fields_of(kind: Any, skip: Container[str] = ()) -> Iterator[tuple[str, Any, Any]]:
-    """Yield name, type in files and default there of each argument of a class."""
-    descriptions = attributes_told(kind)
+    """Yield name, type in files and default in files of each argument of a class."""
+    descriptions = attribute_descriptions(kind)
     for name, argument in inspect.signature(kind).parameters.items():
         if name in skip:
             continue
@@ -142,13 +146,13 @@ def _hashable(value: Any) -> Any:
 
 
 def sentence(kind: Any) -> str:
-    """Return the first sentence of a class's docstring, as it stands behind a key."""
+    """Return the first sentence of the docstring of a class, without the full stop."""
     text = " ".join((inspect.getdoc(kind) or "").split("\n\n")[0].split())
     return re.split(r"\. (?=[A-Z])", text)[0].removesuffix(".")
 
 
-def attributes_told(kind: Any) -> dict[str, str]:
-    """Return what the docstring of a class says of each of its attributes."""
+def attribute_descriptions(kind: Any) -> dict[str, str]:
+    """Return the description of each attribute in the docstring of a class."""
     result: dict[str, str] = {}
     names: list[str] = []
     _, _, rest = (inspect.getdoc(kind) or "").partition("Attributes\n----------\n")
@@ -162,7 +166,7 @@ def attributes_told(kind: Any) -> dict[str, str]:
 
 
 def type_in_file(hint: Any, unit: str | None = "") -> Any:
-    """Return the type of what a key holds for an annotation; TypeError for what has none."""
+    """Return the type of a key in files for an annotation; raise TypeError if there is none."""
     origin, inside = get_origin(hint), get_args(hint)
     if origin is Annotated:
         inner, *more = inside
@@ -182,7 +186,7 @@ def type_in_file(hint: Any, unit: str | None = "") -> Any:
     if unit is not None and hint is Path:
         return list[float] | SAMPLES[unit]
     if unit is not None and is_union(hint) and Path in inside and type(None) not in inside:
-        # Of all tendons of a section, or a list with one for each.
+        # One path for all tendons of a section, or a list with one path for each.
         of: Any = SAMPLES[unit]
         return list[float | list[float] | of] | of
     if is_union(hint):
@@ -200,7 +204,7 @@ def type_in_file(hint: Any, unit: str | None = "") -> Any:
         return TABLES[hint]
     if hint in (float, int, bool, str, type(None)) or origin is Literal or unit is None:
         return hint
-    raise TypeError(f"{hint} is nothing that files hold")
+    raise TypeError(f"{hint} has no type in files")
 
 
 # The exact form
@@ -208,10 +212,10 @@ def type_in_file(hint: Any, unit: str | None = "") -> Any:
 
 @cache
 def exact(kind: Any, *, placed: bool = False, names: tuple[str, ...] = ()) -> Any:
-    """Return the table of a class in the exact form, or of arguments of these names alone.
+    """Return the table of a class in the exact form, or of the arguments `names` only.
 
-    Arguments with a default may be left out. The table names the class by its key `kind`, unless
-    the place of the table implies the class. Unknown keys are refused.
+    Arguments with a default are optional. The key `kind` names the class, unless `placed`: then the
+    place of the table implies the class. Unknown keys are errors.
     """
     if placed:
         PLACED.add(kind)
@@ -225,13 +229,13 @@ def exact(kind: Any, *, placed: bool = False, names: tuple[str, ...] = ()) -> An
     tag = None if placed else kind.__name__
     about = (kind.__doc__ or "").partition("\n")[0]
     strict = {"tag_field": None if placed else "kind", "forbid_unknown_fields": True}
-    made = struct(f"Exact{kind.__name__}", fields, about, tag, msgspec.Struct, **strict)
-    READ[made] = lambda table: read_exact(kind, table)
-    return made
+    new_table = struct(f"Exact{kind.__name__}", fields, about, tag, msgspec.Struct, **strict)
+    READ[new_table] = lambda table: read_exact(kind, table)
+    return new_table
 
 
 def exact_choices(kind: Any) -> list[Any]:
-    """Return the exact tables of a class's values: its own, or those of all that derive from it."""
+    """Return the exact tables of a class: its own, or those of all derived classes."""
     kinds = [kind] if kind in WRITE else [item for item in WRITE if issubclass(item, kind)]
     kinds = [Linear, Sampled] if kind is Path else kinds
     return list(map(exact, kinds)) or [exact(kind, placed=True)]

@@ -1,6 +1,6 @@
-"""An arm and a scene whose numbers vary: as the tables of a scene file, changed at key paths.
+"""Vary parameters of an arm and a scene by key path, as entries of the tables of a scene file.
 
-Beside them are numbers of what was measured: where markers sit, and what tensions are scaled by.
+Parameters of measurements vary too: positions of markers, and scale factors of tensions.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from octoplan.planner.frontends.io.scene_tables import EffectsTable, scene_of, w
 
 
 class MarkerTable(Table, frozen=True):
-    """Where a marker sits on the arm."""
+    """Position of a marker on the arm."""
 
     s_mm: Annotated[float, quantity("arc length from the base", "mm")]
     offset_mm: Annotated[VECTOR, quantity("from the midline in the local frame t, n, b", "mm")] = (
@@ -48,7 +48,7 @@ class MarkerTable(Table, frozen=True):
 
 
 class VariedTable(Table, frozen=True):
-    """What may vary: numbers of an arm, of effects, and of what is measured."""
+    """Parameters that may vary: of the arm, the effects and the measurements."""
 
     arm: ArmTable
     effects: EffectsTable
@@ -57,7 +57,7 @@ class VariedTable(Table, frozen=True):
 
 
 class Setting(NamedTuple):
-    """A VariedTable as dicts and lists, with all defaults; and the arm and the scene of it."""
+    """A VariedTable as dicts and lists, with all defaults, and its arm and scene."""
 
     table: dict[str, Any]
     arm: Arm
@@ -74,15 +74,17 @@ class Setting(NamedTuple):
     def at(
         self, keys: Sequence[str], values: Sequence[Any], near: Setting | None = None
     ) -> Setting:
-        """Return the setting with other values at key paths; InputError where no such arm can be.
+        """Return the setting with other values at key paths; raise InputError if invalid.
 
-        An arm or a scene that is as in one nearby, or else as in this one, is the same object.
+        Arm and scene are those of `near`, or of this setting by default, if these are equal.
         """
-        table, near = changed(self.table, keys, values), near or self
+        table = changed(self.table, keys, values)
+        near = near or self
         with warnings.catch_warnings():
-            # Nobody gave these numbers: on its way a search passes any of them.
+            # A search passes through unusual values that the user did not give.
             warnings.simplefilter("ignore", UnitWarning)
-            arm, scene = near.arm, near.scene
+            arm = near.arm
+            scene = near.scene
             if table["arm"] != near.table["arm"]:
                 arm = arm_of(checked(table["arm"], ArmTable, "arm"))
             if table["effects"] != near.table["effects"]:
@@ -91,14 +93,14 @@ class Setting(NamedTuple):
         return Setting(table, arm, scene)
 
     def check_number(self, key: str) -> None:
-        """Raise InputError for a key path that leads to no number that may have any value."""
+        """Raise InputError if the value at a key path is not a number of any sign and size."""
         path = steps(checked_key(self.table, key, VariedTable))
         kinds = kinds_at(VariedTable, self.table, path)
         if value_at(self.table, path) is None or not any(isinstance(k, FloatType) for k in kinds):
-            raise InputError("key", key, "a number of arm, effects or measurement")
+            raise InputError("key", key, "a number of arm, effects or measurements")
 
     def number(self, key: str) -> float:
-        """Return the number at a key path, in its unit."""
+        """Return the number at a key path, in the unit of the key."""
         return float(value_at(self.table, steps(key)))
 
     def unit(self, key: str) -> str:
@@ -112,5 +114,5 @@ class Setting(NamedTuple):
 
     @property
     def tension_scale(self) -> Array:
-        """What the tensions of each tendon are multiplied by (n_tendons,)."""
+        """Factors of the tensions of each tendon (n_tendons,)."""
         return np.array(self.table["tension_scale"], dtype=float)

@@ -1,1 +1,1 @@
-"""Sweeps: one question asked at many values of a scene, in parallel, and gathered in a Dataset."""
+"""Sweeps: settle, plan or stiffness at many values of a scene, in parallel, as one Dataset."""

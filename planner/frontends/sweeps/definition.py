@@ -1,6 +1,6 @@
-"""What a sweep computes: its file, or objects in place of one, and its points cut into chunks.
+"""The definition of a sweep, from a file or from objects, and its division into chunks.
 
-All of it is checked before anything runs.
+All values are checked before the first point is computed.
 """
 
 from __future__ import annotations
@@ -43,45 +43,47 @@ from octoplan.planner.targets.base import Target
 
 
 class SweepTable(Table, frozen=True):
-    """What to find, and where: all grids by all others, and drawn values jointly with them."""
+    """A sweep: all combinations of the grids, and random values at each of these points."""
 
     compute: Compute
-    axes: Annotated[tuple[AxisTable, ...], Meta(min_length=1, description="what varies")]
+    axes: Annotated[tuple[AxisTable, ...], Meta(min_length=1, description="the varied values")]
     draws: Annotated[
-        Count | None, Meta(description="how many times the drawn values are drawn, together")
+        Count | None, Meta(description="number of joint draws of the random values")
     ] = None
-    seed: Annotated[int, Meta(ge=0, description="of the drawn values")] = 0
+    seed: Annotated[int, Meta(ge=0, description="of the random values")] = 0
 
 
 class SweepFile(Table, frozen=True):
-    """A sweep file: a scene, by its file or as a table, and the sweep."""
+    """A sweep file: a scene, as a file or a table, and the sweep."""
 
     scene: SceneKey
     sweep: SweepTable
 
 
-# A chunk is what an interruption loses: a plan, or up to so many other points, or so many of those
-# that are settled together, all in milliseconds; fewer where so many chunks would not be had, which
-# workers share.
-_PLANS, _POINTS, _TOGETHER = (1, 1), (16, 64), (1000, 16)
-# Many chunks are as many files.
+# Largest number of points per chunk, and smallest number of chunks if there are enough points. An
+# interruption loses the chunks in progress: a plan takes seconds, other points take milliseconds,
+# and points that are settled as a batch take less.
+_PLANS = (1, 1)
+_POINTS = (16, 64)
+_TOGETHER = (1000, 16)
+# Each chunk is a file.
 _MOST_CHUNKS = 10_000
 
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """What a sweep computes.
+    """The definition of a sweep.
 
     Attributes
     ----------
     job : Job
-        What is computed at each point.
+        The computation at each point.
     axes : tuple of Axis
-        Grids first, in the file's order, then what is drawn.
+        Grids in the order of the file, then random axes.
     draws : int
-        How many draws there are at each point of the grids; 0 where nothing is drawn.
+        Number of draws at each grid point; 0 without random axes.
     texts : dict of str
-        The sweep file and, where it names one, the scene file.
+        Text of the sweep file and, if there is one, of the scene file.
     """
 
     job: Job
@@ -91,29 +93,29 @@ class Sweep:
 
     @property
     def dims(self) -> dict[str, int]:
-        """The Dataset's dimensions that points lie along, with their sizes."""
+        """Dimensions of the grid of points in the Dataset, with sizes."""
         grids = {axis.name: axis.values.size for axis in self.axes if not axis.drawn}
         return {**grids, "draw": self.draws} if self.draws else grids
 
     @property
     def size(self) -> int:
-        """How many points there are."""
+        """Number of points."""
         return math.prod(self.dims.values())
 
     @property
     def chunk(self) -> int:
-        """How many neighbouring points make a chunk; the last one may have fewer."""
+        """Number of consecutive points per chunk; the last chunk may have fewer."""
         others = _PLANS if self.job.compute == "plan" else _POINTS
         points, chunks = _TOGETHER if self.job.together else others
         return max(min(-(-self.size // chunks), points), -(-self.size // _MOST_CHUNKS))
 
     @property
     def chunks(self) -> int:
-        """How many chunks there are."""
+        """Number of chunks."""
         return -(-self.size // self.chunk)
 
     def points(self, chunk: int) -> list[Point]:
-        """Return the points of a chunk, the last dimension fastest: a value for each axis."""
+        """Return the points of a chunk, each with a value for each axis; last dimension fastest."""
         numbers = np.arange(chunk * self.chunk, min((chunk + 1) * self.chunk, self.size))
         places = np.unravel_index(numbers, tuple(self.dims.values()))
         along = dict(zip(self.dims, places, strict=True))
@@ -124,25 +126,28 @@ class Sweep:
 
     @cached_property
     def identity(self) -> str:
-        """A hash of all that the numbers depend on: scene, values, versions."""
+        """Hash of everything that determines the results: scene, values, versions."""
         axes = [(axis.key, axis.name, axis.values) for axis in self.axes]
-        kept, job = list(VARIABLES[self.job.compute]), self.job
-        return identity(job.compute, kept, job.scene, axes, self.draws, self.chunk)
+        job = self.job
+        names = list(VARIABLES[job.compute])
+        return identity(job.compute, names, job.scene, axes, self.draws, self.chunk)
 
 
 # Sweep files
 
-# What both NetCDF and the files of a Zarr folder can be named.
-_NAME, _LONGEST = re.compile(r"\w([^/\\\x00-\x1f\x7f]*\S)?"), 200
+# Names that are valid in both NetCDF and Zarr.
+_NAME = re.compile(r"\w([^/\\\x00-\x1f\x7f]*\S)?")
+# Maximal length of a name in bytes.
+_LONGEST = 200
 
 
 def load_sweep(path: str | Path, time_limit: float | None = None) -> Sweep:
-    """Return what a sweep file asks; a time limit of each point [s] goes before the scene's.
+    """Return the definition in a sweep file; `time_limit` per point [s] overrides the scene's.
 
     Raises
     ------
     FileError
-        With the file, the key's path, what is there and what is allowed: nothing has run then.
+        With the file, the key path, the entry and the allowed values; nothing is computed.
     """
     path = path_of(path)
     raw, text = read_toml(path)
@@ -180,7 +185,7 @@ def _sweep(
 
 
 def _axes(table: SweepTable, scene: dict[str, Any], scene_name: str, name: str) -> tuple[Axis, ...]:
-    """Return the axes, grids first; FileError for values that the scene does not allow."""
+    """Return the axes, grids first; raise FileError for values that are invalid in the scene."""
     axes: list[Axis] = []
     for i, item in enumerate(table.axes):
         where = f"sweep.axes[{i}]"
@@ -208,8 +213,8 @@ def _axis(each: AxisTable, table: SweepTable, scene: dict[str, Any]) -> Axis:
     name = key if each.name is None else each.name
     if name in RESERVED or not _NAME.fullmatch(name) or len(name.encode()) > _LONGEST:
         allowed = (
-            "a name without / and \\ that begins with a letter, a digit or _, of up to "
-            f"{_LONGEST} bytes, and none of {', '.join(sorted(RESERVED))}"
+            "a name without / and \\ that starts with a letter, a digit or _, of up to "
+            f"{_LONGEST} bytes, and different from {', '.join(sorted(RESERVED))}"
         )
         raise InputError("name", name, allowed)
     values = values_of(each, table.draws, table.seed)
@@ -219,7 +224,7 @@ def _axis(each: AxisTable, table: SweepTable, scene: dict[str, Any]) -> Axis:
 
 
 def _check_compute(question: SceneFile, compute: str) -> None:
-    """Raise InputError, naming it, for what a scene has that a sweep does not take."""
+    """Raise InputError if sweeps do not support an effect of the scene."""
     if question.scene.has(PrintedStatics):
         raise InputError("compute", f"{compute} as printed", "a scene without as_printed")
     if compute != "settle":
@@ -241,10 +246,10 @@ def sweep_of(
     time_limit: float | None = None,
     **keys: Any,
 ) -> Sweep:
-    """Return what is asked of objects in place of a sweep file; see octoplan.planner.sweep.
+    """Return the definition of a sweep of objects; see octoplan.planner.sweep.
 
-    Raises InputError for what is no Arm or Scene, and a target that has no keys in scene files;
-    else as load_sweep.
+    Raises InputError for other types than Arm and Scene and for targets without a table; otherwise
+    as load_sweep.
     """
     kind("arm", arm, Arm, "an Arm, or the path of a sweep file")
     kind("scene", scene or Scene(), Scene, "a Scene, such as Scene()")
@@ -265,11 +270,17 @@ def sweep_of(
     entries |= {} if draws is None else {"draws": draws}
     table = {"scene": scene_table(arm, scene, target, **keys), "sweep": entries}
     sweep = _sweep(table, Path("sweep"), time_limit, {})
-    again = sweep.job.question()
+    decoded = sweep.job.question()
     several: tuple[Any, ...] = tuple(target) if isinstance(target, tuple | list) else (target,)
-    options, bodies = again.options, keys.get("obstacles") or ()
+    options = decoded.options
+    bodies = keys.get("obstacles") or ()
     if bodies and all(isinstance(item, Obstacle) for item in bodies):
         options = options | {"obstacles": list(bodies)}
-    parts: dict[str, Any] = {"scene": scene or Scene(), "targets": several if again.targets else ()}
-    original = replace(again, arm=arm, options=options, **parts)
-    return replace(sweep, job=replace(sweep.job, objects=(original, again)))
+    original = replace(
+        decoded,
+        arm=arm,
+        scene=scene or Scene(),
+        targets=several if decoded.targets else (),
+        options=options,
+    )
+    return replace(sweep, job=replace(sweep.job, objects=(original, decoded)))

@@ -1,4 +1,4 @@
-"""What is computed at the points of a sweep, each on its own, and the arrays that it is kept in."""
+"""The computation at the points of a sweep, and the arrays of its results."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from octoplan.planner.frontends.io.scene_file import SceneFile, question_of
 Compute = Literal["settle", "plan", "stiffness"]
 Point = tuple[Any, ...]
 Rows = dict[str, NDArray[Any]]
-"""What was computed at some points: each variable by its name, a row for each point."""
+"""Results at some points: for each variable, by name, an array with one row per point."""
 
 LABELS = {
     "xyz": ["x", "y", "z"],
@@ -33,15 +33,15 @@ LABELS = {
 
 @dataclass(frozen=True)
 class Variable:
-    """A quantity of a point.
+    """A result of a point.
 
     Attributes
     ----------
     dims : tuple of str
-        Its own dimensions, beside those that the points lie along.
+        Dimensions of the variable besides those of the grid of points.
     units, about : str
     blank : float, bool or str
-        What it is where it was not computed.
+        Value for points that failed.
     """
 
     dims: tuple[str, ...]
@@ -50,7 +50,7 @@ class Variable:
     blank: Any = np.nan
 
     def sizes(self, tendons: int) -> tuple[int, ...]:
-        """Return the sizes of its own dimensions."""
+        """Return the sizes of the dimensions `dims`."""
         return tuple(tendons if dim == "tendon" else len(LABELS[dim]) for dim in self.dims)
 
 
@@ -61,14 +61,12 @@ _SHAPE = {
     "error": Variable((), "1", "estimated tip error over arm length"),
     "outcome": Variable((), "", "what happened", ""),
 }
-_SETTLED = {
-    "settled": Variable((), "1", "whether the arm was settled as accurately as asked", False)
-}
+_SETTLED = {"settled": Variable((), "1", "whether the shape meets the accuracy", False)}
 VARIABLES: Mapping[Compute, Mapping[str, Variable]] = {
     "settle": {**_SHAPE, **_SETTLED},
     "plan": {
         **_SHAPE,
-        "effort": Variable((), "N", "norm of the tensions that was made least"),
+        "effort": Variable((), "N", "minimised norm of the tensions"),
         "reached": Variable((), "1", "whether the targets are met, by the certificate", False),
     },
     "stiffness": {
@@ -79,7 +77,7 @@ VARIABLES: Mapping[Compute, Mapping[str, Variable]] = {
             "m/N, m/(N m), rad/N, rad/(N m)",
             "displacement [m] and rotation [rad] per force [N] and moment [N m], base frame",
         ),
-        "stable": Variable((), "1", "whether the shape is stable under held tensions", False),
+        "stable": Variable((), "1", "whether the shape is stable under constant tensions", False),
     },
 }
 RESERVED = {
@@ -89,11 +87,11 @@ RESERVED = {
     *LABELS,
     *(n for item in VARIABLES.values() for n in item),
 }
-"""Names in a Dataset that no axis can have."""
+"""Names in a Dataset that are not allowed for axes."""
 
 
 def blank(compute: Compute, tendons: int, points: int) -> Rows:
-    """Return rows in which nothing is computed yet; texts are objects, of any width."""
+    """Return rows of blank values; texts have dtype object, for any length."""
     return {
         name: np.full((points, *of.sizes(tendons)), of.blank, object if of.blank == "" else None)
         for name, of in VARIABLES[compute].items()
@@ -107,24 +105,24 @@ SETTLED = "Settled."
 
 @dataclass(frozen=True)
 class Job:
-    """What is the same for all points of a sweep, as workers need it.
+    """The part of a sweep that all points share; sent to workers.
 
     Attributes
     ----------
     compute
-        What is computed at each point.
+        The computation at each point.
     scene : dict
-        The scene with its defaults, as its file would hold it.
+        The scene with defaults, as decoded from a file.
     name : str
-        Of the file that the scene is from: others that it names are looked for from its folder.
+        Path of the scene file; mesh files are relative to its folder.
     keys : tuple of str
-        Key paths of what varies; a point is a value for each.
+        Key paths of the axes; a point has a value for each.
     tendons : tuple of str
         Names of the tendons.
     together : bool
-        Whether only tensions vary of shapes in closed form, which are settled many at a time.
+        Whether only tensions of closed-form shapes vary: these are settled in batches.
     objects : (SceneFile, SceneFile)
-        Of a sweep of objects, the question of these, and that of the scene they are written as.
+        For a sweep of objects: the given objects, and the same objects encoded and decoded.
     """
 
     compute: Compute
@@ -136,54 +134,54 @@ class Job:
     objects: tuple[SceneFile, SceneFile] | None = None
 
     def question(self, point: Point = ()) -> SceneFile:
-        """Return the question of a point; of the scene itself without a value for each key."""
+        """Return the scene at a point; by default, the scene without changes."""
         question = question_of(changed(self.scene, self.keys[: len(point)], point), self.name)
-        return question if self.objects is None else unchanged(*self.objects, question)
+        return question if self.objects is None else restore(*self.objects, question)
 
 
-def unchanged(original: Any, again: Any, new: Any) -> Any:
-    """Return a new value, of which is `original` what is as in `again`.
+def restore(original: Any, decoded: Any, new: Any) -> Any:
+    """Return `new` with all parts that equal those of `decoded` replaced by parts of `original`.
 
-    `again` is what the original is once it is written and read: a number in mm that is written has
-    not always digits enough for the one in m.
+    `decoded` is the original after encoding and decoding, which may change the last digit of
+    numbers in mm.
     """
-    if new == again:
+    if new == decoded:
         return original
-    if not type(original) is type(again) is type(new):
+    if not type(original) is type(decoded) is type(new):
         return new
     if isinstance(new, Scene):
-        return Scene(*unchanged(original.effects, again.effects, new.effects))
+        return Scene(*restore(original.effects, decoded.effects, new.effects))
     if is_dataclass(type(new)):
         names = arguments(type(new))
-        parts = [[getattr(each, name) for name in names] for each in (original, again, new)]
-        return type(new)(**dict(zip(names, map(unchanged, *parts), strict=True)))
-    if isinstance(new, dict) and original.keys() == again.keys() == new.keys():
-        return {key: unchanged(original[key], again[key], new[key]) for key in new}
-    if isinstance(new, tuple | list) and len(original) == len(again) == len(new):
-        return type(new)(map(unchanged, original, again, new))
+        parts = [[getattr(each, name) for name in names] for each in (original, decoded, new)]
+        return type(new)(**dict(zip(names, map(restore, *parts), strict=True)))
+    if isinstance(new, dict) and original.keys() == decoded.keys() == new.keys():
+        return {key: restore(original[key], decoded[key], new[key]) for key in new}
+    if isinstance(new, tuple | list) and len(original) == len(decoded) == len(new):
+        return type(new)(map(restore, original, decoded, new))
     return new
 
 
 def computed(job: Job, points: Sequence[Point]) -> Rows:
-    """Return what is computed at points; one that fails is a row that says so."""
+    """Return the results at points; a point that fails has its error as `outcome`."""
     with ProgressLine(False):
         parts = [_together(job, points)] if job.together else [_row(job, p) for p in points]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def _row(job: Job, point: Point) -> Rows:
-    """Return what is computed at a point. Whatever goes wrong there is told, and ends nothing."""
+    """Return the result at a point; any error becomes the `outcome` of the point."""
     values: dict[str, Any] = {}
     try:
         question = job.question(point)
         if question.arm.n_tendons != len(job.tendons):
-            allowed = f"{len(job.tendons)}, as the scene's own arm has"
+            allowed = f"{len(job.tendons)}, as in the scene"
             raise InputError("number of tendons", question.arm.n_tendons, allowed)
         values = _values(job.compute, question)
     except Exception as reason:
         kind = "" if isinstance(reason, OctoplanError) else f"{type(reason).__name__}: "
         values["outcome"] = f"Failed: {kind}{reason}"
-    # A point that the time limit of the whole sweep has cut short is computed another time.
+    # A point that the time limit of the whole sweep cuts off is not a result.
     check_time()
     row = blank(job.compute, len(job.tendons), 1)
     for name, value in values.items():
@@ -192,12 +190,12 @@ def _row(job: Job, point: Point) -> Rows:
 
 
 def _values(compute: Compute, question: SceneFile) -> dict[str, Any]:
-    """Return what is computed of a question, by the names of the variables."""
+    """Return the results for a scene, by name of variable."""
     names = ("tip", "tip_frame", "tensions", "error")
     if compute == "plan":
         p = planned(question)
         values: dict[str, Any] = {"effort": p.effort, "reached": p.reached}
-        # Where the tensions do not settle, the certificate says so and the outcome tells it.
+        # Without an equilibrium, the outcome has the reason.
         with suppress(OctoplanError):
             values |= {name: getattr(p.shape, name) for name in names}
         return values | {"tensions": np.ravel(p.tensions), "outcome": p.outcome}
@@ -213,10 +211,10 @@ def _values(compute: Compute, question: SceneFile) -> dict[str, Any]:
 
 
 def _together(job: Job, points: Sequence[Point]) -> Rows:
-    """Return what is computed at sets of tensions of one arm, which are settled at once."""
+    """Return the results at sets of tensions of one arm, settled as a batch."""
     question = job.question()
     flat, read = question.arm.flat(question.tensions), question.arm.flat
-    # Which tendon has its tension at each key path: the one whose tension is the largest there.
+    # Find the tendon of each key path: mark the path with the largest tension.
     marked = (
         changed({"tensions": question.tensions}, [key], [flat.max() + 1.0]) for key in job.keys
     )

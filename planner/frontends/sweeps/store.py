@@ -1,8 +1,8 @@
-"""Where a sweep is kept: each chunk that is finished as a file, all of them as an xarray Dataset.
+"""Storage of a sweep: a file for each finished chunk, and an xarray Dataset of all chunks.
 
-A chunk's file is there whole or not at all, in a folder beside the sweep's output. Its name holds
-the sweep's identity and the chunk's number; which files are there is all that is known of an
-earlier run. Dask reads, chunk by chunk, what xarray writes, so that memory holds a few only.
+The file of a chunk is written atomically, in a folder beside the output of the sweep. Its name has
+the identity of the sweep and the number of the chunk, so that the file names are the whole state of
+an interrupted run. Dask reads the chunks one by one for xarray, so that few of them are in memory.
 """
 
 from __future__ import annotations
@@ -31,27 +31,28 @@ from octoplan.planner.frontends.sweeps.points import LABELS, VARIABLES, Rows, Va
 
 
 class FullDiskError(OctoplanError):
-    """What a sweep has computed cannot be written.
+    """Results of a sweep cannot be written.
 
     Attributes
     ----------
     path : str
-        What could not be written.
+        The file that could not be written.
     reason : str
-        Why, in the system's words.
+        Message of the operating system.
     """
 
     def __init__(self, path: str, reason: str) -> None:
-        self.path, self.reason = path, reason
+        self.path = path
+        self.reason = reason
         super().__init__(
-            f"{path} cannot be written: {reason}; what is finished is kept: start the sweep again "
-            "once it can, and it goes on"
+            f"{path} cannot be written: {reason}; finished chunks are kept: make space, then run "
+            "the sweep again to compute the others"
         )
 
 
 @contextmanager
 def writable(path: Path) -> Iterator[None]:
-    """Let what cannot be written inside the block be told as FullDiskError."""
+    """Raise FullDiskError for an OSError of the block."""
     try:
         yield
     except OSError as reason:
@@ -59,18 +60,18 @@ def writable(path: Path) -> Iterator[None]:
 
 
 def folder_of(out: Path) -> Path:
-    """Return the folder of the chunks of a sweep that is to be written to a path."""
+    """Return the folder of the chunks for an output path."""
     return out.with_name(f"{out.name}.chunks")
 
 
 @dataclass(frozen=True)
 class ChunkFiles:
-    """The chunks of a sweep that are finished, as files.
+    """The files of the finished chunks of a sweep.
 
     Attributes
     ----------
     folder : Path
-        Made with the first of them.
+        Created with the first chunk.
     sweep : Sweep
     """
 
@@ -78,29 +79,30 @@ class ChunkFiles:
     sweep: Sweep
 
     def __post_init__(self) -> None:
-        """Raise InputError where the folder is another sweep's."""
-        there = self.folder.glob("*.npz")
-        if not all(path.name.startswith(self._prefix) for path in there):
+        """Raise InputError if the folder contains chunks of another sweep."""
+        existing = self.folder.glob("*.npz")
+        if not all(path.name.startswith(self._prefix) for path in existing):
             allowed = (
-                "chunks of this same sweep: these are of another, or of another version; "
-                "name another output, or remove it"
+                "a folder of chunks of this sweep and version; "
+                "choose another output, or remove the folder"
             )
             raise InputError("out", str(self.folder), allowed)
         self._keep()
 
     def _keep(self) -> None:
-        text = f"what is finished is kept in {self.folder}: the same command goes on from there"
+        text = f"finished chunks are kept in {self.folder}; the same command computes the others"
         remember_written(self.folder, text)
 
     @property
     def left(self) -> list[int]:
-        """The chunks that are not finished."""
+        """Numbers of the unfinished chunks."""
         there = {path.name for path in self.folder.glob("*.npz")}
         return [i for i in range(self.sweep.chunks) if self._path(i).name not in there]
 
     def write(self, chunk: int, rows: Rows) -> None:
-        """Keep a chunk; it is on the disk when this returns. Raises FullDiskError."""
-        path, texts = self._path(chunk), {"outcome": rows["outcome"].astype(str)}
+        """Write a chunk to disk and flush it; raise FullDiskError."""
+        path = self._path(chunk)
+        texts = {"outcome": rows["outcome"].astype(str)}
         with writable(path), whole(path, self.folder.parent) as part, part.open("wb") as stream:
             np.savez(stream, allow_pickle=False, **rows | texts)
             stream.flush()
@@ -108,13 +110,13 @@ class ChunkFiles:
         self._keep()
 
     def read(self, chunk: int, name: str) -> NDArray[Any]:
-        """Return a variable of a chunk that is finished; InputError where its file was spoilt."""
+        """Return a variable of a finished chunk; raise InputError if the file is damaged."""
         path = self._path(chunk)
         try:
             with np.load(path, allow_pickle=False) as stored:
                 return np.asarray(stored[name])
         except (OSError, ValueError, KeyError, EOFError, BadZipFile):
-            allowed = "a chunk as it was written: remove it, start again, and it is computed anew"
+            allowed = "an undamaged chunk: remove the file and run the sweep again"
             raise InputError("out", str(path), allowed) from None
 
     def _path(self, chunk: int) -> Path:
@@ -127,15 +129,16 @@ class ChunkFiles:
 
 # The Dataset
 
-# Points that are read at a time; what is written at a time [bytes], and lies together in Zarr.
+# Points that are read at a time.
 _READ = 4096
+# Size of the blocks that are written at a time, and of chunks in Zarr [bytes].
 _BLOCK = 200_000
 _ENGINES = {".nc": "h5netcdf", ".zarr": "zarr"}
 _NUMBER = re.compile(r"-?\d[\d.]*(e[+-]?\d+)?")
 
 
 def gathered(sweep: Sweep, chunks: ChunkFiles) -> Any:
-    """Return the Dataset of a sweep, all of whose chunks can be read; it is read when looked at."""
+    """Return the Dataset of a sweep, lazily; all its chunks are checked first."""
     xarray = needed("xarray", "sweep")
     summary, width = _summary(sweep, chunks)
     variables, coords = dict[str, Any](), dict[str, Any]()
@@ -153,12 +156,12 @@ def gathered(sweep: Sweep, chunks: ChunkFiles) -> Any:
     texts = {f"{name}_file": text for name, text in sweep.texts.items()}
     computed = {"compute": sweep.job.compute, "identity": sweep.identity}
     resolved = {"scene": msgspec.json.encode(sweep.job.scene).decode()}
-    made = {"title": "octoplan sweep", **computed, **numbers, **texts, **resolved, **summary}
-    return xarray.Dataset(variables, coords, made)
+    attributes = {"title": "octoplan sweep", **computed, **numbers, **texts, **resolved, **summary}
+    return xarray.Dataset(variables, coords, attributes)
 
 
 def _array(sweep: Sweep, kept: ChunkFiles, name: str, each: Variable, width: int) -> Any:
-    """Return a variable as an array of Dask's, chunk after chunk in the shape of the grid."""
+    """Return a variable as a Dask array, assembled from chunks in the shape of the grid."""
     array = needed("dask.array", "sweep")
     kind = np.dtype(f"U{width}" if each.blank == "" else type(each.blank))
     sizes = each.sizes(len(sweep.job.tendons))
@@ -182,50 +185,51 @@ def _array(sweep: Sweep, kept: ChunkFiles, name: str, each: Variable, width: int
 
 
 def save(data: Any, path: Path) -> None:
-    """Write a Dataset to a path, whole or not at all; raises FullDiskError. To be done in order."""
+    """Write a Dataset to a path, atomically; raise FullDiskError. Use inside in_order."""
     with writable(path), whole(path) as part:
         if path.suffix.lower() == ".nc":
             data.to_netcdf(part, engine="h5netcdf")
         else:
-            # Texts are no settled part of Zarr's format 3 yet.
+            # Zarr format 3 does not specify texts yet.
             data.to_zarr(part, zarr_format=2, consolidated=True)
 
 
 @contextmanager
 def in_order() -> Iterator[None]:
-    """Let Dask compute block after block, so that memory holds one.
+    """Make Dask compute block by block inside the block, so that memory holds a single one.
 
-    xarray would load all of distributed to see whether a cluster writes.
+    Hide `distributed`, which xarray would import to detect a cluster.
     """
-    dask, name = needed("dask", "sweep"), "distributed"
+    dask = needed("dask", "sweep")
+    name = "distributed"
     hidden = {} if name in sys.modules else {name: None}
     with dask.config.set(scheduler=dask.get), patch.dict(sys.modules, hidden):
         yield
 
 
 def check_store(path: Path) -> None:
-    """Refuse a path that cannot be written, before anything runs; MissingExtraError, InputError."""
+    """Raise InputError or MissingExtraError if a path cannot be written, before any computation."""
     suffix = path.suffix.lower()
     if suffix not in _ENGINES:
         raise InputError("out", str(path), "a name that ends in .nc (NetCDF) or .zarr (Zarr)")
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-        raise InputError("out", str(path), "a name in a folder that is there and can be written to")
+        raise InputError("out", str(path), "a name in an existing folder with write permission")
     if path.exists() and path.is_dir() != (suffix == ".zarr"):
-        what = "a folder of Zarr, not a file" if suffix == ".zarr" else "a file, not a folder"
-        raise InputError("out", str(path), what)
+        allowed = "a Zarr folder, not a file" if suffix == ".zarr" else "a file, not a folder"
+        raise InputError("out", str(path), allowed)
     packages = {"h5netcdf": "sweep", "h5py": "sweep"} if suffix == ".nc" else {"zarr": "zarr"}
     for package, extra in packages.items():
         needed(package, extra)
 
 
 def opened(path: Path) -> Any:
-    """Return a Dataset whose numbers are read from its file when they are looked at."""
+    """Return a Dataset whose numbers are read from its file on demand."""
     xarray = needed("xarray", "sweep")
     return xarray.open_dataset(path, engine=_ENGINES[path.suffix.lower()])
 
 
 def attributes_in(path: Path) -> dict[str, Any]:
-    """Return the attributes of the Dataset at a path; none where there is none."""
+    """Return the attributes of the Dataset at a path; empty if there is none."""
     if path.exists():
         with suppress(OSError, ValueError, KeyError), opened(path) as data:
             return dict(data.attrs)
@@ -233,11 +237,13 @@ def attributes_in(path: Path) -> dict[str, Any]:
 
 
 def _summary(sweep: Sweep, kept: ChunkFiles) -> tuple[dict[str, Any], int]:
-    """Return what became of the points, as attributes, and how long the longest outcome is.
+    """Return the numbers of successes and failures as attributes, and the longest outcome.
 
-    Of outcomes that differ by their numbers alone the first is counted with the others.
+    Outcomes that differ in their numbers only are counted together, under the first of them.
     """
-    met, width, kinds = 0, 1, dict[str, tuple[str, int]]()
+    met = 0
+    width = 1
+    kinds: dict[str, tuple[str, int]] = {}
     for chunk in range(sweep.chunks):
         good = kept.read(chunk, "reached" if sweep.job.compute == "plan" else "settled")
         outcomes = kept.read(chunk, "outcome")

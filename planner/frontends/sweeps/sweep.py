@@ -1,4 +1,4 @@
-"""Run a sweep: what is left of its points, by whoever works, gathered in a Dataset."""
+"""Run a sweep: compute the missing chunks, in parallel, and gather them in a Dataset."""
 
 from __future__ import annotations
 
@@ -39,51 +39,55 @@ from octoplan.planner.frontends.sweeps.store import (
 )
 
 Computed = Iterator[tuple[int, Rows]]
-# Chunks under way for each thread of a cluster, and seconds until it has to have a worker.
-_AHEAD, _PATIENCE = 3, 60
-# What is told of locks and folders that a process which was ended has left, once they are removed.
+# Chunks in progress per thread of a cluster.
+_AHEAD = 3
+# Time within which a cluster must have a worker [s].
+_PATIENCE = 60
+# Filter for joblib's warnings about resources of killed processes, which joblib then removes.
 _TIDIED = "ignore::UserWarning:joblib.externals.loky.backend.resource_tracker"
 
 
 class WorkersLostError(OctoplanError):
-    """Workers were killed, or the scheduler of a cluster was.
+    """Workers or the scheduler of a cluster were killed.
 
     Attributes
     ----------
     left : int
-        How many chunks of points are not finished.
+        Number of unfinished chunks.
     """
 
     def __init__(self, left: int) -> None:
         self.left = left
         super().__init__(
-            f"workers were killed, by hand or for lack of memory, or their scheduler was; {left} "
-            "chunks of points are left; what is finished is kept where the sweep has an output: "
-            "start it again, and it goes on"
+            "workers were killed, for lack of memory or by a user, or the scheduler stopped; "
+            f"{left} chunks of points are missing. Finished chunks are kept if the sweep has an output: "
+            "run the sweep again to compute the others"
         )
 
 
 class VersionsError(OctoplanError):
-    """A worker computes with other versions, whose digits may be others.
+    """A worker has other versions of the libraries, which may give other digits.
 
     Attributes
     ----------
     own, wanted : dict of str
-        Versions of the worker, and of whoever asks.
+        Versions of the worker and of the calling process.
     """
 
-    def __init__(self, entries: dict[str, str], wanted: dict[str, str]) -> None:
-        self.own, self.wanted = entries, wanted
+    def __init__(self, own: dict[str, str], wanted: dict[str, str]) -> None:
+        self.own = own
+        self.wanted = wanted
         super().__init__(
-            f"a worker of the cluster has {entries}, this process {wanted}; install alike"
+            f"a worker of the cluster has {own}, this process {wanted}; install the same versions"
         )
 
 
 def on_machine(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Computed:
-    """Yield what processes of this machine compute; in this one for one job. WorkersLostError."""
+    """Yield results of processes of this machine; of this process if jobs = 1. WorkersLostError."""
     joblib = needed("joblib", "sweep")
     broken = needed("joblib.externals.loky.process_executor", "sweep").BrokenProcessPool
-    left, more = dict.fromkeys(chunks), (end_of_limit(), versions())
+    left = dict.fromkeys(chunks)
+    more = (end_of_limit(), versions())
     one = joblib.delayed(_one)
     work = (one(sweep.job, chunk, sweep.points(chunk), *more) for chunk in list(left))
     alone = {} if jobs == 1 else {"initializer": _end_with, "initargs": (os.getpid(),)}
@@ -100,16 +104,16 @@ def on_machine(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Computed:
 
 @contextmanager
 def _undisturbed() -> Iterator[None]:
-    """Let processes that begin inside the block never hear Ctrl-C, as terminals send it to all.
+    """Block SIGINT for processes that start inside the block; terminals send Ctrl-C to all.
 
-    This process hears it after the block. Its workers end with it, and have nothing to say; nor has
-    joblib's process that tidies up after them.
+    This process receives the signal after the block. Workers and joblib's resource tracker end with
+    this process, without a message.
     """
     own = os.environ.get("PYTHONWARNINGS", "")
     quiet = patch.dict(os.environ, PYTHONWARNINGS=f"{own},{_TIDIED}".removeprefix(","))
     with quiet, ExitStack() as stack:
         if hasattr(signal, "pthread_sigmask"):
-            # Which would let signals through once it has begun.
+            # Started later, the resource tracker would unblock the signal.
             resource_tracker.ensure_running()
             before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
             stack.callback(signal.pthread_sigmask, signal.SIG_SETMASK, before)
@@ -119,9 +123,9 @@ def _undisturbed() -> Iterator[None]:
 def _one(
     job: Job, chunk: int, points: list[Point], end: float, wanted: dict[str, str]
 ) -> tuple[int, Rows]:
-    """Return a chunk's number and what is computed at its points; OutOfTime after an end.
+    """Return the number of a chunk and its results; raise OutOfTime at the time `end`.
 
-    Raises VersionsError where others compute than who asks has.
+    Raises VersionsError if the versions differ from those of the calling process.
     """
     if versions() != wanted:
         raise VersionsError(versions(), wanted)
@@ -130,7 +134,7 @@ def _one(
 
 
 def _end_with(parent: int) -> None:
-    """Watch, from now on, whether this process was left alone by one that was killed."""
+    """End this process when its parent process has ended."""
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -141,15 +145,15 @@ def _end_with(parent: int) -> None:
 
 
 def on_cluster(sweep: Sweep, chunks: Iterable[int], scheduler: str) -> Computed:
-    """Yield what the workers of a Dask cluster compute, few chunks being under way at a time.
+    """Yield results of the workers of a Dask cluster; a limited number of chunks is in progress.
 
-    Not by joblib's backend for Dask, which waits forever once workers are lost. The cluster hands
-    out again what a worker had that dies. Raises InputError where there is no scheduler, or none of
-    its workers comes; WorkersLostError where the scheduler goes, or a chunk kills its workers again
-    and again; VersionsError.
+    Joblib's backend for Dask is not used, because it waits forever for lost workers. The cluster
+    reassigns the chunks of a worker that dies. Raises InputError without a scheduler or workers,
+    WorkersLostError if the scheduler stops or a chunk kills its workers repeatedly, VersionsError.
     """
     distributed = needed("distributed", "cluster")
-    left, more = dict.fromkeys(chunks), (math.inf, versions())
+    left = dict.fromkeys(chunks)
+    more = (math.inf, versions())
     with _client(scheduler) as client:
         tasks = (
             client.submit(_one, sweep.job, chunk, sweep.points(chunk), *more, pure=False)
@@ -201,70 +205,70 @@ def sweep(
     progress: bool | None = None,
     **others: Any,
 ) -> Any:
-    """Return what is asked for at many values of a scene, as an xarray Dataset.
+    """Return results at many values of a scene, as an xarray Dataset.
 
-    The numbers do not depend on how many work on them, nor on interruptions. A sweep that was
-    killed goes on where it was when it is started again: each chunk of points that is finished is a
-    file in the folder OUT.chunks beside `out`, which is removed when `out` is written. Where `out`
-    holds this same sweep already, nothing is run: it is opened, and the log says so (logger
-    octoplan.planner.frontends.sweeps). A point that fails is a row whose `outcome` says why, its
-    numbers nan.
+    Results do not depend on the number of workers or on interruptions. Each finished chunk of
+    points is a file in the folder OUT.chunks beside `out`; an interrupted sweep computes the
+    missing chunks when it is started again, and the folder is removed when `out` is written. If
+    `out` contains this sweep already, it is opened and nothing is computed; the log has a message
+    (logger octoplan.planner.frontends.sweeps). A point that fails has numbers nan, and its error as
+    `outcome`.
 
     Parameters
     ----------
     request : path or Arm
         The sweep file, see octoplan.planner.frontends.sweeps.definition; or an arm, with `axes` and
-        what follows.
+        further keyword arguments.
     out : path
-        Where to write the Dataset, .nc or .zarr. Memory does not grow with the number of points
-        then, and what is returned reads its numbers from there when they are looked at. Without,
-        all is held in memory, and nothing is kept of a sweep that is killed.
+        File of the Dataset, .nc or .zarr. Memory then does not grow with the number of points, and
+        the returned Dataset reads its numbers from this file on demand. By default, all results are
+        in memory, and an interruption loses them.
     jobs : int
-        How many processes of this machine work on it; -1 is one for each processor.
+        Number of processes of this machine; -1 is one per processor.
     scheduler : str
-        Address of a Dask scheduler, "tcp://HOST:PORT", whose workers work on it in place of those.
+        Address of a Dask scheduler, "tcp://HOST:PORT", whose workers replace these processes.
     axes : mapping
-        With an Arm: by the key that the value has in a scene file, in its unit, the values; or what
-        a [[sweep.axes]] table holds, such as {"distribution": "uniform", "low": 80, "high": 120}.
+        With an Arm: values by key of a scene file, in the unit of the key; or the contents of a
+        [[sweep.axes]] table, such as {"distribution": "uniform", "low": 80, "high": 120}.
     time_limit : float
-        Of each point [s], in place of the scene's `time_limit_s`: the best plan by then, else a
-        point that failed.
+        Limit for each point [s], in place of `time_limit_s` of the scene. A plan that reaches the
+        limit is the best so far; other points fail.
     progress : bool
-        Whether a line tells how far it is: unless given, after two seconds, on terminals and in
+        Whether to show a progress line; by default after two seconds, on terminals and in
         notebooks.
     **others
         With an Arm: `scene`, `target` (one or several), `tensions` [N], `tension_max` [N];
-        `compute`, "plan" with a target and else "settle", or "stiffness"; `draws`, `seed`; and
-        further keys of scene files, such as accuracy, limits={...} or stiffness={...}.
+        `compute`, by default "plan" with a target and "settle" without, or "stiffness"; `draws`,
+        `seed`; and further keys of scene files, such as accuracy, limits={...} or stiffness={...}.
 
     Raises
     ------
     FileError
-        For what the sweep or its scene must not have, before anything runs.
+        If an entry of the sweep or its scene is invalid, before anything is computed.
     InputError
-        For arguments that are not allowed, and where chunks of another sweep are in the way.
+        For invalid arguments, or if OUT.chunks contains chunks of another sweep.
     MissingExtraError
-        Naming the command that installs what is missing.
+        If a package is missing; the message has the command that installs it.
     WorkersLostError
-        If workers are killed; what is finished is kept beside `out`.
+        If workers are killed; finished chunks are kept beside `out`.
     VersionsError
-        If a worker of the cluster has other versions of what computes.
+        If a worker of the cluster has other versions of the libraries.
     FullDiskError
-        If something cannot be written; what is finished is kept.
+        If a file cannot be written; finished chunks are kept.
     """
     seconds = None if time_limit is None else positive("time_limit", time_limit)
     if isinstance(request, Arm):
         wanted = sweep_of(request, axes, **others, time_limit=seconds)
     elif axes is not None or others:
         surplus = ", ".join([*(["axes"] if axes is not None else []), *others])
-        raise InputError(surplus, "given beside a sweep file", "with an Arm in place of the file")
+        raise InputError(surplus, "given beside a sweep file", "omitted, or used with an Arm")
     else:
         wanted = load_sweep(request, seconds)
     if out is not None:
         out = path_of(out, "out")
         _, is_earlier = written(wanted, out, jobs=jobs, scheduler=scheduler)
         if is_earlier:
-            _log.info("%s holds this sweep already; it is not run again", out)
+            _log.info("%s contains this sweep already; nothing is computed", out)
         return opened(out)
     _check(jobs)
     with (
@@ -277,7 +281,7 @@ def sweep(
 def written(
     wanted: Sweep, out: str | Path, *, jobs: int = 1, scheduler: str | None = None
 ) -> tuple[dict[str, Any], bool]:
-    """Write what a sweep computes; return the Dataset's attributes, and whether it was there."""
+    """Write the results of a sweep; return the Dataset's attributes, and whether it existed."""
     path = Path(out)
     _check(jobs)
     check_store(path)
@@ -292,7 +296,7 @@ def written(
 
 
 def _check(jobs: int) -> None:
-    """Tell whatever hinders a sweep before anything runs."""
+    """Raise MissingExtraError or InputError before anything is computed."""
     for package in ("xarray", "dask"):
         needed(package, "sweep")
     if isinstance(jobs, bool) or not isinstance(jobs, int) or (jobs < 1 and jobs != -1):
@@ -301,9 +305,9 @@ def _check(jobs: int) -> None:
 
 @contextmanager
 def _computed(wanted: Sweep, folder: Path, jobs: int, scheduler: str | None) -> Iterator[Any]:
-    """Yield the Dataset of a sweep, to be read in the block, once what is left of it is computed.
+    """Compute the missing chunks of a sweep, then yield the Dataset for use inside the block.
 
-    Each chunk is kept in a folder as it comes.
+    Each chunk is written to a folder when it is finished.
     """
     chunks = ChunkFiles(folder, wanted)
     left = chunks.left
