@@ -84,16 +84,16 @@ def test_the_arm_moves_on_while_it_catches_up_and_says_how_far_it_is() -> None:
     hand = brought(session())
     hand.pose = moved(hand, -0.05, 0.1, 0.0)
     assert hand.missed > 0.1
-    assert "<b>Catching up</b>, 112 mm to go." in following(hand, more=True)
+    assert "<b>Moving</b>, 112 mm to go." in following(hand, more=True)
     brought(hand)
     assert hand.missed <= 1e-3 * ARM.length
-    assert "There" in following(hand, more=False)
+    assert "Target reached" in following(hand, more=False)
 
 
 def test_out_of_reach_the_arm_goes_as_near_as_it_can_and_the_page_says_so() -> None:
     hand = brought(session(tension_max=0.5, starts=1))
     hand.pose = np.array([1.0, 0, 0, 0, 0.0, 0.35, 0.0])
-    assert "No nearer from here" in following(brought(hand), more=False)
+    assert "Stopped" in following(brought(hand), more=False)
     found = hand.settled()
     assert found is not None
     assert found.mode != "exact"
@@ -110,7 +110,7 @@ def test_a_heavy_arm_goes_no_nearer_than_it_stands_and_the_page_says_so() -> Non
         assert heavy.shape.stability > 0
     assert not more
     assert heavy.missed < 0.1 * ARM.length
-    assert "nearer it would not stand" in following(heavy, more=False)
+    assert "becomes unstable if it moves closer" in following(heavy, more=False)
 
 
 def test_effects_are_switched_and_contradictions_refused() -> None:

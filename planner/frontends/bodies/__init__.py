@@ -1,1 +1,1 @@
-"""Settled arms as bodies for other programs: meshes, chains of rigid links, messages."""
+"""Settled arms for other programs: meshes, chains of rigid links, messages."""

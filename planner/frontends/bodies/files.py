@@ -1,4 +1,4 @@
-"""Files of a settled arm for other programs."""
+"""Write files of a settled arm for other programs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ KINDS = get_args(What)
 def save_mesh(shape: Shape, path: str | Path, along: int = 200, around: int = 32) -> Path:
     """Write the surface of a settled arm to a .stl, .glb (glTF), .ply or .obj file, in metres.
 
-    The triangles close; the file is there whole or not at all.
+    The surface is closed; the file is written atomically.
 
     Parameters
     ----------
@@ -34,9 +34,9 @@ def save_mesh(shape: Shape, path: str | Path, along: int = 200, around: int = 32
     Raises
     ------
     InputError
-        For another suffix, where it cannot be written, and for numbers that are not allowed.
+        For another suffix, a file that cannot be written, and numbers out of range.
     MissingExtraError
-        Where trimesh is not installed; it comes with the extra `mesh`.
+        If trimesh is not installed, which is in the extra `mesh`.
     """
     within("along", along, 2, 10_000)
     within("around", around, 3, 1000)
@@ -60,22 +60,22 @@ def export_shape(
         NAME.stl and NAME.glb, see save_mesh; NAME.xml, see mjcf; or NAME.urdf and NAME.ros.json,
         see urdf and ros_messages.
     name : str
-        Of the files, without their suffix.
+        Name of the files without suffix.
     links : int
-        Of a chain.
+        Number of links of a chain.
 
     Raises
     ------
     InputError
-        For what is not allowed, and where the files cannot be written; for MJCF of a scene whose
-        loads it cannot have, see mjcf.
+        For invalid arguments, and files that cannot be written; for MJCF of a scene with
+        unsupported loads, see mjcf.
     MissingExtraError
-        For a mesh where trimesh is not installed.
+        If trimesh is not installed, for a mesh.
 
     Warns
     -----
     ExportWarning
-        For loads that a file lacks, see mjcf and urdf. A mesh is the shape alone.
+        For loads that a file lacks, see mjcf and urdf; a mesh has no loads.
     """
     if what == "mesh":
         kinds = ".stl", ".glb"
@@ -98,7 +98,7 @@ def _mesh(shape: Shape, suffix: str, along: int, around: int) -> bytes:
     s = np.linspace(0.0, shape.arm.length, along)
     radius = shape.arm.radius.evaluate(s, shape.arm.length)[0]
     if shape.scene.has(NeoHookean):
-        # A cross-section of constant volume swells where it is shortened.
+        # A cross-section of constant volume grows as the arm is compressed.
         radius = radius / np.sqrt(1 + shape.strain(s)[:, 3])
     vertices, faces = surface(shape.arm, s, shape.poses(s), around, radius)
     mesh: Any = trimesh.Trimesh(vertices, faces, process=False)

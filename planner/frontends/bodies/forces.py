@@ -1,8 +1,8 @@
 """Forces on an exported chain of links, and the springs that balance them at the settled shape.
 
-MuJoCo has gravity, buoyancy (`gravcomp`), masses, and wrenches on sites: motors whose `refsite` is
-in the world are dead forces, motors without one turn with their site. Effects that have none of
-these are refused, or named by an ExportWarning and in the file.
+MuJoCo supports gravity, buoyancy (`gravcomp`), masses, and wrenches on sites: motors whose
+`refsite` is in the world exert dead forces, motors without `refsite` follow their site. Other loads
+are rejected, or omitted with an ExportWarning and a comment in the file.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.units import warn
 
-# Effects of the cross-section: springs take their place.
+# Effects of the cross-section, which the springs represent.
 _STATICS = (ExactTendons, Extension, NeoHookean, PrintedStatics, Shear)
 _CARRIED = (Buoyancy, Current, PointLoad, PointMass, TipLoad, Weight)
 _TOUCHING = (Contact, SelfContact)
@@ -42,7 +42,7 @@ _DRAG_POINTS = 4
 
 
 class ExportWarning(UserWarning):
-    """An exported file lacks a load of the scene, or differs from the settled arm otherwise."""
+    """An exported file lacks a load of the scene, or differs from the settled arm."""
 
 
 def warn_of(sentences: Sequence[str]) -> None:
@@ -52,7 +52,7 @@ def warn_of(sentences: Sequence[str]) -> None:
 
 
 def left_out_of_urdf(shape: Shape) -> tuple[str, ...]:
-    """Return a sentence about the loads that URDF has no element for; empty without loads."""
+    """Return a sentence about loads, which URDF does not support; empty without loads."""
     names = _names(e for e in shape.scene.effects if not isinstance(e, (*_STATICS, PointMass)))
     if not names:
         return ()
@@ -60,15 +60,15 @@ def left_out_of_urdf(shape: Shape) -> tuple[str, ...]:
 
 
 def left_out_of_mjcf(shape: Shape) -> tuple[str, ...]:
-    """Return sentences about loads that an MJCF model has for the settled shape alone.
+    """Return sentences about loads that an MJCF model reproduces at the settled shape only.
 
-    Raises InputError for a load that changes the equilibrium and that MJCF cannot have.
+    Raises InputError for a load that changes the equilibrium and is not supported by MJCF.
     """
     free = not shape.contacts
     known = (*_STATICS, *_CARRIED, *(_TOUCHING if free else ()))
     refused = [effect for effect in shape.scene.effects if not isinstance(effect, known)]
     if refused:
-        allowed = "a scene whose loads MJCF has"
+        allowed = "a scene with loads that MJCF supports"
         if any(isinstance(effect, _TOUCHING) for effect in refused):
             allowed += "; replace contacts by a PointLoad with each force of shape.contacts"
         else:
@@ -84,7 +84,7 @@ def left_out_of_mjcf(shape: Shape) -> tuple[str, ...]:
 
 
 def _names(effects: Iterable[Effect]) -> str:
-    """Return the kinds of effects, once each, separated by commas."""
+    """Return the types of effects, once each, separated by commas."""
     return ", ".join(dict.fromkeys(type(effect).__name__ for effect in effects))
 
 
@@ -95,11 +95,11 @@ class Bodies:
     Attributes
     ----------
     s : (N + 1,)
-        Arc lengths of their origins [m].
+        Arc lengths of the origins [m].
     origins : (N + 1, 3)
         [m].
     frames : (N + 1, 3, 3)
-        VectorInterpreter are their axes.
+        Orientations; the columns are the axes.
     """
 
     s: Array
@@ -107,7 +107,7 @@ class Bodies:
     frames: Array
 
     def body_at(self, s: float) -> int:
-        """Return the number of the body that has an arc length [m]; N is the tip."""
+        """Return the index of the body at an arc length [m]; N is the tip."""
         tolerance = SAME * float(self.s[-1])
         return int(np.searchsorted(self.s, s + tolerance, side="right")) - 1
 
@@ -116,22 +116,22 @@ class Bodies:
         return np.asarray(self.frames[body].T @ (point - self.origins[body]))
 
     def world(self, body: int, point: Array) -> Array:
-        """Return the place (3,) [m] of a point in the frame of a body."""
+        """Return the position (3,) [m] of a point in the frame of a body."""
         return np.asarray(self.origins[body] + self.frames[body] @ point)
 
 
 @dataclass(frozen=True, eq=False)
 class SiteForce:
-    """A wrench on a body, which a motor on a site exerts.
+    """A wrench on a body, exerted by a motor at a site.
 
     Attributes
     ----------
     name : str
     body : int
     place : (3,)
-        In the body's frame [m].
+        Position in the frame of the body [m].
     wrench : (6,)
-        Force [N] and moment [N m], in world axes or, with `follower`, in the body's.
+        Force [N] and moment [N m], in world axes, or in the axes of the body for a follower.
     follower : bool
     """
 
@@ -151,7 +151,7 @@ class Mass:
     name : str
     body : int
     place : (3,)
-        In the body's frame [m].
+        Position in the frame of the body [m].
     mass : float
         [kg].
     """
@@ -164,7 +164,8 @@ class Mass:
 
 def site_forces(shape: Shape, bodies: Bodies) -> list[SiteForce]:
     """Return the wrenches of point loads, the tip load and the current."""
-    tip, results = bodies.s.size - 1, list[SiteForce]()
+    tip = bodies.s.size - 1
+    results: list[SiteForce] = []
     loads = [effect for effect in shape.scene.effects if isinstance(effect, PointLoad)]
     for i, load in enumerate(loads):
         body = bodies.body_at(load.s)
@@ -182,7 +183,7 @@ def site_forces(shape: Shape, bodies: Bodies) -> list[SiteForce]:
 
 
 def _drag_forces(shape: Shape, bodies: Bodies, current: Current) -> Iterator[SiteForce]:
-    """Yield the resultant wrench of a current on each link, at the link's origin."""
+    """Yield the resultant wrench of a current on each link, at the origin of the link."""
     ends = zip(bodies.s[:-1], bodies.s[1:], strict=True)
     velocity = np.array(current.velocity)
     for i, (start, end) in enumerate(ends):
@@ -198,7 +199,7 @@ def _drag_forces(shape: Shape, bodies: Bodies, current: Current) -> Iterator[Sit
 
 
 def point_masses(shape: Shape, bodies: Bodies) -> list[Mass]:
-    """Return the point masses of a scene, as parts of the bodies that carry them."""
+    """Return the point masses of a scene, in the frames of their bodies."""
     masses = [effect for effect in shape.scene.effects if isinstance(effect, PointMass)]
     results = list[Mass]()
     for i, each in enumerate(masses):
@@ -210,13 +211,13 @@ def point_masses(shape: Shape, bodies: Bodies) -> list[Mass]:
 
 
 def buoyancy_ratio(shape: Shape) -> float:
-    """Return the fluid's density over the body's: MuJoCo's `gravcomp`; 0 without Buoyancy."""
+    """Return fluid density over body density, MuJoCo's `gravcomp`; 0 without Buoyancy."""
     fluid = shape.scene.find(Buoyancy)
     return fluid.density / shape.arm.material.density if fluid else 0.0
 
 
 class Resultants:
-    """The sum of all forces on each body and on those beyond it, towards the tip."""
+    """Sums of the forces on each body and all bodies between this one and the tip."""
 
     def __init__(self, bodies: Bodies) -> None:
         self._bodies = bodies
@@ -231,15 +232,16 @@ class Resultants:
             self._moment[body] += moment
 
     def add_wrench(self, each: SiteForce) -> None:
-        """Add the wrench on a site."""
+        """Add the wrench of a site."""
         axes = self._bodies.frames[each.body] if each.follower else np.eye(3)
-        force, moment = axes @ each.wrench[:3], axes @ each.wrench[3:]
+        force = axes @ each.wrench[:3]
+        moment = axes @ each.wrench[3:]
         self.add(each.body, self._bodies.world(each.body, each.place), force, moment)
 
     def on_joints(self, axes: Array) -> Array:
         """Return the generalised forces (N + 1, 4) on slide and hinges of each body.
 
-        `axes` (N + 1, 4, 3) are those of its slide and its three hinges, which are at its origin.
+        `axes` (N + 1, 4, 3) are the axes of slide and hinges through the origin of the body.
         """
         force = np.cumsum(self._force[::-1], axis=0)[::-1]
         moment = np.cumsum(self._moment[::-1], axis=0)[::-1]
@@ -250,7 +252,7 @@ class Resultants:
 
 
 def joint_axes(base_frame: Array, bodies: Bodies, rest: Array, angles: Array) -> Array:
-    """Return the axes (N + 1, 4, 3) of slide and hinges x, y, z of each body, at its angles."""
+    """Return the axes (N + 1, 4, 3) of the slide and of hinges x, y, z of each body."""
     before = np.concatenate([base_frame[None], bodies.frames[:-1]])
     first = before @ rest
     x, y = np.zeros_like(angles), np.zeros_like(angles)

@@ -1,4 +1,4 @@
-"""A settled arm as a chain of rigid links, and that chain for ROS as URDF and messages."""
+"""A settled arm as a chain of rigid links, and as URDF and messages for ROS."""
 
 from __future__ import annotations
 
@@ -22,41 +22,42 @@ from octoplan.planner.frontends.io.records import POINTS
 from octoplan.planner.measure import strokes
 
 MOST_LINKS = 1000
-# Of the rest shape, over the arm's length.
+# Accuracy of the shape at rest, over the arm length.
 _ACCURACY = 1e-9
-# Of URDF: the root, and no displacement or rotation.
+# Name of the root link of URDF.
 BASE = "base_link"
+# No displacement or rotation.
 _NOT = (0.0, 0.0, 0.0)
 _NO_PRODUCTS = {"ixy": 0, "ixz": 0, "iyz": 0}
 
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """N links between N + 1 nodes, evenly spaced on the midline at rest, and the tip's frame.
+    """N links between N + 1 nodes, evenly spaced on the midline at rest, and the frame of the tip.
 
-    Link i has its origin at node i and its x axis along the chord to the next; the last link, N, is
-    the tip's frame, without extent. Link i + 1 hangs on link i by a slide along that chord and
-    three hinges at its own origin, about its axes x, y, z in turn; link 0 on the base by hinges.
+    Link i has its origin at node i and its x axis along the chord to the next node; the last link,
+    N, is the frame of the tip, without extent. A slide along the chord and three hinges at the
+    origin of link i + 1, about its axes x, y, z in this order, connect it to link i; hinges only
+    connect link 0 to the base.
 
     Attributes
     ----------
     s : (N + 1,)
         Arc lengths of the nodes [m].
     chords : (N,)
-        Distances of the nodes at rest [m].
+        Distances between nodes at rest [m].
     rest : (N + 1, 3, 3)
         Orientation of each link in the one before, at rest; of link 0 in the base frame.
     angles : (N + 1, 3)
-        Of the hinges in the settled arm [rad].
+        Hinge angles of the settled arm [rad].
     slides : (N,)
-        Of the slides in the settled arm [m].
+        Slide positions of the settled arm [m].
     radii, masses : (N,)
-        Of the links [m], [kg].
+        Radii [m] and masses [kg] of the links.
     hinge_stiffness : (N + 1, 3)
-        About x, y, z: G J_t / h, E J / h, E J / h [N m/rad]; of a neo-Hookean body at the settled
-        stretch.
+        About x, y, z: G J_t / h, E J / h, E J / h [N m/rad], at the settled stretch if neo-Hookean.
     slide_stiffness : (N,)
-        E A / h [N/m], at the settled stretch too.
+        E A / h [N/m], at the settled stretch if neo-Hookean.
     bodies : Bodies
         Links and tip at the settled shape.
     """
@@ -79,19 +80,19 @@ class Chain:
 
     @property
     def stiffness(self) -> Array:
-        """Stiffness (N + 1, 4) of slide and hinges of each body; infinite of the base's slide."""
+        """Stiffness (N + 1, 4) of slide and hinges of each body; inf for the slide of link 0."""
         return np.column_stack([np.append(np.inf, self.slide_stiffness), self.hinge_stiffness])
 
     @property
     def joints(self) -> dict[str, float]:
-        """Positions of all joints in the settled arm [m], [rad], by name, from the base on."""
+        """Positions of all joints in the settled arm [m], [rad], by name, from base to tip."""
         names = [f"{kind}_{i}" for i in range(self.s.size) for kind in ("slide", "x", "y", "z")]
-        # Link 0 hangs on the base by hinges alone.
+        # Link 0 has no slide.
         return dict(zip(names[1:], self.moved.ravel().tolist()[1:], strict=True))
 
 
 def chain_of(shape: Shape, links: int) -> Chain:
-    """Return the chain of so many links that follows a shape; InputError for none or too many."""
+    """Return the chain of a number of links that follows a shape; raise InputError if invalid."""
     kind("shape", shape, Shape, "a Shape, as settle returns it")
     within("links", links, 1, MOST_LINKS)
     arm = shape.arm
@@ -105,7 +106,7 @@ def chain_of(shape: Shape, links: int) -> Chain:
     radius = arm.radius.evaluate(s, arm.length)[0]
     middle_radius = arm.radius.evaluate(middle, arm.length)[0]
     masses = -arm.material.density * np.diff(volume(arm, s))
-    # A hinge stands for half a link on either side.
+    # A hinge replaces the compliance of half a link on either side.
     spans = (np.append(0.0, h) + np.append(h, 0.0)) / 2
     EJ = arm.material.E * np.pi * radius**4 / 4
     GJ = arm.material.G * np.pi * radius**4 / 2
@@ -132,12 +133,13 @@ def chain_of(shape: Shape, links: int) -> Chain:
 
 
 def _relative(shape: Shape, s: Array) -> tuple[Array, Array, Array]:
-    """Return the orientation of each link in the one before, the nodes' distances, the frames."""
+    """Return orientations relative to the link before, distances of nodes, and frames."""
     middle = (s[:-1] + s[1:]) / 2
     chords = np.diff(shape.position(s), axis=0)
     lengths = np.linalg.norm(chords, axis=1)
-    # By the least rotations that turn the x axes t along the chords: quaternions are scaled.
-    frames, along = shape.frame(middle), chords / lengths[:, None]
+    # Rotate the frames by the smallest rotation from t to the chord; SciPy normalises quaternions.
+    frames = shape.frame(middle)
+    along = chords / lengths[:, None]
     t = frames[:, :, 0]
     cosines = np.sum(t * along, axis=1)
     least = Rotation.from_quat(np.column_stack([np.cross(t, along), 1 + cosines]))
@@ -147,15 +149,15 @@ def _relative(shape: Shape, s: Array) -> tuple[Array, Array, Array]:
 
 
 def urdf(shape: Shape, links: int = 30, name: str = "arm") -> str:
-    """Return a chain of links that follows a settled arm as URDF.
+    """Return a settled arm as a chain of links in URDF.
 
-    Its root is `base_link`, at the arm's base; joints are named slide_i, x_i, y_i, z_i, and their
-    positions in the settled shape are in `ros_messages`, for robot_state_publisher. Links are named
-    after the joints that they hang on; link_z_i has the body, the others between a slide and three
-    hinges have no extent. link_z_N, N the number of links, is the tip's frame. A PointMass is a
-    link mass_i. URDF has no loads: an ExportWarning and a comment name those of the scene.
+    The root is `base_link`, at the base of the arm. Joints are named slide_i, x_i, y_i, z_i;
+    `ros_messages` has their positions in the settled shape, for robot_state_publisher. Each link
+    has the name of its joint: link_z_i has a body, the links between a slide and three hinges have
+    no extent, and link_z_N, with N the number of links, is the frame of the tip. A PointMass is a
+    link mass_i. URDF has no loads: an ExportWarning and a comment name the loads of the scene.
 
-    Raises InputError for a number of links that is not 1 to 1000.
+    Raises InputError if the number of links is not 1 to 1000.
     """
     chain = chain_of(shape, links)
     remarks = left_out_of_urdf(shape)
@@ -191,7 +193,7 @@ def _jointed(
     xyz: Any = _NOT,
     rpy: Any = _NOT,
 ) -> ET.Element:
-    """Hang a link on another by a joint; return it."""
+    """Connect a new link to another one by a joint; return the new link."""
     child = f"link_{joint}"
     values = child_of(root, "joint", name=joint, type=kind)
     child_of(values, "parent", link=parent.get("name"))
@@ -205,9 +207,9 @@ def _jointed(
 
 
 def _solid(link: ET.Element, chain: Chain, i: int) -> None:
-    """Give a link its body and mass."""
+    """Add body and mass to a link."""
     length, radius, mass = (float(x[i]) for x in (chain.chords, chain.radii, chain.masses))
-    # Cylinders stand along z; the link's own axis is x.
+    # Cylinders have axis z; the axis of the link is x.
     place = {"xyz": (length / 2, 0, 0), "rpy": (0, np.pi / 2, 0)}
     for tag in ("visual", "collision"):
         values = child_of(link, tag)
@@ -216,21 +218,24 @@ def _solid(link: ET.Element, chain: Chain, i: int) -> None:
     values = child_of(link, "inertial")
     child_of(values, "origin", **place)
     child_of(values, "mass", value=mass)
-    across, along = mass * (3 * radius**2 + length**2) / 12, mass * radius**2 / 2
+    across = mass * (3 * radius**2 + length**2) / 12
+    along = mass * radius**2 / 2
     child_of(values, "inertia", ixx=across, iyy=across, izz=along, **_NO_PRODUCTS)
 
 
 def ros_messages(shape: Shape, links: int = 30) -> dict[str, Any]:
-    """Return a settled arm as ROS messages, as JSON has them (rosbridge, `ros2 topic pub`).
+    """Return a settled arm as ROS messages in JSON (rosbridge, `ros2 topic pub`).
 
     `tendons` is a sensor_msgs/JointState of strokes [m] and tensions [N], `chain` one of the joints
-    of `urdf`, `path` a nav_msgs/Path of the frames along the midline as the base sees them, their x
-    axes along the arm.
+    of `urdf`, `path` a nav_msgs/Path of frames along the midline in the base frame, with x axes
+    along the arm.
     """
-    joints, arm = chain_of(shape, links).joints, shape.arm
+    joints = chain_of(shape, links).joints
+    arm = shape.arm
     header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": BASE}
-    # The frames along the midline, as the base sees them.
-    base, s = np.array(arm.base_frame), np.linspace(0.0, arm.length, POINTS)
+    # Frames along the midline, in the base frame.
+    base = np.array(arm.base_frame)
+    s = np.linspace(0.0, arm.length, POINTS)
     places = (shape.position(s) - np.array(arm.base_position)) @ base
     turned = Rotation.from_matrix(base.T @ shape.frame(s)).as_quat()
     poses = [

@@ -28,13 +28,13 @@ from octoplan.planner.frontends.bodies.links import Chain, chain_of
 from octoplan.planner.frontends.bodies.surface import offsets
 from octoplan.planner.frontends.bodies.xml import child_of, remark, to_text
 
-# Damping over stiffness of joints [s]: what swings is still after some of that.
+# Damping over stiffness of joints [s]: the time constant of oscillations.
 _DAMPING = 0.05
-# Mass of the tip, which has no extent, over that of the last link.
+# Mass of the tip, which has no extent, over the mass of the last link.
 _TIP = 1e-3
-# Rotation [rad] of a link against the last one up to which no simulated keyframe was unstable.
+# Rotation between links [rad] up to which no simulated keyframe was unstable.
 _MAX_TURN = 2 * np.pi / 3
-# The site whose axes dead loads have.
+# Site whose axes define the direction of dead loads.
 WORLD = "world"
 # Attributes of geoms that collide with nothing.
 _UNTOUCHED = {"contype": "0", "conaffinity": "0"}
@@ -42,7 +42,7 @@ _UNTOUCHED = {"contype": "0", "conaffinity": "0"}
 
 @dataclass(frozen=True, eq=False)
 class TendonSite:
-    """A point of a tendon's path: its name, its body (-1: the base), its place there (3,) [m]."""
+    """A point of a tendon: its name, its body (-1: the base), and its position there (3,) [m]."""
 
     name: str
     body: int
@@ -50,17 +50,19 @@ class TendonSite:
 
 
 def tendon_sites(shape: Shape, chain: Chain) -> list[list[TendonSite]]:
-    """Return the path of each tendon: at the base, at the nodes that it passes, at its anchorage.
+    """Return the path of each tendon: points at the base, at nodes, and at the anchorage.
 
-    Its offset from the midline is that of the settled cross-section.
+    Offsets from the midline are those of the settled cross-section.
     """
-    arm, bodies = shape.arm, chain.bodies
+    arm = shape.arm
+    bodies = chain.bodies
     ends = np.array([arm.sections[i].at for i, _ in arm.tendons])
     at_nodes = _settled_offsets(shape, chain.s)
     at_ends = _settled_offsets(shape, ends)
     paths = list[list[TendonSite]]()
     for j, end in enumerate(ends.tolist()):
-        name, last = arm.tendon_name(j), bodies.body_at(end)
+        name = arm.tendon_name(j)
+        last = bodies.body_at(end)
         places = [np.append(0.0, at_nodes[j, i]) for i in range(last + 1)]
         path = [TendonSite(f"{name}_{i}", i or -1, place) for i, place in enumerate(places)]
         if end - chain.s[last] > SAME * arm.length:
@@ -71,7 +73,7 @@ def tendon_sites(shape: Shape, chain: Chain) -> list[list[TendonSite]]:
 
 
 def _settled_offsets(shape: Shape, s: Array) -> Array:
-    """Return Y (n_tendons, N, 2) [m] at arc lengths s (N,), swollen with the cross-section."""
+    """Return offsets Y (n_tendons, N, 2) [m] at arc lengths s (N,), scaled with the swelling."""
     across = offsets(shape.arm, s)
     if not shape.scene.has(NeoHookean):
         return across
@@ -79,19 +81,18 @@ def _settled_offsets(shape: Shape, s: Array) -> Array:
 
 
 def mjcf(shape: Shape, links: int = 30, name: str = "arm") -> str:
-    """Return a chain of links that follows a settled arm as an MJCF model.
+    """Return a settled arm as a chain of links in MJCF, the format of MuJoCo.
 
-    Joints are springs with the arm's stiffness. Spatial tendons run through sites at the nodes, and
-    the controls of their actuators are tensions [N]. Weight becomes MuJoCo's gravity, Buoyancy its
-    `gravcomp`, a PointMass a sphere. Each other load becomes a motor on a site: control 1 is the
-    full load, 0 none. A follower turns with its site. A Current has the forces that act on the
-    settled shape.
+    Joints are springs with the stiffness of the arm. Spatial tendons pass through sites at the
+    nodes; the controls of their actuators are tensions [N]. Weight becomes MuJoCo's gravity,
+    Buoyancy its `gravcomp`, and a PointMass a sphere. Each other load becomes a motor at a site;
+    control 1 is the full load, 0 none. A follower load rotates with its site. A Current exerts the
+    constant forces of the settled shape.
 
-    The keyframe `settled` has joints and controls of the shape, and is in balance: the rest
-    position of each spring is chosen such that the spring balances tendons and loads there. So the
-    springs also compensate for the length of links, for the nonlinearity of rubber, and for the
-    tendon tangent of the paper. An arm without Extension is shortened by tensions all the same;
-    sections do not slide under Shear.
+    The keyframe `settled` has the joint positions and controls of the shape and is in equilibrium:
+    the rest position of each spring is chosen to balance tendons and loads. The springs thus also
+    correct the discretisation, the nonlinearity of rubber and the tendon tangent of the paper. An
+    arm without Extension is compressed by tensions nevertheless; sections do not slide under Shear.
 
     Parameters
     ----------
@@ -101,21 +102,23 @@ def mjcf(shape: Shape, links: int = 30, name: str = "arm") -> str:
     Raises
     ------
     InputError
-        For another number of links; for a scene with Friction, or an arm that presses on an
-        obstacle or on itself.
+        For another number of links; for a scene with Friction, or an arm in contact with an
+        obstacle or with itself.
 
     Warns
     -----
     ExportWarning
-        For a current; for obstacles that the arm does not touch, which are left out; for links that
-        turn by more than 120 deg, which may be unstable.
+        For a current; for obstacles without contact, which are omitted; for links that rotate by
+        more than 120 deg, which may be unstable.
     """
-    chain, arm = chain_of(shape, links), shape.arm
+    chain = chain_of(shape, links)
+    arm = shape.arm
     remarks = left_out_of_mjcf(shape)
     if Rotation.from_euler("XYZ", chain.angles).magnitude().max() > _MAX_TURN:
         remarks += ("links turn by more than 120 deg and may be unstable; raise `links`",)
     warn_of(remarks)
-    wrenches, masses = site_forces(shape, chain.bodies), point_masses(shape, chain.bodies)
+    wrenches = site_forces(shape, chain.bodies)
+    masses = point_masses(shape, chain.bodies)
     paths = tendon_sites(shape, chain)
     root = ET.Element("mujoco", model=name)
     remark(root, "Springs are balanced at the keyframe `settled`.", *remarks)
@@ -123,7 +126,8 @@ def mjcf(shape: Shape, links: int = 30, name: str = "arm") -> str:
     weight = shape.scene.find(Weight)
     gravity = np.array(weight.g if weight is not None else (0.0, 0.0, 0.0))
     child_of(root, "option", gravity=gravity, integrator="implicitfast", timestep=1e-3)
-    world, frame = child_of(root, "worldbody"), np.array(arm.base_frame)
+    world = child_of(root, "worldbody")
+    frame = np.array(arm.base_frame)
     child_of(world, "site", name=WORLD, pos=(0, 0, 0), size=1e-4)
     place = {"pos": arm.base_position, "quat": _quaternion(frame)}
     base = child_of(world, "body", name="base", **place)
@@ -149,12 +153,14 @@ def _rest_positions(
     wrenches: list[SiteForce],
     masses: list[Mass],
 ) -> Array:
-    """Return where the springs (N + 1, 4) of slides and hinges are at rest.
+    """Return the rest positions (N + 1, 4) of the springs of slides and hinges.
 
-    There they balance all other forces at the settled shape: K (q - q_rest) = Q.
+    The springs balance all other forces at the settled shape: K (q - q_rest) = Q.
     """
-    bodies, base = chain.bodies, np.array(shape.arm.base_frame)
-    total, last = Resultants(bodies), chain.s.size - 1
+    bodies = chain.bodies
+    base = np.array(shape.arm.base_frame)
+    total = Resultants(bodies)
+    last = chain.s.size - 1
     net_gravity = (1 - buoyancy_ratio(shape)) * gravity
     for i, mass in enumerate(chain.masses):
         center = bodies.world(i, np.array([chain.chords[i] / 2, 0.0, 0.0]))
@@ -181,8 +187,10 @@ def _rest_positions(
 
 
 def _bodies(base: ET.Element, chain: Chain, gravcomp: float) -> list[ET.Element]:
-    """Hang the links and the tip on the base; return them."""
-    body, last, bodies = base, chain.s.size - 1, list[ET.Element]()
+    """Add links and tip to the base; return them."""
+    body = base
+    last = chain.s.size - 1
+    bodies: list[ET.Element] = []
     floats = {"gravcomp": gravcomp} if gravcomp else {}
     for i in range(chain.s.size):
         place = (chain.chords[i - 1] if i else 0.0, 0.0, 0.0)
@@ -205,13 +213,13 @@ def _bodies(base: ET.Element, chain: Chain, gravcomp: float) -> list[ET.Element]
 
 
 def _springs(bodies: list[ET.Element], chain: Chain, rest: Array) -> None:
-    """Give bodies their joints, with springs that are at rest at given positions (N + 1, 4)."""
+    """Add joints to bodies, with springs of given rest positions (N + 1, 4)."""
     for i, body in enumerate(bodies):
         along = chain.rest[i].T[:, 0]
         axes = zip(("slide", "x", "y", "z"), [along, *np.eye(3)], strict=True)
         for k, (letter, axis) in enumerate(axes):
             if i == k == 0:
-                # Link 0 hangs on the base by hinges alone.
+                # Link 0 has no slide.
                 continue
             stiffness = chain.stiffness[i, k]
             spring = {"stiffness": stiffness, "damping": _DAMPING * stiffness}
@@ -221,7 +229,7 @@ def _springs(bodies: list[ET.Element], chain: Chain, rest: Array) -> None:
 
 
 def _sphere(body: ET.Element, each: Mass, density: float) -> None:
-    """Put a point mass on a body, as a sphere of the arm's density that does not float."""
+    """Add a point mass to a body, as a sphere with the density of the arm and no buoyancy."""
     own = child_of(body, "body", name=each.name, pos=each.place)
     size = (3 * each.mass / (4 * np.pi * density)) ** (1 / 3)
     look = {"rgba": "0.5 0.5 0.5 1"}
@@ -235,8 +243,9 @@ def _actuators(
     wrenches: list[SiteForce],
     bodies: list[ET.Element],
 ) -> None:
-    """Write the tendons and their motors, then a motor for each wrench."""
-    tendons, motors = child_of(root, "tendon"), child_of(root, "actuator")
+    """Add the tendons and their motors, then a motor for each wrench."""
+    tendons = child_of(root, "tendon")
+    motors = child_of(root, "actuator")
     for name, sites in zip(shape.arm.tendon_names, paths, strict=True):
         path = child_of(tendons, "spatial", name=name, width=5e-4, rgba="0.2 0.3 0.8 1")
         for site in sites:

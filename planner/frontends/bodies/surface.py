@@ -21,32 +21,34 @@ from octoplan.model.rotations import matrices
 from octoplan.model.shape import Shape
 from octoplan.model.stations import stations, tendon_offsets
 
-# Points of an obstacle's outline along half a circle; how far from its point a plane is shown [m].
-_STEPS, _SHOWN = 12, 0.15
+# Points of an obstacle's outline along half a circle.
+_STEPS = 12
+# Half the side of the square that represents a plane [m].
+_SHOWN = 0.15
 
 
 def surface(
     arm: Arm, s: Array, poses: Array, around: int, radius: Array | None = None
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Return the surface of the body: closed, its triangles turned outwards.
+    """Return the closed surface of the body; normals of triangles point outwards.
 
-    Rings of points about the midline, across its frames, with a flat end at base and tip.
+    The surface consists of rings about the midline and flat ends.
 
     Parameters
     ----------
     s, poses : (along,), (along, 7)
-        Arc lengths of the rings from base to tip [m], and the midline's poses there.
+        Arc lengths of the rings from base to tip [m], and poses of the midline.
     around : int
         Points in each ring.
     radius : (along,)
-        Of the rings [m]; that of the arm at rest unless given.
+        Radii of the rings [m]; by default of the arm at rest.
 
     Returns
     -------
     vertices : (along * around + 2, 3)
-        Rings from base to tip, then the middles of base and tip [m].
+        Rings from base to tip, then centres of base and tip [m].
     faces : (2 * along * around, 3)
-        Which three vertices make each triangle.
+        Indices of the vertices of each triangle.
     """
     if radius is None:
         radius = arm.radius.evaluate(s, arm.length)[0]
@@ -55,7 +57,7 @@ def surface(
 
 
 def rings(poses: Array, radius: Array, around: int) -> Array:
-    """Return points (N, around, 3) [m] about poses (N, 7), at radii (N,) across their frames."""
+    """Return rings (N, around, 3) [m] about poses (N, 7), with radii (N,), in normal planes."""
     phi = 2 * np.pi * np.arange(around) / around
     circle = np.stack([np.zeros_like(phi), np.cos(phi), np.sin(phi)])
     turned = np.swapaxes(matrices(poses[:, :4]) @ circle, 1, 2)
@@ -63,9 +65,9 @@ def rings(poses: Array, radius: Array, around: int) -> Array:
 
 
 def tendon_lines(arm: Arm, s: Array, poses: Array) -> list[Array]:
-    """Return the tendons (N_j, 3) [m] along u + y d, eqs. (5), (6), from the midline's poses.
+    """Return the tendons (N_j, 3) [m], u + y d of eqs. (5), (6), for poses of the midline.
 
-    At those of the arc lengths `s` (along,) [m] that are not beyond their anchorages.
+    Points are at those arc lengths of `s` (along,) [m] that are not beyond the anchorage.
     """
     across = matrices(poses[:, :4])[:, :, 1:]
     lines = poses[:, 4:] + np.einsum("nij,tnj->tni", across, offsets(arm, s))
@@ -74,19 +76,20 @@ def tendon_lines(arm: Arm, s: Array, poses: Array) -> list[Array]:
 
 
 def along(arm: Arm, count: int) -> Array:
-    """Return arc lengths [m] from base to tip, evenly spread, and the anchorages among them."""
+    """Return evenly spaced arc lengths [m] from base to tip, with the anchorages added."""
     return np.union1d(np.linspace(0.0, arm.length, count), [section.at for section in arm.sections])
 
 
 def sketched_poses(shape: Shape, s: Array) -> Array:
-    """Return poses (N, 7) at arc lengths s (N,) [m], between those of the mesh's nodes.
+    """Return poses (N, 7) at arc lengths s (N,) [m], interpolated between the nodes of the mesh.
 
-    Rotations at constant speed from node to node, and positions by a cubic in the length of such
-    arcs: on the mesh of a rough accuracy within a thousandth of L, at a tenth of the time that
-    Shape.poses takes, which integrates.
+    Rotations have constant speed between nodes; positions are cubic in the lengths of arcs. On a
+    coarse mesh the error is below 1e-3 L, and the time a tenth of that of Shape.poses, which
+    integrates.
     """
     turned = Rotation.from_quat(shape.states[:, :4], scalar_first=True)
-    place, half = shape.states[:, 4:7], (turned[:-1].inv() * turned[1:]).magnitude() / 2
+    place = shape.states[:, 4:7]
+    half = (turned[:-1].inv() * turned[1:]).magnitude() / 2
     chords = np.linalg.norm(np.diff(place, axis=0), axis=1)
     arcs = np.append(0.0, np.cumsum(chords / np.sinc(half / np.pi)))
     midline = CubicHermiteSpline(arcs, place, turned.as_matrix()[:, :, 0])
@@ -97,8 +100,10 @@ def sketched_poses(shape: Shape, s: Array) -> Array:
 def _faces(along: int, around: int) -> NDArray[np.int64]:
     here = np.arange((along - 1) * around).reshape(-1, around)
     beside = np.roll(here, -1, axis=1)
-    first, base = np.arange(around), np.full(around, along * around)
-    last, tip = first + (along - 1) * around, base + 1
+    first = np.arange(around)
+    base = np.full(around, along * around)
+    last = first + (along - 1) * around
+    tip = base + 1
     triangles = [
         (here, beside, here + around),
         (beside, beside + around, here + around),
@@ -111,7 +116,7 @@ def _faces(along: int, around: int) -> NDArray[np.int64]:
 def offsets(arm: Arm, s: Array) -> Array:
     """Return Y = y d of the tendons along n and b (n_tendons, N, 2) [m] at arc lengths s (N,).
 
-    As if they crossed all of them.
+    Offsets are extended beyond the anchorages.
     """
     crossed = np.full(s.size, len(arm.sections))
     return np.asarray(tendon_offsets(arm, stations(arm, s, crossed))[0].transpose(2, 1, 0))
@@ -120,12 +125,12 @@ def offsets(arm: Arm, s: Array) -> Array:
 @singledispatch
 def outline(obstacle: Any) -> tuple[Array, NDArray[np.int64]]:
     """Return points (N, 3) [m] and triangles (M, 3) of an obstacle's surface, for figures."""
-    raise TypeError(f"there is no outline of {obstacle}")
+    raise TypeError(f"obstacles of type {type(obstacle).__name__} have no outline")
 
 
 @outline.register
 def _of_convex(body: Convex) -> tuple[Array, NDArray[np.int64]]:
-    """Return the hull of balls as large as the layer about the box's corners."""
+    """Return the hull of balls, with the radius of the layer, about the corners of the box."""
     center, axes, half, layer, _ = np.split(body.parameters, [3, 12, 15, 16])
     corners = np.array(list(product((-1, 1), repeat=3))) * half
     angles = np.pi / _STEPS * np.arange(2 * _STEPS)

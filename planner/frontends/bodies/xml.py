@@ -1,4 +1,4 @@
-"""Elements of XML with numbers written in full."""
+"""XML elements with numbers in full precision."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 def child_of(parent: ET.Element, tag: str, **attributes: object) -> ET.Element:
-    """Return a new element inside another; numbers are written in full, lists with blanks."""
+    """Return a new child element; numbers are in full precision, lists separated by blanks."""
     return ET.SubElement(parent, tag, {key: _text(value) for key, value in attributes.items()})
 
 
@@ -24,6 +24,6 @@ def _text(value: object) -> str:
 
 
 def to_text(root: ET.Element) -> str:
-    """Return a document as text, indented."""
+    """Return an indented document as text."""
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"

@@ -1,4 +1,4 @@
-"""What a page shows, by viser: the arm on its base, its tendons, and where there is what."""
+"""Drawings of the page, by viser: the arm on its base, its tendons, obstacles and the floor."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ Colour = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class Style:
-    """Colours of the page, red green blue, and sizes of what is drawn, in arm lengths.
+    """Colours of the page (red, green, blue), and sizes relative to the arm length.
 
     Attributes
     ----------
     top, bottom : Colour
-        Of the background.
+        Background gradient.
     line, coarse : Colour
-        Of the floor's lines.
+        Grid lines of the floor.
     slack, low, high : Colour
-        Of a slack tendon, of one at the least, and of one at the most tension.
+        A slack tendon, a tendon without tension, a tendon at its maximal tension.
     body, ellipsoid, obstacle, plate : Colour
     thickness, aside : float
-        Of a tendon, and how far from the arm its name is.
+        Thickness of a tendon; distance of its label from the arm.
     largest : float
-        The ellipsoid's longest half axis.
+        Longest half axis of the ellipsoid.
     floor, wide : float
-        How far below the base the floor is, and how wide.
+        Depth of the floor below the base; its width.
     """
 
     top: Colour
@@ -68,17 +68,18 @@ DARK = Style((22, 27, 36), (48, 56, 68), (70, 80, 95), (120, 132, 150))
 
 
 def picture(shape: Shape, most: Array) -> tuple[Any, ...]:
-    """Return what is drawn of a shape; tendons at `most` (n_tendons,) [N] have the last colour.
+    """Return the geometry of a shape; tendons at `most` (n_tendons,) [N] have the colour `high`.
 
-    Vertices (V, 3) of the body's surface [m], and which three make each triangle (F, 3); pieces of
-    the tendons from point to point (P, 2, 3) [m], and the colours of their ends (P, 2, 3); where
-    the tendons' names are (n_tendons, 3) [m], beside their ends.
+    Vertices (V, 3) of the surface [m] and triangles (F, 3); line segments of the tendons (P, 2, 3)
+    [m] and the colours of their ends (P, 2, 3); positions of the tendon labels (n_tendons, 3) [m].
     """
-    arm, s = shape.arm, along(shape.arm, 61)
+    arm = shape.arm
+    s = along(arm, 61)
     poses = sketched_poses(shape, s)
     lines = tendon_lines(arm, s, poses)
     pieces = [np.stack([line[:-1], line[1:]], axis=1) for line in lines]
-    each = [tension_colour(*of) for of in zip(shape.tensions.tolist(), most.tolist(), strict=True)]
+    tensions = zip(shape.tensions.tolist(), most.tolist(), strict=True)
+    each = [tension_colour(tension, limit) for tension, limit in tensions]
     colours = np.repeat(np.array(each, np.uint8), [len(piece) for piece in pieces], axis=0)
     ends = np.array([line[-1] for line in lines])
     out = ends - poses[np.searchsorted(s, [arm.sections[i].at for i, _ in arm.tendons]), 4:]
@@ -89,7 +90,7 @@ def picture(shape: Shape, most: Array) -> tuple[Any, ...]:
 
 
 def tension_colour(tension: float, most: float) -> Colour:
-    """Return the colour of a tension between nothing and the most [N], by its square root."""
+    """Return the colour of a tension from 0 to `most` [N], linear in the square root."""
     if tension <= 1e-6 * most:
         return LIGHT.slack
     share = min(tension / most, 1.0) ** 0.5
@@ -98,28 +99,30 @@ def tension_colour(tension: float, most: float) -> Colour:
 
 
 def draw_surroundings(server: Any, arm: Arm, style: Style) -> None:
-    """Draw what stands still: the plate at the base, and a floor with its scale in mm.
+    """Draw the base plate, and a floor with a scale in mm.
 
-    Nothing casts shadows: without a graphics card they took three quarters of a frame.
+    Shadows are off: they took 75 % of the frame time without a graphics card.
     """
     server.scene.configure_default_lights(cast_shadow=False)
     R = arm.base_radius
-    frame, thickness = np.array(arm.base_frame), 0.02 * arm.length
+    frame = np.array(arm.base_frame)
+    thickness = 0.02 * arm.length
     server.scene.add_cylinder(
         "/base",
         2.4 * R,
         thickness,
         style.plate,
         radial_segments=48,
-        wxyz=from_matrix(frame[:, [1, 2, 0]]),  # its axis z along t
+        wxyz=from_matrix(frame[:, [1, 2, 0]]),  # axis z of the cylinder along t
         position=np.array(arm.base_position) - thickness / 2 * frame[:, 0],
     )
     _draw_floor(server.scene, arm, style)
 
 
 def _draw_floor(scene: Any, arm: Arm, style: Style) -> None:
-    """Draw a grid below the arm, with figures in mm along two of its edges."""
-    L, base = arm.length, np.array(arm.base_position)
+    """Draw a grid below the arm, with coordinates in mm along two edges."""
+    L = arm.length
+    base = np.array(arm.base_position)
     coarse = 0.1 * max(1, round(L / 0.5))
     half = coarse * np.ceil(style.wide * L / 2 / coarse)
     ahead = base + 0.4 * L * np.array(arm.base_frame)[:, 0]
@@ -138,7 +141,7 @@ def _draw_floor(scene: Any, arm: Arm, style: Style) -> None:
         fade_distance=100 * L,
     )
     for axis, name in enumerate("xy"):
-        # The far corner, where both edges meet, has the first one's figure alone.
+        # The common corner of both edges has a label of the first edge only.
         for k in np.arange(-half, half + coarse / 2 - axis * coarse, 2 * coarse):
             place = centre.copy()
             place[axis] += k
@@ -149,13 +152,13 @@ def _draw_floor(scene: Any, arm: Arm, style: Style) -> None:
 
 
 def backdrop(style: Style) -> str:
-    """Return HTML that gives the page its background; an image costs browsers a pass by frame."""
+    """Return HTML with the background gradient; an image would cost a render pass per frame."""
     top, bottom = f"rgb{style.top}", f"rgb{style.bottom}"
     return f"<style>canvas[data-engine] {{ background: linear-gradient({top}, {bottom}) }}</style>"
 
 
 def set_camera(server: Any, arm: Arm) -> None:
-    """Look at the arm from the side; z is up."""
+    """Set the initial view: the arm from the side, z up."""
     middle = np.array(arm.base_position) + 0.4 * arm.length * np.array(arm.base_frame)[:, 0]
     server.scene.set_up_direction("+z")
     away = arm.length * np.array([0.3, -0.75, 0.2])
@@ -164,10 +167,10 @@ def set_camera(server: Any, arm: Arm) -> None:
 
 
 class ArmOnPage:
-    """An arm with its tendons and their names; made once, then moved."""
+    """An arm with its tendons and their labels; created once, then updated."""
 
     def __init__(self, server: Any, shape: Shape, most: Array) -> None:
-        """Draw a shape; `most` (n_tendons,) are the tensions of the last colour [N]."""
+        """Draw a shape; tendons at `most` (n_tendons,) [N] have the colour `high`."""
         vertices, faces, pieces, colours, names = picture(shape, most)
         scene, arm = server.scene, shape.arm
         self._server = server
@@ -181,7 +184,7 @@ class ArmOnPage:
         ]
 
     def move(self, shape: Shape, most: Array, named: bool) -> None:
-        """Draw another shape of the arm, with the names of its tendons or without."""
+        """Update the drawing to another shape, with or without labels of the tendons."""
         vertices, _, pieces, colours, names = picture(shape, most)
         with self._server.atomic():
             self._body.vertices = vertices
@@ -191,7 +194,7 @@ class ArmOnPage:
 
 
 def add_obstacle(server: Any, name: str, obstacle: Obstacle) -> Any:
-    """Draw an obstacle; return what is drawn, to be hidden."""
+    """Draw an obstacle; return the handle of its mesh."""
     points, triangles = outline(obstacle)
     return server.scene.add_mesh_simple(name, points, triangles, color=LIGHT.obstacle, opacity=0.6)
 

@@ -1,10 +1,10 @@
-"""Tensions that follow what is dragged: Gauss-Newton steps from equilibrium to equilibrium.
+"""Tensions that follow a moving goal, by Gauss-Newton steps from equilibrium to equilibrium.
 
-Each step settles the arm near the shape before and takes the tensions of least effort that bring
-it nearer, by the derivatives of that shape. It needs no optimum to begin with, so that the arm
-moves on where a plan has to be searched for; the plan of what is reached comes after. Under loads
-it is on a coarse mesh, no step leads to an unstable shape, and one that would is held to
-a margin of stability. Limits of strokes and of the total pull are the plan's.
+Each step settles the arm from the shape before, and changes the tensions towards the goal with
+least effort, by the derivatives of that shape. No initial optimum is needed, so that the arm moves
+while a plan is searched for. Under loads the mesh is coarse; steps to unstable shapes are rejected
+and repeated with a constraint on the stability margin. The limits of tensions, strokes and their
+sum are those of the plan.
 """
 
 from __future__ import annotations
@@ -37,27 +37,35 @@ from octoplan.planner.certificate import BRINK
 from octoplan.planner.frontends.live.handles import Goal
 from octoplan.planner.limits import Limits, natural_tensions
 
-# What is drawn is as accurate as a pixel or so, over the arm's length: nearer than that the arm is
-# there. So much counts also the tension that bends the arm by 1 rad, beside what is missed.
+# Miss, over the arm length, below which the arm is at the goal: about a pixel. It is also the
+# weight of the effort: of the mean tension that bends the arm by 1 rad.
 ACCURACY = 1e-3
-# The farthest that a step goes, over the arm's length or in rad; how often it is tried.
-_FAR, _TRIALS = 0.15, 6
-# What does not settle in that time [s] is no step nearby.
+# Largest miss that a single step corrects, over the arm length or in rad.
+_FAR = 0.15
+# Maximal number of trust regions per step.
+_TRIALS = 6
+# Time limit for settling a shape [s]; a step that takes longer is rejected.
 _LONG = 1.0
-# How firmly the least stability that is stepped to, BRINK, is held beside an arm length missed.
+# Weight of a stability below BRINK relative to a miss of one arm length.
 _FIRM = 10.0
-# A step that brings less than this share of what is missed and of effort, squared, is the last.
+# Relative decrease of the merit below which a step is the last.
 _STILL = 3e-3
-# Within this of the goal, over the arm's length, effort may fall while the goal is missed by more:
-# the next step makes up for that.
+# Miss, over the arm length, that does not count in the merit, so that effort can decrease at the
+# goal; the next step corrects the miss.
 _BAND = 0.8 * ACCURACY
 
 
 class _Rows(NamedTuple):
-    """The linearised problem of a shape.
+    """The linearised problem at a shape.
 
-    What changes of tensions do to what is missed (rows, n_tendons), what is missed of the goal, and
-    by how much nodes are too near to obstacles, over the arm's length.
+    Attributes
+    ----------
+    by_tensions : (rows, n_tendons)
+        Changes of the residuals by the tensions, with opposite sign.
+    missed : (n,)
+        Residuals of the goal.
+    gaps : (rows - n,)
+        Violations of the clearance at nodes, over the arm length.
     """
 
     by_tensions: Array
@@ -71,12 +79,12 @@ class Follower:
     Attributes
     ----------
     shape : Shape
-        As it is now.
+        The current shape.
     limits : Limits
     around : (obstacles, clearance)
-        What it keeps clear of, and how far [m].
+        Obstacles, and the clearance from them [m].
     brink : bool
-        Whether its stability holds it, so that it would not stand if it came nearer.
+        Whether steps are constrained by the stability margin.
     """
 
     def __init__(
@@ -88,25 +96,32 @@ class Follower:
         machine_code: bool = False,
         tensions: Array | None = None,
     ) -> None:
-        """Settle the arm under tensions (n_tendons,) [N], the least unless given.
+        """Settle the arm under tensions (n_tendons,) [N], the lower limits by default.
 
-        Raises OctoplanError where the arm has no stable shape.
+        Raises OctoplanError if the arm has no stable shape.
         """
-        self.limits, self.around = limits, around
-        self._low, self._high = np.array(limits.lower), np.array(limits.upper)
-        # What bends the arm by 1 rad. One unit for all of effort, which is what plans make least.
+        self.limits = limits
+        self.around = around
+        self._low = np.array(limits.lower)
+        self._high = np.array(limits.upper)
+        # Tensions that bend the arm by 1 rad (n_tendons,) [N].
         self._natural = natural_tensions(arm)
+        # Unit of the effort [N]: one unit for all tendons, as in plans.
         self._unit = float(self._natural.mean())
-        # What each tendon alone bends the arm by in a step is up to `_reach`, 1 rad at most.
-        self._machine_code, self._reach, self.brink = machine_code, 1.0, False
-        # The stability, and its derivatives by tensions (n_tendons,) [1/N]; unless it is held.
+        self._machine_code = machine_code
+        # Trust region: bend that the tension change of each tendon causes alone [rad], at most 1.
+        self._reach = 1.0
+        self.brink = False
+        # Stability and its derivatives by tensions (n_tendons,) [1/N] while not constrained.
         self._unheld = np.inf, np.zeros(arm.n_tendons)
         start = self._low if tensions is None else np.clip(tensions, self._low, self._high)
         self.begin(settle(arm, start, scene, ACCURACY, compile=machine_code))
 
     def begin(self, shape: Shape) -> None:
-        """Go on from a shape of the arm; under loads on the coarse mesh if it is stable there."""
-        self.shape, self._stability, point = shape, self._unheld, _under_loads(shape)
+        """Continue from a shape of the arm; under loads, from the coarse mesh if stable there."""
+        self.shape = shape
+        self._stability = self._unheld
+        point = _under_loads(shape)
         if point is not None:
             code = self._machine_code
             coarse = by_collocation(shape.arm, shape.scene, STAGES, 1, machine_code=code)
@@ -114,7 +129,7 @@ class Follower:
             self.shape = shape if result is None else replace(result, refinement=1)
 
     def approach(self, goal: Goal, seconds: float) -> bool:
-        """Take steps towards a goal for so long; return whether more would bring it nearer."""
+        """Step towards a goal for this time [s]; return whether further steps bring it closer."""
         end = time.monotonic() + seconds
         while True:
             if not self._step(goal):
@@ -123,19 +138,20 @@ class Follower:
                 return True
 
     def _step(self, goal: Goal) -> bool:
-        """Take one step; return whether that was not the last.
+        """Take one step; return whether to continue.
 
-        Where it leads to nothing better it is taken again from a smaller trust region, a box. Where
-        the linearised problem promises nothing better it is not taken at all.
+        A step that does not decrease the merit is repeated with a smaller trust region, a box. A
+        step is not taken if the linearised problem predicts no decrease.
         """
-        T, rows = self.shape.tensions, self._rows(goal)
+        T = self.shape.tensions
+        rows = self._rows(goal)
         for _ in range(_TRIALS):
             wanted = np.clip(T + self._tension_step(rows), self._low, self._high)
             worth = self._merit(rows.missed, rows.gaps, T, self._stability[0])
             if self._predicted_merit(rows, wanted - T) > (1 - _STILL) * worth:
                 if self._reach == 1.0:
                     break
-                self._reach = 1.0  # little is promised of a small region
+                self._reach = 1.0  # the predicted decrease was limited by the trust region
                 continue
             result = self._settled(wanted)
             if result is not None:
@@ -146,12 +162,13 @@ class Follower:
                     self.shape, self._stability = result, stability
                     self._reach = min(2 * self._reach, 1.0)
                     return merit < (1 - _STILL) * worth
-            self._reach, self.brink = self._reach / 4, _under_loads(self.shape) is not None
+            self._reach /= 4
+            self.brink = _under_loads(self.shape) is not None
         self._reach = 1.0
         return False
 
     def _rows(self, goal: Goal) -> _Rows:
-        """Return the linearised problem: of the goal, and of nodes that are too near obstacles."""
+        """Return the linearised problem: the goal, and nodes that violate the clearance."""
         shape = self.shape
         gaps, ways = self._gaps(shape)
         at, which = np.nonzero(gaps > 0)
@@ -162,12 +179,13 @@ class Follower:
         return _Rows(np.vstack(rows), goal.residual(shape), gaps[at, which])
 
     def _tension_step(self, rows: _Rows) -> Array:
-        """Return the change of tensions that meets rows best, of least effort, within limits.
+        """Return the tension change of a damped least-squares step within limits.
 
-        A part of the way if the goal is far. Once a step was refused stability is held to its
-        margin where it would fall below.
+        If the goal is far, the step covers a part of the distance. If `brink` is set, the stability
+        is kept at its margin.
         """
-        T, effort = self.shape.tensions, ACCURACY / self._unit
+        T = self.shape.tensions
+        effort = ACCURACY / self._unit
         part = min(1.0, _FAR / max(float(np.linalg.norm(rows.missed)), 1e-12))
         matrix = np.vstack([rows.by_tensions, effort * np.eye(T.size)])
         right = np.concatenate([part * rows.missed, rows.gaps, -effort * T])
@@ -187,11 +205,12 @@ class Follower:
         return np.asarray(change)
 
     def _settled(self, tensions: Array) -> Shape | None:
-        """Return the shape under tensions nearby; None where the arm would snap or be crushed.
+        """Return the shape under nearby tensions; None if the arm snaps or is crushed.
 
-        Under loads it is on the same mesh, and nothing far is searched for.
+        Under loads the mesh stays, and only a nearby equilibrium is accepted.
         """
-        shape, point = self.shape, _under_loads(self.shape)
+        shape = self.shape
+        point = _under_loads(shape)
         try:
             if point is not None:
                 return self._near(Collocation(point.system), point, tensions)
@@ -202,50 +221,54 @@ class Follower:
             return None
 
     def _near(self, forward: Collocation, now: Equilibrium, tensions: Array) -> Shape | None:
-        """Return the shape on a mesh near the one now; None where none is stable there."""
-        guess, shape = forward.carried(tensions[None], [now])[0], self.shape
+        """Return the shape on a mesh near the equilibrium `now`; None if no stable one is found."""
+        guess = forward.carried(tensions[None], [now])[0]
+        shape = self.shape
         (point,) = newton(forward.system, [Start(tensions, 1.0, guess, looser=loosest(ACCURACY))])
         if point is None or not is_stable(point):
             return None
         return Shape(shape.arm, shape.scene, ACCURACY, point, shape.refinement)
 
     def _predicted_merit(self, rows: _Rows, change: Array) -> float:
-        """Return the merit after a change of tensions, were the arm as it is linearised."""
-        by, n = rows.by_tensions @ change, rows.missed.size
+        """Return the merit that the linearised problem predicts for a change of tensions."""
+        by = rows.by_tensions @ change
+        n = rows.missed.size
         value, slope = self._stability
-        T, value = self.shape.tensions + change, value + float(slope @ change)
+        T = self.shape.tensions + change
+        value += float(slope @ change)
         return self._merit(rows.missed - by[:n], rows.gaps - by[n:], T, value)
 
     def _merit(self, missed: Array, gaps: Array, tensions: Array, stability: float) -> float:
-        """Return what is missed beyond what counts as there, and the effort, squared."""
+        """Return the squared miss beyond the band, plus squared effort and lack of stability."""
         missing = np.sqrt(missed @ missed + np.sum(np.maximum(gaps, 0.0) ** 2))
         effort = ACCURACY * tensions / self._unit
         weak = _FIRM * max(BRINK - stability, 0.0) if self.brink else 0.0
         return float(weak**2 + max(missing - _BAND, 0.0) ** 2 + effort @ effort)
 
     def _gaps(self, shape: Shape) -> tuple[Array, Array]:
-        """Return by how much the nodes of the arm are too near to obstacles, over its length.
+        """Return by how much nodes violate the clearance, over the arm length (nodes, obstacles).
 
-        (nodes, obstacles), and the directions away from them (nodes, obstacles, 3).
+        Also return the directions away from the obstacles (nodes, obstacles, 3).
         """
         if not self.around[0]:
             return np.zeros((0, 0)), np.zeros((0, 0, 3))
-        arm, s = shape.arm, shape.s[1:]
+        arm = shape.arm
+        s = shape.s[1:]
         radius = arm.outer_radius(s)[0]
         gap, way = distances_from(self.around[0], shape.states[1:, None, 4:7])
         return (self.around[1] + radius[:, None] - gap) / arm.length, way
 
 
 def _under_loads(shape: Shape) -> Equilibrium | None:
-    """Return the equilibrium of a shape that loads bend, whose mesh is kept; None of others.
+    """Return the equilibrium of a loaded shape, whose mesh is reused; None for other shapes.
 
-    What touches something is settled on meshes that do.
+    Shapes in contact need meshes that depend on the contact.
     """
     return None if contacts(shape.scene) or not is_loaded(shape.scene) else shape.known
 
 
 def _stability(shape: Shape) -> tuple[float, Array]:
-    """Return how stable a shape under loads is, 0 where it is about to buckle, and derivatives."""
+    """Return the stability of a loaded shape, 0 at buckling, and its derivatives by tensions."""
     point = _under_loads(shape)
     assert point is not None
     try:

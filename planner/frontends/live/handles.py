@@ -1,4 +1,4 @@
-"""What is dragged on the page: a handle's pose as a target, and where that wants the arm."""
+"""Handles of targets: the target for a pose of the handle, and its goal for a point of the arm."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from octoplan.model.support.errors import InputError
 from octoplan.planner.targets import BendingPlane, TipPose, TipPosition
 from octoplan.planner.targets.base import Target, toward
 
-# The least bend that is asked for, where the plane is still told apart [rad].
+# Smallest bend of a bending plane [rad]; below, the plane is undefined.
 _LEAST = 0.02
-# Handles that are not turned stand along x, y, z.
+# Orientation of handles that do not rotate: axes along x, y, z.
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """Where a point of the arm is to be, and which of its axes are to point where.
+    """The desired position of a point of the arm, and desired directions of its axes.
 
     Attributes
     ----------
     s : float
         Arc length of the point [m].
     position : (3,) or None
-        [m].
+        Desired position [m]; None if free.
     axes : (3, 3)
-        Directions of t, n, b as columns, nan where they are free.
+        Desired directions of t, n, b as columns; nan if free.
     """
 
     s: float
@@ -42,16 +42,16 @@ class Goal:
     axes: Array
 
     def residual(self, shape: Shape) -> Array:
-        """Return what is missed: position over the arm's length, then directions."""
+        """Return the residual: position over the arm length, then directions."""
         rows = [] if self.position is None else [self._offset(shape) / shape.arm.length]
         frame = shape.frame(self.s)
         rows += [self.axes[:, k] - frame[:, k] for k in self._fixed_axes]
         return np.concatenate(rows)
 
     def jacobian(self, shape: Shape, moved: Array) -> Array:
-        """Return its derivatives by tensions (rows, n_tendons), up to the sign.
+        """Return the negative derivatives of the residual by tensions (rows, n_tendons).
 
-        By those of the pose at s (6, n_tendons).
+        `moved` (6, n_tendons) has the derivatives of the pose at s.
         """
         rows = [] if self.position is None else [moved[:3] / shape.arm.length]
         frame = shape.frame(self.s)
@@ -59,7 +59,7 @@ class Goal:
         return np.vstack(rows)
 
     def missed(self, shape: Shape) -> float:
-        """Return the distance to the position [m], without one the angle to the axes [rad]."""
+        """Return the distance to the position [m], or without position the angle to axes [rad]."""
         if self.position is not None:
             return float(np.linalg.norm(self._offset(shape)))
         chord = float(np.linalg.norm(self.residual(shape)))
@@ -74,7 +74,7 @@ class Goal:
 
 
 def goal_of(arm: Arm, target: TipPosition | TipPose | BendingPlane) -> Goal:
-    """Return where a target wants the tip, or the tangent at the end of a section."""
+    """Return the goal of a target: for the tip, or for the tangent at the end of a section."""
     if isinstance(target, BendingPlane):
         axes = np.full((3, 3), np.nan)
         axes[:, 0] = tangent(arm, target)
@@ -84,19 +84,19 @@ def goal_of(arm: Arm, target: TipPosition | TipPose | BendingPlane) -> Goal:
 
 
 def tangent(arm: Arm, target: BendingPlane) -> Array:
-    """Return the tangent (3,) that a bending plane wants."""
+    """Return the tangent (3,) at the end of a section that bends as the target requires."""
     along = np.cos(target.bend) * np.array(arm.base_frame)[:, 0]
     return np.asarray(along + np.sin(target.bend) * toward(arm, target.angle))
 
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """Numbers of a pose that are typed.
+    """Numbers of a pose for input boxes.
 
     Attributes
     ----------
     label : str
-        What they are, with their unit.
+        Description and unit.
     read : function
         Pose (7,) -> numbers (3,) or (2,).
     write : function
@@ -115,11 +115,11 @@ class Handle:
     Attributes
     ----------
     turns : bool
-        Whether it is turned too.
+        Whether the handle rotates.
     start : (7,)
-        Its pose where the target is: quaternion, position [m].
+        Initial pose: quaternion, position [m].
     target : function
-        Pose (7,) -> the target it asks for.
+        Pose (7,) -> target.
     numbers : tuple of Numbers
     """
 
@@ -130,7 +130,7 @@ class Handle:
 
 
 def handle_of(arm: Arm, targets: tuple[Target, ...]) -> Handle:
-    """Return the handle of a scene's target; InputError where it has none."""
+    """Return the handle of the target of a scene; raise InputError for other targets."""
     wanted = targets[0] if len(targets) == 1 else None
     if isinstance(wanted, TipPosition):
         start = np.concatenate([_UPRIGHT, wanted.position])
@@ -155,7 +155,7 @@ def _tip_pose(pose: Array) -> TipPose:
 
 
 def _plane(arm: Arm, section: int, pose: Array) -> BendingPlane:
-    """Return the bend that brings the tangent to the handle, as seen from the base."""
+    """Return the bending plane whose tangent points from the base to the handle."""
     along, n, b = (pose[4:] - np.array(arm.base_position)) @ np.array(arm.base_frame)
     return _bending_plane(
         section, float(np.arctan2(-n, b)), float(np.arctan2(np.hypot(n, b), along))
@@ -167,7 +167,7 @@ def _bending_plane(section: int, angle: float, bend: float) -> BendingPlane:
 
 
 def _end(arm: Arm, wanted: BendingPlane) -> Array:
-    """Return the pose at the end of the tangent, an arm's length from the base."""
+    """Return the pose of the handle on the tangent, at an arm length from the base."""
     place = np.array(arm.base_position) + arm.length * tangent(arm, wanted)
     return np.concatenate([_UPRIGHT, place])
 
@@ -177,7 +177,7 @@ def _moved_to(pose: Array, millimetres: Array) -> Array:
 
 
 def _angles(pose: Array) -> Array:
-    """Return the rotations [deg] about x, then y, then z of the fixed frame that turn to a pose."""
+    """Return the rotations [deg] about the fixed axes x, then y, then z that give a pose."""
     turned = Rotation.from_quat(pose[:4], scalar_first=True)
     return np.asarray(turned.as_euler("xyz", degrees=True))
 

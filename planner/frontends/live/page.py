@@ -1,7 +1,7 @@
-"""The page: a handle that is dragged, the arm that follows, tensions, and what happened; by viser.
+"""The page, by viser: a handle to drag, the arm that follows, its tensions, and a status text.
 
-What browsers ask is noted, and one thread follows the newest wish; once the handle rests, the arm's
-tensions are planned and verified. What the page says is what is so at that moment.
+Events of browsers only set flags; one thread moves the arm to the newest target. When the handle
+rests, this thread plans the tensions and verifies the plan.
 """
 
 from __future__ import annotations
@@ -35,13 +35,12 @@ from octoplan.planner.frontends.live.handles import Numbers
 from octoplan.planner.frontends.live.session import Session
 
 LOG = logging.getLogger(__name__)
-# After how long without a wish the arm is planned, and how often a page that nobody looks at is
-# looked after [s].
+# Time without an event after which the arm is planned, and polling interval of wait [s].
 _REST = 0.2
 
 
 class Page:
-    """A page that shows a session; any number of browsers may look at it, and see the same.
+    """A page that shows a session, the same for any number of browsers.
 
     Raises InputError for a port that is in use, and MissingExtraError without viser.
     """
@@ -49,13 +48,15 @@ class Page:
     def __init__(self, session: Session, host: str, port: int) -> None:
         viser = needed("viser", "live")
         _check_port(host, port)
-        # What goes away while it connects is no error that anyone has to see.
+        # Connections that close early are not errors.
         logging.getLogger("websockets").addHandler(logging.NullHandler())
         self.session = session
         self._arm: ArmOnPage | None = None
         with redirect_stdout(io.StringIO()):
             self._server = viser.ViserServer(host=host, port=port, verbose=False)
-        self._seen, self._changed, self._ended = threading.Event(), threading.Event(), False
+        self._seen = threading.Event()
+        self._changed = threading.Event()
+        self._ended = False
         self._server.on_client_connect(lambda _: self._seen.set())
         self._server.gui.set_panel_label("octoplan")
         set_camera(self._server, session.arm)
@@ -75,12 +76,12 @@ class Page:
         self.move()
 
     def move(self) -> None:
-        """Ask for the target that the handle's pose means."""
+        """Set the target to the pose of the handle."""
         self.session.pose = np.concatenate([self._control.wxyz, self._control.position])
         self._changed.set()
 
     def wait(self, grace: float = 3.0) -> None:
-        """Return once all browsers that looked at the page are gone for so many seconds."""
+        """Return when no browser has shown the page for `grace` seconds, after the first one."""
         self._seen.wait()
         last = time.monotonic()
         while time.monotonic() < last + grace:
@@ -88,7 +89,7 @@ class Page:
             last = time.monotonic() if self._server.get_clients() else last
 
     def end(self) -> None:
-        """End the work, which is cut short, and the server."""
+        """Cancel the computation and stop the server."""
         self._ended = True
         self._changed.set()
         self._worker.join()
@@ -96,11 +97,12 @@ class Page:
             self._server.stop()
 
     def _add_panel(self) -> None:
-        """Add what is said, the numbers, the tensions, and what is switched."""
-        gui, session = self._server.gui, self.session
+        """Add the status text, numbers, tensions and switches."""
+        gui = self._server.gui
+        session = self.session
         gui.add_html(words.TITLE)
         self._backdrop = gui.add_html("")
-        self._said = gui.add_html("Settling the arm ...")
+        self._status = gui.add_html("Settling the arm ...")
         self._places = gui.add_html("")
         self._boxes = [self._add_numbers(number) for number in session.handle.numbers]
         self._bars = gui.add_html("")
@@ -113,7 +115,7 @@ class Page:
                 for i, obstacle in enumerate(session.obstacles):
                     drawn = add_obstacle(self._server, f"/obstacles/{i}", obstacle)
                     self._add_switch(f"{i}: {type(obstacle).__name__}", session.present, i, drawn)
-        with gui.add_folder("HtmlRepr"):
+        with gui.add_folder("Display"):
             self._labels = gui.add_checkbox("Names of tendons", initial_value=True)
             self._labels.on_update(lambda _: self._changed.set())
             dark = gui.add_checkbox("Dark", initial_value=False)
@@ -122,14 +124,14 @@ class Page:
             self._shows.on_update(lambda _: self._changed.set())
 
     def _add_numbers(self, each: Numbers) -> Any:
-        """Add boxes in which numbers of the target are typed."""
+        """Add input boxes for numbers of the target."""
         gui, start = self._server.gui, each.read(self.session.handle.start)
         add = gui.add_vector3 if start.size == 3 else gui.add_vector2
         box = add(each.label, tuple(start.tolist()), step=1.0)
 
         def typed(event: Any) -> None:
             if event.client is None:
-                return  # written as the handle was dragged
+                return  # written by _draw, not by a user
             pose = each.write(self.session.pose, np.array(event.target.value))
             self._control.wxyz, self._control.position = pose[:4], pose[4:]
             self.move()
@@ -138,7 +140,7 @@ class Page:
         return box
 
     def _add_switch(self, label: str, states: Any, key: Any, drawn: Any = None) -> None:
-        """Add a box that switches an effect, or an obstacle and its drawing."""
+        """Add a checkbox for an effect, or for an obstacle and its mesh."""
 
         def switched(event: Any) -> None:
             states[key] = event.target.value
@@ -157,7 +159,7 @@ class Page:
         draw_surroundings(self._server, self.session.arm, style)
 
     def _save(self, client: Any) -> None:
-        """Send the plan, where there is one of the arm as it is shown."""
+        """Send the plan of the displayed arm, if there is one."""
         p = self.session.last
         if client is None:
             return
@@ -167,7 +169,7 @@ class Page:
         client.send_file_download("plan.json", to_json(plan_record(p)), save_immediately=True)
 
     def _run(self) -> None:
-        """Follow the newest wish, and plan once there is none; a new one cuts that short."""
+        """Follow the newest target, then plan; a new target cancels the plan."""
         while self._changed.wait() and not self._ended:
             self._changed.clear()
             try:
@@ -179,35 +181,35 @@ class Page:
                     with cancel_when(self._changed.is_set):
                         self._plan()
             except OutOfTime:
-                LOG.debug("cut short")
-            except Exception as reason:  # what goes wrong once does not end the page
+                LOG.debug("cancelled by a new target")
+            except Exception as reason:  # an error must not stop the thread
                 if not isinstance(reason, OctoplanError):
-                    LOG.exception("the arm was not brought nearer, or not planned")
-                self._said.content = words.refused(reason)
+                    LOG.exception("the step or the plan failed")
+                self._status.content = words.refused(reason)
 
     def _follow(self) -> bool:
-        """Bring the arm nearer to the target, and draw it; return whether more would do more."""
+        """Move the arm closer to the target and draw it; return whether to continue."""
         more = self.session.step()
         self._draw()
-        # What is wanted by now may be elsewhere: of that it is not known yet.
-        self._said.content = words.following(self.session, more or self._changed.is_set())
+        # If the target has changed meanwhile, the arm is not at the new target yet.
+        self._status.content = words.following(self.session, more or self._changed.is_set())
         return more
 
     def _plan(self) -> None:
-        """Plan for the target, and say what that is."""
+        """Plan for the target and report the outcome."""
         session = self.session
         if not session.is_planned:
-            self._said.content = words.looking(session)
+            self._status.content = words.looking(session)
         p = session.settled()
         self._draw()
-        self._said.content = words.planned(session)
+        self._status.content = words.planned(session)
         if self._shows.value and p is not None and p.mode == "exact":
             draw_ellipsoid(self._server, p, *session.ellipsoid(p))
         else:
             self._server.scene.remove_by_name("/ellipsoid")
 
     def _draw(self) -> None:
-        """Draw the arm as it is, with its numbers and the target's."""
+        """Draw the current arm, its tensions and the numbers of the target."""
         session = self.session
         if session.shape is None:
             return
@@ -221,9 +223,9 @@ class Page:
 
 
 def _check_port(host: str, port: int) -> None:
-    """Raise InputError where a port cannot be had."""
+    """Raise InputError if a port is not available."""
     try:
         with socket.create_server((host, port)):
             pass
     except (OSError, OverflowError) as reason:
-        raise InputError("port", port, f"one that is free ({reason})") from None
+        raise InputError("port", port, f"a free port ({reason})") from None

@@ -1,4 +1,4 @@
-"""One arm in the hand: a pose that moves, tensions that follow it, and the plan once it rests."""
+"""An interactive session: a moving target, tensions that follow, and a plan when it rests."""
 
 from __future__ import annotations
 
@@ -23,32 +23,35 @@ from octoplan.planner.measure import strokes
 from octoplan.planner.plan import Plan, plan
 from octoplan.planner.targets import BendingPlane, TipPose, TipPosition
 
-# How long the arm moves on before it is drawn [s].
+# Computing time between two pictures of the moving arm [s].
 _PICTURE = 0.02
 
 
 class Session:
-    """An arm, effects and obstacles that may be switched, where it is, and its last plan.
+    """An arm with switchable effects and obstacles, its shape, and the last plan.
 
     Attributes
     ----------
     handle : Handle
-        What is dragged.
+        The handle of the target.
     pose : (7,)
-        Where it is wanted now.
+        Current pose of the handle.
     enabled : dict
-        Which of the scene's effects are.
+        Whether each effect of the scene is enabled.
     obstacles : tuple of Obstacle
     present : list of bool
-        Which of the obstacles are there.
+        Whether each obstacle is enabled.
     shape : Shape or None
-        The arm as it is now; None before its first step.
+        Current shape of the arm; None before the first step.
     last : Plan or None
         The last plan.
     """
 
     def __init__(self, arm: Arm, scene: Scene, handle: Handle, options: dict[str, Any]) -> None:
-        self.arm, self.effects, self.handle, self._options = arm, scene.effects, handle, options
+        self.arm = arm
+        self.effects = scene.effects
+        self.handle = handle
+        self._options = options
         self.enabled: dict[Effect, bool] = dict.fromkeys(scene.effects, True)
         self.obstacles = check_obstacles(options.get("obstacles", ()))
         self.present = [True] * len(self.obstacles)
@@ -59,55 +62,56 @@ class Session:
 
     @property
     def scene(self) -> Scene:
-        """The scene of the effects that are enabled; raises InputError where they do not go."""
+        """Scene with the enabled effects; raises InputError for an invalid combination."""
         return Scene(*(effect for effect in self.effects if self.enabled[effect]))
 
     @property
     def there(self) -> tuple[Obstacle, ...]:
-        """The obstacles that are present."""
+        """Enabled obstacles."""
         return tuple(
             obstacle for obstacle, here in zip(self.obstacles, self.present, strict=True) if here
         )
 
     @property
     def target(self) -> TipPosition | TipPose | BendingPlane:
-        """What the handle asks for."""
+        """Target at the current pose of the handle."""
         return self.handle.target(self.pose)
 
     @property
     def goal(self) -> Goal:
-        """Where the target wants the arm."""
+        """Goal of the target for the arm."""
         return goal_of(self.arm, self.target)
 
     @property
     def missed(self) -> float:
-        """How far the arm is from the target, see Goal.missed; infinite before its first step."""
+        """Distance from the target, see Goal.missed; infinite before the first step."""
         return np.inf if self.shape is None else self.goal.missed(self.shape)
 
     @property
     def is_there(self) -> bool:
-        """Whether the arm is at the target, as far as a picture shows."""
-        # Angles are not over the arm's length.
+        """Whether the arm is at the target to the accuracy of the picture."""
+        # A miss in rad is not divided by the arm length.
         unit = 1.0 if self.goal.position is None else self.arm.length
         return self.missed <= ACCURACY * unit
 
     @property
     def is_held(self) -> bool:
-        """Whether the arm would not stand under its loads if it came nearer."""
+        """Whether the arm becomes unstable if it moves closer to the target."""
         return self._follower is not None and self._follower.brink
 
     @property
     def is_planned(self) -> bool:
-        """Whether the arm as it is now is the last plan's, for the target as it is now."""
-        last, now = self.last, ((self.target,), self.scene, self.there)
+        """Whether the current arm is that of the last plan, and the plan has the current target."""
+        last = self.last
+        now = ((self.target,), self.scene, self.there)
         if last is None or self.shape is not last.shape:
             return False
         return (last.targets, last.scene, last.surroundings.obstacles) == now
 
     def step(self) -> bool:
-        """Bring the arm nearer, for no longer than a picture; return whether more would do more.
+        """Move the arm towards the target for at most a picture's time; return whether to continue.
 
-        Raises OctoplanError where effects do not go together, or the arm has no stable shape.
+        Raises OctoplanError for an invalid combination of effects, or without a stable shape.
         """
         follower = self._make_follower()
         if self.is_planned:
@@ -117,19 +121,21 @@ class Session:
         return more
 
     def settled(self) -> Plan | None:
-        """Return the plan for a target that rests, as accurate as asked; None before a step.
+        """Return the plan for the current target to full accuracy; None before the first step.
 
-        It begins with the arm as it is. Where that leads to no plan that meets the target, nor to a
-        shape that is nearer than the arm is, the arm stays: it is no plan.
+        The plan starts from the current arm. If the plan neither meets the target nor has a closer
+        tip, the arm stays as it is, without a plan.
         """
         if self._follower is None or self.is_planned:
             return self.last
         request = self._options | {"obstacles": self.there}
         if not self.there and not request.get("self_clearance"):
-            request["clearance"] = 0.0  # there is nothing left to be clear of
-        target, scene, near = self.target, self.scene, self._warm_start
+            request["clearance"] = 0.0  # nothing is left to keep clear of
+        target = self.target
+        scene = self.scene
+        near = self._warm_start
         result = plan(self.arm, target, scene, near=near, progress=False, **request)
-        check_time()  # what was cut short is no plan to go on with
+        check_time()  # discard a plan that was cut off
         self.last = result
         missed = self.goal.missed(result.shape)
         if result.mode == "exact" or (missed < self.missed and not self.is_there):
@@ -145,7 +151,7 @@ class Session:
 
     @property
     def most(self) -> Array:
-        """The tension at which each tendon has its last colour, and its bar is full [N]."""
+        """Tensions of full bars and of the colour `high` (n_tendons,) [N]."""
         if self._follower is None or self.shape is None:
             return np.full(self.arm.n_tendons, np.nan)
         upper = np.array(self._follower.limits.upper)
@@ -154,15 +160,17 @@ class Session:
 
     @property
     def strokes(self) -> Array:
-        """What winches have taken in (n_tendons,) [m]; nan before the first step."""
+        """Lengths that the winches have taken in (n_tendons,) [m]; nan before the first step."""
         if self._follower is None or self.shape is None:
             return np.full(self.arm.n_tendons, np.nan)
         return strokes(self.shape, self._follower.limits.stroke_zero)
 
     def _make_follower(self) -> Follower:
-        """Return what follows in the scene as it is switched now, from where the arm is."""
-        scene, around = self.scene, (self.there, self._options.get("clearance", 0.0))
-        before, self._follower = self._follower, None
+        """Return the follower for the enabled effects and obstacles, from the current shape."""
+        scene = self.scene
+        around = (self.there, self._options.get("clearance", 0.0))
+        before = self._follower
+        self._follower = None
         if before is None or (before.shape.scene, before.around) != (scene, around):
             code = bool(self._options.get("compile"))
             limits = checked_limits(self.arm, scene, **self._options)
@@ -177,7 +185,7 @@ class Session:
 
     @property
     def _warm_start(self) -> Plan | None:
-        """The arm as it is now, as a plan that the next one begins with."""
+        """The current arm as a plan from which the next one is warm-started."""
         last, shape = self.last, self.shape
         if last is None or shape is None or last.scene != self.scene:
             return None

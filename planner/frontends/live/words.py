@@ -1,6 +1,6 @@
-"""What the page says, as HTML: where the arm is, and what is known of its tensions.
+"""Texts of the page, as HTML: the position of the arm, and the state of its plan.
 
-Not as Markdown, which browsers make in the background: while the arm moved it was never shown.
+HTML, because browsers render Markdown with a delay, so that texts did not appear during motion.
 """
 
 from __future__ import annotations
@@ -12,61 +12,62 @@ import numpy as np
 from octoplan.planner.frontends.live.drawing import tension_colour
 from octoplan.planner.frontends.live.session import Session
 
-# The page's title: browsers run what is said of an image that is not there.
+# The title of the page: browsers run the error handler of the missing image.
 TITLE = """<img src="data:," hidden onerror="document.title = 'octoplan'">"""
 _SMALL = "font-size:11px;padding:0 1em;font-variant-numeric:tabular-nums"
 
 
 def following(session: Session, more: bool) -> str:
-    """Return what is said while the arm moves."""
+    """Return the status while the arm follows the target."""
     if session.is_there:
-        return _said(f"<b>There</b> ({_distance(session)}); not verified yet.")
+        return _status(f"<b>Target reached</b> ({_distance(session)} away); not verified yet.")
     if more:
-        return _said(f"<b>Catching up</b>, {_distance(session)} to go.")
-    why = ": nearer it would not stand under its loads" * session.is_held
-    nearest = f"<b>No nearer from here</b>, {_distance(session)} to go{why}"
-    return _said(f"{nearest}; a plan will be searched for.")
+        return _status(f"<b>Moving</b>, {_distance(session)} to go.")
+    why = ": the arm becomes unstable if it moves closer" * session.is_held
+    nearest = f"<b>Stopped</b>, {_distance(session)} to go{why}"
+    return _status(f"{nearest}; searching for a plan next.")
 
 
 def looking(session: Session) -> str:
-    """Return what is said while a plan is searched for."""
-    return _said(f"{_place(session)}. Looking for the tensions of least effort ...")
+    """Return the status during the search for a plan."""
+    return _status(f"{_place(session)}. Searching for the tensions of least effort ...")
 
 
 def planned(session: Session) -> str:
-    """Return what is said of the arm once its plan was searched for."""
+    """Return the status after the search for a plan."""
     p = session.last
     if p is None:
         return ""
     message = html.escape(p.outcome)
     if session.is_planned:
-        return _said(message)
-    how = "by tensions that are not verified: shown is the arm as it was dragged"
-    return _said(f"{_place(session)}, {how}. The planner says: {message}")
+        return _status(message)
+    how = "the arm is shown as dragged, with tensions that are not verified"
+    return _status(f"{_place(session)}; {how}. Outcome of the plan: {message}")
 
 
 def refused(reason: Exception) -> str:
-    """Return what is said where the arm is not settled or planned."""
-    return _said(f"<b>{html.escape(str(reason))}</b>")
+    """Return the status after an error."""
+    return _status(f"<b>{html.escape(str(reason))}</b>")
 
 
 def places(session: Session) -> str:
-    """Return where target and tip are [mm]."""
+    """Return a table of the tip position and the distance to the target [mm]."""
     shape = session.shape
     if shape is None:
         return ""
     cells = "".join(f"<td align=right>{1e3 * x:.1f}</td>" for x in shape.tip)
-    missed = f"<tr><td>missed</td><td align=right colspan=3>{_distance(session)}</td></tr>"
+    missed = f"<tr><td>miss</td><td align=right colspan=3>{_distance(session)}</td></tr>"
     head = "<tr><th align=left>[mm]</th><th>x</th><th>y</th><th>z</th></tr>"
     return f"<table style='width:100%;{_SMALL}'>{head}<tr><td>tip</td>{cells}</tr>{missed}</table>"
 
 
 def tendons(session: Session) -> str:
-    """Return tensions as bars against their limits, strokes beside them."""
+    """Return a table of tensions, as bars relative to their limits, and strokes."""
     shape = session.shape
     if shape is None:
         return ""
-    rows, slack = [], np.ravel(shape.slack)
+    rows = []
+    slack = np.ravel(shape.slack)
     tendons = zip(shape.tensions, session.most, 1e3 * session.strokes, strict=True)
     for j, (T, limit, stroke) in enumerate(tendons):
         colour = "rgb" + str(tension_colour(float(T), float(limit)))
@@ -82,17 +83,17 @@ def tendons(session: Session) -> str:
     return f"<table style='width:100%;{_SMALL}'>{head}{''.join(rows)}</table>"
 
 
-def _said(text: str) -> str:
+def _status(text: str) -> str:
     return f"<div style='font-size:14px;padding:0.3em 1em'>{text}</div>"
 
 
 def _place(session: Session) -> str:
-    where = "There" if session.is_there else "Not there"
-    return f"<b>{where}</b> ({_distance(session)} off)"
+    state = "Target reached" if session.is_there else "Target not reached"
+    return f"<b>{state}</b> ({_distance(session)} away)"
 
 
 def _distance(session: Session) -> str:
-    """Return how far the arm is from the target, in mm or degrees."""
+    """Return the distance from the arm to the target, in mm or degrees."""
     if session.goal.position is None:
         return f"{np.degrees(session.missed):.1f} deg"
     missed = 1e3 * session.missed

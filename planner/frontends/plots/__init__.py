@@ -1,4 +1,4 @@
-"""Figures; nothing else in the project knows matplotlib, which is loaded with this folder."""
+"""Figures. Only this folder imports matplotlib."""
 
 from octoplan.planner.frontends.plots.motion import (
     animate_trajectory,

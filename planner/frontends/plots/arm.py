@@ -36,12 +36,18 @@ from octoplan.planner.frontends.plots.style import (
 )
 from octoplan.planner.frontends.plots.targets import draw_target
 
-_BODY, _LIGHT = "#dde8f3", LightSource(azdeg=218, altdeg=55)
-_ALONG, _AROUND = 161, 32
+_BODY = "#dde8f3"
+_LIGHT = LightSource(azdeg=218, altdeg=55)
+# Rings along the body, and points around each.
+_ALONG = 161
+_AROUND = 32
+# Smallest side of the box of the axes relative to the largest.
 _FLAT = 0.3
+# Half width and half height of a panel, in units of projected axes.
 _ROOM = 0.084, 0.080
-_OBSTACLE, _WARNING = "#b5651d", "#c0182b"
-# A place nearer than this share of the arm's length is marked.
+_OBSTACLE = "#b5651d"
+_WARNING = "#c0182b"
+# Clearance over the arm length below which the nearest point is marked.
 _NEAR = 0.02
 
 
@@ -52,12 +58,12 @@ def draw_arm(
     obstacles: tuple[Obstacle, ...] = (),
     nearest: Clearance | None = None,
 ) -> Array:
-    """Draw the arm, targets and obstacles in 3-D axes, in mm; return points (N, 3) [m] of them.
+    """Draw the arm, targets and obstacles in 3-D axes, in mm; return their points (N, 3) [m].
 
-    Where the arm is near to what it can meet, or passes through, it is marked; `nearest` is what a
-    certificate says of that.
+    The point nearest to an obstacle, or in collision, is marked; `nearest` is the clearance of a
+    certificate.
 
-    The last collection added holds the pulled tendons, with their tensions [N] as colours.
+    The last collection that is added contains the taut tendons, with tensions [N] as colours.
     """
     ax.computed_zorder = False
     fresh = not ax.has_data()
@@ -74,7 +80,7 @@ def draw_arm(
 
 
 def draw_obstacles(obstacles: Sequence[Obstacle], ax: Any) -> Array:
-    """Draw obstacles in 3-D axes, in mm; return points (N, 3) [m] that have to be in sight."""
+    """Draw obstacles in 3-D axes, in mm; return the points (N, 3) [m] that must be visible."""
     seen = [np.empty((0, 3))]
     for obstacle in obstacles:
         points, triangles = outline(obstacle)
@@ -90,16 +96,16 @@ def draw_obstacles(obstacles: Sequence[Obstacle], ax: Any) -> Array:
 def mark_nearest(
     shape: Shape, obstacles: Sequence[Obstacle], ax: Any, nearest: Clearance | None = None
 ) -> None:
-    """Mark where the arm is nearest to what it can meet, in red where it passes through.
+    """Mark the point of the arm nearest to an obstacle or to the arm itself; collisions in red.
 
-    `nearest` is what a certificate says of it; otherwise it is looked for. What the arm leans on
-    is met by contact, see Shape.contacts: there it touches.
+    `nearest` is the clearance of a certificate; by default it is computed. Contacts of the
+    equilibrium, see Shape.contacts, are marked separately.
     """
     held = [contact.obstacle for contact in contacts(shape.scene)]
     touching = [touch for touch in shape.contacts if touch.gap >= -COMPLEMENTARY]
     if touching:
         points = MM * np.array([touch.point for touch in touching])
-        _mark(points, "leans on it", _OBSTACLE, ax, mfc=_OBSTACLE, ms=SIZE / 2)
+        _mark(points, "contact", _OBSTACLE, ax, mfc=_OBSTACLE, ms=SIZE / 2)
     free = [obstacle for obstacle in obstacles if obstacle not in held]
     result = clearance(shape, free) if nearest is None else nearest
     pressed = [touch for touch in shape.contacts if touch.gap < -COMPLEMENTARY]
@@ -121,13 +127,13 @@ def _mark(points: Array, label: str, colour: str, ax: Any, **style: Any) -> None
 
 
 def look(ax: Any, shape: Shape, points: Array) -> None:
-    """Turn 3-D axes to where points (N, 3) [m] are seen best, and let their box fill the panel."""
+    """Set the best view of points (N, 3) [m] in 3-D axes, and fill the panel."""
     fit(ax, points, fresh=False)
     fill(ax, *best_view(points, shape.frame(0.0)[:, 0]))
 
 
 def fill(ax: Any, elevation: float, azimuth: float) -> None:
-    """Turn 3-D axes to a view [deg], and let their box fill the panel."""
+    """Set a view [deg] of 3-D axes, and zoom so that their box fills the panel."""
     ax.view_init(elevation, azimuth)
     sides = (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())
     corners = np.array(list(product(*sides)))
@@ -137,10 +143,10 @@ def fill(ax: Any, elevation: float, azimuth: float) -> None:
 
 
 def best_view(points: Array, t: Array) -> tuple[float, float]:
-    """Return the elevation and azimuth [deg] from which points (N, 3) hide each other least.
+    """Return the elevation and azimuth [deg] from which points (N, 3) overlap least.
 
-    Views along an axis are left out; the usual side and the front of the base, to which t points,
-    are preferred.
+    Views along an axis are excluded. The usual azimuth and views of the front of the base, the side
+    of t, are preferred.
     """
     p = points[:: max(1, len(points) // 80)]
     size = float(np.ptp(p, axis=0).max()) or 1.0
@@ -160,12 +166,12 @@ def best_view(points: Array, t: Array) -> tuple[float, float]:
 
 
 def _body(arm: Arm, ax: Any, s: Array, poses: Array) -> Array:
-    """Draw the surface, a disc at the base and one at each anchorage; return points (N, 3) [m]."""
+    """Draw the surface and discs at base and anchorages; return visible points (N, 3) [m]."""
     radius = arm.radius.evaluate(s, arm.length)[0]
     skin = rings(poses, radius, _AROUND)
     closed = MM * np.concatenate([skin, skin[:, :1]], axis=1)
     style = {"alpha": 0.55, "lw": 0, "rasterized": True, "zorder": 2}
-    # Softly lit from above.
+    # Soft light from above.
     xyz = np.moveaxis(closed, 2, 0)
     ax.plot_surface(*xyz, rstride=1, cstride=1, color=_BODY, lightsource=_LIGHT, **style)
     at = np.searchsorted(s, [0.0, *(section.at for section in arm.sections)])
@@ -179,7 +185,7 @@ def _body(arm: Arm, ax: Any, s: Array, poses: Array) -> Array:
 
 
 def _tendons(shape: Shape, ax: Any, lines: list[Array]) -> None:
-    """Draw the tendons (N_j, 3) [m]: those that pull in the colour of their tension."""
+    """Draw the tendons (N_j, 3) [m]; taut ones in the colour of their tension."""
     pulled = pulling(shape.tensions)
     slack = [MM * line for line, on in zip(lines, pulled, strict=True) if not on]
     if slack:
@@ -194,7 +200,7 @@ def _tendons(shape: Shape, ax: Any, lines: list[Array]) -> None:
         )
         tight.set_array(shape.tensions[pulled])
         ax.add_collection3d(tight)
-        # One scale of colours for all that the axes show.
+        # Use a common colour scale for all arms in the axes.
         drawn = [each for each in ax.collections if each.get_cmap().name == PULL.name]
         shared = Normalize(0.0, max(each.norm.vmax for each in drawn))
         for each in drawn:
@@ -202,7 +208,7 @@ def _tendons(shape: Shape, ax: Any, lines: list[Array]) -> None:
 
 
 def fit(ax: Any, points: Array, fresh: bool) -> None:
-    """Fit equal scales to the points (N, 3) [m], and to what else the axes hold unless fresh."""
+    """Set equal scales that contain points (N, 3) [m] and, unless `fresh`, earlier contents."""
     ax.auto_scale_xyz(*(MM * points).T, had_data=not fresh)
     held = [ax.xy_dataLim.intervalx, ax.xy_dataLim.intervaly, ax.zz_dataLim.intervalx]
     low, high = np.array(held).T
@@ -211,11 +217,11 @@ def fit(ax: Any, points: Array, fresh: bool) -> None:
     for name, c, width in zip("xyz", middle, size, strict=True):
         getattr(ax, f"set_{name}lim")(c - width / 2, c + width / 2)
         axis = getattr(ax, f"{name}axis")
-        # A short side has two ticks at least, and no more than there is room for.
+        # A short side has at least two ticks.
         most = max(6 * width / size.max(), 3.5)
         axis.set_major_locator(MaxNLocator(most, steps=ROUND_STEPS))
         axis.set_pane_color((0.97, 0.975, 0.98, 1.0))
-        # Matplotlib offsets labels in proportion to the other two sides of the box.
+        # Matplotlib offsets labels in proportion to the other two sides.
         others = (size.sum() - width) / 2 / np.linalg.norm(size)
         getattr(ax, f"set_{name}label")(f"{name} [mm]", fontsize=SIZE, labelpad=14.4 / others - 21)
         ax.tick_params(axis=name, labelsize=SIZE - 1, pad=5.6 / others - 8)

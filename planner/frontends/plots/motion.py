@@ -1,4 +1,4 @@
-"""Motions: tensions over time with the path of the tip, and the arm on its way as an animation."""
+"""Trajectories: tensions over time, the path of the tip, and animations."""
 
 from __future__ import annotations
 
@@ -38,20 +38,21 @@ from octoplan.planner.frontends.plots.style import (
 )
 from octoplan.planner.plan import Plan
 
-# Of the tip over arm length: less than what is seen.
+# Accuracy of the shapes of frames, over the arm length: invisible.
 _SEEN = 1e-4
-# By the suffix of a file; the most frames of a trajectory.
+# Writers of animations by suffix.
 _WRITERS = {".gif": "pillow", ".mp4": "ffmpeg"}
+# Maximal number of frames of a trajectory.
 _MOST = 1000
-# Places of the tip's path.
+# Number of points of the path of the tip.
 _SHOWN = 50
-# Of tendons that pull: a colour a section, a style each.
+# Line styles of taut tendons within a section; each section has a colour.
 _STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """A frame: the shape, and the plan that it is on the way to."""
+    """A frame: a shape, and the number of the next plan with its targets and obstacles."""
 
     shape: Shape
     number: int
@@ -59,15 +60,16 @@ class _Step:
     obstacles: tuple[Obstacle, ...]
 
     def draw(self, ax: Any) -> Array:
-        """Draw the frame; return points (N, 3) [m] that show it."""
+        """Draw the frame; return points (N, 3) [m] that must be visible."""
         return draw_arm(self.shape, ax, self.targets, self.obstacles)
 
 
 def plot_trajectory(motion: Any) -> Figure:
-    """Draw a Trajectory: its last shape and where the tip goes, and tensions with their maxima."""
+    """Draw a Trajectory: its last shape, the path of the tip, and tensions with their maxima."""
     figure = Figure(figsize=(10, 5.0), dpi=DPI)
     ax: Any = figure.add_axes((0.0, 0.06, 0.52, 0.86), projection="3d")
-    question, last = motion.question, motion.shape(motion.duration)
+    question = motion.question
+    last = motion.shape(motion.duration)
     points = draw_arm(
         last, ax, question.targets[-1], question.surroundings.at(motion.duration).obstacles
     )
@@ -82,7 +84,8 @@ def plot_trajectory(motion: Any) -> Figure:
     for j in np.flatnonzero(pulling(motion.flat.max(axis=0))):
         section = last.arm.tendons[j][0]
         style = _STYLES[(j - last.arm.tendons_of(section + 1)[0]) % len(_STYLES)]
-        name, colour = last.arm.tendon_name(int(j)), f"C{section % 10}"
+        name = last.arm.tendon_name(int(j))
+        colour = f"C{section % 10}"
         over.plot(motion.times, motion.flat[:, j], color=colour, ls=style, lw=1.4, label=name)
     for level in np.unique(upper[upper <= 3 * most]):
         over.axhline(level, color=INK, lw=0.8, ls="--")
@@ -95,32 +98,32 @@ def plot_trajectory(motion: Any) -> Figure:
 def plot_motion(
     plans: Sequence[Plan], ax: Any = None, *, frames: int = 15, fps: float = 15.0
 ) -> FuncAnimation:
-    """Return the animation of an arm whose tensions go from zero to one plan after another.
+    """Return the animation of an arm whose tensions go from zero to each of several plans.
 
-    On the way tensions are mixtures of those of two plans, and every frame is a settled shape. The
-    target of the plan that comes next is shown. With 3-D axes given it is drawn in them.
+    Tensions are interpolated between plans, and every frame is a settled shape. Each frame has the
+    target of the next plan. With 3-D axes, these are used.
 
     Parameters
     ----------
     plans : sequence of Plan
-        For one arm and scene.
+        Plans for one arm and scene.
     frames : int
-        From one plan to the next.
+        Number of frames from one plan to the next.
     fps : float
-        Frames a second.
+        Frames per second.
 
     Raises
     ------
     InputError
-        For no plans, for plans of different arms or scenes, and for axes that are not 3-D.
+        For an empty sequence, for different arms or scenes, and for axes that are not 3-D.
     OctoplanError
-        Where the arm does not settle on the way, as settle does.
+        If the arm does not settle between the plans, see settle.
     """
     plans = several("plans", plans, Plan)
     first = plans[0].shape
     for i, other in enumerate(plan.shape for plan in plans):
         if (other.arm, other.scene) != (first.arm, first.scene):
-            raise InputError(f"plans[{i}]", "another arm or scene", "one arm and scene for all")
+            raise InputError(f"plans[{i}]", "another arm or scene", "for the arm and scene of all")
     within("fps", fps, 0.1, 120.0)
     steps = _steps(first.arm, first.scene, plans, int(within("frames", frames, 1, 10_000)))
     titles = [f"plan {step.number} of {len(plans)}" * (len(plans) > 1) for step in steps]
@@ -130,17 +133,18 @@ def plot_motion(
 def animate_trajectory(
     motion: Any, ax: Any = None, *, fps: float = 15.0, seconds: float | None = None
 ) -> FuncAnimation:
-    """Return the animation of a Trajectory, in the time that it takes or in `seconds`.
+    """Return the animation of a Trajectory, in real time or scaled to `seconds`.
 
-    Every frame is the settled shape at its time; the target that comes next is shown.
+    Every frame is the settled shape at its time, with the next target.
 
-    Raises InputError for axes that are not 3-D, and OctoplanError where the arm does not settle.
+    Raises InputError for axes that are not 3-D, and OctoplanError if the arm does not settle.
     """
     within("fps", fps, 0.1, 120.0)
     shown = motion.duration if seconds is None else within("seconds", seconds, 0.01, 3600.0)
     count = min(max(round(shown * fps), 1), _MOST) + 1
     times = np.linspace(0.0, motion.duration, count)
-    ends, question = motion.times[list(motion.stops)], motion.question
+    ends = motion.times[list(motion.stops)]
+    question = motion.question
     after = np.minimum(np.searchsorted(ends, times - 1e-9 * motion.duration), ends.size - 1)
     around = question.surroundings
     steps = [
@@ -151,7 +155,7 @@ def animate_trajectory(
 
 
 def _animation(steps: list[_Step], titles: list[str], ax: Any, fps: float) -> FuncAnimation:
-    """Return the animation of frames, each with its title."""
+    """Return the animation of frames with titles."""
     arm = steps[0].shape.arm
     norm = pull_norm(np.concatenate([step.shape.tensions for step in steps]))
     if ax is None:
@@ -161,7 +165,7 @@ def _animation(steps: list[_Step], titles: list[str], ax: Any, fps: float) -> Fu
     axes_of(ax, form="3d")
     s = np.linspace(0.0, arm.length, 60)
     seen = [step.shape.position(s) for step in steps]
-    last = {step.number: step for step in steps}.values()  # where each plan is there
+    last = {step.number: step for step in steps}.values()  # the frame at each plan
     sights = [np.vstack([step.draw(ax), seen[0]]) for step in last]
     points = np.vstack([*seen, *sights])
     width = 1.5 * float(arm.radius.evaluate(s[:1], arm.length)[0][0])
@@ -183,10 +187,10 @@ def _animation(steps: list[_Step], titles: list[str], ax: Any, fps: float) -> Fu
 
 
 def save_motion(motion: FuncAnimation, path: str | Path, dpi: float = 0.8 * DPI) -> Path:
-    """Write an animation as .gif, or as .mp4 by ffmpeg; the file appears whole or not at all.
+    """Write an animation as .gif, or as .mp4 by ffmpeg, atomically.
 
-    Raises InputError for another suffix, for a folder that does not exist, and for .mp4 where there
-    is no ffmpeg.
+    Raises InputError for another suffix, for a folder that does not exist, and for .mp4 without
+    ffmpeg.
     """
     path = path_of(path)
     writer = writer_of(path)
@@ -196,19 +200,19 @@ def save_motion(motion: FuncAnimation, path: str | Path, dpi: float = 0.8 * DPI)
 
 
 def writer_of(path: Path) -> str:
-    """Return what writes an animation to a file; InputError as save_motion raises it."""
+    """Return the name of the writer for a file; raise InputError, see save_motion."""
     writer = _WRITERS.get(path.suffix.lower())
     if writer is None:
         raise InputError("path", str(path), "a file name that ends in .gif or .mp4")
     if not path.parent.is_dir():
         raise InputError("path", str(path), "a file in a folder that exists")
     if not writers.is_available(writer):
-        raise InputError("path", str(path), f"a .gif: there is no {writer}, which writes .mp4")
+        raise InputError("path", str(path), f"a .gif, because {writer} is not installed")
     return writer
 
 
 def _steps(arm: Arm, scene: Scene, plans: Sequence[Plan], frames: int) -> list[_Step]:
-    """Return the frames: rest, then `frames` to each plan, slow where one ends."""
+    """Return the frames: the arm without tension, then `frames` to each plan, slow near plans."""
     pulls: list[Array] = [np.zeros(arm.n_tendons), *(plan.shape.tensions for plan in plans)]
     shares = (1 - np.cos(np.pi * np.arange(1, frames + 1) / frames)) / 2
     things = [(plan.targets, plan.surroundings.obstacles) for plan in plans]

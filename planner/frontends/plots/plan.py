@@ -1,4 +1,4 @@
-"""Figures of plans and shapes: the arm in space, strains along it, and its tensions."""
+"""Figures of plans and shapes: the arm in 3-D, strains along the arm, and tensions."""
 
 from __future__ import annotations
 
@@ -35,20 +35,22 @@ from octoplan.planner.plan import Plan
 
 _CURVATURES = (("τ", "#8a8f98"), ("ξ", "#1f6fb4"), ("k", "#d1495b"))
 _STRETCH = "#2a8c6e"
+# Maxima of tensions are drawn up to this multiple of the largest tension.
 _COMPARABLE = 3.0
 
 
 def plot_plan(plan: Plan, ax: Any = None) -> Figure | Axes:
-    """Draw a plan: the arm with its target in 3-D, strains along it, and tensions.
+    """Draw a plan: the arm with its target in 3-D, strains along the arm, and tensions.
 
-    With 3-D axes given, draws the arm and the target in them and returns them; colours are those
-    of tensions, and `figure.colorbar(ax.collections[-1])` tells them. Otherwise returns a Figure.
+    With 3-D axes, draw arm and target only; `figure.colorbar(ax.collections[-1])` adds the scale of
+    tensions. Returns a new Figure, or the given axes.
     """
     kind("plan", plan, Plan)
     if ax is not None:
         draw_plan(plan, axes_of(ax, form="3d")[1])
         return ax  # type: ignore[no-any-return]
-    figure, shape = Figure(figsize=(10, 5.8), dpi=DPI), plan.shape
+    figure = Figure(figsize=(10, 5.8), dpi=DPI)
+    shape = plan.shape
     ax = figure.add_axes((0.0, 0.14, 0.56, 0.80), projection="3d")
     finish(ax, shape, draw_plan(plan, ax))
     plot_strains(shape, figure.add_axes((0.618, 0.515, 0.30, 0.36)))
@@ -68,7 +70,7 @@ def plot_together(plans: Sequence[Plan]) -> Figure:
 
 
 def plot_shape(shape: Shape, ax: Any = None) -> Figure | Axes:
-    """Draw the arm in 3-D; returns a new Figure, or the 3-D axes if given."""
+    """Draw the arm in 3-D; return a new Figure, or the given 3-D axes."""
     kind("shape", shape, Shape)
     if ax is not None:
         draw_arm(shape, axes_of(ax, form="3d")[1])
@@ -79,14 +81,14 @@ def plot_shape(shape: Shape, ax: Any = None) -> Figure | Axes:
 
 
 def draw_plan(plan: Plan, ax: Any) -> Array:
-    """Draw the arm of a plan with its targets and obstacles; return points (N, 3) [m] of them."""
+    """Draw the arm of a plan, targets and obstacles; return their points (N, 3) [m]."""
     result = plan.certificate.clearances.values()
     nearest = min(result, key=lambda clear: clear.gap, default=None)
     return draw_arm(plan.shape, ax, plan.targets, plan.surroundings.obstacles, nearest)
 
 
 def save(figure: Figure, path: str | Path) -> Path:
-    """Write a figure as .png or .pdf; the file appears whole or not at all."""
+    """Write a figure as .png or .pdf, atomically."""
     path = path_of(path)
     with atomic_write(path, ".png", ".pdf") as part:
         part.write_bytes(drawn(figure, path.suffix[1:].lower()))
@@ -94,7 +96,7 @@ def save(figure: Figure, path: str | Path) -> Path:
 
 
 def drawn(figure: Figure, kind: str) -> bytes:
-    """Return a figure as a file of a kind, "png" or "pdf"."""
+    """Return a figure as the contents of a "png" or "pdf" file."""
     file = io.BytesIO()
     figure.savefig(file, format=kind, dpi=DPI if kind == "png" else 2 * DPI)
     return file.getvalue()
@@ -106,7 +108,7 @@ def _alone() -> tuple[Figure, Any]:
 
 
 def finish(ax: Any, shape: Shape, points: Array) -> None:
-    """Turn a panel to where points (N, 3) [m] are seen best; add its legend and its colours."""
+    """Set the best view of points (N, 3) [m]; add the legend and the colour scale."""
     look(ax, shape, points)
     if shape.tensions.any():
         add_scale(ax, ax.collections[-1])
@@ -115,7 +117,7 @@ def finish(ax: Any, shape: Shape, points: Array) -> None:
 
 
 def add_scale(ax: Any, pulled: Any) -> None:
-    """Add the scale of what colours tendons below a panel."""
+    """Add the colour scale of tensions below a panel."""
     x, y, width, _ = ax.get_position(original=True).bounds
     place = ax.figure.add_axes((x + 0.3 * width, y - 0.04, 0.4 * width, 0.018))
     bar = ax.figure.colorbar(pulled, cax=place, orientation="horizontal")
@@ -127,8 +129,8 @@ def add_scale(ax: Any, pulled: Any) -> None:
 def plot_strains(shape: Shape, ax: Axes | None = None) -> Figure | Axes:
     """Draw curvatures [1/m] and longitudinal strain [-] along the arm, as in figure 12.
 
-    Returns a new Figure, or the axes if given. Torsion is drawn only where there is any; a jump at
-    an anchorage is a gap between two lines. Both scales have their zero at the same height.
+    Torsion is omitted if it is zero. A jump at an anchorage is a gap. Both scales have their zero
+    at the same height. Returns a new Figure, or the given axes.
     """
     kind("shape", shape, Shape)
     shown, ax = axes_of(ax)
@@ -148,9 +150,9 @@ def plot_strains(shape: Shape, ax: Axes | None = None) -> Figure | Axes:
 
 
 def broken_strains(shape: Shape) -> tuple[Array, Array]:
-    """Return arc lengths (N,) [m] and strains (N, 4), with NaN between the sides of an anchorage.
+    """Return arc lengths (N,) [m] and strains (N, 4), with a NaN row at each anchorage.
 
-    Shape.strain gives the base side at an anchorage; the tip side is read a billionth of L beyond.
+    Shape.strain returns the value on the base side; the tip side is evaluated at 1e-9 L beyond.
     """
     L = shape.arm.length
     ends = sorted({0.0, L, *(section.at for section in shape.arm.sections)})
@@ -166,7 +168,7 @@ def broken_strains(shape: Shape) -> tuple[Array, Array]:
 
 
 def _common_zero(left: Axes, right: Axes, strain: Array) -> None:
-    """Set both vertical ranges so that the zeros are at one height, with some air around."""
+    """Set both vertical ranges so that their zeros are at the same height, with a margin."""
     ranges = []
     for values in (strain[:, :3], strain[:, 3]):
         low, high = min(np.nanmin(values), 0.0), max(np.nanmax(values), 0.0)
@@ -200,18 +202,21 @@ def _label_strains(ax: Axes, right: Axes, length: float) -> None:
 
 
 def plot_tensions(arm: Arm, tensions: Array, upper: Array, ax: Axes) -> None:
-    """Draw tensions (n,) [N] as bars by tendon name, with their maxima where comparable.
+    """Draw tensions (n,) [N] as bars by tendon name, with maxima of similar size.
 
-    Of up to 16 tendons numbers are above the bars, upright where bars are narrow.
+    For up to 16 tendons, bars have numbers, rotated if the bars are narrow.
     """
-    n, most = arm.n_tendons, float(tensions.max())
+    n = arm.n_tendons
+    most = float(tensions.max())
     bars = ax.bar(range(n), tensions, width=0.7, color=PULL(pull_norm(tensions)(tensions)))
     near = np.isfinite(upper) & (upper <= _COMPARABLE * most if most > 0 else True)
     if near.any():
         at = np.flatnonzero(near)
         ax.hlines(upper[at], at - 0.42, at + 0.42, color=INK, lw=1.2, label="maximum")
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=SIZE)
-    top, narrow, many = max(most, float(upper[near].max(initial=0.0))) or 1.0, n > 8, n > 16
+    top = max(most, float(upper[near].max(initial=0.0))) or 1.0
+    narrow = n > 8
+    many = n > 16
     if not many:
         texts = [f"{each:.3g}" if each > 0.02 * top else "" for each in tensions]
         ax.bar_label(bars, texts, padding=2, rotation=90 * narrow, fontsize=SIZE - 1.5)

@@ -1,4 +1,4 @@
-"""Figures of other results: calibrations, stiffnesses, and what effects do."""
+"""Figures of calibrations, stiffness and the ablation of effects."""
 
 from __future__ import annotations
 
@@ -16,16 +16,19 @@ from octoplan.planner.frontends.effect_ablation import Switch
 from octoplan.planner.frontends.plots.arm import draw_arm, fit, look
 from octoplan.planner.frontends.plots.style import INK, MM, SIZE, axes_of, labelled, several
 
-# Shapes that are drawn at most, evenly spread over the measurements.
+# Maximal number of shapes in a figure, evenly spread over the measurements.
 _SHAPES = 12
-_SKIN, _LINE = "#b3123f", "#7a0c2b"
-_MATTERS, _IDLE, _COST = "#b3123f", "#9aa0a6", "#1f6fb4"
+_SKIN = "#b3123f"
+_LINE = "#7a0c2b"
+_MATTERS = "#b3123f"
+_IDLE = "#9aa0a6"
+_COST = "#1f6fb4"
 
 
 def plot_calibration(result: Any, ax: Axes | None = None) -> Figure | Axes:
     """Draw measured markers over settled arms, residuals in order, and standard errors as bars.
 
-    Only residuals in `ax`, if it is given. Returns a new Figure, or the axes.
+    With `ax`, draw the residuals only. Returns a new Figure, or the given axes.
     """
     if ax is not None:
         return plot_residuals(result, ax)
@@ -38,8 +41,9 @@ def plot_calibration(result: Any, ax: Axes | None = None) -> Figure | Axes:
 
 
 def _arms(result: Any, ax: Any) -> None:
-    """Draw settled midlines, predicted markers as lines to the measured ones."""
-    here, seen = result.evaluation, list[Array]()
+    """Draw settled midlines, and lines from measured to predicted markers."""
+    here = result.evaluation
+    seen: list[Array] = []
     present = list(here.equilibria)
     which = present[:: max(1, -(-len(present) // _SHAPES))]
     for k, i in enumerate(which):
@@ -57,9 +61,9 @@ def _arms(result: Any, ax: Any) -> None:
 
 
 def plot_residuals(result: Any, ax: Axes | None = None) -> Figure | Axes:
-    """Draw the distance of each marker of each shape of a Calibration from its prediction [mm].
+    """Draw the distance of each measured marker of a Calibration from its prediction [mm].
 
-    In the order of measurement. Returns a new Figure, or the axes if given.
+    Markers are in the order of measurement. Returns a new Figure, or the given axes.
     """
     shown, ax = axes_of(ax)
     names = [shape.name for shape in result.measured]
@@ -70,7 +74,7 @@ def plot_residuals(result: Any, ax: Axes | None = None) -> Figure | Axes:
         ax.plot([names.index(row.shape) for row in parts], sizes, "o-", ms=4, lw=0.8, label=what)
     ax.set_xticks(range(len(names)), names, rotation=90, fontsize=SIZE)
     labelled(
-        ax, y="off by [mm]", title=f"{MM * result.mean_error:.3g} mm off in the mean" * bool(rows)
+        ax, y="residual [mm]", title=f"mean residual {MM * result.mean_error:.3g} mm" * bool(rows)
     )
     if rows:
         ax.set_ylim(bottom=0)
@@ -79,13 +83,13 @@ def plot_residuals(result: Any, ax: Axes | None = None) -> Figure | Axes:
 
 
 def _errors(result: Any, ax: Axes) -> None:
-    """Draw values between their bounds, with standard errors as bars; none where inf."""
-    of = result.parameters
-    std = np.where(np.isfinite(result.std), result.std, np.nan) / of.range
+    """Draw values relative to their bounds, with standard errors as bars if these are finite."""
+    parameters = result.parameters
+    std = np.where(np.isfinite(result.std), result.std, np.nan) / parameters.range
     at = np.arange(len(result.values))
-    ax.errorbar(of.fractions(result.array), at, xerr=std, fmt="o", ms=4, capsize=3)
+    ax.errorbar(parameters.fractions(result.array), at, xerr=std, fmt="o", ms=4, capsize=3)
     labels = [
-        f"{unknown.name}\n{value:.4g} +- {error:.2g} {of.unit(unknown)}".rstrip()
+        f"{unknown.name}\n{value:.4g} +- {error:.2g} {parameters.unit(unknown)}".rstrip()
         for unknown, value, error in zip(result.unknowns, result.values, result.std, strict=True)
     ]
     ax.set_yticks(at, labels, fontsize=SIZE)
@@ -99,16 +103,16 @@ def _errors(result: Any, ax: Axes) -> None:
 def plot_ellipsoids(
     result: Sequence[Stiffness], force: float = 1e-3, ax: Axes3D | None = None
 ) -> Figure | Axes3D:
-    """Draw where a force of any direction would move points of the arm, on the arm, in mm.
+    """Draw the compliance ellipsoids of points of the arm: displacements by a force, in mm.
 
     Parameters
     ----------
     result : sequence of Stiffness
-        Of one shape, at the points to be shown.
+        Stiffnesses of one shape, at the points to be drawn.
     force : float
-        The force [N]; half axes are its displacements, to scale.
+        Magnitude of the force [N]; displacements are to scale.
 
-    Returns a new Figure, or the axes if given; raises InputError for none.
+    Returns a new Figure, or the given axes; raises InputError for an empty sequence.
     """
     result = several("result", result, Stiffness)
     shown, ax = axes_of(ax, (6.4, 4.8), "3d")
@@ -118,16 +122,17 @@ def plot_ellipsoids(
         surface = _surface(k, force)
         ax.plot_surface(*(MM * surface), color=_SKIN, alpha=0.25, linewidth=0)
         points.append(surface.reshape(3, -1).T)
-    held = "held tensions" if result[0].hold == "tension" else "locked lengths"
-    ax.set_title(f"where {1e3 * force:g} mN pushes it, with {held}", fontsize=SIZE)
+    held = "constant tensions" if result[0].hold == "tension" else "constant lengths"
+    ax.set_title(f"displacement by {1e3 * force:g} mN at {held}", fontsize=SIZE)
     look(ax, shape, np.vstack(points))
     return shown
 
 
 def _surface(k: Stiffness, force: float) -> Array:
-    """Return the ellipsoid's points (3, 25, 49) [m]."""
+    """Return points (3, 25, 49) of the ellipsoid [m]."""
     axes, directions = k.ellipsoid()
-    down, around = np.linspace(0, np.pi, 25), np.linspace(0, 2 * np.pi, 49)
+    down = np.linspace(0, np.pi, 25)
+    around = np.linspace(0, 2 * np.pi, 49)
     polar, turn = np.meshgrid(down, around, indexing="ij")
     ball = np.array([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)])
     moved = np.einsum("ij,j,jkl->ikl", directions, force * axes, ball)
@@ -135,10 +140,10 @@ def _surface(k: Stiffness, force: float) -> Array:
 
 
 def plot_effects(switches: tuple[Switch, ...], accuracy: float) -> Figure:
-    """Draw tip change over L against the accuracy, and the factor in time, effect by effect.
+    """Draw tip change over L against the accuracy, and the run time factor, for each effect.
 
-    Effects of the scene come first, with a filled dot; others, which it lacks, are hollow. An
-    effect with or without which the arm does not settle has no dot.
+    Effects of the scene come first, with filled dots; other effects have hollow dots. A dot is
+    missing if the arm does not settle with or without the effect.
     """
     figure = Figure(figsize=(7.2, 1.3 + 0.32 * len(switches)), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
@@ -156,7 +161,7 @@ def plot_effects(switches: tuple[Switch, ...], accuracy: float) -> Figure:
     )
     for row, switch in zip(rows, switches, strict=True):
         colour = _MATTERS if switch.matters else _IDLE
-        # On a logarithmic scale a change of nothing has its place at the left.
+        # On a logarithmic scale, draw a change of 0 at the left.
         values = (left, max(switch.tip_change, 1e-12), colour), (right, switch.time_factor, _COST)
         for ax, x, shade in values:
             face = shade if switch.enabled else "white"
@@ -165,7 +170,8 @@ def plot_effects(switches: tuple[Switch, ...], accuracy: float) -> Figure:
         left.plot([], [], "o", color=INK, markerfacecolor=face, markersize=5, label=label)
     left.legend(loc="lower left", fontsize=SIZE - 2, frameon=False)
     right.axvline(1.0, color=INK, linewidth=0.8, linestyle="--", zorder=0)
-    for ax, label in ((left, "tip moves by [L]"), (right, "time of a settle, with over without")):
+    labels = ((left, "tip change [L]"), (right, "run time of settle, with over without"))
+    for ax, label in labels:
         ax.set_xscale("log")
         labelled(ax, label, grid=True)
     return figure

@@ -1,4 +1,4 @@
-"""What all figures share: colours, sizes, and how axes are made and labelled."""
+"""Style of all figures: colours, sizes, axes and labels."""
 
 from __future__ import annotations
 
@@ -15,21 +15,27 @@ from octoplan.model.support.checks import is_several, kind
 from octoplan.model.support.errors import InputError
 
 V = TypeVar("V")
-# Millimetres a metre; the size of letters; dots an inch.
-MM, SIZE, DPI = 1e3, 9, 110
+# Millimetres per metre.
+MM = 1e3
+# Font size.
+SIZE = 9
+# Dots per inch.
+DPI = 110
 PULL = LinearSegmentedColormap.from_list("pull", ["#f5b83d", "#e8622c", "#b3123f", "#4d0a3a"])
-# Of ticks.
+# Steps of ticks.
 ROUND_STEPS = [1, 2, 2.5, 5, 10]
-SLACK, INK, GRID = "#9aa0a6", "#30343a", "#e3e5e8"
+SLACK = "#9aa0a6"
+INK = "#30343a"
+GRID = "#e3e5e8"
 _ALLOWED = {"3d": 'axes made with projection="3d"', "rectilinear": "two-dimensional axes"}
 
 
 def axes_of(
     ax: Any, size: tuple[float, float] = (6.4, 4.0), form: str = "rectilinear"
 ) -> tuple[Any, Any]:
-    """Return what a drawing returns, and its axes: those given, or a new Figure and its own.
+    """Return the result of a plot function and its axes: the given axes, or a new Figure.
 
-    Raises InputError for axes of another kind, "3d" or "rectilinear".
+    Raises InputError if the axes are not of the kind `form`, "3d" or "rectilinear".
     """
     if ax is None:
         figure = Figure(figsize=size, dpi=DPI, layout="constrained")
@@ -40,14 +46,14 @@ def axes_of(
 
 
 def several(field: str, values: Any, wanted: type[V]) -> list[V]:
-    """Return values of a kind; InputError for none, and what is no sequence of these."""
+    """Return a sequence of values of a type; raise InputError if empty or of other types."""
     if not is_several(values) or not len(values):
         raise InputError(field, values, f"at least one {wanted.__name__}, in a list")
     return [kind(f"{field}[{i}]", value, wanted) for i, value in enumerate(values)]
 
 
 def labelled(ax: Axes, x: str = "", y: str = "", title: str = "", grid: bool = False) -> None:
-    """Label axes and what they show, without a frame above; empty labels are left out."""
+    """Set labels and title, and remove the upper and right frame; empty labels are omitted."""
     ax.set_xlabel(x, fontsize=SIZE)
     ax.set_ylabel(y, fontsize=SIZE)
     ax.set_title(title, fontsize=SIZE)
@@ -59,10 +65,10 @@ def labelled(ax: Axes, x: str = "", y: str = "", title: str = "", grid: bool = F
 
 
 def pull_norm(tensions: Array) -> Normalize:
-    """Return the scale of colours for tensions [N]: from 0 to the largest."""
+    """Return the colour scale for tensions [N]: from 0 to the maximum."""
     return Normalize(0.0, float(tensions.max(initial=0.0)) or 1.0)
 
 
 def pulling(tensions: Array) -> NDArray[np.bool_]:
-    """Return which tendons pull: above a thousandth of the largest tension."""
+    """Return which tendons are taut: above a thousandth of the maximal tension."""
     return np.asarray(tensions > 1e-3 * tensions.max(initial=0.0))

@@ -1,4 +1,4 @@
-"""The targets in the three-dimensional panel of a figure."""
+"""Draw targets in the three-dimensional panel of a figure."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ GOAL = "#00806a"
 
 @singledispatch
 def draw_target(target: Any, ax: Any, shape: Shape) -> Array:
-    """Draw a target in 3-D axes; return points (N, 3) [m] that have to be in sight.
+    """Draw a target in 3-D axes; return the points (N, 3) [m] that must be visible.
 
-    Nothing is drawn for kinds of target that are not registered.
+    Other types of targets are not drawn.
     """
     return np.empty((0, 3))
 
 
 @draw_target.register
 def _(target: TipPosition, ax: Any, shape: Shape) -> Array:
-    return _tip_mark(ax, shape, target.position, "x", "tip wanted")
+    return _tip_mark(ax, shape, target.position, "x", "target of the tip")
 
 
 @draw_target.register
 def _(target: TipPointing, ax: Any, shape: Shape) -> Array:
-    points = _tip_mark(ax, shape, target.position, "x", "tip wanted")
+    points = _tip_mark(ax, shape, target.position, "x", "target of the tip")
     end = points[0] + 0.15 * shape.arm.length * np.array(target.direction)
     ax.quiver(
         *(MM * points[0]),
@@ -45,7 +45,7 @@ def _(target: TipPointing, ax: Any, shape: Shape) -> Array:
         color=GOAL,
         lw=1.6,
         arrow_length_ratio=0.2,
-        label="direction wanted",
+        label="target direction",
         zorder=7,
     )
     return np.vstack([points, end])
@@ -53,7 +53,7 @@ def _(target: TipPointing, ax: Any, shape: Shape) -> Array:
 
 @draw_target.register
 def _(target: TipPose, ax: Any, shape: Shape) -> Array:
-    points = _tip_mark(ax, shape, target.position, "x", "tip wanted")
+    points = _tip_mark(ax, shape, target.position, "x", "target of the tip")
     ends = points + 0.12 * shape.arm.length * np.array(target.frame).T
     for name, end in zip("tnb", ends, strict=True):
         ax.plot(*(MM * np.vstack([points[0], end])).T, color=GOAL, lw=1.4, zorder=7)
@@ -64,7 +64,7 @@ def _(target: TipPose, ax: Any, shape: Shape) -> Array:
 
 @draw_target.register
 def _(target: Backbone, ax: Any, shape: Shape) -> Array:
-    return _mark(ax, np.array(target.points), "o", "points to follow")
+    return _mark(ax, np.array(target.points), "o", "target points")
 
 
 @draw_target.register
@@ -74,7 +74,7 @@ def _(target: BendingPlane, ax: Any, shape: Shape) -> Array:
 
 @draw_target.register
 def _(target: Fetch, ax: Any, shape: Shape) -> Array:
-    """Draw the tangent that is wanted at the end of each stretch, seen from where this begins."""
+    """Draw the target tangent at the end of each stretch, relative to the frame at its start."""
     shown = []
     bends = (target.proximal, target.medial, target.distal)
     for (start, end), (angle, plane) in zip(pairwise(stretches(shape.arm)), bends, strict=True):
@@ -83,7 +83,7 @@ def _(target: Fetch, ax: Any, shape: Shape) -> Array:
         foot = shape.position(end)
         tip = foot + 0.1 * shape.arm.length * (shape.frame(start) @ np.array(local))
         shown.append(tip)
-        label = "tangents wanted" if start == 0 else None
+        label = "target tangents" if start == 0 else None
         ax.plot(*(MM * np.vstack([foot, tip])).T, color=GOAL, lw=1.6, label=label, zorder=7)
     return np.array(shown)
 
@@ -97,7 +97,7 @@ def _(target: FetchReach, ax: Any, shape: Shape) -> Array:
 
 
 def _tip_mark(ax: Any, shape: Shape, at: tuple[float, ...], marker: str, label: str) -> Array:
-    """Mark where the tip is wanted, and the way that it lacks."""
+    """Mark the target of the tip, and draw a line from the tip."""
     ax.plot(*(MM * np.array([shape.tip, at])).T, color=GOAL, lw=1.0, ls=":", zorder=6)
     return _mark(ax, np.array([at]), marker, label)
 
@@ -120,9 +120,10 @@ def _mark(ax: Any, points: Array, marker: str, label: str) -> Array:
 
 
 def _plane(ax: Any, shape: Shape, angle: float, label: str) -> Array:
-    """Draw the part of a plane through the base that the arm needs, and an arrow that way."""
+    """Draw the part of a plane through the base that contains the arm, and its direction."""
     arm = shape.arm
-    origin, t = np.array(arm.base_position), np.array(arm.base_frame)[:, 0]
+    origin = np.array(arm.base_position)
+    t = np.array(arm.base_frame)[:, 0]
     e = toward(arm, angle)
     path = shape.position(np.linspace(0.0, arm.length, 201)) - origin
     margin = 0.08 * arm.length

@@ -60,8 +60,8 @@ class WorkersLostError(OctoplanError):
         self.left = left
         super().__init__(
             "workers were killed, for lack of memory or by a user, or the scheduler stopped; "
-            f"{left} chunks of points are missing. Finished chunks are kept if the sweep has an output: "
-            "run the sweep again to compute the others"
+            f"{left} chunks of points are missing. Finished chunks are kept if the sweep has an "
+            "output: run the sweep again to compute the others"
         )
 
 
