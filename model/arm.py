@@ -73,7 +73,7 @@ class Arm(HtmlRepr):
         From the tip to the base, so that section 1 is the one nearest the tip.
     material : Material
     base_frame : 3x3 nested tuple
-        VectorInterpreter t, n, b of the base; the paper's unless given.
+        Columns t, n, b of the base; the paper's unless given.
     base_position : tuple of three floats
         [m].
     hull : Path

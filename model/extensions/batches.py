@@ -61,7 +61,7 @@ class Shapes:
     tip : (m, 3)
         [m].
     tip_frame : (m, 3, 3)
-        VectorInterpreter t, n, b.
+        Columns t, n, b.
     error : (m,)
         Estimated tip error over arm length [-].
     tensions : (m, n_tendons)

@@ -230,7 +230,7 @@ REFUSED = {"friction": Friction(0.2), "contact": FLOOR}
 def test_mjcf_refuses_loads_that_it_cannot_have(effect: Effect) -> None:
     arm = bar(0.3, 0.006, 2e5)
     shape = settle(arm, [0.0, 0.5, 0.0, 0.0], Scene(*EXACT, effect), 1e-3)
-    with pytest.raises(InputError, match="a scene whose loads MJCF has") as caught:
+    with pytest.raises(InputError, match="a scene with loads that MJCF supports") as caught:
         mjcf(shape, 3)
     assert caught.value.field == "scene"
 

@@ -34,12 +34,12 @@ from octoplan.planner.targets import (
 from tests.planner.cases import PAPER, barrel_arm, figure_15
 
 MARKED = {
-    "position": "tip wanted",
-    "pose": "tip wanted",
-    "pointing": "direction wanted",
-    "backbone": "points to follow",
+    "position": "target of the tip",
+    "pose": "target of the tip",
+    "pointing": "target direction",
+    "backbone": "target points",
     "plane": "bending plane",
-    "bends": "tangents wanted",
+    "bends": "target tangents",
     "reach": "mouth",
     "reach in a plane": "mouth",
 }
@@ -199,7 +199,7 @@ def test_an_arm_that_leans_is_not_drawn_as_passing_through(scene: Scene) -> None
     assert clearance(leaning, [rod]).gap < 0
     ax = three_d()
     draw_arm(leaning, ax, (), (rod,))
-    assert legend(ax) == {"leans on it"}
+    assert legend(ax) == {"contact"}
 
 
 def test_torsion_is_drawn_only_where_there_is_any(shape: Shape) -> None:
