@@ -34,7 +34,7 @@ class Terms:
     equality : residuals that must be 0, by name
     soft_residual : residuals whose squares are minimised within the limits, by name
     inequality : quantities that must be nonnegative, by name
-    objective : terms of the objective, by name; they replace the effort
+    objective : terms of the objective instead of the effort, by name
     high_priority : names of equalities that take precedence if the target cannot be met
     low_priority : names of inequalities and reciprocals with the lowest precedence
     reciprocal : quantities x whose reciprocal must be at least 1, by name, such as a compliance
@@ -150,8 +150,8 @@ class Target:
     """A requirement on the shape; the base class requires nothing.
 
     Values from `parameters` are parameters of the program, so that targets with equal expressions
-    share one program. `terms` may use other attributes too. These are constants of the program;
-    each new value requires another program, which takes longer to build.
+    share one program. `terms` may use other attributes too. Such attributes are constants of the
+    program; each new value requires another program, which takes longer to build.
     """
 
     def check(self, arm: Arm) -> None:

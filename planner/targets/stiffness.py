@@ -69,7 +69,7 @@ class Stiffest(_Directed):
         including tendons without tension, as in stiffness with release=False; the outcome reports
         the stiffness with slack tendons released.
     tendon_EA : float or None
-        Axial stiffness E A of the tendons, if their lengths are held [N]; see stiffness.
+        Axial stiffness E A of the tendons, if lengths are held [N]; see stiffness.
     """
 
     def terms(self, view: View, p: ca.MX) -> Terms:
@@ -88,7 +88,7 @@ class Softest(_Directed):
     hold : "tension" or "length"
         Quantity of the tendons that is held constant.
     tendon_EA : float or None
-        Axial stiffness E A of the tendons, if their lengths are held [N].
+        Axial stiffness E A of the tendons, if lengths are held [N].
     """
 
     def terms(self, view: View, p: ca.MX) -> Terms:
@@ -122,7 +122,7 @@ class MinimumStiffness(Target):
         including tendons without tension, as in stiffness with release=False; the outcome reports
         the stiffness with slack tendons released.
     tendon_EA : float or None
-        Axial stiffness E A of the tendons, if their lengths are held [N]; see stiffness.
+        Axial stiffness E A of the tendons, if lengths are held [N]; see stiffness.
     """
 
     direction: Annotated[Any, Rule(_direction_or_matrix)]

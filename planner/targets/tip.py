@@ -94,7 +94,7 @@ class TipPointing(_AtPlace):
         return np.append(self.position, from_matrix(np.column_stack([t, n, np.cross(t, n)])))
 
     def terms(self, view: View, p: ca.MX) -> Terms:
-        """See Target.terms: the rotation from such a frame, without its part about the tangent.
+        """See Target.terms: the rotation from such a frame, without the part about the tangent.
 
         The rotation (w, x, y, z) consists of a rotation by a perpendicular to the tangent, and a
         rotation (cos(r / 2), sin(r / 2), 0, 0) about the tangent. Then (y, z) has the norm

@@ -24,7 +24,7 @@ from octoplan.planner.targets.base import OVER_WANTED, Target, Terms, View
 NEAR = "nearness along the obstacle"
 CLEAR = "gap to the obstacle"
 TURNS = f"turns{OVER_WANTED}"
-# Number of uniformly spaced arc lengths at which programs constrain the part, including its ends.
+# Number of uniformly spaced arc lengths at which programs constrain the part, including both ends.
 PLACES = 17
 # Accuracy of the certified bound of the gap, over the accuracy of targets.
 _CLOSE = 0.1
@@ -38,18 +38,18 @@ _TINY = 1e-24
 class Wrap(Target):
     """A part of the arm along an obstacle, with a given contact length or number of turns.
 
-    A part lies along an obstacle if the gap between their surfaces is between 0 and `tolerance`
+    A part lies along an obstacle if the gap between the surfaces is between 0 and `tolerance`
     times the radius of the arm. The gap at s is the distance of the midline minus the radius at
     rest. A plan constrains 17 uniformly spaced arc lengths, and adds more if the gap is too
     large in between, until the largest gap is within the tolerance. The certificate bounds the
     largest gap. The part need not press on the obstacle everywhere: a tapered arm on a cylinder
-    touches at points, with low arches in between, because its uniform curvature would require
+    touches at points, with low arches in between, because uniform curvature would require
     pressure that pulls. A length may lie along the axis of a rod as well as around it; turns go
     around.
 
     The part ends at the tip unless `start` is given. The number of turns is the angle by which the
     obstacle's outward normal rotates along the part, over 2 pi; for a cylinder, the angle around
-    its axis. The plan determines the length of a part with turns.
+    the axis. The plan determines the length of a part with turns.
 
     The arm does not penetrate the obstacle. It presses on the obstacle only if the scene contains
     the obstacle as Contact and no other shape satisfies the target. A neo-Hookean body swells if it
@@ -103,7 +103,7 @@ class Wrap(Target):
     def _guess(self, arm: Arm) -> float:
         """Return a guess of the part's base end for a number of turns, for the arm at rest.
 
-        The obstacle is approximated by a cylinder with its smallest width.
+        The obstacle is approximated by a cylinder with the smallest width.
         """
         assert self.turns is not None
         s = np.linspace(0.0, arm.length, 201)

@@ -43,7 +43,7 @@ class Motion(Protocol):
     """A motion of an arm whose tensions are linear in time on each stretch."""
 
     def lines(self, stretch: Counts, share: Array) -> list[Centreline | None]:
-        """Return the midlines at shares (K,) of stretches (K,); None without equilibrium."""
+        """Return the midlines at shares (K,) of stretches (K,), with None for failed ones."""
 
     def deviation_bound(self, stretch: Counts, start: Array, end: Array) -> DeviationBound:
         """Bound the deviation of strains from linear interpolation between shares (P,)."""
@@ -166,7 +166,7 @@ def closest(
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """Bisection of parts and pieces; `result` has the bounds so far."""
+    """Bisection of parts and pieces. `result` contains the present bounds."""
 
     motion: Centreline | Motion
     query: ClearanceQuery

@@ -118,7 +118,7 @@ class Parts:
 
     @classmethod
     def of(cls, lines: Centreline, rows: Counts, deviation: DeviationBound | None) -> Parts:
-        """Return parts with bounds of the deviation of strains; None for parts without duration."""
+        """Return parts with bounds of the deviation of strains, if the parts have a duration."""
         N = int(np.argmax(lines.s))
         P = len(rows)
         turns = np.append(lines.sizes[1], 0.0).reshape(-1, N + 1)

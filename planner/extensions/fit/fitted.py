@@ -36,8 +36,8 @@ _UNREACHED = 0.1
 class Start(NamedTuple):
     """Initial values of a fit, the final values, and the misfit.
 
-    The misfit is the negative log-likelihood up to a constant. `found` is None if the fit failed;
-    `why` is the reason.
+    The misfit is the negative log-likelihood up to a constant. If the fit failed, `found` is
+    None and `why` is the reason.
     """
 
     values: tuple[float, ...]

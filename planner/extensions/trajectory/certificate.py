@@ -23,10 +23,10 @@ from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.targets.base import Target
 
-# Tolerance of rates and accelerations of strokes and tip, over their limits, because these are
-# evaluated at discrete instants.
+# Tolerance of rates and accelerations of strokes and tip, over the limits, because evaluations are
+# at discrete instants.
 SAMPLED = 1e-3
-# Quantities over their limits: attribute, label, words of the failure, tolerance.
+# Ratios of quantities to limits: attribute, label, words of the failure, tolerance.
 _RATIOS = (
     ("rate", "rate of tension over limit [-]", "a rate of tension", FINEST_ACCURACY),
     ("stroke_rate", "rate of stroke over limit [-]", "a rate of stroke", SAMPLED),
@@ -62,9 +62,9 @@ class MotionCertificate(HtmlRepr):
         of the settled arm at 320 instants from each waypoint to the next.
     clearance : float
         Smallest distance minus the required clearance, at and between waypoints [m]. The value is a
-        lower bound, refined until it is nonnegative or close to the exact value. It is -inf if the
+        lower bound, refined until nonnegative or close to the exact value. The value is -inf if the
         clearance cannot be verified, and inf if no clearance is required. Without loads the bound
-        is proven; under loads it is verified at steps, see
+        is proven; under loads the clearance is verified at steps, see
         octoplan.planner.extensions.avoidance.strain_bounds.
     nearest : float
         Time of the smallest clearance [s].
@@ -108,7 +108,7 @@ class MotionCertificate(HtmlRepr):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings of the certificates at targets, a sentence each; they do not fail the motion."""
+        """Warnings of the certificates at targets, a sentence each; these do not fail a motion."""
         return tuple(
             f"at target {i} {warning}"
             for i, one in enumerate(self.at_targets)
@@ -175,7 +175,7 @@ def certify_motion(
 ) -> MotionCertificate:
     """Check a motion; `settled` returns the shapes at the waypoints, each near the previous one.
 
-    If the time limit is reached first, `problem` reports it.
+    If the time limit is reached first, `problem` reports this.
     """
     rates = question.rates
     parts = way.progress.c[2].astype(int)

@@ -29,7 +29,7 @@ from octoplan.planner.extensions.trajectory.waypoints import Waypoints
 from octoplan.planner.measure import taken_in
 from octoplan.planner.solve.refine import CORRECTIONS
 
-# Smallest distance of an inserted waypoint from its neighbours, over the distance of these.
+# Smallest distance of an inserted waypoint from a neighbour, over the distance of the neighbours.
 _INSIDE = 0.02
 
 
@@ -116,7 +116,7 @@ def between(lines: Lines, way: Timed, surroundings: Environment) -> tuple[Array,
     times = way.starts
     moving = surroundings.moving
     if moving:
-        # On these intervals, obstacles have constant velocity, and the progress is a parabola.
+        # Intervals on which obstacles have constant velocity, and the progress is a parabola.
         breaks = np.concatenate([way.progress.x, *(one.times for one in moving)])
         times = np.unique(breaks[(breaks >= 0) & (breaks <= way.starts[-1])])
     low = times[:-1]
@@ -136,7 +136,7 @@ def between(lines: Lines, way: Timed, surroundings: Environment) -> tuple[Array,
             count = len(surroundings.obstacles)
             moved = [np.zeros((*ends.shape, 3))] * count
             moved += [one.displacement(ends) for one in moving]
-            # A parabola deviates most from its chord in the middle.
+            # A parabola deviates most from the chord in the middle.
             start, half, end = (tensions(parts, np.full(low.size, u)) for u in (0.0, 0.5, 1.0))
             off = np.linalg.norm(half - (start + end) / 2, axis=1)
             change = np.maximum(np.linalg.norm(end - start, axis=1), 1e-300)
@@ -158,7 +158,8 @@ def strokes_between(
     """Return the margins of stroke limits from each of N waypoints to the next.
 
     The results are the smallest margin plus the accuracy of strokes (N,) [m], inf without limits;
-    its time (N,) [s]; and the waypoints before which the arm jumps or has no equilibrium.
+    the time of the smallest margin (N,) [s]; and the waypoints before which the arm jumps or has no
+    equilibrium.
     """
     limits = question.limits
     within = question.accuracy * question.arm.length

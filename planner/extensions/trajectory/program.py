@@ -1,13 +1,13 @@
 """Nonlinear program over all waypoints of a motion, coupled by rates of tensions and strokes.
 
 The variables are the variables x_k of each waypoint's program (tensions a_k, states, tendon lengths
-l_k), and the durations d_m from target to target. Waypoint k takes the fraction s_k of its
+l_k), and the durations d_m from target to target. Waypoint k takes the fraction s_k of the
 duration.
 
     minimise    sum effort(a_k) + w sum d_m
     subject to  g_k(x_k) within bounds                      the constraints of each waypoint
                 |a_k - a_(k-1)| <= rate s_k d_m             |l_k - l_(k-1)| <= stroke rate s_k d_m
-                d_m >= its prescribed duration, if any
+                d_m >= prescribed duration, if any
 
 Jacobian and Hessian are block-diagonal except for the coupling rows, which are linear.
 """

@@ -37,7 +37,7 @@ GRAVITY = float(np.linalg.norm(Weight().g))
 QUASI_STATIC = 0.1
 # Refinement of the mesh of midlines.
 _MESH = 3
-# Additional clearance at waypoints, over the arm's length, as a reserve for the path between them.
+# Additional clearance at waypoints, over the arm's length, as a reserve for the path in between.
 _SPARE = 1e-3
 
 
@@ -106,8 +106,8 @@ class Rates:
     def pace(self) -> float:
         """Stroke rate limit in the program over the waypoints [m/s].
 
-        The value is arbitrary if only accelerations are limited, because these then determine the
-        durations.
+        The value is arbitrary if only accelerations are limited, because accelerations then
+        determine the durations.
         """
         free = not np.isfinite(self.stroke) and self.at_rest
         return 1.0 if free and not np.all(np.isfinite(self.tension)) else self.stroke

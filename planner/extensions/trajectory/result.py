@@ -42,7 +42,7 @@ class Trajectory(TextRepr):
     question : Question
         Definition of the motion.
     way : Timed
-        Waypoints, and the progress between them over time.
+        Waypoints, and the progress over time.
     """
 
     question: Question
@@ -139,7 +139,7 @@ class Trajectory(TextRepr):
             return float(self.way.largest[2] / GRAVITY)
         tips = np.array([shape.tip for shape in self.shapes])
         steps = np.linalg.norm(np.diff(tips, axis=0), axis=1)
-        # Between equal targets the arm moves within their accuracy, in no time: ignore this.
+        # Between equal targets the arm moves within the accuracy, in no time: ignore this.
         steps[steps <= self.question.accuracy * self.arm.length] = 0.0
         return float((4 * steps / np.diff(self.times) ** 2).max() / GRAVITY)
 

@@ -25,7 +25,7 @@ from octoplan.planner.solve.ipopt import Options, named, nlp_solver, solved
 class Part(NamedTuple):
     """Objective and constraints of one program, with derivatives by its variables (x_k, z).
 
-    For the coupling, the objective and its Hessian depend on z, and the Jacobian is by all
+    For the coupling, objective and Hessian depend on z, and the Jacobian is by all
     variables.
     """
 
@@ -66,7 +66,7 @@ class SideBySide:
         self._solvers = dict[tuple[tuple[str, object], ...], BufferedFunction]()
 
     def stated(self, parts: Sequence[Part], coupling: Part) -> Self:
-        """Assemble the program and its derivatives from its parts, for CasADi's solvers."""
+        """Assemble the program and the derivatives from parts, for CasADi's solvers."""
         f, gradient, g, jacobian, hessian = zip(*parts, strict=True)
         n = self.ends[-1]
         common = self.x.numel() - n

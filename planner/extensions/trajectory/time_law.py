@@ -7,7 +7,7 @@ tendon lengths l(u), tip position x(u) and b = (du/dt)^2, the limits are
     |T'| sqrt(b) <= rate      |l'| sqrt(b) <= stroke rate      |l' b' / 2 + l'' b| <= acceleration
                                                                |x' b' / 2 + x'' b| <= acceleration
 
-They are linear in b and its slope, except for the last one, a second-order cone. With b piecewise
+The limits are linear in b and b', except for the last one, a second-order cone. With b piecewise
 linear on uniform knots, d2u/dt2 is piecewise constant, and minimal time is a conic program: the
 largest b at one knot is the largest at all knots. Source: Verscheure, Demeulenaere, Swevers, De
 Schutter, Diehl, "Time-optimal path tracking for robots: a convex optimization approach", IEEE
@@ -71,7 +71,7 @@ class Stretch:
         """Interpolate between tensions (n_tendons,), to the tolerance `within` or to rounding [m].
 
         The tolerance of the largest degree is `at_last` [m], because tendon friction makes the
-        second derivative jump if a curvature changes its sign. Raises ConvergenceError if the arm
+        second derivative jump if a curvature changes sign. Raises ConvergenceError if the arm
         jumps or does not settle on the path.
         """
         for degree in _DEGREES:
@@ -98,7 +98,7 @@ class Stretch:
     def largest(self, law: PPoly) -> Array:
         """Return the largest stroke rate [m/s] and accelerations of strokes and tip [m/s2] (3,).
 
-        The time law u(t) is evaluated at INSTANTS instants and at its knots.
+        The time law u(t) is evaluated at INSTANTS instants and at the knots.
         """
         knots = np.arange(law.x.size)
         inside = (np.arange(INSTANTS) + 0.5) / INSTANTS * knots[-1]
@@ -112,7 +112,7 @@ class Stretch:
         return np.array([*largest, tip.max()])
 
     def kept(self, law: PPoly, rates: Rates) -> PPoly:
-        """Return the time law, slowed down if it violates limits."""
+        """Return the time law, slowed down to satisfy the limits."""
         tension = (np.abs(self.change) / rates.tension).max() * fastest_pace(law).max()
         rate, *accelerations = self.largest(law) / rates.of_places
         return _stretched(law, max(1.0, tension, rate, np.sqrt(max(accelerations))))
@@ -132,7 +132,7 @@ def _stretched(law: PPoly, factor: float) -> PPoly:
 
 
 def fastest_pace(law: PPoly) -> Array:
-    """Return the largest speed in each interval (K,) of a time law [1/s], at one of its ends."""
+    """Return the largest speed in each interval (K,) of a time law [1/s], at one of the ends."""
     return np.asarray(np.maximum(law.c[1], law.c[1] + 2 * law.c[0] * np.diff(law.x)))
 
 
@@ -145,7 +145,7 @@ def fastest(stretch: Stretch, rates: Rates) -> PPoly:
     derivatives = np.stack(stretch.derivatives(u))
     limits = np.repeat([rates.acceleration, rates.tip_acceleration], [stretch.change.size, 3])
     size = max(float(np.abs(derivatives / limits).max()), _ROUNDING)
-    # Matrices from b at the interior knots to b at all knots, and to its slope in each interval.
+    # Matrices from b at the interior knots to b at all knots, and to b' in each interval.
     b = np.eye(_KNOTS + 1)[:, 1:-1]
     slope = np.diff(b, axis=0) * (_KNOTS / 2)
     first, second = derivatives[..., None] / (size * limits)[:, None]
@@ -169,13 +169,13 @@ def fastest(stretch: Stretch, rates: Rates) -> PPoly:
     if solution is None:
         raise ConvergenceError(_ROUNDING, np.inf, "limits of accelerations that are less uneven")
     speeds = np.sqrt(np.maximum(solution[0], 0.0) / size)
-    # Limits are enforced at knots: slow down if they are violated in between.
+    # Limits are enforced at knots: slow down if violated in between.
     return stretch.kept(_paced(u, np.pad(speeds, 1)), rates)
 
 
 @dataclass(frozen=True, eq=False)
 class Timed:
-    """Waypoints, straight paths between them, and the progress over time.
+    """Waypoints, straight paths in between, and the progress over time.
 
     Attributes
     ----------
@@ -188,7 +188,7 @@ class Timed:
     progress : PPoly
         Number of waypoints passed plus u of the current stretch, over time: 0 to N.
     largest : (3,)
-        Largest stroke rate [m/s] and accelerations of strokes and tip [m/s2]; 0 if none of them is
+        Largest stroke rate [m/s] and accelerations of strokes and tip [m/s2]; 0 if none is
         limited.
     """
 

@@ -1,6 +1,6 @@
 """Tensions at the waypoints of a motion: one program over all targets.
 
-The initial guess is an optimum of each target alone, continued from target to target. Its last
+The initial guess is an optimum of each target alone, continued from target to target. The last
 optimum must agree with the best one from independent initial guesses; otherwise the continuation
 has left the better branch, and each target is planned alone. The mesh is coarse. The difference
 between target values on this mesh and of the settled arm, the defect, varies little between optima:
@@ -75,7 +75,7 @@ class Waypoints:
         return False
 
     def _optimum(self, options: NlpOptions) -> list[Waypoint] | None:
-        """Return the waypoints at the optimum; None without optimum or if the arm is unstable."""
+        """Return the optimal waypoints; return None if this fails or the arm is unstable."""
         waypoints = self.waypoints
         problems = [self._problem(waypoint, options) for waypoint in waypoints]
         program = MotionProgram(self.question, waypoints, problems)
@@ -95,7 +95,7 @@ class Waypoints:
         return waypoints
 
     def _problem(self, waypoint: Waypoint, options: NlpOptions) -> Problem:
-        """Return the problem of a waypoint, with tendon lengths if their rates are limited."""
+        """Return the problem of a waypoint, with tendon lengths if stroke rates are limited."""
         question = self.question
         limits = question.limits
         if limits.strokes is None and np.isfinite(question.rates.pace):
@@ -142,7 +142,8 @@ class Waypoints:
     def _continued(self, first: Plan) -> list[Waypoint] | None:
         """Return the optimum of each target alone, continued from the plan of the first target.
 
-        None if a target is not reached, or if initial guesses reach a better optimum of the last.
+        Return None if a target is not reached, or if initial guesses reach a better optimum of the
+        last target.
         """
         begin, *others = self.question.targets
         waypoint = Waypoint(begin, np.ravel(first.tensions), first.avoidance)
