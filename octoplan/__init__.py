@@ -1,13 +1,13 @@
-"""Tension allocation for tendon-driven arms: all public names in one place, and the command line.
+"""Tension allocation for tendon-driven arms: the public names, and the command line.
 
-`octoplan.plan`, `octoplan.Arm`, `octoplan.Weight` and the others are defined in the packages
-`octoplan.model` and `octoplan.planner`, which are loaded at first use: `import octoplan` alone
-costs nothing.
+The names such as `octoplan.plan`, `octoplan.Arm` and `octoplan.Weight` are defined in the packages
+`octoplan.model` and `octoplan.planner`, which are imported at first use: `import octoplan` alone is
+fast.
 """
 
 from __future__ import annotations
 
-# What is loaded here is loaded before Ctrl-C is heard: as little as can be.
+# Modules imported here delay the handling of Ctrl-C: keep them few.
 import os
 import signal
 import sys
@@ -43,8 +43,8 @@ _ENDINGS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 def main() -> int:
     """Run the command line and return its exit code; see octoplan.planner.frontends.cli.
 
-    Ctrl-C and SIGTERM end it at once, while it is being loaded too. A KeyboardInterrupt would not:
-    CasADi makes a warning of it in the middle of ipopt, which goes on.
+    SIGINT and SIGTERM end the process at once, even during imports. A KeyboardInterrupt would not:
+    CasADi converts it to a warning inside ipopt, and continues.
     """
     for number in _ENDINGS:
         if signal.getsignal(number) is not signal.SIG_IGN:
@@ -54,14 +54,14 @@ def main() -> int:
     from octoplan.planner.frontends.cli import main as run
 
     code = run()
-    # All is written and told: what is left is the interpreter's own end.
+    # All output is complete; ignore signals until the interpreter exits.
     for number in _ENDINGS:
         signal.signal(number, signal.SIG_IGN)
     return code
 
 
 def _print_help() -> bool:
-    """Print help or versions, for which nothing else is loaded; return whether they were taken."""
+    """Print help or versions without further imports; return False if the output failed."""
     from octoplan.command_line import app, printed
 
     line = app()
@@ -76,7 +76,7 @@ def _print_help() -> bool:
 
 
 def _end(number: int, _: object) -> None:
-    """End at once; what is being written is removed, what is written is told."""
+    """End the process at once; remove incomplete files, and report those that are complete."""
     end = getattr(sys.modules.get("octoplan.planner.frontends.io.files"), "end", None)
     kept = "nothing was written" if end is None else end()
     try:
@@ -86,7 +86,7 @@ def _end(number: int, _: object) -> None:
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public name, or the version as it is installed."""
+    """Return a public name, or the installed version."""
     from functools import partial
     from importlib import import_module
 
@@ -97,7 +97,7 @@ def __getattr__(name: str) -> Any:
     if name in ("model", "planner"):
         return import_module(f"octoplan.{name}")
     if not name.startswith("_"):
-        # Figures of arms and shapes are the planner's, which is loaded where one is drawn.
+        # Figures of arms and shapes are defined in the planner, imported with the first figure.
         import_module("octoplan.model.support.text").register_display(
             partial(import_module, "octoplan.planner.frontends.report")
         )
@@ -109,7 +109,7 @@ def __getattr__(name: str) -> Any:
     near = difflib.get_close_matches(name, [] if name.startswith("_") else _names(), n=1)
     advice = f"; did you mean {near[0]!r}?" if near else ""
     if near and sys._getframe(1).f_code.co_name == "_handle_fromlist":
-        # Of an AttributeError `from octoplan import ...` would drop the advice.
+        # `from octoplan import ...` omits the message of an AttributeError.
         raise ImportError(f"cannot import name {name!r} from 'octoplan'{advice}", name="octoplan")
     raise AttributeError(f"module 'octoplan' has no attribute {name!r}{advice}")
 

@@ -1,4 +1,4 @@
-"""The command line `octoplan`; `--help` lists exit codes."""
+"""The command line `octoplan`: options, output and exit codes; `--help` lists the codes."""
 
 from __future__ import annotations
 
@@ -41,22 +41,22 @@ from octoplan.planner.frontends.io.scene_file import SceneFile, load
 
 @dataclass(frozen=True)
 class Output:
-    """What a command computed, in the forms in which it can be handed out.
+    """The result of a command, in all its output formats.
 
     Attributes
     ----------
     text : function
-        Returns what people read.
+        Returns the text for people.
     record : msgspec.Struct or dict
-        What machines read.
+        The data for --json and files.
     name : str
-        Of the files, without suffix.
+        Name of the files, without suffix.
     draw : function or None
         Returns the figure.
     tables : mapping
         Functions that return the contents of further files, by name, such as "plan.csv".
     reached : bool
-        Whether it is what was asked for.
+        Whether the command succeeded; selects the exit code.
     """
 
     text: Callable[[], str]
@@ -67,16 +67,16 @@ class Output:
     reached: bool = True
 
 
-# Of messages, in characters.
+# Maximal length of messages, in characters.
 _LONG = 2000
 
 
 def _check_folder(_: Any, folder: Path | None) -> None:
     try:
         if folder is not None and folder.exists() and not folder.is_dir():
-            raise ValueError("Allowed is a folder to write to, or one to make.")
+            raise ValueError("Must be a folder, existing or new.")
     except OSError as reason:
-        raise ValueError(f"Allowed is a folder to write to: {why(reason)}.") from None
+        raise ValueError(f"Must be a folder, existing or new: {why(reason)}.") from None
 
 
 ScenePath = Annotated[Path, Parameter(help="Scene file, SCENE.toml.")]
@@ -84,7 +84,8 @@ Folder = Annotated[Path, Parameter(validator=_check_folder)]
 Accuracy = Annotated[
     float,
     Parameter(
-        validator=Number(gte=1e-12, lte=0.1), help="Tip error over arm length; else the scene's."
+        validator=Number(gte=1e-12, lte=0.1),
+        help="Tip error over arm length; default: the scene's.",
     ),
 ]
 
@@ -92,16 +93,16 @@ Accuracy = Annotated[
 @Parameter(name="*")
 @dataclass
 class Options:
-    """What all commands have that compute something.
+    """Options of all commands that compute.
 
     Attributes
     ----------
     json : bool
-        Print JSON, in SI units; `octoplan schema` tells its keys.
+        Print JSON, in SI units; `octoplan schema` describes the keys.
     time_limit : float
-        Stop after so many seconds, with the best by then; else the scene's time_limit_s.
+        Stop after this time [s], with the best result; default: time_limit_s of the scene.
     verbose : bool
-        Show the solver's own log on stderr.
+        Show the log of the solver on stderr.
     """
 
     json: bool = False
@@ -111,9 +112,9 @@ class Options:
     def loaded(
         self, scene: Path, accuracy: float | None = None, compiled: Compile = False
     ) -> SceneFile:
-        """Return the question of a scene file, with what these options have in place of its own.
+        """Return the contents of a scene file, with the values of these options.
 
-        The scene's time limit holds from here on where there is no --time-limit. Raises FileError.
+        Without --time-limit, the time limit of the scene applies from now on. Raises FileError.
         """
         question = load(scene)
         if self.time_limit is None and question.time_limit is not None:
@@ -127,57 +128,57 @@ class Options:
 @Parameter(name="*")
 @dataclass
 class FileOptions(Options):
-    """What commands have whose results are data and a figure.
+    """Options of commands whose results are data and a figure.
 
     Attributes
     ----------
     out : Path
         Also write data and figure to this folder.
     figure : "png" or "pdf"
-        Of which kind the figure in --out is (png).
+        Format of the figure in --out (png).
     """
 
     out: Folder | None = None
     figure: Literal["png", "pdf"] | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a kind of figure without a folder that it goes to."""
+        """Raise InputError for a figure format without a folder."""
         if self.out is None and self.figure is not None:
-            allowed = f"--figure {self.figure} with --out DIR, the folder that it is written to"
+            allowed = f"--out DIR, the folder of the figure, with --figure {self.figure}"
             raise InputError("--out", "nothing", allowed)
 
 
 @Parameter(name="*")
 @dataclass
 class SceneOptions(FileOptions):
-    """What commands have whose results are computed from a scene.
+    """Options of commands whose results are computed from a scene.
 
     Attributes
     ----------
     compile : bool
-        Work by machine code, built by a C compiler and kept: the same digits, sooner.
+        Compile the equations with a C compiler and cache them: same results, faster.
     """
 
     accuracy: Accuracy | None = None
     compile: bool = False
 
     def question(self, scene: Path) -> SceneFile:
-        """Return the question of a scene file; see loaded."""
+        """Return the contents of a scene file; see loaded."""
         return self.loaded(scene, self.accuracy, self.compile)
 
 
 class UsageError(OctoplanError):
-    """The command line is not one that the program knows."""
+    """The command line is invalid."""
 
 
 class OutputError(OctoplanError):
-    """Standard output takes nothing."""
+    """Standard output cannot be written."""
 
     def __init__(self, reason: str) -> None:
-        super().__init__(f"standard output cannot be written to: {reason}")
+        super().__init__(f"standard output cannot be written: {reason}")
 
 
-# With what the program exits, by what is raised.
+# Exit codes by exception.
 _CODES: tuple[tuple[Any, int], ...] = (
     (BrokenPipeError, 141),
     (OutputError, 74),
@@ -187,14 +188,14 @@ _CODES: tuple[tuple[Any, int], ...] = (
 
 
 def parse(argv: Sequence[str]) -> tuple[Callable[[], Any], Options]:
-    """Return what answers a command line, and the options that it has; raises UsageError.
+    """Return the command for a command line, and its options; raise UsageError.
 
-    What it returns is an Output, or a text where help or versions are wanted.
+    The command returns an Output, or a text for help and versions.
     """
     if not argv:
-        raise UsageError("no command; to begin: octoplan new (see octoplan --help)")
+        raise UsageError("no command; to start: octoplan new (see octoplan --help)")
     if argv[0].endswith(".toml"):
-        raise UsageError(f"what to do with {argv[0]}? For example: octoplan plan {argv[0]}")
+        raise UsageError(f"no command before {argv[0]}; for example: octoplan plan {argv[0]}")
     line = app()
     try:
         call, bound, _ = line.parse_args(
@@ -204,7 +205,7 @@ def parse(argv: Sequence[str]) -> tuple[Callable[[], Any], Options]:
         where = " ".join(["octoplan", *[item for item in argv if item in COMMANDS][:1]])
         raise UsageError(f"{reason} (see {where} --help)") from None
     bound.apply_defaults()
-    # Defaults are shared, and change with the scene.
+    # Copy the default options, which the scene changes.
     options = copy(bound.arguments.get("options", Options()))
     if "options" in bound.arguments:
         bound.arguments["options"] = options
@@ -213,7 +214,7 @@ def parse(argv: Sequence[str]) -> tuple[Callable[[], Any], Options]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command, write and print what it computed, and return the exit code."""
+    """Run a command, write and print its output, and return the exit code."""
     options = Options()
     try:
         command, options = parse(sys.argv[1:] if argv is None else argv)
@@ -236,7 +237,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _warned() -> Iterator[None]:
-    """Tell warnings as sentences, each once."""
+    """Write the warnings of the block to stderr as sentences, once each."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UnitWarning)
         try:
@@ -263,17 +264,17 @@ def _logged() -> Iterator[None]:
 
 
 def deliver(output: Output, options: Options) -> None:
-    """Write the files that --out asks for, all or none, then what --json or people are shown.
+    """Write the files for --out, all or none, then print JSON or text.
 
-    Raises OutputError where standard output takes nothing; BrokenPipeError where its reader is
-    gone.
+    Raises OutputError if standard output cannot be written, BrokenPipeError if its reader has
+    exited.
     """
     if isinstance(options, FileOptions) and options.out is not None:
         files = {name: content() for name, content in output.tables.items()}
         files[f"{output.name}.json"] = to_json(output.record)
         if output.draw is not None:
             kind = options.figure or "png"
-            # Matplotlib is loaded for figures alone.
+            # Load matplotlib for figures only.
             drawn = import_module("octoplan.planner.frontends.plots.plan").drawn
             files[f"{output.name}.{kind}"] = drawn(output.draw(), kind)
         write_together(options.out, files)
@@ -284,7 +285,7 @@ def deliver(output: Output, options: Options) -> None:
         sys.stdout.write(text.rstrip("\n") + "\n")
         sys.stdout.flush()
     except (OSError, ValueError) as reason:
-        # What is left in the buffer goes nowhere, so that Python does not complain at its end.
+        # Discard the buffer, so that Python does not report an error at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if isinstance(reason, BrokenPipeError):
             raise

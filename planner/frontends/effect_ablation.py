@@ -1,4 +1,4 @@
-"""Which effects matter: a scene settled with each of its effects switched off, and others on."""
+"""Compare a scene with and without each effect: tip change and cost."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from octoplan.model.settle import ACCURACY, settle
 from octoplan.model.support.errors import InputError, OctoplanError
 from octoplan.model.support.progress import track
 
-# Effects that need no numbers of the user's, by name.
+# Effects with default parameters, by name.
 _KNOWN: dict[str, Effect] = {
     type(effect).__name__: effect
     for effect in (Extension(), ExactTendons(), NeoHookean(), Shear(), Weight(), Buoyancy())
@@ -37,14 +37,14 @@ _KNOWN: dict[str, Effect] = {
 
 @dataclass(frozen=True)
 class ProblemSize:
-    """Counts that do not depend on the machine.
+    """Problem sizes, independent of the machine.
 
     Attributes
     ----------
     states : int
-        Numbers carried along the arm: the pose, and what is integrated with it.
+        Number of quantities integrated along the arm, including the pose.
     unknowns, constraints : int
-        Of the boundary value problem; none where the shape is an explicit function.
+        Size of the boundary value problem; 0 if the shape is an explicit function.
     instructions : int
         Elementary operations to evaluate the shape, or the constraints, on the coarsest mesh.
     """
@@ -56,40 +56,40 @@ class ProblemSize:
 
 
 def problem_size(arm: Arm, scene: Scene) -> ProblemSize:
-    """Return the sizes of a scene's functions, by the scheme that is used unless one is named."""
+    """Return the problem sizes of a scene for its default scheme."""
     scheme = schemes_of(scene)[0]
     if not is_loaded(scene):
         function = explicit_map(arm, scene, scheme, 1).function
         carried = 7 + (function.size1_out(2) if function.n_out() > 2 else 0)
         return ProblemSize(carried, 0, 0, function.expand().n_instructions())
-    of = by_collocation(arm, scene, COLLOCATIONS[scheme], 1).system.layout
+    layout = by_collocation(arm, scene, COLLOCATIONS[scheme], 1).system.layout
     instructions = sum(
-        term.count * term.kernel.value.n_instructions() for term in of.equations.terms
+        term.count * term.kernel.value.n_instructions() for term in layout.equations.terms
     )
-    return ProblemSize(of.node_size + of.form.strains, of.n_states, of.n_states, instructions)
+    n = layout.n_states
+    return ProblemSize(layout.node_size + layout.form.strains, n, n, instructions)
 
 
 @dataclass(frozen=True)
 class Switch:
-    """One effect, and the scene with and without it.
+    """Comparison of a scene with and without an effect.
 
     Attributes
     ----------
     effect : str
-        Its name, with the names of what had to be switched along with it.
+        Name of the effect, followed by the effects that were switched with it.
     enabled : bool
-        Whether the scene has it.
+        Whether the scene has the effect.
     tip_change : float
-        Distance between the tips with and without it, over L; NaN where one does not settle.
+        Distance between the two tips over L; NaN if one of the scenes does not settle.
     sizes, sizes_without : ProblemSize
-        Of the scene with and without it.
+        Sizes with and without the effect.
     time_factor : float
-        Processor time of a settle with it over that without it.
+        Processor time of settle with the effect over the time without.
     matters : bool
-        Whether the tip change is above the accuracy, or the arm does not settle without it or
-        with it.
+        Whether the tip change is above the accuracy, or one of the scenes does not settle.
     problem : str
-        Why one of the two does not settle, if so.
+        Error of the scene that does not settle; empty if both settle.
     """
 
     effect: str
@@ -103,12 +103,12 @@ class Switch:
 
     @property
     def states_added(self) -> int:
-        """How many states it adds."""
+        """Number of states that the effect adds."""
         return self.sizes.states - self.sizes_without.states
 
     @property
     def unknowns_added(self) -> int:
-        """How many unknowns it adds; below 0 where a coarser mesh is as accurate with it."""
+        """Number of unknowns that the effect adds; negative if a coarser mesh is sufficient."""
         return self.sizes.unknowns - self.sizes_without.unknowns
 
 
@@ -117,25 +117,25 @@ def switch_effects(
 ) -> tuple[Switch, ...]:
     """Settle a scene with each of its effects switched off in turn, and others switched on.
 
-    The others are those that have natural values: extension, exact tendons, the neo-Hookean body,
-    shear, weight in air and in water. What an effect needs is switched along with it.
+    The others are effects with default parameters: extension, exact tendons, the neo-Hookean body,
+    shear, weight, and buoyancy in water. Effects that an effect requires are switched with it.
 
     Parameters
     ----------
     arm, tensions, scene, accuracy
-        As settle takes them.
+        See settle.
     repeats : int
-        Of each settle that is timed.
+        Number of timed runs.
 
     Returns
     -------
     tuple of Switch
-        First the scene's own effects, then the others.
+        First the effects of the scene, then the others.
 
     Raises
     ------
     InputError
-        As settle does, and for no repeats; the scene itself has to settle.
+        As settle, and for `repeats` below 1; the scene itself must settle.
     """
     if type(repeats) is not int or repeats < 1:
         raise InputError("repeats", repeats, "a whole number from 1")
@@ -154,12 +154,12 @@ def switch_effects(
 
 
 def _needs(effect: Effect) -> set[str]:
-    """Return the names of the effects that an effect needs."""
+    """Return the names of the effects that an effect requires."""
     return {name for name, _ in effect.needs()}
 
 
 def _without(scene: Scene, effect: Effect) -> Scene:
-    """Return the scene without an effect, and without those that need it."""
+    """Return the scene without an effect, and without effects that require it."""
     left = [other for other in scene.effects if other != effect]
     names = {type(other).__name__ for other in left}
     return Scene(*(other for other in left if _needs(other) <= names))
@@ -174,9 +174,9 @@ def switch_effect(
     accuracy: float = ACCURACY,
     repeats: int = 5,
 ) -> Switch:
-    """Settle a scene, and another that has or lacks an effect, which gives the switch its name.
+    """Settle a scene, and another one that differs by an effect.
 
-    The time factor is the median of so many repeats, of the two in turn.
+    The time factor is the median over alternating runs of both scenes.
     """
     enabled = effect in scene.effects
     with_it, without = (scene, other) if enabled else (other, scene)
@@ -204,7 +204,7 @@ def switch_effect(
 
 
 def _seconds(call: Callable[[], object]) -> float:
-    """Return how long a call takes; not by timeit, which warnings would name as the caller."""
+    """Return the processor time of a call; timeit would be the reported source of warnings."""
     begin = time.process_time()
     call()
     return time.process_time() - begin

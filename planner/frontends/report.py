@@ -1,4 +1,4 @@
-"""Results as people read them: what is told of them as text and in notebooks, and their figures."""
+"""Text, tables and figures of results, for terminals and notebooks."""
 
 from __future__ import annotations
 
@@ -31,20 +31,22 @@ from octoplan.planner.plan import Plan
 
 # Text and tables
 
-# Rows of a table that are shown at most.
+# Maximal number of rows of a table.
 _SCREEN = 40
 
 
 def _plan(plan: Plan) -> Iterator[Part]:
-    """Yield what fits a screen, outcome, tendons and tip, then all that was checked."""
-    arm, T, upper = plan.arm, np.ravel(plan.tensions), np.array(plan.limits.upper)
+    """Yield outcome, tendons and tip of a plan, then its certificate."""
+    arm = plan.arm
+    T = np.ravel(plan.tensions)
+    upper = np.array(plan.limits.upper)
     table = tendon_table("tensions [N]", arm.tendons_by_section, T)
     if np.any(np.isfinite(upper)):
         at = np.flatnonzero((upper > 0) & np.isclose(T, upper, 1e-9, 0.0))
         held = [arm.tendon_name(int(j)) for j in at]
         table += f"\n  at their maximum: {', '.join(held) or 'none'}"
     tables = [plan.outcome, table]
-    # Where tensions do not settle there is no shape.
+    # A plan without equilibrium has no shape.
     with suppress(OctoplanError, OutOfTime):
         tables += _winches(plan.shape, plan.limits.stroke_zero)
         tables.append("tip [mm]  " + "  ".join(f"{1e3 * x:.3f}" for x in plan.shape.tip))
@@ -54,31 +56,30 @@ def _plan(plan: Plan) -> Iterator[Part]:
 
 
 def _winches(shape: Shape, zero: Any = None) -> list[str]:
-    """Return tables of the tendons' lengths and strokes [mm], and what errors of lengths do.
+    """Return tables of tendon lengths and strokes [mm], and the sensitivity to length errors.
 
-    `zero` (n_tendons,) are the lengths where winches are zeroed [m], see strokes.
+    `zero` (n_tendons,) are the lengths at the zero of the winches [m], see strokes.
     """
-    arm, error = shape.arm, length_error(shape)
+    arm = shape.arm
+    error = length_error(shape)
     lengths = tendon_table(
         "tendon lengths [mm]", arm.tendons_by_section, 1e3 * shape.tendon_lengths
     )
-    title = f"strokes [mm] from the {'straight arm at rest' if zero is None else 'zero given'}"
+    title = f"strokes [mm] from {'the straight arm at rest' if zero is None else 'the given zero'}"
     lines = [tendon_table(title, arm.tendons_by_section, 1e3 * strokes(shape, zero))]
     slack = ", ".join(arm.tendon_name(int(j)) for j in np.flatnonzero(shape.slack))
-    lines.append(
-        f"  slack: {f'{slack}; their strokes are at most those above' if slack else 'none'}"
-    )
+    lines.append(f"  slack: {f'{slack}; their strokes are upper bounds' if slack else 'none'}")
     if shape.undetermined:
         lines.append(f"  tensions not determined by lengths: {', '.join(shape.undetermined)}")
     if error:
         cells = ", ".join(f"{name} {x:.3g}" for name, x in error.items())
         worst = max(error, key=lambda name: error[name])
-        lines.append(f"  tip error by a wrong length [mm per mm]: {cells}; worst {worst}")
+        lines.append(f"  tip error per length error [mm/mm]: {cells}; largest for {worst}")
     return [lengths, "\n".join(lines)]
 
 
 def _shape(shape: Shape) -> Iterator[Part]:
-    """Yield a shape; of one by lengths also what winches take in."""
+    """Yield the text of a shape, with strokes if lengths were given."""
     if shape.winches is None:
         yield repr(shape)
     else:
@@ -102,7 +103,7 @@ def _scene(scene: Scene) -> Iterator[Part]:
         shown = (f.name for f in fields(effect) if f.repr)
         values = ", ".join(f"{name} = {getattr(effect, name)!r}" for name in shown)
         rows.append([type(effect).__name__, values])
-    yield rows if scene.effects else [*rows, ["none: the bare arm", ""]]
+    yield rows if scene.effects else [*rows, ["none: the arm bends only", ""]]
 
 
 def _trajectory(motion: Trajectory) -> Iterator[Part]:
@@ -112,7 +113,7 @@ def _trajectory(motion: Trajectory) -> Iterator[Part]:
         yield "\ntensions [N]"
         shown = np.arange(count)
     else:
-        yield f"\ntensions [N] where targets are met, of {count} times (`times`, `save`, --out)"
+        yield f"\ntensions [N] at targets; all {count} times are in `times`, `save` and --out"
         shown = np.array([0, *motion.stops])
     pairs = zip(motion.times[shown], motion.flat[shown], strict=True)
     rows = ([f"{t:.4g}", *(f"{x:.4f}" for x in T)] for t, T in pairs)
@@ -130,24 +131,25 @@ def _calibration(fit: Calibration) -> Iterator[Part]:
 
 def _design(result: Design) -> Iterator[Part]:
     yield result.outcome
-    of, values = result.parameters, zip(result.unknowns, result.values, strict=True)
-    pairs = zip(values, of.start, strict=True)
-    cells = ([x.name, f"{v:.5g}", f"{old:.5g}", of.unit(x)] for (x, v), old in pairs)
+    parameters = result.parameters
+    values = zip(result.unknowns, result.values, strict=True)
+    pairs = zip(values, parameters.start, strict=True)
+    cells = ([x.name, f"{v:.5g}", f"{old:.5g}", parameters.unit(x)] for (x, v), old in pairs)
     yield [["unknown", "designed", "given", "unit"], *cells]
     plans = enumerate(zip(result.plans, result.before, strict=True), 1)
     efforts = ([f"{i}", f"{now.effort:.4g}", f"{old.effort:.4g}"] for i, (now, old) in plans)
-    yield [["task", "effort [N]", "of the given arm [N]"], *efforts]
+    yield [["task", "effort [N]", "given arm [N]"], *efforts]
 
 
 def switch_table(switches: tuple[Switch, ...], accuracy: float) -> str:
-    """Return what each effect does to a scene and what it costs, a line each, and notes."""
+    """Return a table of the effects: tip change and cost, one line each, and notes."""
     head = ["effect", "in scene", "tip change [L]", "states", "unknowns", "instructions", "time"]
     rows = [[*head, f"matters at {accuracy:.0e}"]]
-    notes = ["States, unknowns, instructions and time: of the scene with the effect, over without."]
+    notes = ["States, unknowns, instructions and time: with the effect, relative to without."]
     fewer = [switch.effect for switch in switches if switch.unknowns_added < 0]
     if fewer:
         names = ", ".join(fewer)
-        notes.append(f"Fewer unknowns with {names}: a coarser mesh is as accurate there.")
+        notes.append(f"Fewer unknowns with {names}: a coarser mesh is sufficient.")
     for switch in switches:
         more = switch.sizes.instructions / switch.sizes_without.instructions
         change, factor = f"{switch.tip_change:.1e}", f"x {switch.time_factor:.2g}"
@@ -160,20 +162,20 @@ def switch_table(switches: tuple[Switch, ...], accuracy: float) -> str:
     return "\n".join([*columns(rows), "", *notes])
 
 
-# Figures: matplotlib is loaded with the first
+# Figures: matplotlib is imported with the first
 
 
 def figure(module: str, name: str) -> Callable[..., Any]:
-    """Return a function of octoplan.planner.frontends.plots, imported when it is called."""
+    """Return a function of octoplan.planner.frontends.plots that is imported when called."""
     name_of_module = f"octoplan.planner.frontends.plots.{module}"
-    return lambda *of: getattr(import_module(name_of_module), name)(*of)
+    return lambda *arguments: getattr(import_module(name_of_module), name)(*arguments)
 
 
 _SHAPE = figure("plan", "plot_shape")
 
 
 def _stiffness(k: Stiffness, ax: Any = None) -> Any:
-    """Draw where a force of a power of ten pushes the point, by no more than L / 5."""
+    """Draw the compliance ellipsoid for a force of a power of ten, at most L / 5 long."""
     most = 0.2 * k.shape.arm.length / float(k.ellipsoid()[0][0])
     force = 10.0 ** math.floor(math.log10(most))
     return figure("results", "plot_ellipsoids")([k], force, ax)

@@ -128,7 +128,7 @@ def test_a_full_standard_output_is_told(argv: list[str]) -> None:
     with Path("/dev/full").open("w") as full:
         done = octoplan(*argv, stdout=full)
     assert (done.returncode, done.stderr.count("\n")) == (74, 1), done.stderr
-    assert "standard output cannot be written to: no space left" in done.stderr
+    assert "standard output cannot be written: no space left" in done.stderr
 
 
 @pytest.mark.slow

@@ -179,7 +179,7 @@ def test_a_sweep_that_is_stopped_keeps_what_is_finished(
     with monkeypatch.context() as changed:
         changed.setattr(points, "check_time", looked_at)
         assert cli.main(["sweep", str(file), "--time-limit", "100"]) == 1
-    assert "start the sweep again, and it goes on" in capsys.readouterr().err
+    assert "run the sweep again" in capsys.readouterr().err
     assert len(list((tmp_path / "sweep.nc.chunks").iterdir())) == 1
     assert cli.main(["sweep", str(file)]) == 0
     assert "2 of 2 points" in capsys.readouterr().out

@@ -134,7 +134,7 @@ def test_the_server_ends_with_its_last_browser_though_a_plan_is_searched_for(
     finally:
         server.kill()
     assert server.returncode == 0
-    assert out == "The last browser is gone.\n"
+    assert out == "The last browser was closed.\n"
     assert "Traceback" not in said
     with socket.create_server(("localhost", port)):
         pass  # the port is free again

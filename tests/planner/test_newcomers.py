@@ -279,9 +279,9 @@ def test_a_mistake_in_a_file_is_told_in_a_line(
 
 
 LINES: dict[str, tuple[list[str], str]] = {
-    "nothing": ([], "no command; to begin: octoplan new"),
+    "nothing": ([], "no command; to start: octoplan new"),
     "a command misspelt": (["paln", "mine.toml"], 'command "paln". Did you mean "plan"?'),
-    "a file alone": (["mine.toml"], "For example: octoplan plan mine.toml"),
+    "a file alone": (["mine.toml"], "for example: octoplan plan mine.toml"),
     "no file": (["plan"], "parameter SCENE requires an argument. (see octoplan plan --help)"),
     "two files": (["plan", "mine.toml", "other.toml"], "Unused Tokens: ['other.toml']"),
     "an option misspelt": (
@@ -302,7 +302,7 @@ LINES: dict[str, tuple[list[str], str]] = {
     "a result in place of a scene": (["plan", "plan.json"], "name ends in .toml"),
     "a file in place of a folder": (
         ["plan", "mine.toml", "--out", "plan.json"],
-        "a folder to write",
+        "a folder, existing or new",
     ),
     "tensions that are not there": (
         ["settle", "mine.toml"],
@@ -316,7 +316,7 @@ LINES: dict[str, tuple[list[str], str]] = {
     "no folder": (["plan", "mine.toml", "--out"], "--out requires an argument"),
     "a figure without a folder": (
         ["settle", "mine.toml", "--figure", "pdf"],
-        "--figure pdf with --out DIR",
+        "with --figure pdf",
     ),
     "a figure of svg": (
         ["settle", "mine.toml", "--figure", "svg"],

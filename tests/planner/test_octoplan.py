@@ -258,7 +258,7 @@ def test_two_exports_do_not_share_a_folder(
     before = {path.name: path.read_bytes() for path in to.iterdir()}
     assert main(["export", one, "--to", str(to)]) == 0
     message = said(capsys, ["export", other, "--to", str(to)])
-    assert f"{to}: another export is there" in message
+    assert f"{to}: contains another export" in message
     assert str(to / "other") in message
     assert {path.name: path.read_bytes() for path in to.iterdir()} == before
 

@@ -83,7 +83,7 @@ def test_a_finished_sweep_is_not_run_again_and_says_so(
         assert main(argv) == 0
         assert json.loads(capsys.readouterr().out) == first | {"earlier": True}
         assert main(argv[:-1]) == 0
-        assert "finished by an earlier run, not run again" in capsys.readouterr().out
+        assert "finished by an earlier run, nothing was computed" in capsys.readouterr().out
         with caplog.at_level(logging.INFO, "octoplan.planner.frontends.sweeps"):
             found = sweep(path, out)
         assert found.settled.values.all()

@@ -1,1 +1,1 @@
-"""A scene's forward map as C for machines without Python, CasADi or a heap."""
+"""Export of a scene's forward map as C code without Python, CasADi or a heap."""

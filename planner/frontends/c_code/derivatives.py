@@ -1,20 +1,20 @@
-"""How poses along an arm answer to the tensions, to first and second order, in closed form.
+"""First and second derivatives of poses along the arm by the tensions, in closed form.
 
-Where strains are in closed form a step's pose answers to its strains by a spatial twist, its
-strains to the pull of the tendons, the pull to the coefficients that are carried along the arm.
-Where offsets are linear in s, the sums over tendons that a cross-section asks for are polynomials
-of degree two at most. An anchorage adds those of its own tendons to the coefficients of the part
-beyond. Steps are summed up to each anchorage before the tensions come in, so that the work grows
-with the number of tendons, not with its square.
+For strains in closed form, the spatial twist of a step depends on its strains, the strains on the
+pull of the tendons, and the pull on coefficients that are constant between anchorages. If offsets
+are linear in s, the sums over tendons that cross-sections require are polynomials of degree two at
+most. An anchorage adds the terms of its tendons to the coefficients. Steps are summed up to each
+anchorage before multiplication by the tensions, so that the work is linear in the number of
+tendons.
 
-With the spatial twists z_k (6,) by which steps move what is beyond them, a pose becomes
-exp(z_1) exp(z_2) .. g, and by the formula of Baker, Campbell and Hausdorff its own twist is
+With the spatial twists z_k (6,) by which steps displace everything beyond, a pose becomes
+exp(z_1) exp(z_2) .. g, and by the formula of Baker, Campbell and Hausdorff its twist is
 
     zeta = sum_k z_k + 1/2 sum_(i<k) [z_i, z_k] + ...
 
-so that a second derivative of zeta is the sum of the steps' own and of brackets with the sums so
-far. What is asked of it is its product with a wrench, or with several of them at places along the
-arm, which then add up from the tip to each step.
+so that a second derivative of zeta is the sum of the second derivatives of the steps and of
+brackets with the preceding sums. The Hessian is evaluated as its product with one wrench, or with
+several wrenches at points along the arm, which are accumulated from the tip to each step.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from octoplan.model.rotations import compose, exponential, inverse
 from octoplan.model.stations import stations
 from octoplan.model.unloaded.march_derivative import adjoint_function, step_jacobian
 
-# Coefficients of a polynomial.
+# Coefficients of a quadratic polynomial.
 TERMS = 3
 
 
@@ -41,15 +41,15 @@ TERMS = 3
 class PullPolynomials:
     """The coefficients of pull in (1 - s/L)^2, (1 - s/L) s/L and (s/L)^2.
 
-    That basis keeps all digits at both ends: at a slender tip, and where an anchorage is near the
+    This basis has no cancellation at either end: at a slender tip, or for an anchorage near the
     base.
 
     Attributes
     ----------
     length : float
         L [m].
-    own : one array a section, tip first
-        (3 n_pull, n) coefficients per newton of its n tendons, term by term.
+    own : one array per section, tip first
+        Coefficients (3 n_pull, n) per newton of the n tendons of the section, term by term.
     """
 
     length: float
@@ -57,7 +57,7 @@ class PullPolynomials:
 
     @classmethod
     def of(cls, arm: Arm, statics: ClosedStatics) -> PullPolynomials | None:
-        """Return the polynomials of an arm, None where an offset is not linear."""
+        """Return the polynomials of an arm; None if an offset is not linear."""
         if not all(isinstance(path, Linear) for _, path in arm.offset_paths):
             return None
         parts = []
@@ -69,13 +69,13 @@ class PullPolynomials:
         return cls(arm.length, tuple(parts))
 
     def basis(self, s: Array) -> Array:
-        """Return the three terms at arc lengths s: (3, N)."""
+        """Return the three basis functions at arc lengths s (N,): (3, N)."""
         v = s / self.length
         u = 1 - v
         return np.stack([u * u, u * v, v * v])
 
     def carried(self, T: ca.MX) -> list[ca.MX]:
-        """Return the coefficients (n_pull, 3) where 0, 1, .. sections cross, of tensions T."""
+        """Return the coefficients (n_pull, 3) for tensions T where 0, 1, .. sections cross."""
         results = [ca.MX(self.own[0].shape[0] // TERMS, TERMS)]
         start = 0
         for each in self.own:
@@ -86,12 +86,14 @@ class PullPolynomials:
 
 
 def _coefficients(values: Array, share: float) -> Array:
-    """Return (3 n_pull, n) from the values (3, n_pull, n) at 0, share / 2, share of the length.
+    """Return coefficients (3 n_pull, n) from values (3, n_pull, n) at 0, share / 2 and share of L.
 
-    First the Bernstein form on that stretch, then, with t = v / share and 1 - t = u - k v, that in
-    u = 1 - s/L and v = s/L.
+    Convert the values to Bernstein form on this interval, then, by t = v / share and
+    1 - t = u - k v, to the basis in u = 1 - s/L and v = s/L.
     """
-    first, middle, last = values[0], 2 * values[1] - (values[0] + values[2]) / 2, values[2]
+    first = values[0]
+    middle = 2 * values[1] - (values[0] + values[2]) / 2
+    last = values[2]
     k = (1 - share) / share
     mixed = 2 * (middle / share - k * first)
     square = k * k * first - 2 * k * middle / share + last / share**2
@@ -99,8 +101,9 @@ def _coefficients(values: Array, share: float) -> Array:
 
 
 def strain_function(statics: ClosedStatics) -> ca.Function:
-    """Return (pull, data) -> (tau, xi, k, q) at one cross-section; tau is 0."""
-    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
+    """Return the function (pull, data) -> (tau, xi, k, q) of a cross-section; tau is 0."""
+    pull = ca.SX.sym("pull", statics.n_pull)
+    data = ca.SX.sym("data", statics.n_data)
     strain = statics.law.reported(statics.solve(pull, data))
     return ca.Function("strain", [pull, data], [ca.densify(strain)], {"cse": True})
 
@@ -112,15 +115,19 @@ def twist(strain: ca.SX) -> ca.SX:
 
 
 def twist_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
-    """Return (x, c, basis (TERMS, m), data, h) -> x across a step, with pull by coefficients c.
+    """Return the function (x, c, basis (TERMS, m), data, h) -> x after a step.
 
-    x is the pose (7,), then the sum over steps so far of the spatial twists per unit of each
-    coefficient (6 n_pull TERMS), column by column.
+    x is the pose (7,), then for each coefficient the sum over steps of the spatial twist per unit
+    of the coefficient (6 n_pull TERMS), column by column. Pull is given by coefficients c.
     """
-    m, n, h = len(scheme.nodes), statics.n_pull, ca.SX.sym("h")
+    m = len(scheme.nodes)
+    n = statics.n_pull
+    h = ca.SX.sym("h")
     x = ca.SX.sym("x", 7 + 6 * n * TERMS)
-    c, data = ca.SX.sym("c", n * TERMS), ca.SX.sym("data", statics.n_data, m)
-    basis, e = ca.SX.sym("basis", TERMS, m), ca.SX.sym("e", 3 * m)
+    c = ca.SX.sym("c", n * TERMS)
+    data = ca.SX.sym("data", statics.n_data, m)
+    basis = ca.SX.sym("basis", TERMS, m)
+    e = ca.SX.sym("e", 3 * m)
     nodes = _Nodes(statics, ca.reshape(c, n, TERMS) @ basis, data)
     pose, local = step_jacobian(scheme, [twist(ca.vertcat(0, v)) for v in ca.vertsplit(e, 3)], h, e)
     jacobian, _ = nodes.derivatives(ca.SX(3 * m, 1))
@@ -131,17 +138,23 @@ def twist_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
 
 
 def own_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
-    """Return (pose, c, basis, data, h, wrench) -> what a step has of the Hessian by itself.
+    """Return the function (pose, c, basis, data, h, wrench) -> Hessian of a single step.
 
-    As three parts A (6, 6), B (6, n) and C (n_pull m, n_pull m): it is B^T A B + D C D^T, with D
-    the Kronecker product of the basis and the unit matrix; see the module. Pull is given by
-    coefficients c (n_pull TERMS,) and a basis.
+    The result has three parts A (6, 6), B (6, n) and C (n_pull m, n_pull m) of the Hessian
+    B^T A B + D C D^T, with D the Kronecker product of the basis and the unit matrix; see the
+    module. Pull is given by coefficients c (n_pull TERMS,) and a basis.
     """
-    m, n, h = len(scheme.nodes), statics.n_pull, ca.SX.sym("h")
-    c, data = ca.SX.sym("c", n * TERMS), ca.SX.sym("data", statics.n_data, m)
-    basis, e = ca.SX.sym("basis", TERMS, m), ca.SX.sym("e", 3 * m)
+    m = len(scheme.nodes)
+    n = statics.n_pull
+    h = ca.SX.sym("h")
+    c = ca.SX.sym("c", n * TERMS)
+    data = ca.SX.sym("data", statics.n_data, m)
+    basis = ca.SX.sym("basis", TERMS, m)
+    e = ca.SX.sym("e", 3 * m)
     nodes = _Nodes(statics, ca.reshape(c, n, TERMS) @ basis, data)
-    g, wrench, work = ca.SX.sym("g", 7), ca.SX.sym("wrench", 6), ca.SX.sym("work", 6)
+    g = ca.SX.sym("g", 7)
+    wrench = ca.SX.sym("wrench", 6)
+    work = ca.SX.sym("work", 6)
     omega = scheme.expansion([twist(ca.vertcat(0, v)) for v in ca.vertsplit(e, 3)], h)
     moved, gradient = _displacement_derivatives()(omega, adjoint_function()(g).T @ wrench)
     along = ca.jacobian(omega, e)
@@ -155,28 +168,29 @@ def own_step(statics: ClosedStatics, scheme: Magnus) -> ca.Function:
 
 
 def _by_terms(basis: ca.SX, n: int) -> ca.SX:
-    """Return the derivatives of pull (n,) at a step's nodes by the coefficients (n TERMS,)."""
+    """Return the derivatives of pull (n,) at the nodes of a step by coefficients (n TERMS,)."""
     return ca.kron(basis.T, ca.SX.eye(n))
 
 
 class _Nodes:
-    """The cross-sections at a step's nodes, by pull (n_pull, m) and data (n_data, m).
+    """The cross-sections at the nodes of a step, for pull (n_pull, m) and data (n_data, m).
 
     Attributes
     ----------
     strains : SX (3 m,)
-        xi, k and q of each.
+        xi, k and q of each cross-section.
     """
 
     def __init__(self, statics: ClosedStatics, pull: ca.SX, data: ca.SX) -> None:
         self._each = list(zip(ca.horzsplit(pull), ca.horzsplit(data), strict=True))
-        strain, self._derivatives = strain_function(statics), _strain_derivatives(statics)
+        strain = strain_function(statics)
+        self._derivatives = _strain_derivatives(statics)
         self.strains = ca.vertcat(*(strain(*of)[1:] for of in self._each))
 
     def derivatives(self, weights: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return derivatives (3 m, n_pull m) of the strains by pull, and of their sum by weights.
+        """Return first derivatives (3 m, n_pull m) of the strains by pull, and second derivatives.
 
-        Of that the second ones (n_pull m, n_pull m).
+        The second derivatives (n_pull m, n_pull m) are those of the weighted sum of the strains.
         """
         parts = zip(
             ca.vertsplit(self.strains, 3), self._each, ca.vertsplit(weights, 3), strict=True
@@ -187,12 +201,14 @@ class _Nodes:
 
 
 def _displacement_derivatives() -> ca.Function:
-    """Return Omega (6,), wrench -> Hessian and gradient of the work on how exp(Omega) moves.
+    """Return the function Omega (6,), wrench -> Hessian and gradient of work by exp(Omega).
 
-    That is the logarithm of exp(Omega + change) exp(-Omega), as far as its second order, from which
-    quaternions differ beyond.
+    The work is that of the wrench on the logarithm of exp(Omega + change) exp(-Omega). The code
+    uses an expression with quaternions that agrees with the logarithm to second order.
     """
-    omega, wrench, here = ca.SX.sym("omega", 6), ca.SX.sym("wrench", 6), ca.SX.sym("here", 7)
+    omega = ca.SX.sym("omega", 6)
+    wrench = ca.SX.sym("wrench", 6)
+    here = ca.SX.sym("here", 7)
     pose = exponential(omega[:3], omega[3:])
     moved = compose(pose, inverse(here))
     rotation = 2 * moved[1:4]
@@ -203,16 +219,21 @@ def _displacement_derivatives() -> ca.Function:
 
 
 def _strain_derivatives(statics: ClosedStatics) -> ca.Function:
-    """Return (xi, k, q; pull, data, weights (3,)) -> derivatives of these strains by pull.
+    """Return the function (xi, k, q; pull, data, weights (3,)) -> derivatives of strains by pull.
 
-    The first ones (3, n_pull), and the second ones (n_pull, n_pull) of their sum by weights. By the
-    implicit function theorem, from the wrench that vanishes.
+    The results are first derivatives (3, n_pull), and second derivatives (n_pull, n_pull) of the
+    weighted sum, by the implicit function theorem for the condition that the wrench vanishes.
     """
-    law, e, weights = statics.law, ca.SX.sym("e", 3), ca.SX.sym("weights", 3)
-    pull, data = ca.SX.sym("pull", statics.n_pull), ca.SX.sym("data", statics.n_data)
+    law = statics.law
+    e = ca.SX.sym("e", 3)
+    weights = ca.SX.sym("weights", 3)
+    pull = ca.SX.sym("pull", statics.n_pull)
+    data = ca.SX.sym("data", statics.n_data)
     v = ca.SX.sym("v", size(law))
-    wrench, strain = statics.wrench(v, pull, data), law.reported(v)[1:]
-    value, multipliers = ca.dot(weights, strain), ca.SX.sym("lam", v.numel())
+    wrench = statics.wrench(v, pull, data)
+    strain = law.reported(v)[1:]
+    value = ca.dot(weights, strain)
+    multipliers = ca.SX.sym("lam", v.numel())
     inverted = ca.inv_minor(ca.jacobian(wrench, v))
     changes = -inverted @ ca.jacobian(wrench, pull)
     hessian = ca.hessian(value + ca.dot(multipliers, wrench), ca.vertcat(v, pull))[0]

@@ -1,4 +1,4 @@
-"""Export of a scene's forward map as C: for machines without Python, CasADi or a heap."""
+"""Export a scene's forward map as C for systems without Python, CasADi or a heap."""
 
 from __future__ import annotations
 
@@ -44,24 +44,27 @@ _PLAN_TEMPLATES = {
     "Makefile": "plan_Makefile",
 }
 _NAME = re.compile(r"[A-Za-z](_?[A-Za-z0-9])*")
+# Smallest accuracy in single precision.
 _FINEST_FLOAT = 1e-6
-# How well C agrees with Python: positions over the length, frames, derivatives over the largest.
+# Agreement of C and Python: positions over the length, frames, derivatives over the largest.
 _TOLERANCE: dict[Precision, float] = {"double": 1e-12, "float": 1e-5}
+# Size of a number in bytes.
 _BYTES: dict[Precision, int] = {"double": 8, "float": 4}
+# Names that the generated code uses itself.
 TAKEN = ("main", "test_vector", "plan_main", "plan_vector", "casadi", "null", "jac", "hess")
 
 
 @dataclass(frozen=True)
 class Exported:
-    """What was written.
+    """The result of an export.
 
     Attributes
     ----------
     files : tuple of Path
     shape : Shape
-        That of the test vector, whose mesh is the map's.
+        Shape of the test vector; the map has the same mesh.
     static_bytes : int
-        Of the work arrays.
+        Size of the static work arrays.
     """
 
     files: tuple[Path, ...]
@@ -78,10 +81,10 @@ def export(
     precision: Precision = "double",
     name: str = "arm",
 ) -> Exported:
-    """Write the map from tensions to the arm's shape, and the tip's Jacobian, as C99.
+    """Write the map from tensions to the shape of the arm, and the tip Jacobian, as C99.
 
-    Into the folder `to` go NAME.h and NAME.c, a test vector with a main.c that checks it, and a
-    Makefile: all of them, or on failure none.
+    The folder `to` receives NAME.h and NAME.c, a test vector, a main.c that checks the test vector,
+    and a Makefile: all files, or none on failure.
 
     Parameters
     ----------
@@ -89,23 +92,24 @@ def export(
     to : path
         The folder.
     tensions : (n_sections, n) or (n_tendons,)
-        [N], tip section first: those that bend the arm most. The mesh is the one that settles them
-        to the accuracy, and they are the test vector.
+        Tensions of the test vector [N], tip section first; choose those with the largest bend. The
+        mesh of the map is the one that settles them to the accuracy.
     accuracy : float
-        Tip error over arm length that is accepted, from 1e-12 (in single precision 1e-6) to 0.1.
+        Accepted tip error over arm length, 1e-12 (in single precision 1e-6) to 0.1.
     precision : "double" or "float"
-        Of all numbers in C. The functions agree with `settle` and `tip_jacobian` to 1e-12 in double
-        and to 1e-5 in single precision: positions over the length, Jacobians over the largest.
+        Type of all numbers in C. The functions agree with `settle` and `tip_jacobian` to 1e-12 in
+        double and to 1e-5 in single precision: positions over the length, Jacobians over their
+        largest entry.
     name : str
-        Of the files, and what the names in them begin with.
+        Name of the files, and prefix of the C names.
 
     Raises
     ------
     InputError
-        For a scene with loads, which has no explicit map; for what settle refuses; for a precision,
-        a name or a folder that is not allowed.
+        For a scene with loads, which has no explicit map; for input that settle rejects; for an
+        invalid precision, name or folder.
     CollapsedError, ConvergenceError
-        As settle does, at the tensions given.
+        As settle, at the given tensions.
     """
     scene = _checked(arm, scene, precision, name, accuracy)
     shape = settle(arm, tensions, scene, accuracy)
@@ -121,29 +125,29 @@ def export_plan(
     precision: Precision = "double",
     name: str = "arm",
 ) -> Exported:
-    """Write the inverse of a plan as C99: from the last tensions to those for a target that moved.
+    """Write the inverse of a plan as C99: from the last tensions to those for a moved target.
 
-    Besides the files of `export`, with the tip's second derivatives, NAME_plan.h and NAME_plan.c go
-    into the folder `to`, and a path of targets with a plan_main.c that checks them. The tensions
-    are within the plan's limits and of least effort, as plan(near=...) finds them.
+    The folder `to` receives the files of `export`, with the second derivatives of the tip,
+    NAME_plan.h and NAME_plan.c, and a sequence of targets with a plan_main.c that checks it. The
+    tensions are within the limits of the plan and have least effort, as those of plan(near=...).
 
     Parameters
     ----------
     p : Plan
-        Of one TipPosition that is reached, with limits of each tendon and the norm "2", in a scene
-        without loads in which tendons run straight along a straight arm.
+        Plan of a reached TipPosition, with limits of each tendon and the norm "2", in a scene
+        without loads and with tendons parallel to a straight midline.
     to : path
         The folder.
     accuracy, precision, name
-        As in `export`: the mesh is one that settles the plan's tensions to the accuracy. In double
-        precision targets are met to 1e-9 of the length on that mesh, in single to 1e-5.
+        See `export`; the mesh is one that settles the tensions of the plan to the accuracy. On this
+        mesh targets are met to 1e-9 of the length in double precision, to 1e-5 in single precision.
 
     Raises
     ------
     InputError
-        For another plan, naming what is not exported, and as `export` does.
+        For another plan, with the property that is not supported; otherwise as `export`.
     CollapsedError, ConvergenceError
-        As settle does, at the plan's tensions.
+        As settle, at the tensions of the plan.
     """
     kind("p", p, Plan)
     scene = _checked(p.arm, p.scene, precision, name, accuracy)
@@ -151,8 +155,8 @@ def export_plan(
     shape = settle(p.arm, p.tensions, scene, accuracy)
     source = steps_source(shape, precision, twice=True)
     if source is None:
-        allowed = "one whose tendons run straight along the straight arm, not as printed"
-        raise InputError("scene", scene, f"{allowed}: others' second derivatives are not exported")
+        allowed = "a scene with straight tendons along a straight arm, not as printed"
+        raise InputError("scene", scene, f"{allowed}; others have no exported second derivatives")
     values = _values(shape, source, precision, name) | inverse_values(p, shape, precision)
     values["HESSIAN"] = _template("hessian.c", values)
     values["HESSIAN_DECLARED"] = _template("hessian.h", values)
@@ -167,7 +171,7 @@ def _written(
     precision: Precision,
     more: Mapping[str, str] = MappingProxyType({}),
 ) -> Exported:
-    """Write the files of a map, and `more` of them, into a folder."""
+    """Write the files of a map, and further files `more`, into a folder."""
     texts = {
         _filled(file, values): _template(template, values)
         for file, template in {**_TEMPLATES, "@NAME@.c": source.template, **more}.items()
@@ -186,16 +190,16 @@ def _template(name: str, values: dict[str, str]) -> str:
 
 
 def _check_free(folder: Path, name: str) -> None:
-    """Refuse a folder with another export, whose main.c and Makefile would be lost."""
+    """Raise FileError for a folder with another export, which would be partly overwritten."""
     parts = [file for file in _TEMPLATES if not file.startswith("@")]
     shared: list[str] = []
-    with suppress(OSError):  # a folder that cannot be: writing says why
+    with suppress(OSError):  # writing reports the error of an invalid folder
         if not (folder / f"{name}.h").exists():
             shared = [file for file in parts if (folder / file).exists()]
     if shared:
         message = (
-            f"another export is there ({', '.join(shared)} would be overwritten); "
-            f"name another folder, such as {folder / name}"
+            f"contains another export ({', '.join(shared)} would be overwritten); "
+            f"choose another folder, such as {folder / name}"
         )
         raise FileError(str(folder), "", message)
 
@@ -206,15 +210,14 @@ def _checked(arm: Arm, scene: Scene | None, precision: Any, name: Any, accuracy:
         raise InputError(
             "scene",
             scene,
-            "a scene without loads, shear and friction: with them the shape is solved for, there "
-            "is no explicit map to export",
+            "a scene without loads, shear and friction, which have no explicit map to export",
         )
     literal("precision", precision, Precision)
     if not isinstance(name, str) or not _NAME.fullmatch(name) or name.lower() in TAKEN:
         allowed = f"letters, digits and single _ between them, other than {', '.join(TAKEN)}"
         raise InputError("name", name, allowed)
     if precision == "float" and checked_accuracy(accuracy) < _FINEST_FLOAT:
-        allowed = f"{_FINEST_FLOAT:g} or above in single precision, which rounds about as much"
+        allowed = f"at least {_FINEST_FLOAT:g} in single precision, which rounds to this size"
         raise InputError("accuracy", accuracy, allowed)
     return scene
 
@@ -224,7 +227,7 @@ def _filled(text: str, values: dict[str, str]) -> str:
 
 
 def _values(shape: Shape, source: CSource, precision: Precision, name: str) -> dict[str, str]:
-    """Return what fills the places that are marked in the files, by the places' names."""
+    """Return the texts for the placeholders in the files, by name."""
     written_by = versions()
     mesh = shape.arm, shape.scene, shape.scheme, shape.refinement
     jacobian = np.array(tip_jacobian_function(*mesh)(shape.tensions))

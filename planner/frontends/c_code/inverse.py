@@ -1,4 +1,4 @@
-"""The inverse as C: what follows a moving tip target, by the map's derivatives."""
+"""Export of the inverse map as C: tensions that follow a moving tip target."""
 
 from __future__ import annotations
 
@@ -14,42 +14,45 @@ from octoplan.planner.plan import Plan, plan
 from octoplan.planner.program.problem import units
 from octoplan.planner.targets import TipPosition
 
-# What counts as a target that is met (over the length), as effort that is least (its slope over the
-# largest tension), how soft the target is held within a step, and how much is lost in rounding.
+# Tolerances: miss over the arm length; slope of the effort over the largest tension; softness of
+# the target in a step; rounding.
 _SETTINGS: dict[Precision, tuple[float, ...]] = {
     "double": (1e-9, 1e-8, 1e-6, 1e-12),
     "float": (1e-5, 2e-4, 1e-5, 1e-5),
 }
-# Of targets and tensions, besides what the mesh takes.
+# Deviations of targets and tensions in the test, in addition to the error of the mesh.
 _ROUNDED: dict[Precision, tuple[float, float]] = {"double": (1e-8, 1e-6), "float": (1e-5, 5e-3)}
-# How far the targets of the test vector are moved, over the arm's length, and what the tensions may
-# differ by over their largest where meshes differ by a part of the length.
-_MOVED, _LEVER = 0.02, 100.0
+# Displacement of the targets of the test, over the arm length.
+_MOVED = 0.02
+# Deviation of tensions over their maximum, per deviation of meshes over the arm length.
+_LEVER = 100.0
 _MOVES = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 0, 1), (0, -1, -1), (0, 0, 0))
-# No limit is higher, in what bends the arm by about 1 rad, so that single precision holds it.
+# Upper bound of tension limits in units, so that single precision can represent them.
 _NO_LIMIT = 1e9
 
 
 def check_inverse(p: Plan) -> None:
-    """Raise InputError for a plan whose inverse is not exported."""
-    exported = "exported is a plan of one TipPosition, of least squares of the tensions"
+    """Raise InputError for a plan whose inverse cannot be exported."""
+    exported = "the inverse is exported for one TipPosition and least squares of the tensions"
     is_tip = len(p.targets) == 1 and type(p.targets[0]) is TipPosition
     checks: list[tuple[bool, str, object, str]] = [
         (not is_tip, "target", p.targets, "one TipPosition"),
-        (p.limits.total is not None, "total_pull", p.limits.total, "no limit of all tensions"),
+        (p.limits.total is not None, "total_pull", p.limits.total, "omitted"),
         (p.options.norm != "2", "norm", p.options.norm, "2"),
-        (bool(p.surroundings), "obstacles", p.surroundings, "nothing to keep clear of"),
+        (bool(p.surroundings), "obstacles", p.surroundings, "omitted"),
     ]
     for wrong, field, value, allowed in checks:
         if wrong:
             raise InputError(field, value, f"{allowed}; {exported}")
     if p.mode != "exact" or not p.reached:
-        raise InputError("target", p.targets[0], f"a target within reach; {p.outcome}")
+        raise InputError("target", p.targets[0], f"a reachable target; {p.outcome}")
 
 
 def inverse_values(p: Plan, shape: Shape, precision: Precision) -> dict[str, str]:
-    """Return what fills the places in the files of the inverse."""
-    arm, n, unit = p.arm, p.arm.n_tendons, units(p.arm, p.limits)
+    """Return the texts for the placeholders in the files of the inverse."""
+    arm = p.arm
+    n = arm.n_tendons
+    unit = units(arm, p.limits)
     upper = np.minimum(p.limits.upper, _NO_LIMIT * unit)
     met, level, soft, rounding = _SETTINGS[precision]
     targets, tensions = _followed(p)
@@ -81,14 +84,17 @@ def inverse_values(p: Plan, shape: Shape, precision: Precision) -> dict[str, str
 
 
 def _followed(p: Plan) -> tuple[Array, Array]:
-    """Return targets (K, 3) [m] about that of a plan, and their tensions (K, n_tendons) [N].
+    """Return targets (K, 3) [m] near the target of a plan, and their tensions (K, n_tendons) [N].
 
-    Each is planned near the one before.
+    Each plan is warm-started from the one before.
     """
-    start, results, targets = p.targets[0].parameters(p.arm), list[Array](), list[Array]()
+    start = p.targets[0].parameters(p.arm)
+    results: list[Array] = []
+    targets: list[Array] = []
     options: dict[str, Any] = {"tension_min": p.limits.lower, "accuracy": p.accuracy}
     options["certify"] = False
-    upper, near = p.limits.upper, p
+    upper = p.limits.upper
+    near = p
     for move in _MOVES:
         place = start + _MOVED * p.arm.length * np.array(move)
         target = TipPosition(tuple(place.tolist()))

@@ -1,8 +1,8 @@
-"""A map in closed form as functions in C, and tables of the numbers that they take.
+"""The map from tensions to shape as C functions, with tables of its constants.
 
-Where pull is a polynomial of arc length it is a loop over functions of one step: work arrays hold
-one step, however fine the mesh is. Any other map is the functions of all tensions at once that
-Python calls too.
+If pull is a polynomial of arc length, the map is a loop over functions of one step: the work arrays
+contain one step, for any number of steps. Other maps are exported as a single function of all
+tensions, the function that Python evaluates.
 """
 
 from __future__ import annotations
@@ -39,22 +39,24 @@ from octoplan.planner.frontends.c_code.source import (
     work_of,
 )
 
-# Steps of Newton's method end in rounding at about 1e-6; they shrink by squares before.
+# Tolerance of Newton's method in single precision: the steps decrease quadratically to this size,
+# and rounding ends at about 1e-6.
 _SETTLED_FLOAT = 1e-4
 
 
 def steps_source(shape: Shape, precision: Precision, twice: bool = False) -> CSource | None:
-    """Return the map of a shape's mesh, None where pull is not a polynomial of arc length.
+    """Return the map of a shape's mesh; None if pull is not a polynomial of arc length.
 
-    With what the tip's second derivatives take, if it is differentiated `twice`.
+    With `twice`, include the second derivatives of the tip.
     """
-    arm, scene = shape.arm, shape.scene
+    arm = shape.arm
+    scene = shape.scene
     forward = explicit_map(arm, scene, shape.scheme, shape.refinement)
     if not isinstance(forward, ClosedForm):
         return None
     statics = closed_statics(scene, arm)
     if precision == "float" and isinstance(statics, EnergyStatics):
-        # What Newton's method reaches in this precision.
+        # Use a tolerance that Newton's method reaches in this precision.
         statics = replace(statics, settled=_SETTLED_FLOAT)
     polynomials = PullPolynomials.of(arm, statics)
     if polynomials is None:
@@ -66,8 +68,11 @@ def steps_source(shape: Shape, precision: Precision, twice: bool = False) -> CSo
         "CROSSING": whole_numbers([*forward.mesh.active, 0]),
         "END_CROSSING": whole_numbers(forward.mesh.segment_ends()[1]),
     }
-    rows, n = len(arm.sections), TERMS * statics.n_pull
-    coefficients, states, sums = (rows + 1) * n, 2 * (7 + 6 * n), rows * 6 * n
+    rows = len(arm.sections)
+    n = TERMS * statics.n_pull
+    coefficients = (rows + 1) * n
+    states = 2 * (7 + 6 * n)
+    sums = rows * 6 * n
     functions = _functions(forward, statics, polynomials)
     if not twice:
         return CSource("steps.c", functions, places, coefficients + states + sums)
@@ -96,18 +101,25 @@ def _sizes(forward: ClosedForm, statics: ClosedStatics) -> dict[str, str]:
 def _functions(
     forward: ClosedForm, statics: ClosedStatics, polynomials: PullPolynomials
 ) -> tuple[ca.Function, ...]:
-    """Return what the loop calls; pull is given by coefficients (n_pull TERMS,) and a basis."""
-    arm, scheme, m = forward.arm, forward.scheme, len(forward.scheme.nodes)
-    T, c = ca.MX.sym("T", arm.n_tendons), ca.SX.sym("c", statics.n_pull * TERMS)
-    basis, data = ca.SX.sym("basis", TERMS, m), ca.SX.sym("data", statics.n_data, m)
-    h, g = ca.SX.sym("h"), ca.SX.sym("g", 7)
+    """Return the functions of the loop; pull is given by coefficients (n_pull TERMS,) and basis."""
+    arm = forward.arm
+    scheme = forward.scheme
+    m = len(scheme.nodes)
+    T = ca.MX.sym("T", arm.n_tendons)
+    c = ca.SX.sym("c", statics.n_pull * TERMS)
+    basis = ca.SX.sym("basis", TERMS, m)
+    data = ca.SX.sym("data", statics.n_data, m)
+    h = ca.SX.sym("h")
+    g = ca.SX.sym("g", 7)
     coefficients = ca.reshape(c, statics.n_pull, TERMS)
-    pull, cse = coefficients @ basis, {"cse": True}
+    pull = coefficients @ basis
+    cse = {"cse": True}
     carried = [ca.vec(ca.densify(column)) for column in polynomials.carried(T)]
     strain = strain_function(statics)
     strains = [strain(pull[:, i], data[:, i]) for i in range(m)]
     pose = compose(g, scheme.step([twist(one) for one in strains], h))
-    stretch, end = ca.vertcat(*(1 + one[3] for one in strains)), 1 + strains[0][3]
+    stretch = ca.vertcat(*(1 + one[3] for one in strains))
+    end = 1 + strains[0][3]
     return (
         ca.Function("carried", [T], [ca.horzcat(*carried)]).expand(),
         ca.Function("end_stretch", [c, basis[:, 0], data[:, 0]], [end]),
@@ -119,9 +131,10 @@ def _functions(
 
 
 def _rows(polynomials: PullPolynomials) -> ca.Function:
-    """Return (pose, sums up to each section's end) -> derivatives of the tip, row by row."""
+    """Return the function (pose, sums up to each section's end) -> tip Jacobian, row-major."""
     n = 6 * polynomials.own[0].shape[0]
-    pose, sums = ca.SX.sym("pose", 7), ca.SX.sym("sums", n, len(polynomials.own))
+    pose = ca.SX.sym("pose", 7)
+    sums = ca.SX.sym("sums", n, len(polynomials.own))
     columns = [
         ca.reshape(sums[:, i], 6, -1) @ ca.DM(each) for i, each in enumerate(polynomials.own)
     ]
@@ -134,8 +147,10 @@ def _rows(polynomials: PullPolynomials) -> ca.Function:
 def _tables(
     forward: ClosedForm, statics: ClosedStatics, polynomials: PullPolynomials
 ) -> dict[str, Array]:
-    """Return the numbers of the steps and of the segments' ends, a row each."""
-    arm, mesh, scheme = forward.arm, forward.mesh, forward.scheme
+    """Return the constants of the steps and of the ends of segments, one row each."""
+    arm = forward.arm
+    mesh = forward.mesh
+    scheme = forward.scheme
     ends, at_ends = mesh.segment_ends()
     s, _, active = mesh.points(len(scheme.nodes))
     return {
@@ -149,19 +164,23 @@ def _tables(
 
 
 def whole_source(shape: Shape, precision: Precision) -> CSource:
-    """Return the map of a shape's mesh; its work arrays grow with the number of steps.
+    """Return the map of a shape's mesh; the size of its work arrays grows with the mesh.
 
-    Poses are positions (3, N) and frames (9, N), column by column those of one node, and with them
-    goes 1 + q. Raises InputError in single precision where sections settle by Newton's method.
+    Results are positions (3, N) and frames (9, N), one column per node, and 1 + q.
+    Raises InputError in single precision if cross-sections require Newton's method.
     """
     if precision == "float" and shape.scene.has(ExactTendons):
-        allowed = "double with ExactTendons or NeoHookean where tendons run in curves"
+        allowed = "double with ExactTendons or NeoHookean if tendons are curved"
         raise InputError("precision", precision, allowed)
-    arm, scene, mesh = shape.arm, shape.scene, (shape.scheme, shape.refinement)
-    forward, frame = explicit_map(arm, scene, *mesh), frame_function()
+    arm = shape.arm
+    scene = shape.scene
+    mesh = (shape.scheme, shape.refinement)
+    forward = explicit_map(arm, scene, *mesh)
+    frame = frame_function()
     T = ca.MX.sym("T", arm.n_tendons)
     poses, stretch = forward.function(T)[:2]
-    tip, frames = poses[:, -1], frame.map(poses.shape[1])(poses[:4, :])
+    tip = poses[:, -1]
+    frames = frame.map(poses.shape[1])(poses[:4, :])
     functions = (
         ca.Function("tip_pose", [T], [tip[4:], frame(tip[:4]), stretch]),
         ca.Function("node_poses", [T], [poses[4:, :], frames, stretch]),

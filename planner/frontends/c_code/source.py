@@ -1,4 +1,4 @@
-"""CasADi's C code made fit for a small machine: one kind of number, no names but its own."""
+"""Adapt the C code of CasADi to embedded systems: one number type, static functions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from octoplan.model.rotations import matrix
 
 Precision = Literal["double", "float"]
 
-# Everything in CasADi's code that computes has a point: whole numbers are indices.
+# Floating-point literals have a decimal point; integers are indices.
 _LITERAL = re.compile(r"(?<![\w.])(\d+\.\d*(?:[eE][+-]?\d+)?)(?![\w.])")
 _NAMES = "acos|asin|atan2?|ceil|cosh?|exp|fabs|floor|fm(?:ax|in|od)|log|pow|sinh?|sqrt|tanh?"
 _MATH = re.compile(rf"\b({_NAMES})\(")
@@ -23,18 +23,18 @@ _GLOBAL = re.compile(r"^(?!static )((?:const )?\w+\*? \w+\([^;{}]*\) ?\{)", re.M
 
 @dataclass(frozen=True)
 class CSource:
-    """What becomes NAME.c.
+    """The contents of NAME.c.
 
     Attributes
     ----------
     template : str
-        In planner/frontends/c_code/files.
+        Name of the template in planner/frontends/c_code/files.
     functions : tuple of casadi.Function
-        Those that it calls.
+        Functions that the template calls.
     places : dict
-        What fills the places that are marked in it.
+        Texts for the placeholders of the template.
     numbers : int
-        In static work arrays.
+        Size of the static work arrays in numbers.
     """
 
     template: str
@@ -43,15 +43,15 @@ class CSource:
     numbers: int
 
     def code(self, name: str, precision: Precision) -> dict[str, str]:
-        """Return what fills all places; `name` is that of the file."""
+        """Return the texts for all placeholders; `name` is the name of the file."""
         sizes = {key: str(size) for key, size in work_of(self.functions).items()}
         return {**self.places, "CODE": c_code(self.functions, name, precision).strip(), **sizes}
 
 
 def work_of(functions: Sequence[ca.Function]) -> dict[str, int]:
-    """Return what a call of any of the functions needs, by the names that the files have for it.
+    """Return the work sizes for a call of any of the functions, by name of the placeholder.
 
-    Numbers, whole numbers, and pointers to arguments and results.
+    Sizes are those of the real and integer work arrays, and of the argument and result pointers.
     """
     needed = ("sz_w", 1), ("sz_iw", 1), ("sz_arg", 0), ("sz_res", 0)
     return {
@@ -60,23 +60,24 @@ def work_of(functions: Sequence[ca.Function]) -> dict[str, int]:
 
 
 def c_code(functions: Sequence[ca.Function], name: str, precision: Precision) -> str:
-    """Return functions in C, seen by nobody outside of their file; `name` is the file's.
+    """Return functions as C code with static linkage; `name` is the name of the file.
 
-    A function f takes (arg, res, iw, w, 0); see work_of. In single precision no double appears,
-    which small machines compute in software or twice as slowly.
+    The signature of each function is f(arg, res, iw, w, 0); see work_of. In single precision the
+    code has no double, which small processors evaluate in software or at half the speed.
     """
-    number, without = {"casadi_real": precision, "casadi_int": "int"}, ("with_export", "with_mem")
-    generator = ca.CodeGenerator(name, number | dict.fromkeys(without, False))
+    types = {"casadi_real": precision, "casadi_int": "int"}
+    without = ("with_export", "with_mem")
+    generator = ca.CodeGenerator(name, types | dict.fromkeys(without, False))
     for function in functions:
         generator.add(function)
-    # Inline functions may stay unused without a warning, and are not compiled then.
+    # Unused inline functions cause no warning and are not compiled.
     code = _GLOBAL.sub(r"static inline \1", generator.dump())
-    # Numbers and calls of the math library in single precision.
+    # Convert literals and calls of the math library to single precision.
     return _MATH.sub(r"\1f(", _LITERAL.sub(r"\1f", code)) if precision == "float" else code
 
 
 def numbers(values: Any, precision: Precision) -> str:
-    """Return numbers row by row as what initialises an array in C, all digits kept."""
+    """Return numbers, row-major, as the initialiser of a C array with all digits."""
     digits = 17 if precision == "double" else 9
     suffix = "" if precision == "double" else "f"
     texts = [f"{value:.{digits - 1}e}{suffix}" for value in np.ravel(values).tolist()]
@@ -85,11 +86,11 @@ def numbers(values: Any, precision: Precision) -> str:
 
 
 def whole_numbers(values: Any) -> str:
-    """Return whole numbers as what initialises an array in C."""
+    """Return integers as the initialiser of a C array."""
     return ", ".join(map(str, np.ravel(values).tolist()))
 
 
 def frame_function() -> ca.Function:
-    """Return q -> its rotation matrix (9,), row by row."""
+    """Return the function from a quaternion q to its rotation matrix (9,), row-major."""
     q = ca.SX.sym("q", 4)
     return ca.Function("frame", [q], [ca.vec(matrix(q).T)], {"cse": True})

@@ -1,1 +1,1 @@
-"""The commands of `octoplan`: functions whose parameters are those of the command line."""
+"""The commands of `octoplan`: functions whose parameters are command line parameters."""

@@ -1,4 +1,4 @@
-"""Commands for other files than scenes: new, sweep, calibrate, design, schema."""
+"""Commands for files other than scenes: new, sweep, calibrate, design, schema."""
 
 from __future__ import annotations
 
@@ -39,23 +39,23 @@ from octoplan.planner.frontends.sweeps.definition import load_sweep
 from octoplan.planner.frontends.sweeps.sweep import written
 
 _DEFAULT = FileOptions()
-# A commented file for each kind, that runs as it is.
+# Commented files of each kind, which are valid as they are.
 TEMPLATES = Path(__file__).with_name("templates")
 Kind = Literal["plan", "trajectory", "sweep", "calibrate", "design"]
 
 
 def new(
-    file: Annotated[Path | None, Parameter(help="scene.toml unless given, or KIND.toml")] = None,
+    file: Annotated[Path | None, Parameter(help="default: scene.toml, or KIND.toml")] = None,
     /,
     *,
     kind: Kind = "plan",
 ) -> Output:
-    """Write a commented file to start from, that runs as it is; never over one that is there.
+    """Write a commented example file that runs as it is; existing files are kept.
 
     Parameters
     ----------
     kind
-        The command that it is for.
+        The command that reads the file.
     """
     path = file or Path("scene.toml" if kind == "plan" else f"{kind}.toml")
     if path.suffix.lower() != ".toml":
@@ -70,7 +70,7 @@ def new(
         if os.path.lexists(there):
             raise InputError("FILE", str(there), "a file that does not exist yet")
     if not path.parent.is_dir():
-        raise InputError("FILE", str(path), "a file in a folder that is there")
+        raise InputError("FILE", str(path), "a file in an existing folder")
     write_together(path.parent, {name: text.encode() for name, text in contents.items()})
     written = " and ".join(str(path.with_name(name)) for name in contents)
     verb, more = "is" if len(contents) == 1 else "are", " --out out" * (kind != "sweep")
@@ -88,18 +88,18 @@ def sweep(
     scheduler: str | None = None,
     options: Options = _DEFAULT,
 ) -> Output:
-    """Find shapes, plans or stiffness at many values of a scene, and go on where it was killed.
+    """Compute shapes, plans or stiffness at many values of a scene; resume if interrupted.
 
-    Stopped by --time-limit, the same command goes on too.
+    A sweep that --time-limit stopped resumes with the same command.
 
     Parameters
     ----------
     out
-        The Dataset, .nc (NetCDF) or .zarr; unless given, beside the sweep file as .nc.
+        The Dataset, .nc (NetCDF) or .zarr; default: the name of the sweep file with .nc.
     jobs
-        Processes; -1 is all processors (1).
+        Number of processes; -1 is one per processor (1).
     scheduler
-        tcp://HOST:PORT of a Dask scheduler, whose workers work on it.
+        tcp://HOST:PORT of a Dask scheduler, whose workers compute.
     """
     to = file.with_suffix(".nc") if out is None else out
     try:
@@ -107,7 +107,7 @@ def sweep(
             wanted = load_sweep(file)
             attributes, is_earlier = written(wanted, to, jobs=jobs, scheduler=scheduler)
     except OutOfTime:
-        kept = "what is finished is kept: start the sweep again, and it goes on"
+        kept = "finished chunks are kept: run the sweep again to compute the others"
         limit = f"the time limit of {options.time_limit:g} s was reached"
         raise OctoplanError(f"{limit}; {kept}") from None
     more = {"met": int(attributes["met"]), "failures": json.loads(attributes["failures"])}
@@ -119,10 +119,10 @@ def _sweep_text(record: SweepRecord) -> str:
     dims = " x ".join(f"{name} ({size})" for name, size in record.dims.items())
     word = "reached" if record.compute == "plan" else "settled"
     lines = [
-        "finished by an earlier run, not run again; remove the file to run it"
+        "finished by an earlier run, nothing was computed; remove the file to compute again"
     ] * record.earlier
     lines += [f"{record.file}: {dims}", f"  {record.met} of {record.points} points {word}"]
-    failures = [f"  {count} x such as: {text}" for text, count in record.failures.items()]
+    failures = [f"  {count} x for example: {text}" for text, count in record.failures.items()]
     return "\n".join([*lines, *shortened_lines(failures, 4)])
 
 
@@ -133,20 +133,20 @@ def calibrate(
     leave_out: bool = False,
     options: FileOptions = _DEFAULT,
 ) -> Output:
-    """Find numbers of an arm from measured shapes.
+    """Fit parameters of an arm to measured shapes.
 
     Parameters
     ----------
     leave_out
-        Also tell how well fits predict shapes left out.
+        Also print the prediction error of each shape by a fit without it.
     """
     result = find_calibration(**load_asked(file))
 
     def text() -> str:
         if not leave_out:
             return to_text(result)
-        error = f"{1e3 * result.leave_out().mean_error:.3g} mm in the mean"
-        return f"{to_text(result)}\n  shapes left out are predicted to {error}"
+        error = f"{1e3 * result.leave_out().mean_error:.3g} mm on average"
+        return f"{to_text(result)}\n  prediction error of omitted shapes: {error}"
 
     return Output(text, record(CalibrationRecord, result), "calibration", result.plot)
 
@@ -157,7 +157,7 @@ def design(
     *,
     options: FileOptions = _DEFAULT,
 ) -> Output:
-    """Find the arm for which several tasks take least effort."""
+    """Find the arm for which several tasks need the least effort."""
     result = run_design(file)
     return Output(
         lambda: to_text(result),
@@ -183,32 +183,32 @@ RECORDS: dict[str, type[msgspec.Struct]] = {
     "export": ExportRecord,
     "trajectory": TrajectoryRecord,
 }
-"""The records by the commands that print them with --json."""
+"""Records by command, for --json."""
 
 FILES: dict[str, type[msgspec.Struct]] = {
     "scene": SceneTable,
     "calibration-file": CalibrationFile,
     "design-file": DesignFile,
 }
-"""The files that are read."""
+"""Types of the input files."""
 
 SCHEMAS = ("scene", *RECORDS, *(name for name in FILES if name != "scene"))
 
 
-def schema_of(what: str) -> dict[str, Any]:
-    """Return the JSON Schema of files ("scene"), or of a command's JSON, by its name.
+def schema_of(name: str) -> dict[str, Any]:
+    """Return the JSON Schema of files ("scene") or of the JSON output of a command.
 
-    What depends on several keys, such as a place beyond the arm's tip, only what reads them knows.
+    Conditions on several keys, such as a point within the arm, are not in the schema.
     """
-    title = f"octoplan {what}" if what in FILES else f"octoplan {what} --json"
-    schema = msgspec.json.schema({**FILES, **RECORDS}[what])
+    title = f"octoplan {name}" if name in FILES else f"octoplan {name} --json"
+    schema = msgspec.json.schema({**FILES, **RECORDS}[name])
     return {"$schema": _DIALECT, "title": title, **schema}
 
 
-_WHAT = Parameter(choices=SCHEMAS, help="scene unless given")
+_WHAT = Parameter(choices=SCHEMAS, help="default: scene")
 
 
 def schema(what: Annotated[str, _WHAT] = "scene", /) -> Output:
-    """Print the JSON Schema of files, or of what a command prints with --json."""
-    # It is JSON for people too.
+    """Print the JSON Schema of a file, or of the JSON output of a command."""
+    # The text for people is JSON too.
     return Output(lambda: to_json(schema_of(what)).decode())

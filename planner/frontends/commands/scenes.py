@@ -1,4 +1,4 @@
-"""Commands that answer for a scene file: plan, settle, stiffness and the others."""
+"""Commands for scene files: plan, settle, stiffness and others."""
 
 from __future__ import annotations
 
@@ -60,14 +60,14 @@ def plan(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Output:
 
 
 def _shape_csv(result: Plan) -> bytes:
-    """Return the shape as CSV, of no lines where the tensions do not settle."""
+    """Return the shape as CSV; empty if no equilibrium exists."""
     with suppress(OctoplanError, OutOfTime):
         return shape_csv(result.shape)
     return b""
 
 
 def trajectory(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Output:
-    """Find tensions over time through the scene's waypoints."""
+    """Find tensions over time through the waypoints of the scene."""
     result = in_motion(options.question(scene))
     return Output(
         lambda: to_text(result),
@@ -80,14 +80,14 @@ def trajectory(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Outp
 
 
 def settle(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Output:
-    """Find the shape under the scene's tensions or lengths."""
+    """Find the shape for the tensions or lengths of the scene."""
     shape = settled(options.question(scene))
     tables = {"shape.csv": lambda: shape_csv(shape)}
     return Output(lambda: to_text(shape), record(ShapeRecord, shape), "shape", shape.plot, tables)
 
 
 def stiffness(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Output:
-    """Find the compliance that the scene's [stiffness] table asks for."""
+    """Find the compliance of the shape of the scene; see its [stiffness] table."""
     k = stiff(options.question(scene))
     return Output(lambda: repr(k), record(StiffnessRecord, k), "stiffness", lambda: plotted(k))
 
@@ -95,7 +95,7 @@ def stiffness(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Outpu
 def effects(
     scene: ScenePath, /, *, accuracy: Accuracy | None = None, options: FileOptions = _DEFAULT
 ) -> Output:
-    """Settle the scene with each effect switched in turn."""
+    """Settle the scene with each effect switched on or off."""
     question = options.loaded(scene, accuracy)
     check_complete(question, "tensions")
     accuracy = question.accuracy
@@ -117,18 +117,18 @@ def live(
     accuracy: Accuracy | None = None,
     compile: bool = False,  # noqa: A002  (the name of the option)
 ) -> Output:
-    """Open a page on which the scene's target is dragged and the arm follows.
+    """Open a web page on which the target is dragged and the arm follows.
 
-    It is served until the last browser that looked at it is gone.
+    The server ends with the last browser.
 
     Parameters
     ----------
     host
-        Where the page is served (localhost).
+        Host name of the page (localhost).
     port
-        Its port (8080).
+        Port of the page (8080).
     compile
-        Work by machine code, see octoplan plan.
+        Compile the equations, see octoplan plan.
     """
     question = load(scene)
     check_complete(question, "target", "limits")
@@ -139,14 +139,14 @@ def live(
     sys.stderr.write(f"octoplan: http://{host}:{port} (ends with the last browser)\n")
     page.wait()
     page.end()
-    return Output(lambda: "The last browser is gone.")
+    return Output(lambda: "The last browser was closed.")
 
 
 # Exports
 
 _WHAT = (
-    "As C: tensions to shape (map), a moving tip target to tensions besides (plan); the settled "
-    "arm as STL and glTF (mesh), for MuJoCo (mjcf), as URDF and ROS messages (urdf)."
+    "As C: map from tensions to shape (map), or also tensions for a moving tip target (plan); the "
+    "settled arm as STL and glTF (mesh), for MuJoCo (mjcf), as URDF and ROS messages (urdf)."
 )
 
 
@@ -161,32 +161,35 @@ def export(
     accuracy: Accuracy | None = None,
     options: Options = _DEFAULT,
 ) -> Output:
-    """Write the scene's map from tensions to shape or its inverse as C, or its settled arm.
+    """Write the map from tensions to shape or its inverse as C code, or the settled arm.
 
     Parameters
     ----------
     to
-        Folder to write to.
+        Folder of the files.
     links
-        Of the chain of mjcf and urdf (30).
+        Number of links for mjcf and urdf (30).
     precision
-        Of the C code (double).
+        Number type of the C code (double).
     """
-    question, name, more, static_bytes = options.loaded(scene, accuracy), c_name(scene), "", 0
+    question = options.loaded(scene, accuracy)
+    name = c_name(scene)
+    more = ""
+    static_bytes = 0
     if what == "map" or what == "plan":
         if what == "map":
             check_complete(question, "tensions")
             arguments = (question.arm, question.scene, to, question.tensions, question.accuracy)
             result = export_map(*arguments, precision, name)
         else:
-            # The plan that an inverse begins from is no less accurate than others.
+            # The plan itself is computed to the default accuracy or better.
             fine = question.but(accuracy=min(question.accuracy, ACCURACY))
             result = export_plan(planned(fine), to, question.accuracy, precision, name)
         files, shape, static_bytes = result.files, result.shape, result.static_bytes
         more = (
             f"\n  {shape.s.size} nodes, tip error {shape.error:.1e} of the length at the "
             f"tensions of the scene or its plan, work arrays {static_bytes} bytes\n"
-            f"  check them: make -C {to} check"
+            f"  to check: make -C {to} check"
         )
     else:
         driven = question.tensions is not None or "lengths" in question.options
@@ -200,6 +203,6 @@ def export(
 
 
 def c_name(scene: Path) -> str:
-    """Return a name for C made from that of a scene file: fetch-3d.toml gives fetch_3d."""
+    """Return a C name for a scene file: fetch_3d for fetch-3d.toml."""
     name = re.sub(r"[\W_]+", "_", scene.stem, flags=re.ASCII).strip("_")
     return name if name[:1].isalpha() and name.lower() not in TAKEN else f"arm_{name}".strip("_")

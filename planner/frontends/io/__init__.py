@@ -1,1 +1,1 @@
-"""How everything is written and read: the one place that knows keys, units, files and records."""
+"""Input and output: keys, units, files and records; no other folder defines formats."""

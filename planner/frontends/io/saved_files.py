@@ -1,4 +1,4 @@
-"""Plans and calibrations that are loaded from files: checked as if they were asked afresh."""
+"""Load plans and calibrations from files, with the same checks as new input."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ from octoplan.planner.planning_problem import PlanningProblem, check_targets, pl
 
 
 class SavedPlan(msgspec.Struct):
-    """What a plan is loaded from; see octoplan.planner.frontends.io.saved_records."""
+    """The part of a plan file that is loaded; see octoplan.planner.frontends.io.saved_records."""
 
     question: QuestionRecord
     answer: AnswerRecord
 
 
 class SavedCalibration(msgspec.Struct):
-    """What a calibration is loaded from; see octoplan.planner.frontends.io.saved_records."""
+    """The part of a calibration file that is loaded; see saved_records."""
 
     question: CalibrationQuestion
     fit: FitRecord
@@ -53,16 +53,16 @@ class SavedCalibration(msgspec.Struct):
 def load_plan(
     path: str | Path, *, time_limit: float | None = None, progress: bool | None = None
 ) -> Plan:
-    """Return the plan that `Plan.save` or `octoplan plan --json` wrote.
+    """Return the plan in a file written by `Plan.save` or `octoplan plan --json`.
 
-    It is equal to the one that was saved. Only question, tensions and multipliers are read. Shape,
-    certificate and outcome are computed anew, for at most `time_limit` [s]; the outcome says if the
-    limit was reached. `progress` is as in `plan`.
+    The plan is equal to the saved one. Problem, tensions and multipliers are read; shape,
+    certificate and outcome are computed again, for at most `time_limit` [s]. The outcome reports if
+    the limit was reached. `progress`: see `plan`.
 
     Raises
     ------
     FileError
-        With the file and the place, for what cannot be read or is not a plan.
+        With file and place, if the file cannot be read or is not a plan.
     """
     name = str(path)
     saved = checked(read_json(path_of(path), schema_name(PlanRecord)), SavedPlan, name)
@@ -87,7 +87,7 @@ def load_plan(
 
 
 def _task(name: str, question: QuestionRecord, answer: Any) -> PlanningProblem:
-    """Return what was asked, checked as `plan` does."""
+    """Return the planning problem, with the checks of `plan`."""
     arm: Arm = build_at(name, "question.arm", value_of, question.arm)
     scene = build_at(name, "question.scene", value_of, question.scene)
     build_at(name, "question.scene", planned_scene, arm, scene)
@@ -101,7 +101,7 @@ def _task(name: str, question: QuestionRecord, answer: Any) -> PlanningProblem:
 
 
 def _check_multipliers(plan: Plan, name: str) -> None:
-    """Refuse multipliers that are not finite, or not those of the problem; there may be none."""
+    """Raise FileError for multipliers that are not finite or of the wrong number."""
     sizes = len(plan.lam_x), len(plan.lam_g)
     if any(sizes) and isinstance(plan, ContactPlan) and not plan.beside:
         wanted = plan.arm.n_tendons, sizes[1]
@@ -117,10 +117,10 @@ def _check_multipliers(plan: Plan, name: str) -> None:
 
 
 def load_calibration(path: str | Path) -> Calibration:
-    """Return the calibration that `Calibration.save` or `octoplan calibrate --json` wrote.
+    """Return the calibration in a file by `Calibration.save` or `octoplan calibrate --json`.
 
-    It is equal to the one that was saved; residuals, standard errors and outcome are worked out
-    anew. Raises FileError for what cannot be read or is none.
+    The calibration is equal to the saved one; residuals, standard errors and outcome are computed
+    again. Raises FileError if the file cannot be read or is not a calibration.
     """
     name = str(path)
     saved = checked(
@@ -128,11 +128,13 @@ def load_calibration(path: str | Path) -> Calibration:
     )
     question, fit = saved.question, saved.fit
     with error_context(name, "question"):
-        arm, scene = value_of(question.arm), value_of(question.scene)
+        arm = value_of(question.arm)
+        scene = value_of(question.scene)
         unknowns = tuple(map(value_of, question.unknowns))
         shapes = tuple(item.checked(arm, item.name) for item in map(value_of, question.measured))
     if len(fit.values) != len(unknowns) or not np.all(np.isfinite(fit.values)):
-        raise FileError(name, "fit.values", f"{len(unknowns)} finite numbers are needed")
+        rule = f"must be {len(unknowns)} finite numbers"
+        raise FileError(name, "fit.values", rule)
     kept = {key: getattr(fit, key) for key in fit.__struct_fields__}
     values = {key: read(Any, x) for key, x in kept.items() if x is not msgspec.UNSET}
     with error_context(name, "fit"):

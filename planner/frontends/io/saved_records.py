@@ -1,6 +1,7 @@
-"""Records of plans, calibrations and designs: plans and calibrations are loaded from theirs.
+"""Records of plans, calibrations and designs.
 
-Of these `question` and `answer`, or `fit`, are what is read; all else is derived of them.
+Plans and calibrations are loaded from the keys `question` and `answer`, or `fit`; other keys are
+derived from these.
 """
 
 from operator import attrgetter
@@ -54,7 +55,7 @@ UnknownKind: Any = exact(Unknown, placed=True)
 
 
 class QuestionRecord(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
-    """What was asked; arm, scene and targets are tables with a kind and its fields."""
+    """The planning problem; arm, scene and targets are tables with a kind and its fields."""
 
     arm: Annotated[ArmKind, about(of=lambda plan: encode_exact(plan.arm))]
     scene: Annotated[SceneKind, about(of=lambda plan: encode_exact(plan.scene))]
@@ -89,20 +90,20 @@ def _answer(plan: Any) -> dict[str, Any]:
 
 
 class PlanRecord(Record, kw_only=True):
-    """A plan. `question` and `answer` are what it is loaded from, the rest is derived of them."""
+    """A plan; it is loaded from `question` and `answer`, and other keys are derived from these."""
 
     schema: Annotated[Literal["octoplan plan 1"], Schema]
-    outcome: Annotated[str, about("what happened, what holds it, what to try")]
+    outcome: Annotated[str, about("the result, the active limits, and a remedy if it failed")]
     certified: Annotated[bool, about(of=lambda plan: plan.certificate.passed)]
     mode: Literal["exact", "closest", "nearest"]
     tensions_N: Rows
     tendons: Annotated[
-        list[str], about("their names, in tendon order", lambda plan: plan.arm.tendon_names)
+        list[str], about("names, in tendon order", lambda plan: plan.arm.tendon_names)
     ]
     lengths_m: Annotated[Any, about("of the tendons, like tensions_N")] = None
-    strokes_m: Annotated[Any, about("taken in from where winches are zeroed")] = None
+    strokes_m: Annotated[Any, about("taken in from the zero of the winches")] = None
     tip_error_per_length: Annotated[
-        dict[str, float] | None, about("of taut tendons: m of the tip per m of a winch")
+        dict[str, float] | None, about("taut tendons: displacement of the tip per winch stroke")
     ] = None
     effort_N: float
     tip_m: Floats | None
@@ -117,7 +118,7 @@ class PlanRecord(Record, kw_only=True):
 def plan_record(plan: Any) -> PlanRecord:
     """Return the record of a Plan.
 
-    Raises InputError where arm, scene or targets are of kinds that could not be read back.
+    Raises InputError if arm, scene or targets have types that cannot be loaded.
     """
     shape = {key: item for key, item in of_shape(plan).items() if key != "slack"}
     return record(PlanRecord, plan, **shape)
@@ -127,7 +128,7 @@ def plan_record(plan: Any) -> PlanRecord:
 
 
 class ValueRecord(msgspec.Struct, kw_only=True):
-    """An unknown's value and standard error, in the unit of its key; "inf" if nothing tells it."""
+    """Value and standard error of an unknown, in the unit of its key; "inf" if undetermined."""
 
     name: str
     value: float
@@ -147,7 +148,7 @@ ResidualRecord: Any = derived(Residual)
 
 
 class CalibrationQuestion(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
-    """What was asked: arm and scene as they were given, what was measured, and what is unknown."""
+    """The calibration problem: arm and scene as given, measurements and unknowns."""
 
     arm: Annotated[ArmKind, about(of=lambda fit: encode_exact(fit.given_arm))]
     scene: Annotated[SceneKind, about(of=lambda fit: encode_exact(fit.given_scene))]
@@ -158,7 +159,7 @@ class CalibrationQuestion(msgspec.Struct, kw_only=True, forbid_unknown_fields=Tr
 _ASKED = ("given_arm", "given_scene", "measured", "unknowns")
 _NOT_KEPT = (*_ASKED, "machine_code", "known")
 _FIT = tuple(name for name in arguments(Fitted) if name not in _NOT_KEPT)
-# How residuals were counted and what was found; the values are loaded from here.
+# Settings and results of the fit; calibrations are loaded from this record.
 FitRecord: Any = struct(
     "FitRecord",
     [("starts", list[exact(Start, placed=True)])],  # type: ignore[misc]
@@ -166,19 +167,19 @@ FitRecord: Any = struct(
 )
 
 
-def _scene_of(of: Any) -> dict[str, Any]:
-    table = of.parameters.setting(of.array).table
+def _scene_of(fit: Any) -> dict[str, Any]:
+    table = fit.parameters.setting(fit.array).table
     return {key: table[key] for key in ("arm", "effects")}
 
 
-_SCENE = Meta(description="arm and effects as a scene file has them")
+_SCENE = Meta(description="arm and effects as in a scene file")
 
 
 class CalibrationRecord(Record, kw_only=True):
-    """A calibration; `question` and `fit` are what it is loaded from, the rest is derived."""
+    """A calibration; it is loaded from `question` and `fit`, other keys are derived."""
 
     schema: Annotated[Literal["octoplan calibration 1"], Schema]
-    outcome: Annotated[str, about("what was found, and how well it is known")]
+    outcome: Annotated[str, about("the result, and how well the data determine the unknowns")]
     values: Annotated[list[ValueRecord], about(of=_values)]
     unidentified: Annotated[list[str], about(of=lambda fit: list(map(str, fit.unidentified)))]
     mean_error_m: float | None
@@ -191,7 +192,7 @@ class CalibrationRecord(Record, kw_only=True):
 
 
 class DesignedRecord(msgspec.Struct):
-    """An unknown's value, in the unit of its key."""
+    """Value of an unknown, in the unit of its key."""
 
     name: str
     value: float
@@ -204,7 +205,7 @@ class DesignRecord(Record, kw_only=True):
     schema: Annotated[Literal["octoplan design 1"], Schema]
     outcome: str
     feasible: Annotated[bool, about("whether every plan is certified")]
-    effort_N: Annotated[float, about("root of the sum of the squared efforts")]
+    effort_N: Annotated[float, about("root of the sum of squared efforts")]
     objective: Annotated[
         str,
         about(
@@ -213,9 +214,9 @@ class DesignRecord(Record, kw_only=True):
         ),
     ]
     value: Annotated[float, about("of the objective: [N], [N/m] or [m]")]
-    value_before: Annotated[float, about("the same of the given arm")]
+    value_before: Annotated[float, about("of the objective for the given arm")]
     gain: Annotated[
-        float | None, about("share of effort saved, or by which stiffness or reach grow")
+        float | None, about("relative decrease of effort, or increase of stiffness or reach")
     ]
     values: Annotated[
         list[DesignedRecord],

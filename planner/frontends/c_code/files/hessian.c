@@ -1,6 +1,6 @@
 
-/* Second derivatives. Twists of the tip per unit of each coefficient add up along the arm, and what
-   they are worth to second order, for a wrench that works on them, adds up with them. */
+/* Second derivatives. The twists of the tip per unit of each coefficient are summed along the arm,
+   together with the second-order work of a wrench on them. */
 
 #define TERMS (@BASIS_SIZE@ / POINTS)
 #define LOWER (COEFFICIENTS * (COEFFICIENTS + 1) / 2)
@@ -13,11 +13,11 @@ static const real own[@NAME_UPPER@_TENDONS * COEFFICIENTS] = {
 static const short section_of[@NAME_UPPER@_TENDONS] = {
     @SECTION_OF@};
 
-/* Up to a step, and up to the end of each section's tendons. */
+/* Sums up to a step, and up to the end of each section's tendons. */
 static real second[LOWER], seconds[SECTIONS][LOWER];
 
-/* Of a step: what becomes of the wrench, and parts A, B, C of its own derivatives, by moves of the
-   step, by coefficients and by the pull at the places where strains are found. */
+/* For one step: the wrench on each twist, and the parts A, B, C of the step's Hessian, by moves of
+   the step, by coefficients, and by the pull at the points where strains are evaluated. */
 static real acrosses[COEFFICIENTS][6];
 static real moves[36], turns[COEFFICIENTS * 6], blocks[PULLS * PULLS], mixed[COEFFICIENTS][PULLS];
 
@@ -36,7 +36,7 @@ static real dot(const real *a, const real *b, int n)
   return sum;
 }
 
-/* Find the spatial twist of what is beyond a section's end, per newton of a tendon. */
+/* Evaluate the spatial twist of everything beyond a section's end, per newton of a tendon. */
 static void twist_of(int section, int tendon, real twist[6])
 {
   int i, c;
@@ -45,7 +45,7 @@ static void twist_of(int section, int tendon, real twist[6])
     for (i = 0; i < 6; ++i) twist[i] += sums[section][6 * c + i] * own[tendon * COEFFICIENTS + c];
 }
 
-/* Find w with z . w the work of a wrench on the bracket of a twist z with another one. */
+/* Evaluate w with z . w the work of a wrench on the bracket of a twist z with another twist. */
 static void across(const real twist[6], const real wrench[6], real w[6])
 {
   memset(w, 0, 6 * sizeof *w);
@@ -54,7 +54,7 @@ static void across(const real twist[6], const real wrench[6], real w[6])
   add_cross(twist, wrench + 3, w + 3);
 }
 
-/* Find the work by the steps that two tendons share, a being the one that ends first. */
+/* Evaluate the work by the steps that two tendons share; a is the tendon that ends first. */
 static real shared(int a, int b)
 {
   const real *lower = seconds[section_of[a]];
@@ -70,7 +70,7 @@ static real shared(int a, int b)
   return sum;
 }
 
-/* Add the work of a wrench on the brackets of a step's twists with those before it, to second order. */
+/* Add the second-order work of a wrench on the brackets of a step's twists with earlier twists. */
 static void add_brackets(const real *before, const real *after, const real wrench[6])
 {
   int c, d, i;
@@ -85,7 +85,7 @@ static void add_brackets(const real *before, const real *after, const real wrenc
           (dot(before + 6 * c, acrosses[d], 6) + dot(before + 6 * d, acrosses[c], 6)) / 2;
 }
 
-/* Add a step's own derivatives, B^T A B and C with the basis on both sides. */
+/* Add the Hessian of a step, B^T A B, and C with the basis on both sides. */
 static void add_own(const real *terms)
 {
   int c, d, i, p;
@@ -109,7 +109,7 @@ static void add_own(const real *terms)
   }
 }
 
-/* Sum twists and second derivatives up to each section's end. */
+/* Sum twists and second derivatives up to the end of each section. */
 static void march_seconds(const real *tension, const real wrench[6])
 {
   const real *arg[@SZ_ARG@] = {NULL};
@@ -159,7 +159,7 @@ int @NAME@_hessian(const real tension[@NAME_UPPER@_TENDONS], const real weight[3
   for (a = 0; a < @NAME_UPPER@_TENDONS; ++a) {
     real turned[3] = {0};
     add_cross(weight, last[a], turned);
-    for (b = 0; b <= a; ++b) { /* a ends where b does, or before */
+    for (b = 0; b <= a; ++b) { /* a ends at the anchorage of b, or before */
       real beyond[6], w[6], turned_b[3] = {0};
       twist_of(section_of[a], b, beyond);
       for (i = 0; i < 6; ++i) beyond[i] = last[b][i] - beyond[i];

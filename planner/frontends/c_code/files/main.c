@@ -1,4 +1,4 @@
-/* Compares the functions of @NAME@.h with what Python found. Exit code: 0 if they agree, else 1. */
+/* Compare the functions of @NAME@.h with results of Python. Exit code: 0 if they agree, else 1. */
 
 #include <stdio.h>
 
@@ -9,8 +9,8 @@ static @NAME@_real jacobian[6][@NAME_UPPER@_TENDONS];
 
 static @NAME@_real size(@NAME@_real x) { return x < 0 ? -x : x; }
 
-/* Tell whether n values are within the tolerance, times a scale, of those wanted; NaN is not. */
-static int agree(const char *what, const @NAME@_real *found, const @NAME@_real *wanted, int n,
+/* Return whether n values agree with reference values to the tolerance times a scale; NaN does not. */
+static int agree(const char *name, const @NAME@_real *found, const @NAME@_real *wanted, int n,
     @NAME@_real scale)
 {
   @NAME@_real worst = 0;
@@ -20,7 +20,7 @@ static int agree(const char *what, const @NAME@_real *found, const @NAME@_real *
     if (!(off <= test_tolerance)) good = 0;
     if (!(off <= worst)) worst = off;
   }
-  printf("%-24s off by %.1e, allowed is %.1e: %s\n", what, (double)worst, (double)test_tolerance,
+  printf("%-24s deviation %.1e, tolerance %.1e: %s\n", name, (double)worst, (double)test_tolerance,
       good ? "agrees" : "DISAGREES");
   return good;
 }
@@ -46,6 +46,6 @@ int main(void)
   @NAME@_jacobian(test_tension, jacobian);
   good &= agree("displacements per newton", jacobian[0], test_shift, entries,
       largest(test_shift, entries));
-  good &= agree("turns per newton", jacobian[3], test_turn, entries, largest(test_turn, entries));
+  good &= agree("rotations per newton", jacobian[3], test_turn, entries, largest(test_turn, entries));
   return good ? 0 : 1;
 }

@@ -1,12 +1,12 @@
 /* See @NAME@_plan.h. Sequential quadratic programming with exact second derivatives; each quadratic
-   program by a primal active set method (Nocedal, Wright, Numerical Optimization, 2nd ed., 2006,
-   chapters 16.5 and 18). Tensions x are in units of SCALE newtons, the tip's distance c from the
-   target in units of the length:
+   program is solved by a primal active set method (Nocedal, Wright, Numerical Optimization, 2nd ed.,
+   2006, chapters 16.5 and 18). Tensions x are in units of SCALE newtons, the displacement c of the
+   tip from the target in units of the length:
 
        minimise  x . x / 2 + lam . c,  where  c - SOFT (lam - lam before) = 0 .
 
-   The soft term keeps the equations regular where the tip cannot be moved in all directions; it goes
-   as the multipliers settle. What is out of reach is approached by least squares,
+   The soft term makes the equations regular if the tip cannot move in all directions; it vanishes as
+   the multipliers converge. For a target out of reach, minimise the least squares
    c . c / 2 + SOFT x . x / 2 . */
 
 #include "@NAME@_plan.h"
@@ -18,16 +18,16 @@
 #define N @NAME_UPPER@_TENDONS
 #define SCALE ((real)@SCALE@)      /* [N] */
 #define LENGTH ((real)@ARM_LENGTH@) /* [m] */
-#define MET ((real)@MET@)          /* c of a target that is met */
-#define LEVEL ((real)@LEVEL@)      /* slope of an effort that is least */
+#define MET ((real)@MET@)          /* largest c of a target that is met */
+#define LEVEL ((real)@LEVEL@)      /* largest slope of a minimal effort */
 #define SOFT ((real)@SOFT@)
 #define ROUNDING ((real)@ROUNDING@)
 #define MOST_STEPS 40
-#define PATIENCE 8               /* steps that come no nearer, before a target is out of reach */
-#define STUCK 3                  /* and after that, before it is the nearest that is found */
-#define NEARLY (100 * SOFT)      /* c so small may be the soft term's */
-#define FAR ((real)0.1)          /* of the way to the target, in lengths, that is tried at a time */
-#define LOCAL ((real)0.1)        /* largest step, in units, that is taken without a second look */
+#define PATIENCE 8               /* steps without progress before least squares are minimised */
+#define STUCK 3                  /* steps without progress in least squares before the method stops */
+#define NEARLY (100 * SOFT)      /* largest c that the soft term may cause */
+#define FAR ((real)0.1)          /* largest part of c, in lengths, that one step corrects */
+#define LOCAL ((real)0.1)        /* largest step, in units, that is taken without a line search */
 #define MOST_MULTIPLIER ((real)1e4)
 
 typedef @NAME@_real real;
@@ -41,19 +41,19 @@ const real @NAME@_first_target[3] = {
 const real @NAME@_first_tension[N] = {
     @FIRST_TENSION@};
 
-/* What bends the arm by about 1 rad [N]; no step is longer. */
+/* Tensions that bend the arm by about 1 rad [N]; no step is longer. */
 static const real unit[N] = {
     @UNIT@};
 
-/* Where the method is, and what is known there. */
+/* The current iterate. */
 static real x[N], tip[3], gap[3], multiplier[3];
 static real jacobian[6][N], hessian[N][N]; /* of c and of the Lagrangian */
 
-/* The quadratic program: a step, its bounds, which of them hold it (-1 lower, 1 upper). */
+/* The quadratic program: step, bounds, and active bounds (-1 lower, 1 upper). */
 static real step[N], low[N], high[N], trial[N];
 static int held[N];
 
-/* Equations of those that are free, factorised, and their right hand sides, in columns. */
+/* Equations of the free tensions, factorised, and right hand sides, in columns. */
 static real matrix[N][N], columns[4][N];
 
 static real dot(const real *a, const real *b, int n)
@@ -70,7 +70,7 @@ static real larger(real a, real b) { return a > b ? a : b; }
 static real magnitude(real a) { return a < 0 ? -a : a; }
 static real within(real a, real least, real most) { return larger(least, smaller(a, most)); }
 
-/* Factorise the first n rows of the matrix, A = L L^T; 0 where it is not positive definite. */
+/* Factorise the first n rows of the matrix, A = L L^T; return 0 if not positive definite. */
 static int factorised(int n)
 {
   int i, j;
@@ -84,7 +84,7 @@ static int factorised(int n)
   return 1;
 }
 
-/* Solve for a right hand side, which becomes the solution. */
+/* Replace a right hand side by the solution. */
 static void solve(real *right, int n)
 {
   int i, j;
@@ -95,7 +95,7 @@ static void solve(real *right, int n)
   }
 }
 
-/* Solve three symmetric positive definite equations. */
+/* Solve a symmetric positive definite system of three equations. */
 static void solve_three(real A[3][3], real right[3])
 {
   int i, j, k;
@@ -111,7 +111,7 @@ static void solve_three(real A[3][3], real right[3])
   }
 }
 
-/* List those that are free, and return how many. */
+/* List the free tensions; return their number. */
 static int those_free(int *at)
 {
   int j, n = 0;
@@ -120,8 +120,8 @@ static int those_free(int *at)
   return n;
 }
 
-/* Factorise the Hessian of those that are free, with so much of J^T J that it is convex; where that
-   does not help, with more on the diagonal. Returns how much. */
+/* Factorise the Hessian of the free tensions plus a multiple of J^T J that makes it convex; if no
+   multiple does, add to the diagonal. Return the multiple. */
 static real convex(const int *at, int n, real least)
 {
   real most = 0, more, shift = 0;
@@ -140,7 +140,7 @@ static real convex(const int *at, int n, real least)
   }
 }
 
-/* Find the step of least model with the same ones held, in `trial`, and its multipliers. */
+/* Minimise the model with the active bounds fixed: the point `trial`, and its multipliers. */
 static void equality_step(real after[3], int nearest)
 {
   static int at[N];
@@ -186,7 +186,7 @@ static void equality_step(real after[3], int nearest)
   }
 }
 
-/* Solve the quadratic program: the step, and the multipliers after it. */
+/* Solve the quadratic program: the step, and the multipliers after the step. */
 static void quadratic(real after[3], int nearest)
 {
   int sets, j, k;
@@ -229,18 +229,18 @@ static void quadratic(real after[3], int nearest)
   }
 }
 
-/* Find the tip for tensions, and c; returns what the map returns. */
+/* Evaluate the tip for tensions, and c; return the status of the map. */
 static int measured(const real *at, const real *target, real *where, real *off)
 {
   real tension[N];
-  int j, k, told;
+  int j, k, status;
   for (j = 0; j < N; ++j) tension[j] = SCALE * at[j];
-  told = @NAME@_tip(tension, where, NULL);
+  status = @NAME@_tip(tension, where, NULL);
   for (k = 0; k < 3; ++k) off[k] = (where[k] - target[k]) / LENGTH;
-  return told;
+  return status;
 }
 
-/* Find the Jacobian of c, and what it leaves of the slope of the effort. */
+/* Evaluate the Jacobian of c; return the slope of the Lagrangian in the free tensions. */
 static real first_order(int first, int nearest)
 {
   real tension[N], A[3][3], right[3], worst = 0, most = 0;
@@ -249,7 +249,7 @@ static real first_order(int first, int nearest)
   @NAME@_jacobian(tension, jacobian);
   for (k = 0; k < 3; ++k)
     for (j = 0; j < N; ++j) jacobian[k][j] *= SCALE / LENGTH;
-  if (first) { /* multipliers that leave the least of it, of those within the limits */
+  if (first) { /* least-squares multipliers of the tensions within the limits */
     for (k = 0; k < 3; ++k) {
       right[k] = 0;
       for (i = 0; i < 3; ++i) A[k][i] = k == i ? SOFT : 0;
@@ -275,7 +275,7 @@ static real first_order(int first, int nearest)
   return most > 0 ? worst / (most * (nearest ? SOFT : 1)) : worst;
 }
 
-/* Find the Hessian of the Lagrangian, or of the least squares. */
+/* Evaluate the Hessian of the Lagrangian, or of the least squares. */
 static void seconds(int nearest)
 {
   real tension[N], weight[3];
@@ -291,14 +291,14 @@ static void seconds(int nearest)
   }
 }
 
-/* Return what steps are to make less: the effort and the gap, weighted. */
+/* Return the merit of a step: the effort plus the weighted norm of c, or the least squares. */
 static real merit(const real *at, const real *off, real weight, int nearest)
 {
   return nearest ? (dot(off, off, 3) + SOFT * dot(at, at, N)) / 2
                  : dot(at, at, N) / 2 + weight * size(off);
 }
 
-/* Go as far along the step as helps; returns 0 where none of it can be gone. */
+/* Take the longest part of the step that decreases the merit; return 0 if there is none. */
 static int moved(const real target[3], const real after[3], int nearest)
 {
   const real weight = 2 * size(after) + 1, before = merit(x, gap, weight, nearest);
@@ -324,7 +324,7 @@ static int moved(const real target[3], const real after[3], int nearest)
   return 0;
 }
 
-/* Limit how much of the gap one step is to close. */
+/* Limit the part of c that one step corrects. */
 static void close_part(real whole[3])
 {
   const real far = size(gap) / FAR;
@@ -347,7 +347,7 @@ int @NAME@_plan(const real target[3], real tension[N], @NAME@_report *report)
     slope = first_order(k == 0, nearest);
     if (slope <= LEVEL && (size(gap) <= MET || (nearest && (again || size(gap) > NEARLY)))) break;
     if (nearest && slow >= STUCK) break;
-    if (slope <= LEVEL && nearest) { /* it can be met after all */
+    if (slope <= LEVEL && nearest) { /* try again to meet the target */
       nearest = slow = 0;
       again = 1;
       for (j = 0; j < 3; ++j) multiplier[j] = gap[j] / SOFT;

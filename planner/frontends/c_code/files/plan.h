@@ -1,49 +1,49 @@
-/* From a set of tensions to those of least effort that bring the tip to a target nearby.
+/* Map from tensions to the tensions of least effort that bring the tip to a nearby target.
 
-   For a target that moves: each call begins at the tensions that the one before found. What is made
-   least is the sum of the squares of the tensions, each within its limits. It follows the optimum
-   that it begins at, as octoplan's plan(near=...) does; another one may be cheaper where the target
-   was moved far.
+   For a moving target, each call starts from the tensions of the last one. The effort is the sum of
+   the squares of the tensions, each within its limits. The method follows a local optimum, as
+   octoplan's plan(near=...); for large motions of the target, another optimum may have less effort.
 
-   No heap, no files, no libraries but libm. Static work arrays: call it from one thread. */
+   The code uses no heap, no files and no libraries except libm, but static work arrays: call the
+   functions from one thread. */
 
 #ifndef @NAME_UPPER@_PLAN_H
 #define @NAME_UPPER@_PLAN_H
 
 #include "@NAME@.h"
 
-#define @NAME_UPPER@_OUT_OF_REACH 2 /* the nearest that was found */
-#define @NAME_UPPER@_NOT_OPTIMAL 3  /* the target is met, by more effort than it takes */
+#define @NAME_UPPER@_OUT_OF_REACH 2 /* the result is the nearest position found */
+#define @NAME_UPPER@_NOT_OPTIMAL 3  /* the target is met, but the effort is not minimal */
 
-#define @NAME_UPPER@_PLAN_STATIC_BYTES (@PLAN_NUMBERS@ * sizeof(@NAME@_real)) /* besides the map's */
+#define @NAME_UPPER@_PLAN_STATIC_BYTES (@PLAN_NUMBERS@ * sizeof(@NAME@_real)) /* in addition to the map */
 
 /* Limits of each tension [N]. */
 extern const @NAME@_real @NAME@_tension_min[@NAME_UPPER@_TENDONS];
 extern const @NAME@_real @NAME@_tension_max[@NAME_UPPER@_TENDONS];
 
-/* The scene's target [m], and the tensions that octoplan found for it [N]: where to begin. */
+/* The scene's target [m], and the tensions of its plan [N]: the initial values. */
 extern const @NAME@_real @NAME@_first_target[3];
 extern const @NAME@_real @NAME@_first_tension[@NAME_UPPER@_TENDONS];
 
-/* What a call found.
+/* Report of a call.
 
    residual    distance of the tip from the target [m]
-   slope       how far the effort is from being least: the largest part of its slope that limits and
-               target do not hold, over the largest tension
-   iterations  how often tip, Jacobian and second derivatives were found */
+   slope       optimality error: the largest component of the slope of the effort that limits and
+               target do not balance, over the largest tension
+   iterations  number of evaluations of tip, Jacobian and second derivatives */
 typedef struct {
   @NAME@_real residual, slope;
   int iterations;
 } @NAME@_report;
 
-/* Find the tensions for a target [m].
+/* Solve for the tensions of a target [m].
 
-   tension  [N], in: those of the target before; out: those found, always within the limits
+   tension  [N], in: tensions of the last target; out: the solution, always within the limits
    report   may be NULL
 
-   Returns @NAME_UPPER@_OK; @NAME_UPPER@_OUT_OF_REACH or @NAME_UPPER@_NOT_OPTIMAL, with what was found;
-   or @NAME_UPPER@_CRUSHED where the tensions given crush the arm or something given is not a number:
-   the tensions are those given then. */
+   Returns @NAME_UPPER@_OK; @NAME_UPPER@_OUT_OF_REACH or @NAME_UPPER@_NOT_OPTIMAL with the best
+   tensions found; or @NAME_UPPER@_CRUSHED, with unchanged tensions, if the given tensions crush the
+   arm or an argument is NaN. */
 int @NAME@_plan(const @NAME@_real target[3], @NAME@_real tension[@NAME_UPPER@_TENDONS],
     @NAME@_report *report);
 

@@ -1,4 +1,4 @@
-/* Follows targets by @NAME@_plan.h, and compares with what Python found. Exit code: 0 if it agrees. */
+/* Follow targets by @NAME@_plan.h, and compare with results of Python. Exit code: 0 if they agree. */
 
 #include <stdio.h>
 
@@ -15,8 +15,8 @@ int main(void)
     const @NAME@_real *wanted = test_tension + i * @NAME_UPPER@_TENDONS;
     @NAME@_real off = 0, most = 0;
     @NAME@_report report;
-    const int told = @NAME@_plan(test_target + 3 * i, tension, &report);
-    int agrees = told == @NAME_UPPER@_OK && report.residual <= test_met * test_length;
+    const int status = @NAME@_plan(test_target + 3 * i, tension, &report);
+    int agrees = status == @NAME_UPPER@_OK && report.residual <= test_met * test_length;
     for (j = 0; j < @NAME_UPPER@_TENDONS; ++j) {
       const @NAME@_real apart = size(tension[j] - wanted[j]);
       if (!(apart <= off)) off = apart;
@@ -24,8 +24,8 @@ int main(void)
       if (!(tension[j] >= @NAME@_tension_min[j] && tension[j] <= @NAME@_tension_max[j])) agrees = 0;
     }
     if (!(off <= test_alike * most)) agrees = 0;
-    printf("target %d: returns %d after %d steps, tip off by %.1e m, tensions by %.1e N: %s\n", i + 1,
-        told, report.iterations, (double)report.residual, (double)off,
+    printf("target %d: status %d after %d steps, tip error %.1e m, tension error %.1e N: %s\n", i + 1,
+        status, report.iterations, (double)report.residual, (double)off,
         agrees ? "agrees" : "DISAGREES");
     good &= agrees;
   }

@@ -1,11 +1,11 @@
-/* Targets one after another, and the tensions that Python found for them; plan_main.c compares. */
+/* A sequence of targets, and the tensions that Python computes for them; plan_main.c compares. */
 
 #include "@NAME@_plan.h"
 
 #define TEST_TARGETS @TEST_TARGETS@
 
-/* Of tips over the length, and of tensions over the largest of them: the two programs' meshes differ
-   by so much. */
+/* Tolerances of tips over the length, and of tensions over their maximum: the meshes of the two
+   programs differ. */
 static const @NAME@_real test_met = @TEST_MET@;
 static const @NAME@_real test_alike = @TEST_ALIKE@;
 static const @NAME@_real test_length = @TEST_LENGTH@;

@@ -1,13 +1,13 @@
-/* See @NAME@.h. The functions up to "Tables" were written by CasADi, each for one step along the arm.
-   Pull at a cross-section is a polynomial of arc length; its coefficients, linear in the tensions,
-   change where tendons end. */
+/* See @NAME@.h. CasADi generated the functions up to "Tables", each for one step along the arm. Pull
+   at a cross-section is a polynomial of arc length; its coefficients are linear in the tensions and
+   change at anchorages. */
 
 #include "@NAME@.h"
 
 #include <stddef.h>
 #include <string.h>
 
-/* Written functions take arguments that some of them do not use. */
+/* Some generated functions do not use all their arguments. */
 #ifdef __GNUC__
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #endif
@@ -19,7 +19,7 @@
 #define STEPS (@NAME_UPPER@_NODES - 1)
 #define SEGMENTS @SEGMENTS@ /* between anchorages */
 #define SECTIONS @SECTIONS@
-#define POINTS @POINTS@ /* in a step, where strains are found */
+#define POINTS @POINTS@ /* in a step, for strains */
 #define COEFFICIENTS @COEFFICIENTS@
 #define POSE 7
 #define SUMS (6 * COEFFICIENTS) /* twists of the tip per unit of each coefficient */
@@ -32,7 +32,7 @@ const real @NAME@_s[@NAME_UPPER@_NODES] = {
 static const real base[POSE] = {
     @BASE@};
 
-/* How many sections' tendons cross a step; none beyond the tip. */
+/* Number of sections whose tendons cross a step; 0 beyond the tip. */
 static const short crossing[STEPS + 1] = {
     @CROSSING@};
 
@@ -61,7 +61,7 @@ static real coefficients[SECTIONS + 1][COEFFICIENTS]; /* where 0, 1, .. sections
 static real state[2][POSE + SUMS];                    /* before and after a step */
 static real sums[SECTIONS][SUMS];                     /* up to the end of each section's tendons */
 
-/* Find the coefficients. */
+/* Evaluate the coefficients. */
 static void carry(const real *tension)
 {
   const real *arg[@SZ_ARG@] = {NULL};
@@ -71,7 +71,7 @@ static void carry(const real *tension)
   carried(arg, res, NULL, NULL, 0);
 }
 
-/* Tell whether the ends of the segments keep a length. */
+/* Return whether 1 + q is positive at the ends of the segments. */
 static int ends_stretched(void)
 {
   const real *arg[@SZ_ARG@] = {NULL};
@@ -99,7 +99,7 @@ static void give(const real *pose, real *position, real *frame)
   placed(arg, res, NULL, NULL, 0);
 }
 
-/* Find the poses at all nodes, or at the last alone. */
+/* Evaluate the poses at all nodes, or at the last node only. */
 static int march(const real *tension, real *position, real *frame, int all)
 {
   const real *arg[@SZ_ARG@] = {NULL};
@@ -108,7 +108,7 @@ static int march(const real *tension, real *position, real *frame, int all)
   carry(tension);
   good = ends_stretched();
   for (i = 0; i < @NAME_UPPER@_TENDONS; ++i)
-    if (!(tension[i] - tension[i] == 0)) good = 0; /* no number */
+    if (!(tension[i] - tension[i] == 0)) good = 0; /* NaN or infinite */
   memcpy(state[0], base, sizeof base);
   for (k = 0; k < STEPS; ++k) {
     real stretch[POINTS];
@@ -129,7 +129,7 @@ static int march(const real *tension, real *position, real *frame, int all)
   return good ? @NAME_UPPER@_OK : @NAME_UPPER@_CRUSHED;
 }
 
-/* What the header declares. */
+/* Functions of the header. */
 
 int @NAME@_tip(const real tension[@NAME_UPPER@_TENDONS], real position[3], real frame[9])
 {

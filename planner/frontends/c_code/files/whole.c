@@ -1,17 +1,17 @@
-/* See @NAME@.h. The functions up to "What the header declares" were written by CasADi. */
+/* See @NAME@.h. CasADi generated the functions up to "Functions of the header". */
 
 #include "@NAME@.h"
 
 #include <stddef.h>
 
-/* Written functions take arguments that some of them do not use. */
+/* Some generated functions do not use all their arguments. */
 #ifdef __GNUC__
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #endif
 
 @CODE@
 
-/* What the header declares. */
+/* Functions of the header. */
 
 const @NAME@_real @NAME@_s[@NAME_UPPER@_NODES] = {
     @S@};
@@ -25,7 +25,7 @@ static int stretched(const @NAME@_real *tension)
   for (i = 0; i < @STRETCHES@; ++i)
     if (!(stretch[i] > @LEAST_STRETCH@)) return @NAME_UPPER@_CRUSHED;
   for (i = 0; i < @NAME_UPPER@_TENDONS; ++i)
-    if (!(tension[i] - tension[i] == 0)) return @NAME_UPPER@_CRUSHED; /* no number */
+    if (!(tension[i] - tension[i] == 0)) return @NAME_UPPER@_CRUSHED; /* NaN or infinite */
   return @NAME_UPPER@_OK;
 }
 
