@@ -41,7 +41,7 @@ from octoplan.planner.frontends.io.scene_file import SceneFile, load
 
 @dataclass(frozen=True)
 class Output:
-    """The result of a command, in all its output formats.
+    """The result of a command, in all output formats.
 
     Attributes
     ----------
@@ -156,7 +156,7 @@ class SceneOptions(FileOptions):
     Attributes
     ----------
     compile : bool
-        Compile the equations with a C compiler and cache them: same results, faster.
+        Compile the equations with a C compiler and cache the code: same results, faster.
     """
 
     accuracy: Accuracy | None = None
@@ -188,7 +188,7 @@ _CODES: tuple[tuple[Any, int], ...] = (
 
 
 def parse(argv: Sequence[str]) -> tuple[Callable[[], Any], Options]:
-    """Return the command for a command line, and its options; raise UsageError.
+    """Return the command for a command line, and the options; raise UsageError.
 
     The command returns an Output, or a text for help and versions.
     """
@@ -214,7 +214,7 @@ def parse(argv: Sequence[str]) -> tuple[Callable[[], Any], Options]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command, write and print its output, and return the exit code."""
+    """Run a command, write and print the output, and return the exit code."""
     options = Options()
     try:
         command, options = parse(sys.argv[1:] if argv is None else argv)
@@ -266,7 +266,7 @@ def _logged() -> Iterator[None]:
 def deliver(output: Output, options: Options) -> None:
     """Write the files for --out, all or none, then print JSON or text.
 
-    Raises OutputError if standard output cannot be written, BrokenPipeError if its reader has
+    Raises OutputError if standard output cannot be written, BrokenPipeError if the reader has
     exited.
     """
     if isinstance(options, FileOptions) and options.out is not None:

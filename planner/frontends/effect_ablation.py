@@ -56,7 +56,7 @@ class ProblemSize:
 
 
 def problem_size(arm: Arm, scene: Scene) -> ProblemSize:
-    """Return the problem sizes of a scene for its default scheme."""
+    """Return the problem sizes of a scene for the default scheme."""
     scheme = schemes_of(scene)[0]
     if not is_loaded(scene):
         function = explicit_map(arm, scene, scheme, 1).function
@@ -77,7 +77,7 @@ class Switch:
     Attributes
     ----------
     effect : str
-        Name of the effect, followed by the effects that were switched with it.
+        Name of the effect, followed by the effects that were switched too.
     enabled : bool
         Whether the scene has the effect.
     tip_change : float
@@ -118,7 +118,7 @@ def switch_effects(
     """Settle a scene with each of its effects switched off in turn, and others switched on.
 
     The others are effects with default parameters: extension, exact tendons, the neo-Hookean body,
-    shear, weight, and buoyancy in water. Effects that an effect requires are switched with it.
+    shear, weight, and buoyancy in water. Effects that an effect requires are switched too.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def switch_effects(
     Raises
     ------
     InputError
-        As settle, and for `repeats` below 1; the scene itself must settle.
+        As settle, and for `repeats` below 1; the scene must settle.
     """
     if type(repeats) is not int or repeats < 1:
         raise InputError("repeats", repeats, "a whole number from 1")
@@ -159,7 +159,7 @@ def _needs(effect: Effect) -> set[str]:
 
 
 def _without(scene: Scene, effect: Effect) -> Scene:
-    """Return the scene without an effect, and without effects that require it."""
+    """Return the scene without an effect, and without effects that require this effect."""
     left = [other for other in scene.effects if other != effect]
     names = {type(other).__name__ for other in left}
     return Scene(*(other for other in left if _needs(other) <= names))

@@ -29,7 +29,7 @@ from octoplan.planner.targets.base import Target
 class FailedPlan(Plan):
     """A plan for a target that raised an error.
 
-    Its numbers are nan, `reached` is False, and certificate and outcome have the reason.
+    Numbers are nan, `reached` is False, and certificate and outcome have the reason.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ def plan_many(
 
 
 def _of_target(reason: Exception, which: str) -> Exception:
-    """Return an error with the name of its target, such as "targets[3]"."""
+    """Return an error with the name of the target, such as "targets[3]"."""
     if isinstance(reason, InputError):
         return InputError(f"{which}: {reason.field}", reason.given, reason.allowed)
     if isinstance(reason, OctoplanError):

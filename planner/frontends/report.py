@@ -36,7 +36,7 @@ _SCREEN = 40
 
 
 def _plan(plan: Plan) -> Iterator[Part]:
-    """Yield outcome, tendons and tip of a plan, then its certificate."""
+    """Yield outcome, tendons and tip of a plan, then the certificate."""
     arm = plan.arm
     T = np.ravel(plan.tensions)
     upper = np.array(plan.limits.upper)

@@ -1,7 +1,7 @@
-"""Forces on an exported chain of links, and the springs that balance them at the settled shape.
+"""Forces on an exported chain of links, and springs that balance the forces at the settled shape.
 
 MuJoCo supports gravity, buoyancy (`gravcomp`), masses, and wrenches on sites: motors whose
-`refsite` is in the world exert dead forces, motors without `refsite` follow their site. Other loads
+`refsite` is in the world exert dead forces, motors without `refsite` follow the site. Other loads
 are rejected, or omitted with an ExportWarning and a comment in the file.
 """
 
@@ -199,7 +199,7 @@ def _drag_forces(shape: Shape, bodies: Bodies, current: Current) -> Iterator[Sit
 
 
 def point_masses(shape: Shape, bodies: Bodies) -> list[Mass]:
-    """Return the point masses of a scene, in the frames of their bodies."""
+    """Return the point masses of a scene, in the frames of the bodies."""
     masses = [effect for effect in shape.scene.effects if isinstance(effect, PointMass)]
     results = list[Mass]()
     for i, each in enumerate(masses):

@@ -35,9 +35,9 @@ _NO_PRODUCTS = {"ixy": 0, "ixz": 0, "iyz": 0}
 class Chain:
     """N links between N + 1 nodes, evenly spaced on the midline at rest, and the frame of the tip.
 
-    Link i has its origin at node i and its x axis along the chord to the next node; the last link,
+    Link i has the origin at node i and the x axis along the chord to the next node; the last link,
     N, is the frame of the tip, without extent. A slide along the chord and three hinges at the
-    origin of link i + 1, about its axes x, y, z in this order, connect it to link i; hinges only
+    origin of link i + 1, about axes x, y, z in this order, connect links i and i + 1; hinges only
     connect link 0 to the base.
 
     Attributes
@@ -152,7 +152,7 @@ def urdf(shape: Shape, links: int = 30, name: str = "arm") -> str:
     """Return a settled arm as a chain of links in URDF.
 
     The root is `base_link`, at the base of the arm. Joints are named slide_i, x_i, y_i, z_i;
-    `ros_messages` has their positions in the settled shape, for robot_state_publisher. Each link
+    `ros_messages` has the positions in the settled shape, for robot_state_publisher. Each link
     has the name of its joint: link_z_i has a body, the links between a slide and three hinges have
     no extent, and link_z_N, with N the number of links, is the frame of the tip. A PointMass is a
     link mass_i. URDF has no loads: an ExportWarning and a comment name the loads of the scene.

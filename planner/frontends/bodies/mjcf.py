@@ -42,7 +42,7 @@ _UNTOUCHED = {"contype": "0", "conaffinity": "0"}
 
 @dataclass(frozen=True, eq=False)
 class TendonSite:
-    """A point of a tendon: its name, its body (-1: the base), and its position there (3,) [m]."""
+    """A point of a tendon: name, body (-1: the base), and position in the body frame (3,) [m]."""
 
     name: str
     body: int
@@ -84,9 +84,9 @@ def mjcf(shape: Shape, links: int = 30, name: str = "arm") -> str:
     """Return a settled arm as a chain of links in MJCF, the format of MuJoCo.
 
     Joints are springs with the stiffness of the arm. Spatial tendons pass through sites at the
-    nodes; the controls of their actuators are tensions [N]. Weight becomes MuJoCo's gravity,
+    nodes; actuator controls are tensions [N]. Weight becomes MuJoCo's gravity,
     Buoyancy its `gravcomp`, and a PointMass a sphere. Each other load becomes a motor at a site;
-    control 1 is the full load, 0 none. A follower load rotates with its site. A Current exerts the
+    control 1 is the full load, 0 none. A follower load rotates with the site. A Current exerts the
     constant forces of the settled shape.
 
     The keyframe `settled` has the joint positions and controls of the shape and is in equilibrium:
@@ -243,7 +243,7 @@ def _actuators(
     wrenches: list[SiteForce],
     bodies: list[ET.Element],
 ) -> None:
-    """Add the tendons and their motors, then a motor for each wrench."""
+    """Add tendons with motors, then a motor for each wrench."""
     tendons = child_of(root, "tendon")
     motors = child_of(root, "actuator")
     for name, sites in zip(shape.arm.tendon_names, paths, strict=True):

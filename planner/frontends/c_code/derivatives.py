@@ -1,14 +1,14 @@
 """First and second derivatives of poses along the arm by the tensions, in closed form.
 
-For strains in closed form, the spatial twist of a step depends on its strains, the strains on the
+For strains in closed form, the spatial twist of a step depends on the strains, the strains on the
 pull of the tendons, and the pull on coefficients that are constant between anchorages. If offsets
 are linear in s, the sums over tendons that cross-sections require are polynomials of degree two at
-most. An anchorage adds the terms of its tendons to the coefficients. Steps are summed up to each
+most. An anchorage adds the terms of new tendons to the coefficients. Steps are summed up to each
 anchorage before multiplication by the tensions, so that the work is linear in the number of
 tendons.
 
 With the spatial twists z_k (6,) by which steps displace everything beyond, a pose becomes
-exp(z_1) exp(z_2) .. g, and by the formula of Baker, Campbell and Hausdorff its twist is
+exp(z_1) exp(z_2) .. g, and by the formula of Baker, Campbell and Hausdorff the twist is
 
     zeta = sum_k z_k + 1/2 sum_(i<k) [z_i, z_k] + ...
 

@@ -50,7 +50,7 @@ _FINEST_FLOAT = 1e-6
 _TOLERANCE: dict[Precision, float] = {"double": 1e-12, "float": 1e-5}
 # Size of a number in bytes.
 _BYTES: dict[Precision, int] = {"double": 8, "float": 4}
-# Names that the generated code uses itself.
+# Reserved names of the generated code.
 TAKEN = ("main", "test_vector", "plan_main", "plan_vector", "casadi", "null", "jac", "hess")
 
 
@@ -98,7 +98,7 @@ def export(
         Accepted tip error over arm length, 1e-12 (in single precision 1e-6) to 0.1.
     precision : "double" or "float"
         Type of all numbers in C. The functions agree with `settle` and `tip_jacobian` to 1e-12 in
-        double and to 1e-5 in single precision: positions over the length, Jacobians over their
+        double and to 1e-5 in single precision: positions over the length, Jacobians over the
         largest entry.
     name : str
         Name of the files, and prefix of the C names.
@@ -128,7 +128,7 @@ def export_plan(
     """Write the inverse of a plan as C99: from the last tensions to those for a moved target.
 
     The folder `to` receives the files of `export`, with the second derivatives of the tip,
-    NAME_plan.h and NAME_plan.c, and a sequence of targets with a plan_main.c that checks it. The
+    NAME_plan.h and NAME_plan.c, and a sequence of targets with a test program plan_main.c. The
     tensions are within the limits of the plan and have least effort, as those of plan(near=...).
 
     Parameters

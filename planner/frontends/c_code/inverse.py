@@ -24,10 +24,10 @@ _SETTINGS: dict[Precision, tuple[float, ...]] = {
 _ROUNDED: dict[Precision, tuple[float, float]] = {"double": (1e-8, 1e-6), "float": (1e-5, 5e-3)}
 # Displacement of the targets of the test, over the arm length.
 _MOVED = 0.02
-# Deviation of tensions over their maximum, per deviation of meshes over the arm length.
+# Deviation of tensions over the maximum, per deviation of meshes over the arm length.
 _LEVER = 100.0
 _MOVES = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 0, 1), (0, -1, -1), (0, 0, 0))
-# Upper bound of tension limits in units, so that single precision can represent them.
+# Upper bound of tension limits in units, representable in single precision.
 _NO_LIMIT = 1e9
 
 
@@ -84,7 +84,7 @@ def inverse_values(p: Plan, shape: Shape, precision: Precision) -> dict[str, str
 
 
 def _followed(p: Plan) -> tuple[Array, Array]:
-    """Return targets (K, 3) [m] near the target of a plan, and their tensions (K, n_tendons) [N].
+    """Return targets (K, 3) [m] near the target of a plan, and the tensions (K, n_tendons) [N].
 
     Each plan is warm-started from the one before.
     """

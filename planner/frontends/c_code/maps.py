@@ -1,4 +1,4 @@
-"""The map from tensions to shape as C functions, with tables of its constants.
+"""The map from tensions to shape as C functions, with tables of constants.
 
 If pull is a polynomial of arc length, the map is a loop over functions of one step: the work arrays
 contain one step, for any number of steps. Other maps are exported as a single function of all
@@ -164,7 +164,7 @@ def _tables(
 
 
 def whole_source(shape: Shape, precision: Precision) -> CSource:
-    """Return the map of a shape's mesh; the size of its work arrays grows with the mesh.
+    """Return the map of a shape's mesh; work arrays grow with the mesh.
 
     Results are positions (3, N) and frames (9, N), one column per node, and 1 + q.
     Raises InputError in single precision if cross-sections require Newton's method.

@@ -91,6 +91,6 @@ def whole_numbers(values: Any) -> str:
 
 
 def frame_function() -> ca.Function:
-    """Return the function from a quaternion q to its rotation matrix (9,), row-major."""
+    """Return the function from a quaternion q to the rotation matrix (9,), row-major."""
     q = ca.SX.sym("q", 4)
     return ca.Function("frame", [q], [ca.vec(matrix(q).T)], {"cse": True})

@@ -39,7 +39,7 @@ from octoplan.planner.frontends.sweeps.definition import load_sweep
 from octoplan.planner.frontends.sweeps.sweep import written
 
 _DEFAULT = FileOptions()
-# Commented files of each kind, which are valid as they are.
+# Commented files of each kind, which run unchanged.
 TEMPLATES = Path(__file__).with_name("templates")
 Kind = Literal["plan", "trajectory", "sweep", "calibrate", "design"]
 
@@ -50,7 +50,7 @@ def new(
     *,
     kind: Kind = "plan",
 ) -> Output:
-    """Write a commented example file that runs as it is; existing files are kept.
+    """Write a commented example file that runs unchanged; existing files are kept.
 
     Parameters
     ----------

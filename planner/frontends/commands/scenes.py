@@ -87,7 +87,7 @@ def settle(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Output:
 
 
 def stiffness(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Output:
-    """Find the compliance of the shape of the scene; see its [stiffness] table."""
+    """Find the compliance of the shape of the scene; see the [stiffness] table."""
     k = stiff(options.question(scene))
     return Output(lambda: repr(k), record(StiffnessRecord, k), "stiffness", lambda: plotted(k))
 
@@ -161,7 +161,7 @@ def export(
     accuracy: Accuracy | None = None,
     options: Options = _DEFAULT,
 ) -> Output:
-    """Write the map from tensions to shape or its inverse as C code, or the settled arm.
+    """Write the map from tensions to shape or the inverse map as C code, or the settled arm.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def export(
             arguments = (question.arm, question.scene, to, question.tensions, question.accuracy)
             result = export_map(*arguments, precision, name)
         else:
-            # The plan itself is computed to the default accuracy or better.
+            # The plan is computed to the default accuracy or better.
             fine = question.but(accuracy=min(question.accuracy, ACCURACY))
             result = export_plan(planned(fine), to, question.accuracy, precision, name)
         files, shape, static_bytes = result.files, result.shape, result.static_bytes

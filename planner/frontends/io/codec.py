@@ -1,4 +1,4 @@
-"""Encode values as tables of files and decode them, directed by the annotations of their classes.
+"""Encode values as tables of files and decode them, directed by class annotations.
 
 There are two forms. Scene files have keys that end in units, such as length_mm. Saved results have
 the exact form (`unit=None`): SI numbers with all bits under the argument names. The msgspec
@@ -29,7 +29,7 @@ from octoplan.planner.frontends.io.files import versions
 
 # Units in keys: the power of ten that converts a number to SI; None for degrees.
 UNITS = {"mm": -3, "mm/s": -3, "mm/s2": -3, "g": -3, "kPa": 3, "deg": None}
-# The SI unit for each of these.
+# SI unit for each unit.
 SI = {"mm": "m", "g": "kg", "kPa": "Pa", "deg": "rad"}
 
 
@@ -49,12 +49,12 @@ def hints_of(kind: Any) -> dict[str, Any]:
 
 
 def is_of_project(kind: Any) -> bool:
-    """Return whether a type is a class of this project."""
+    """Return True for a class of this project."""
     return isinstance(kind, type) and kind.__module__.partition(".")[0] == "octoplan"
 
 
 def is_union(kind: Any) -> bool:
-    """Return whether a type is a union."""
+    """Return True for a union type."""
     return get_origin(kind) in UNIONS
 
 
@@ -95,11 +95,11 @@ def suffix(unit: str) -> str:
     return f"_{unit.replace('/', '_')}" if unit in UNITS else ""
 
 
-# Suffixes of keys, and the units of their numbers.
+# Suffixes of keys, and units of the numbers.
 ENDS = {"": "", **{suffix(unit): unit for unit in UNITS}}
 
 
-# Tables and their formats
+# Tables and formats
 
 
 class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -122,7 +122,7 @@ class FieldFormat:
 # Decoders by table, and encoders by class; None for a class that has the exact form only.
 READ: dict[Any, Callable[[Any], Any]] = {}
 WRITE: dict[Any, Callable[[Any], dict[str, Any]] | None] = {Linear: None, Sampled: None}
-# Classes that are implied by their place in a file; their exact form has no key `kind`.
+# Classes that are implied by the place in a file; the exact form has no key `kind`.
 PLACED: set[Any] = set()
 # By table of a class: the key of each argument, the annotations, the formats of other arguments.
 KEYS: dict[Any, tuple[Mapping[str, str], Mapping[str, Any], Mapping[str, FieldFormat]]] = {}
@@ -160,7 +160,7 @@ def arguments_of(value: Table, kind: type[Table] | None = None) -> dict[str, Any
 
 @cache
 def names_of(kind: Any) -> dict[str, str]:
-    """Return the keys of a table by name, the key without its unit."""
+    """Return the keys of a table by name, the key without the unit."""
     hints = hints_of(kind)
     units = {key: unit_of_type(hints[key]).replace("/", "_") for key in hints}
     return {key.removesuffix(f"_{unit}" if unit else ""): key for key, unit in units.items()}
@@ -246,7 +246,7 @@ def _read_path(value: Any, key: str, unit: str | None) -> Path:
 
 
 def read_exact(kind: Any, table: Any) -> Any:
-    """Return the value of a class from its table in the exact form."""
+    """Return the value of a class from a table in the exact form."""
     present = {name: getattr(table, name) for name in arguments(kind)}
     values = {
         key: read(hints_of(kind)[key], x, unit=None) for key, x in present.items() if x is not UNSET
@@ -270,7 +270,7 @@ def table_of(value: Any) -> dict[str, Any]:
 
 
 def keys_of(value: Any, kind: type[Table]) -> dict[str, Any]:
-    """Return the keys and values of a table for a value whose attributes have these names."""
+    """Return the keys and values of a table for a value with attributes of these names."""
     keys, hints, forms = KEYS.get(kind) or (names_of(kind), None, {})
     tag = kind.__struct_config__.tag
     result: dict[str, Any] = {} if tag is None else {"type": tag}

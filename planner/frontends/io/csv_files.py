@@ -8,7 +8,7 @@ are read. A file of measured shapes has one shape per line:
 `name` and `session` are optional. The drive of the arm is a tension for each tendon, under the
 tendon names of the arm, or `length_T_11_mm` or `stroke_T_11_mm` for each tendon, or both. Positions
 of markers, by marker name, and of the tip are in mm. Leave the cells of an unseen marker empty. A
-shape without tensions is settled by its lengths or strokes.
+shape without tensions is settled by lengths or strokes.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ WAYPOINT_COLUMNS = ("x_m", "y_m", "z_m")
 
 
 class MarkerColumns(MarkerTable, frozen=True, kw_only=True):
-    """A marker on the arm; its name is the prefix of its columns in the file of shapes."""
+    """A marker on the arm; the name is the prefix of the columns in the file of shapes."""
 
     name: str
 
@@ -72,7 +72,7 @@ def shape_csv(shape: Shape, points: int = POINTS) -> bytes:
 
 
 def save_shape(shape: Shape, path: str | Path, points: int = POINTS) -> Path:
-    """Write a shape to a .csv file, atomically; see shape_csv for its columns.
+    """Write a shape to a .csv file, atomically; see shape_csv for the columns.
 
     Raises InputError for another suffix or if the file cannot be written.
     """

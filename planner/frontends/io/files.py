@@ -1,6 +1,6 @@
 """Read files with clear errors; write files atomically: complete, or not at all.
 
-Output is staged in a temporary folder beside its destination and moved at the end.
+Output is staged in a temporary folder beside the destination and moved at the end.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def whole(path: Path, within: Path | None = None) -> Iterator[Path]:
 
 
 def _is_orphan(folder: Path) -> bool:
-    """Return whether the process of this host that created a staging folder has ended."""
+    """Return True if a staging folder belongs to an ended process of this host."""
     process = folder.name.removeprefix(_MARK).split(".")[2]
     if process == str(os.getpid()):
         return folder not in _staging
@@ -114,7 +114,7 @@ def end() -> str:
 
 
 def write_together(folder: Path, contents: dict[str, bytes]) -> None:
-    """Write files into a folder, creating it if needed: all files, or none on an error.
+    """Write files into a folder, created if needed: all files, or none on an error.
 
     All files are staged before the first is moved, so that a full disk leaves no partial result.
     Raises FileError if a file cannot be written or a folder of that name exists.
@@ -141,7 +141,7 @@ def path_of(value: Any, field: str = "path") -> Path:
 
 
 def write_named(path: str | Path, suffix: str, content: bytes) -> Path:
-    """Write a file whose name ends in a suffix; return its path.
+    """Write a file whose name ends in a suffix; return the path.
 
     Raises InputError for another suffix or if the file cannot be written.
     """
@@ -193,7 +193,7 @@ _REMEDIES = (
 def bytes_of(path: Path, wanted: str = "") -> bytes:
     """Return the contents of a file; raise FileError with a remedy if the file cannot be read.
 
-    `wanted` is the remedy; by default it names a scene file. Pipes are rejected: a pipe may never
+    `wanted` is the remedy; the default names a scene file. Pipes are rejected: a pipe may never
     end.
     """
     try:
@@ -242,7 +242,7 @@ def toml_of(text: bytes, name: str) -> dict[str, Any]:
 
 
 def read_json(path: Path, wanted: str) -> dict[str, Any]:
-    """Return the contents of a saved file; raise FileError if its `schema` is not `wanted`.
+    """Return the contents of a saved file; raise FileError if `schema` is not `wanted`.
 
     `wanted` is "octoplan KIND VERSION".
     """

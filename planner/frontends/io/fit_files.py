@@ -100,7 +100,7 @@ def run_design(path: str | Path) -> Design:
 
 
 def _read(path: Path, kind: Any, needed: str, command: str) -> tuple[Any, SceneFile, list[Unknown]]:
-    """Return the contents of a file as a table of a kind, its scene and its unknowns."""
+    """Return the contents of a file as a table of a kind, the scene and the unknowns."""
     name = str(path)
     file = checked(read_toml(path)[0], kind, name, needed, command)
     with scene_beside(file.scene, path) as (scene, scene_name, _):

@@ -1,4 +1,4 @@
-"""Key paths such as "arm.E_kPa" or "tensions[0][2]": their types, checks and replacement.
+"""Key paths such as "arm.E_kPa" or "tensions[0][2]": types, checks and replacement.
 
 Messages suggest the nearest existing key.
 """
@@ -53,14 +53,14 @@ def alternatives(kind: inspect.Type) -> Iterator[inspect.Type]:
 
 
 def keys_in(kind: inspect.Type) -> dict[str, inspect.Type]:
-    """Return the keys of a table with their types; empty for other types."""
+    """Return the keys of a table with types; empty for other types."""
     if not isinstance(kind, inspect.StructType):
         return {}
     return {field.encode_name: field.type for field in kind.fields}
 
 
 def tag_of(kind: inspect.Type) -> tuple[str, Any] | None:
-    """Return the key that distinguishes a table from others, and its value; None without one."""
+    """Return the key that distinguishes a table from others, and the value; None without one."""
     is_tagged = isinstance(kind, inspect.StructType) and kind.tag_field is not None
     return (kind.tag_field, kind.tag) if is_tagged else None  # type: ignore[attr-defined]
 

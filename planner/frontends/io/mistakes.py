@@ -1,6 +1,6 @@
 """Errors and warnings for the contents of files: the place, the entry, and what is allowed.
 
-`checked` converts a table to its type and reports the first wrong key. `error_context` reports the
+`checked` converts a table to a type and reports the first wrong key. `error_context` reports the
 InputError of a class at the key of its argument. `warn_of_slips` warns of likely wrong units.
 """
 
@@ -90,7 +90,7 @@ def build_at(name: str, where: str, make: Callable[..., R], *values: Any, part: 
 
 
 def _mistake(name: str, table: Any, root: Any, path: str) -> FileError:
-    """Return the error for an entry of a file that violates its type `root`, at a path.
+    """Return the error for an entry of a file that violates the type `root`, at a path.
 
     The error names the file, the key and similar keys.
     """
@@ -178,7 +178,7 @@ def _as_written(reason: InputError, name: str, key: str, part: Any) -> FileError
     names = steps(reason.field)
     if names[0] in _EFFECTS:
         names[0] = _EFFECTS[names[0]]
-    elif names[0] == key or str(names[0])[0].isupper():  # the part, or the class built from it
+    elif names[0] == key or str(names[0])[0].isupper():  # the part, or the class of the part
         del names[0]
     matches = [item for item in _arguments(key, part, names) if item[0] != key]
     if not matches:
@@ -195,7 +195,7 @@ _EFFECTS: dict[Step, str] = {kind.__name__: key for kind, key in KEYS.items()}
 
 
 def _is_same(written: tuple[str, str, Any], argument: Any) -> bool:
-    """Return whether a number or list of numbers of a file equals a value in SI units."""
+    """Return True if a number or list of numbers of a file equals a value in SI units."""
     _, unit, value = written
     a, b = np.array(in_si(value, unit)), np.array(argument)
     return {a.dtype.kind, b.dtype.kind} <= {"i", "f"} and np.array_equal(a, b, equal_nan=True)

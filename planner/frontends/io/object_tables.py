@@ -66,18 +66,18 @@ def frame(tangent: Numbers, normal: Numbers) -> Frame:
 
 
 def columns_of(matrix: Frame) -> dict[str, Any]:
-    """Return the keys of a frame: its columns t and n."""
+    """Return the keys of a frame: columns t and n."""
     t, n, _ = np.array(matrix).T.tolist()
     return {"tangent": t, "normal": n}
 
 
 def keyed(of: Any, about: str, *default: Any, unit: str = "") -> Any:
-    """Return the type of a key, and its default if there is one."""
+    """Return the type of a key, and a default if there is one."""
     return Annotated[of, quantity(about, unit)], *default
 
 
 def frame_form(tangent: str, normal: str, *default: Numbers) -> FieldFormat:
-    """Return the format of a frame: two keys for columns t and n, with their descriptions."""
+    """Return the format of a frame: two keys for columns t and n, with descriptions."""
     about = {"tangent": tangent, "normal": normal}
     keys: dict[str, Any] = {
         key: keyed(VECTOR, f"{item}, of length 1", *default[i : i + 1])
@@ -160,7 +160,7 @@ READ[ArmTable] = arm_of
 
 
 def public(module: Any) -> list[Any]:
-    """Return the classes that a package exports; each of them must have a table."""
+    """Return the classes that a package exports; each class must have a table."""
     exported = (getattr(module, name) for name in module.__all__)
     return [item for item in exported if isinstance(item, type)]
 
@@ -203,7 +203,7 @@ _SHAPES = {kind: table(kind, tag=tag_of(kind), **_OBSTACLE_FORMS.get(kind, {})) 
 
 
 def inlined(value: Any, folder: Path) -> Any:
-    """Return the table of an obstacle with the vertices of its mesh file, relative to a folder.
+    """Return the table of an obstacle with the vertices of the mesh file, relative to a folder.
 
     Raises InputError if both a file and vertices are given, or neither, or the file is unreadable.
     """

@@ -1,8 +1,8 @@
 """Results as records with a schema: the JSON output of commands and saved results.
 
-Numbers are in SI units and angles in rad; keys end in the unit of their numbers. As long as the
+Numbers are in SI units and angles in rad; keys end in the unit of the numbers. As long as the
 number at the end of `schema` stays, keys are added but never renamed or removed. A key is an
-attribute of the result, up to its unit; otherwise `about` has a function of the result.
+attribute of the result, up to the unit; otherwise `about` has a function of the result.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,7 +25,7 @@ from octoplan.planner.measure import length_error, strokes
 def about(text: str = "", of: Callable[[Any], Any] | None = None) -> Meta:
     """Return the metadata of a key: a description, and a function of the result if needed.
 
-    These modules evaluate their annotations at once, so that annotations can refer to functions.
+    The modules of records evaluate annotations at once, so that annotations can refer to functions.
     """
     return Meta(description=text or None, extra={"of": of})
 
@@ -54,9 +54,9 @@ def record(kind: type[R], result: Any, **others: Any) -> R:
 
 
 def derived(kind: Any, *left_out: str, **more: Any) -> Any:
-    """Return the record type of a class: its fields except `left_out`, and more keys.
+    """Return the record type of a class: fields except `left_out`, and more keys.
 
-    Descriptions are those of the docstring. Infinite numbers and NaN become null.
+    Descriptions are taken from the docstring. Infinite numbers and NaN become null.
     """
     descriptions = attribute_descriptions(kind)
     fields = [
@@ -136,7 +136,7 @@ def of_shape(plan: Any) -> dict[str, Any]:
 
 
 class StiffnessRecord(Record, kw_only=True):
-    """The compliance of a settled shape at a point, and its flexural stiffness."""
+    """The compliance of a settled shape at a point, and the flexural stiffness."""
 
     schema: Annotated[Literal["octoplan stiffness 1"], Schema]
     tensions_N: Annotated[Rows, about(of=lambda k: k.shape.arm.by_section(k.shape.tensions))]
@@ -173,7 +173,7 @@ class StiffnessRecord(Record, kw_only=True):
 
 
 class TrajectoryRecord(Record, kw_only=True):
-    """Tensions over time, and their certificate."""
+    """Tensions over time, and the certificate."""
 
     schema: Annotated[Literal["octoplan trajectory 1"], Schema]
     outcome: Annotated[str, about("the result, and a remedy if it failed")]

@@ -1,7 +1,7 @@
 """Records of plans, calibrations and designs.
 
 Plans and calibrations are loaded from the keys `question` and `answer`, or `fit`; other keys are
-derived from these.
+derived.
 """
 
 from operator import attrgetter
@@ -55,7 +55,7 @@ UnknownKind: Any = exact(Unknown, placed=True)
 
 
 class QuestionRecord(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
-    """The planning problem; arm, scene and targets are tables with a kind and its fields."""
+    """The planning problem; arm, scene and targets are tables with a kind and fields."""
 
     arm: Annotated[ArmKind, about(of=lambda plan: encode_exact(plan.arm))]
     scene: Annotated[SceneKind, about(of=lambda plan: encode_exact(plan.scene))]
@@ -90,7 +90,7 @@ def _answer(plan: Any) -> dict[str, Any]:
 
 
 class PlanRecord(Record, kw_only=True):
-    """A plan; it is loaded from `question` and `answer`, and other keys are derived from these."""
+    """A plan, loaded from `question` and `answer`; other keys are derived."""
 
     schema: Annotated[Literal["octoplan plan 1"], Schema]
     outcome: Annotated[str, about("the result, the active limits, and a remedy if it failed")]
@@ -128,7 +128,7 @@ def plan_record(plan: Any) -> PlanRecord:
 
 
 class ValueRecord(msgspec.Struct, kw_only=True):
-    """Value and standard error of an unknown, in the unit of its key; "inf" if undetermined."""
+    """Value and standard error of an unknown, in the unit of the key; "inf" if undetermined."""
 
     name: str
     value: float
@@ -176,7 +176,7 @@ _SCENE = Meta(description="arm and effects as in a scene file")
 
 
 class CalibrationRecord(Record, kw_only=True):
-    """A calibration; it is loaded from `question` and `fit`, other keys are derived."""
+    """A calibration, loaded from `question` and `fit`; other keys are derived."""
 
     schema: Annotated[Literal["octoplan calibration 1"], Schema]
     outcome: Annotated[str, about("the result, and how well the data determine the unknowns")]
@@ -192,7 +192,7 @@ class CalibrationRecord(Record, kw_only=True):
 
 
 class DesignedRecord(msgspec.Struct):
-    """Value of an unknown, in the unit of its key."""
+    """Value of an unknown, in the unit of the key."""
 
     name: str
     value: float
@@ -200,7 +200,7 @@ class DesignedRecord(msgspec.Struct):
 
 
 class DesignRecord(Record, kw_only=True):
-    """A designed arm and its plans."""
+    """A designed arm and the plans."""
 
     schema: Annotated[Literal["octoplan design 1"], Schema]
     outcome: str

@@ -1,4 +1,4 @@
-"""Load scene files: TOML, checked key by key; keys have units if these are not SI."""
+"""Load scene files: TOML, checked key by key; keys have units other than SI."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ def _without_none(arguments: dict[str, Any]) -> dict[str, Any]:
 def _scene(arm: Arm, table: Any) -> Scene:
     """Return the scene of a table, checked with an arm.
 
-    Self-contact is not checked here: settle accepts it, other functions raise InputError.
+    Self-contact is not checked here: settle accepts self-contact, other functions raise InputError.
     """
     scene = scene_of(table)
     apart = Scene(*(effect for effect in scene.effects if not isinstance(effect, SelfContact)))

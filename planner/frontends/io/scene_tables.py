@@ -63,7 +63,7 @@ _EFFECTS: list[type[Effect]] = sorted(
 )
 # A scene may have several effects of a class that has a place.
 _SEVERAL = [item for item in _EFFECTS if item.place is not Effect.place]
-# An effect whose arguments are all bool is a switch; its arguments are further switches.
+# An effect whose arguments are all bool is a switch; the arguments are further switches.
 _SWITCHES = [item for item in _EFFECTS if {*get_type_hints(item).values()} <= {bool}]
 
 
@@ -125,7 +125,7 @@ def scene_of(value: Any) -> Scene:
 
 
 def _switched(value: Any, kind: Any, on: bool) -> list[Effect]:
-    """Return the effect of a switch with its further switches as arguments; empty if off."""
+    """Return the effect of a switch with further switches as arguments; empty if off."""
     more = {name: getattr(value, name) for name in arguments(kind)}
     if any(more.values()) and not on:
         name = next(name for name, item in more.items() if item)
@@ -213,7 +213,7 @@ class StiffnessTable(Table, frozen=True):
 
 
 class OptionsTable(Table, frozen=True, kw_only=True):
-    """Options of settle, stiffness, plan and trajectory; the keys are their arguments."""
+    """Options of settle, stiffness, plan and trajectory; the keys are arguments."""
 
     accuracy: Annotated[Accuracy, Meta(description="tip error over arm length")] = 1e-6
     time_limit_s: Annotated[
@@ -285,7 +285,7 @@ class SceneTable(OptionsTable, frozen=True, kw_only=True):
 def whole(table: SceneTable, folder: Path) -> dict[str, Any]:
     """Return a scene as dicts, lists and values, including all defaults.
 
-    Mesh files, relative to a folder, are replaced by their vertices and faces.
+    Mesh files, relative to a folder, are replaced by vertices and faces.
     """
     obstacles = tuple(inlined(item, folder) for item in table.obstacles)
     full = structs.replace(table, obstacles=obstacles)
@@ -293,7 +293,7 @@ def whole(table: SceneTable, folder: Path) -> dict[str, Any]:
     return result
 
 
-# Files that name a scene and vary it
+# Files that vary a scene
 
 SceneKey = Annotated[
     str | dict[str, Any], Meta(description="a scene file, relative to this file; or a table")

@@ -1,7 +1,7 @@
 """Derive the msgspec types of files from the classes of the project.
 
-`table` returns the struct of a class for scene files: one key per argument, with the unit of its
-annotation as suffix, its bounds, its default and the description in the docstring of the class. An
+`table` returns the struct of a class for scene files: one key per argument, with the unit of the
+annotation as suffix, bounds, default and the description in the docstring of the class. An
 argument whose annotation has no such type requires a `FieldFormat`; otherwise the import fails with
 the name of the argument. `exact` returns the struct of a class for saved plans and calibrations: SI
 numbers under the names of the arguments, and the class under `kind`. `unit=None` selects the exact
@@ -96,7 +96,7 @@ def table(
     Parameters
     ----------
     kind : type
-        The class; its arguments define the keys. With `more` keys, all arguments are optional.
+        The class; the arguments define the keys. With `more` keys, all arguments are optional.
     tag : str
         Value of the key `type`, which distinguishes the table from others.
     more : mapping
@@ -235,7 +235,7 @@ def exact(kind: Any, *, placed: bool = False, names: tuple[str, ...] = ()) -> An
 
 
 def exact_choices(kind: Any) -> list[Any]:
-    """Return the exact tables of a class: its own, or those of all derived classes."""
+    """Return the exact tables of a class, or of all derived classes."""
     kinds = [kind] if kind in WRITE else [item for item in WRITE if issubclass(item, kind)]
     kinds = [Linear, Sampled] if kind is Path else kinds
     return list(map(exact, kinds)) or [exact(kind, placed=True)]

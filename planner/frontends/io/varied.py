@@ -57,7 +57,7 @@ class VariedTable(Table, frozen=True):
 
 
 class Setting(NamedTuple):
-    """A VariedTable as dicts and lists, with all defaults, and its arm and scene."""
+    """A VariedTable as dicts and lists, with all defaults, with arm and scene."""
 
     table: dict[str, Any]
     arm: Arm
@@ -76,7 +76,7 @@ class Setting(NamedTuple):
     ) -> Setting:
         """Return the setting with other values at key paths; raise InputError if invalid.
 
-        Arm and scene are those of `near`, or of this setting by default, if these are equal.
+        Unchanged arms and scenes are shared with `near`, by default with this setting.
         """
         table = changed(self.table, keys, values)
         near = near or self

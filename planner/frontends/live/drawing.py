@@ -1,4 +1,4 @@
-"""Drawings of the page, by viser: the arm on its base, its tendons, obstacles and the floor."""
+"""Drawings of the page, by viser: the arm on the base, tendons, obstacles and the floor."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ class Style:
     line, coarse : Colour
         Grid lines of the floor.
     slack, low, high : Colour
-        A slack tendon, a tendon without tension, a tendon at its maximal tension.
+        A slack tendon, a tendon without tension, a tendon at maximal tension.
     body, ellipsoid, obstacle, plate : Colour
     thickness, aside : float
-        Thickness of a tendon; distance of its label from the arm.
+        Thickness of a tendon; distance of the label from the arm.
     largest : float
         Longest half axis of the ellipsoid.
     floor, wide : float
-        Depth of the floor below the base; its width.
+        Depth of the floor below the base; width.
     """
 
     top: Colour
@@ -71,7 +71,7 @@ def picture(shape: Shape, most: Array) -> tuple[Any, ...]:
     """Return the geometry of a shape; tendons at `most` (n_tendons,) [N] have the colour `high`.
 
     Vertices (V, 3) of the surface [m] and triangles (F, 3); line segments of the tendons (P, 2, 3)
-    [m] and the colours of their ends (P, 2, 3); positions of the tendon labels (n_tendons, 3) [m].
+    [m] and the colours of the ends (P, 2, 3); positions of the tendon labels (n_tendons, 3) [m].
     """
     arm = shape.arm
     s = along(arm, 61)
@@ -101,7 +101,7 @@ def tension_colour(tension: float, most: float) -> Colour:
 def draw_surroundings(server: Any, arm: Arm, style: Style) -> None:
     """Draw the base plate, and a floor with a scale in mm.
 
-    Shadows are off: they took 75 % of the frame time without a graphics card.
+    Shadows are off: shadows took 75 % of the frame time without a graphics card.
     """
     server.scene.configure_default_lights(cast_shadow=False)
     R = arm.base_radius
@@ -167,7 +167,7 @@ def set_camera(server: Any, arm: Arm) -> None:
 
 
 class ArmOnPage:
-    """An arm with its tendons and their labels; created once, then updated."""
+    """An arm with tendons and labels; created once, then updated."""
 
     def __init__(self, server: Any, shape: Shape, most: Array) -> None:
         """Draw a shape; tendons at `most` (n_tendons,) [N] have the colour `high`."""
@@ -194,13 +194,13 @@ class ArmOnPage:
 
 
 def add_obstacle(server: Any, name: str, obstacle: Obstacle) -> Any:
-    """Draw an obstacle; return the handle of its mesh."""
+    """Draw an obstacle; return the handle of the mesh."""
     points, triangles = outline(obstacle)
     return server.scene.add_mesh_simple(name, points, triangles, color=LIGHT.obstacle, opacity=0.6)
 
 
 def draw_ellipsoid(server: Any, p: Plan, axes: Array, directions: Array) -> None:
-    """Draw the compliance ellipsoid at the tip: half axes (3,) and their directions (3, 3)."""
+    """Draw the compliance ellipsoid at the tip: half axes (3,) and directions (3, 3)."""
     size = LIGHT.largest * p.arm.length * np.maximum(axes / axes[0], 1e-3)
     server.scene.add_icosphere(
         "/ellipsoid",

@@ -3,8 +3,8 @@
 Each step settles the arm from the shape before, and changes the tensions towards the goal with
 least effort, by the derivatives of that shape. No initial optimum is needed, so that the arm moves
 while a plan is searched for. Under loads the mesh is coarse; steps to unstable shapes are rejected
-and repeated with a constraint on the stability margin. The limits of tensions, strokes and their
-sum are those of the plan.
+and repeated with a constraint on the stability margin. The limits of tensions, strokes and total
+pull are those of the plan.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class Follower:
         The current shape.
     limits : Limits
     around : (obstacles, clearance)
-        Obstacles, and the clearance from them [m].
+        Obstacles, and clearance [m].
     brink : bool
         Whether steps are constrained by the stability margin.
     """
@@ -182,7 +182,7 @@ class Follower:
         """Return the tension change of a damped least-squares step within limits.
 
         If the goal is far, the step covers a part of the distance. If `brink` is set, the stability
-        is kept at its margin.
+        is kept at the margin.
         """
         T = self.shape.tensions
         effort = ACCURACY / self._unit
@@ -246,7 +246,7 @@ class Follower:
         return float(weak**2 + max(missing - _BAND, 0.0) ** 2 + effort @ effort)
 
     def _gaps(self, shape: Shape) -> tuple[Array, Array]:
-        """Return by how much nodes violate the clearance, over the arm length (nodes, obstacles).
+        """Return violations of the clearance, over the arm length (nodes, obstacles).
 
         Also return the directions away from the obstacles (nodes, obstacles, 3).
         """

@@ -1,4 +1,4 @@
-"""Handles of targets: the target for a pose of the handle, and its goal for a point of the arm."""
+"""Handles of targets: the target for a pose of the handle, and the goal for a point of the arm."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """The desired position of a point of the arm, and desired directions of its axes.
+    """The desired position of a point of the arm, and desired directions of the axes.
 
     Attributes
     ----------

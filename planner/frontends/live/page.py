@@ -1,4 +1,4 @@
-"""The page, by viser: a handle to drag, the arm that follows, its tensions, and a status text.
+"""The page, by viser: a handle to drag, the arm that follows, tensions, and a status text.
 
 Events of browsers only set flags; one thread moves the arm to the newest target. When the handle
 rests, this thread plans the tensions and verifies the plan.
@@ -140,7 +140,7 @@ class Page:
         return box
 
     def _add_switch(self, label: str, states: Any, key: Any, drawn: Any = None) -> None:
-        """Add a checkbox for an effect, or for an obstacle and its mesh."""
+        """Add a checkbox for an effect, or for an obstacle and the mesh."""
 
         def switched(event: Any) -> None:
             states[key] = event.target.value
@@ -188,7 +188,7 @@ class Page:
                 self._status.content = words.refused(reason)
 
     def _follow(self) -> bool:
-        """Move the arm closer to the target and draw it; return whether to continue."""
+        """Move the arm closer to the target and update the drawing; return whether to continue."""
         more = self.session.step()
         self._draw()
         # If the target has changed meanwhile, the arm is not at the new target yet.
@@ -209,7 +209,7 @@ class Page:
             self._server.scene.remove_by_name("/ellipsoid")
 
     def _draw(self) -> None:
-        """Draw the current arm, its tensions and the numbers of the target."""
+        """Draw the current arm, tensions and the numbers of the target."""
         session = self.session
         if session.shape is None:
             return

@@ -1,4 +1,4 @@
-"""An interactive session: a moving target, tensions that follow, and a plan when it rests."""
+"""An interactive session: a moving target, tensions that follow, and a plan at rest."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _PICTURE = 0.02
 
 
 class Session:
-    """An arm with switchable effects and obstacles, its shape, and the last plan.
+    """An arm with switchable effects and obstacles, the shape, and the last plan.
 
     Attributes
     ----------
@@ -89,19 +89,19 @@ class Session:
 
     @property
     def is_there(self) -> bool:
-        """Whether the arm is at the target to the accuracy of the picture."""
+        """True if the arm is at the target to the accuracy of the picture."""
         # A miss in rad is not divided by the arm length.
         unit = 1.0 if self.goal.position is None else self.arm.length
         return self.missed <= ACCURACY * unit
 
     @property
     def is_held(self) -> bool:
-        """Whether the arm becomes unstable if it moves closer to the target."""
+        """True if the arm becomes unstable closer to the target."""
         return self._follower is not None and self._follower.brink
 
     @property
     def is_planned(self) -> bool:
-        """Whether the current arm is that of the last plan, and the plan has the current target."""
+        """True if the current arm is that of the last plan, with the current target."""
         last = self.last
         now = ((self.target,), self.scene, self.there)
         if last is None or self.shape is not last.shape:
@@ -124,7 +124,7 @@ class Session:
         """Return the plan for the current target to full accuracy; None before the first step.
 
         The plan starts from the current arm. If the plan neither meets the target nor has a closer
-        tip, the arm stays as it is, without a plan.
+        tip, the arm stays unplanned.
         """
         if self._follower is None or self.is_planned:
             return self.last

@@ -1,4 +1,4 @@
-"""Texts of the page, as HTML: the position of the arm, and the state of its plan.
+"""Texts of the page, as HTML: the position of the arm, and the state of the plan.
 
 HTML, because browsers render Markdown with a delay, so that texts did not appear during motion.
 """
@@ -62,7 +62,7 @@ def places(session: Session) -> str:
 
 
 def tendons(session: Session) -> str:
-    """Return a table of tensions, as bars relative to their limits, and strokes."""
+    """Return a table of tensions, as bars relative to the limits, and strokes."""
     shape = session.shape
     if shape is None:
         return ""

@@ -1,4 +1,4 @@
-"""The three-dimensional panel of a figure: the body, its tendons, targets and obstacles."""
+"""The three-dimensional panel of a figure: the body, tendons, targets and obstacles."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def draw_arm(
     obstacles: tuple[Obstacle, ...] = (),
     nearest: Clearance | None = None,
 ) -> Array:
-    """Draw the arm, targets and obstacles in 3-D axes, in mm; return their points (N, 3) [m].
+    """Draw the arm, targets and obstacles in 3-D axes, in mm; return points (N, 3) [m].
 
     The point nearest to an obstacle, or in collision, is marked; `nearest` is the clearance of a
     certificate.
@@ -98,7 +98,7 @@ def mark_nearest(
 ) -> None:
     """Mark the point of the arm nearest to an obstacle or to the arm itself; collisions in red.
 
-    `nearest` is the clearance of a certificate; by default it is computed. Contacts of the
+    `nearest` is the clearance of a certificate; computed by default. Contacts of the
     equilibrium, see Shape.contacts, are marked separately.
     """
     held = [contact.obstacle for contact in contacts(shape.scene)]
@@ -133,7 +133,7 @@ def look(ax: Any, shape: Shape, points: Array) -> None:
 
 
 def fill(ax: Any, elevation: float, azimuth: float) -> None:
-    """Set a view [deg] of 3-D axes, and zoom so that their box fills the panel."""
+    """Set a view [deg] of 3-D axes, and zoom so that the box fills the panel."""
     ax.view_init(elevation, azimuth)
     sides = (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())
     corners = np.array(list(product(*sides)))
@@ -185,7 +185,7 @@ def _body(arm: Arm, ax: Any, s: Array, poses: Array) -> Array:
 
 
 def _tendons(shape: Shape, ax: Any, lines: list[Array]) -> None:
-    """Draw the tendons (N_j, 3) [m]; taut ones in the colour of their tension."""
+    """Draw the tendons (N_j, 3) [m]; taut ones in the colour of the tension."""
     pulled = pulling(shape.tensions)
     slack = [MM * line for line, on in zip(lines, pulled, strict=True) if not on]
     if slack:

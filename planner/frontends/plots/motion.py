@@ -52,7 +52,7 @@ _STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """A frame: a shape, and the number of the next plan with its targets and obstacles."""
+    """A frame: a shape, and the number of the next plan with targets and obstacles."""
 
     shape: Shape
     number: int
@@ -65,7 +65,7 @@ class _Step:
 
 
 def plot_trajectory(motion: Any) -> Figure:
-    """Draw a Trajectory: its last shape, the path of the tip, and tensions with their maxima."""
+    """Draw a Trajectory: the last shape, the path of the tip, and tensions with maxima."""
     figure = Figure(figsize=(10, 5.0), dpi=DPI)
     ax: Any = figure.add_axes((0.0, 0.06, 0.52, 0.86), projection="3d")
     question = motion.question
@@ -101,7 +101,7 @@ def plot_motion(
     """Return the animation of an arm whose tensions go from zero to each of several plans.
 
     Tensions are interpolated between plans, and every frame is a settled shape. Each frame has the
-    target of the next plan. With 3-D axes, these are used.
+    target of the next plan. Given 3-D axes are used.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def animate_trajectory(
 ) -> FuncAnimation:
     """Return the animation of a Trajectory, in real time or scaled to `seconds`.
 
-    Every frame is the settled shape at its time, with the next target.
+    Every frame is the settled shape at the time, with the next target.
 
     Raises InputError for axes that are not 3-D, and OctoplanError if the arm does not settle.
     """

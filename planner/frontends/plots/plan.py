@@ -40,7 +40,7 @@ _COMPARABLE = 3.0
 
 
 def plot_plan(plan: Plan, ax: Any = None) -> Figure | Axes:
-    """Draw a plan: the arm with its target in 3-D, strains along the arm, and tensions.
+    """Draw a plan: the arm with the target in 3-D, strains along the arm, and tensions.
 
     With 3-D axes, draw arm and target only; `figure.colorbar(ax.collections[-1])` adds the scale of
     tensions. Returns a new Figure, or the given axes.
@@ -62,7 +62,7 @@ def plot_plan(plan: Plan, ax: Any = None) -> Figure | Axes:
 
 
 def plot_together(plans: Sequence[Plan]) -> Figure:
-    """Draw the arms of several plans with their targets in one 3-D figure."""
+    """Draw the arms of several plans with targets in one 3-D figure."""
     figure, ax = _alone()
     points = [draw_plan(plan, ax) for plan in plans]
     finish(ax, plans[0].shape, np.vstack(points))
@@ -81,7 +81,7 @@ def plot_shape(shape: Shape, ax: Any = None) -> Figure | Axes:
 
 
 def draw_plan(plan: Plan, ax: Any) -> Array:
-    """Draw the arm of a plan, targets and obstacles; return their points (N, 3) [m]."""
+    """Draw the arm of a plan, targets and obstacles; return points (N, 3) [m]."""
     result = plan.certificate.clearances.values()
     nearest = min(result, key=lambda clear: clear.gap, default=None)
     return draw_arm(plan.shape, ax, plan.targets, plan.surroundings.obstacles, nearest)
@@ -129,7 +129,7 @@ def add_scale(ax: Any, pulled: Any) -> None:
 def plot_strains(shape: Shape, ax: Axes | None = None) -> Figure | Axes:
     """Draw curvatures [1/m] and longitudinal strain [-] along the arm, as in figure 12.
 
-    Torsion is omitted if it is zero. A jump at an anchorage is a gap. Both scales have their zero
+    Zero torsion is omitted. A jump at an anchorage is a gap. Both scales have their zero
     at the same height. Returns a new Figure, or the given axes.
     """
     kind("shape", shape, Shape)
@@ -168,7 +168,7 @@ def broken_strains(shape: Shape) -> tuple[Array, Array]:
 
 
 def _common_zero(left: Axes, right: Axes, strain: Array) -> None:
-    """Set both vertical ranges so that their zeros are at the same height, with a margin."""
+    """Set both vertical ranges so that zeros are at the same height, with a margin."""
     ranges = []
     for values in (strain[:, :3], strain[:, 3]):
         low, high = min(np.nanmin(values), 0.0), max(np.nanmax(values), 0.0)

@@ -61,7 +61,7 @@ def _arms(result: Any, ax: Any) -> None:
 
 
 def plot_residuals(result: Any, ax: Axes | None = None) -> Figure | Axes:
-    """Draw the distance of each measured marker of a Calibration from its prediction [mm].
+    """Draw the distance of each measured marker of a Calibration from the prediction [mm].
 
     Markers are in the order of measurement. Returns a new Figure, or the given axes.
     """
@@ -83,7 +83,7 @@ def plot_residuals(result: Any, ax: Axes | None = None) -> Figure | Axes:
 
 
 def _errors(result: Any, ax: Axes) -> None:
-    """Draw values relative to their bounds, with standard errors as bars if these are finite."""
+    """Draw values relative to bounds, with standard errors as bars if finite."""
     parameters = result.parameters
     std = np.where(np.isfinite(result.std), result.std, np.nan) / parameters.range
     at = np.arange(len(result.values))

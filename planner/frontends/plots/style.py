@@ -33,7 +33,7 @@ _ALLOWED = {"3d": 'axes made with projection="3d"', "rectilinear": "two-dimensio
 def axes_of(
     ax: Any, size: tuple[float, float] = (6.4, 4.0), form: str = "rectilinear"
 ) -> tuple[Any, Any]:
-    """Return the result of a plot function and its axes: the given axes, or a new Figure.
+    """Return the result of a plot function and the axes: the given axes, or a new Figure.
 
     Raises InputError if the axes are not of the kind `form`, "3d" or "rectilinear".
     """

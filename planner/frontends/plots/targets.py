@@ -74,7 +74,7 @@ def _(target: BendingPlane, ax: Any, shape: Shape) -> Array:
 
 @draw_target.register
 def _(target: Fetch, ax: Any, shape: Shape) -> Array:
-    """Draw the target tangent at the end of each stretch, relative to the frame at its start."""
+    """Draw the target tangent at the end of each stretch, relative to the frame at the start."""
     shown = []
     bends = (target.proximal, target.medial, target.distal)
     for (start, end), (angle, plane) in zip(pairwise(stretches(shape.arm)), bends, strict=True):
@@ -120,7 +120,7 @@ def _mark(ax: Any, points: Array, marker: str, label: str) -> Array:
 
 
 def _plane(ax: Any, shape: Shape, angle: float, label: str) -> Array:
-    """Draw the part of a plane through the base that contains the arm, and its direction."""
+    """Draw the part of a plane through the base that contains the arm, and the direction."""
     arm = shape.arm
     origin = np.array(arm.base_position)
     t = np.array(arm.base_frame)[:, 0]

@@ -1,4 +1,4 @@
-"""The definition of a sweep, from a file or from objects, and its division into chunks.
+"""The definition of a sweep, from a file or from objects, and the division into chunks.
 
 All values are checked before the first point is computed.
 """
@@ -43,7 +43,7 @@ from octoplan.planner.targets.base import Target
 
 
 class SweepTable(Table, frozen=True):
-    """A sweep: all combinations of the grids, and random values at each of these points."""
+    """A sweep: all combinations of the grids, and random values at each grid point."""
 
     compute: Compute
     axes: Annotated[tuple[AxisTable, ...], Meta(min_length=1, description="the varied values")]

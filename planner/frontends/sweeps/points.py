@@ -1,4 +1,4 @@
-"""The computation at the points of a sweep, and the arrays of its results."""
+"""The computation at the points of a sweep, and the arrays of results."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ class Job:
     scene : dict
         The scene with defaults, as decoded from a file.
     name : str
-        Path of the scene file; mesh files are relative to its folder.
+        Path of the scene file; mesh files are relative to this folder.
     keys : tuple of str
         Key paths of the axes; a point has a value for each.
     tendons : tuple of str
@@ -140,7 +140,7 @@ class Job:
 
 
 def restore(original: Any, decoded: Any, new: Any) -> Any:
-    """Return `new` with all parts that equal those of `decoded` replaced by parts of `original`.
+    """Return `new` with all parts that are equal in `decoded` replaced by parts of `original`.
 
     `decoded` is the original after encoding and decoding, which may change the last digit of
     numbers in mm.
@@ -163,7 +163,7 @@ def restore(original: Any, decoded: Any, new: Any) -> Any:
 
 
 def computed(job: Job, points: Sequence[Point]) -> Rows:
-    """Return the results at points; a point that fails has its error as `outcome`."""
+    """Return the results at points; a point that fails has the error as `outcome`."""
     with ProgressLine(False):
         parts = [_together(job, points)] if job.together else [_row(job, p) for p in points]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -2,7 +2,7 @@
 
 The file of a chunk is written atomically, in a folder beside the output of the sweep. Its name has
 the identity of the sweep and the number of the chunk, so that the file names are the whole state of
-an interrupted run. Dask reads the chunks one by one for xarray, so that few of them are in memory.
+an interrupted run. Dask reads the chunks one by one for xarray, so that few chunks are in memory.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class ChunkFiles:
         return [i for i in range(self.sweep.chunks) if self._path(i).name not in there]
 
     def write(self, chunk: int, rows: Rows) -> None:
-        """Write a chunk to disk and flush it; raise FullDiskError."""
+        """Write a chunk to disk and flush the file; raise FullDiskError."""
         path = self._path(chunk)
         texts = {"outcome": rows["outcome"].astype(str)}
         with writable(path), whole(path, self.folder.parent) as part, part.open("wb") as stream:
@@ -138,7 +138,7 @@ _NUMBER = re.compile(r"-?\d[\d.]*(e[+-]?\d+)?")
 
 
 def gathered(sweep: Sweep, chunks: ChunkFiles) -> Any:
-    """Return the Dataset of a sweep, lazily; all its chunks are checked first."""
+    """Return the Dataset of a sweep, lazily; all chunks are checked first."""
     xarray = needed("xarray", "sweep")
     summary, width = _summary(sweep, chunks)
     variables, coords = dict[str, Any](), dict[str, Any]()
@@ -223,7 +223,7 @@ def check_store(path: Path) -> None:
 
 
 def opened(path: Path) -> Any:
-    """Return a Dataset whose numbers are read from its file on demand."""
+    """Return a Dataset whose numbers are read from the file on demand."""
     xarray = needed("xarray", "sweep")
     return xarray.open_dataset(path, engine=_ENGINES[path.suffix.lower()])
 
@@ -239,7 +239,7 @@ def attributes_in(path: Path) -> dict[str, Any]:
 def _summary(sweep: Sweep, kept: ChunkFiles) -> tuple[dict[str, Any], int]:
     """Return the numbers of successes and failures as attributes, and the longest outcome.
 
-    Outcomes that differ in their numbers only are counted together, under the first of them.
+    Outcomes that differ in numbers only are counted together, under the first outcome.
     """
     met = 0
     width = 1

@@ -1,4 +1,4 @@
-"""Run a sweep: compute the missing chunks, in parallel, and gather them in a Dataset."""
+"""Run a sweep: compute the missing chunks, in parallel, and gather all chunks in a Dataset."""
 
 from __future__ import annotations
 
@@ -123,9 +123,9 @@ def _undisturbed() -> Iterator[None]:
 def _one(
     job: Job, chunk: int, points: list[Point], end: float, wanted: dict[str, str]
 ) -> tuple[int, Rows]:
-    """Return the number of a chunk and its results; raise OutOfTime at the time `end`.
+    """Return the number of a chunk and the results; raise OutOfTime at the time `end`.
 
-    Raises VersionsError if the versions differ from those of the calling process.
+    Raises VersionsError if the versions differ from the calling process.
     """
     if versions() != wanted:
         raise VersionsError(versions(), wanted)
@@ -134,7 +134,7 @@ def _one(
 
 
 def _end_with(parent: int) -> None:
-    """End this process when its parent process has ended."""
+    """End this process when the parent process has ended."""
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -147,9 +147,9 @@ def _end_with(parent: int) -> None:
 def on_cluster(sweep: Sweep, chunks: Iterable[int], scheduler: str) -> Computed:
     """Yield results of the workers of a Dask cluster; a limited number of chunks is in progress.
 
-    Joblib's backend for Dask is not used, because it waits forever for lost workers. The cluster
+    Joblib's backend for Dask is not used, which waits forever for lost workers. The cluster
     reassigns the chunks of a worker that dies. Raises InputError without a scheduler or workers,
-    WorkersLostError if the scheduler stops or a chunk kills its workers repeatedly, VersionsError.
+    WorkersLostError if the scheduler stops or a chunk kills workers repeatedly, VersionsError.
     """
     distributed = needed("distributed", "cluster")
     left = dict.fromkeys(chunks)
@@ -209,9 +209,9 @@ def sweep(
 
     Results do not depend on the number of workers or on interruptions. Each finished chunk of
     points is a file in the folder OUT.chunks beside `out`; an interrupted sweep computes the
-    missing chunks when it is started again, and the folder is removed when `out` is written. If
-    `out` contains this sweep already, it is opened and nothing is computed; the log has a message
-    (logger octoplan.planner.frontends.sweeps). A point that fails has numbers nan, and its error as
+    missing chunks when started again, and the folder is removed when `out` is written. If `out`
+    contains this sweep already, the file is opened and nothing is computed; the log has a message
+    (logger octoplan.planner.frontends.sweeps). A point that fails has numbers nan, and the error as
     `outcome`.
 
     Parameters
@@ -221,8 +221,8 @@ def sweep(
         further keyword arguments.
     out : path
         File of the Dataset, .nc or .zarr. Memory then does not grow with the number of points, and
-        the returned Dataset reads its numbers from this file on demand. By default, all results are
-        in memory, and an interruption loses them.
+        the returned Dataset reads numbers from this file on demand. By default, all results are
+        in memory, and lost by an interruption.
     jobs : int
         Number of processes of this machine; -1 is one per processor.
     scheduler : str
@@ -248,7 +248,7 @@ def sweep(
     InputError
         For invalid arguments, or if OUT.chunks contains chunks of another sweep.
     MissingExtraError
-        If a package is missing; the message has the command that installs it.
+        If a package is missing; the message has the install command.
     WorkersLostError
         If workers are killed; finished chunks are kept beside `out`.
     VersionsError
@@ -281,7 +281,7 @@ def sweep(
 def written(
     wanted: Sweep, out: str | Path, *, jobs: int = 1, scheduler: str | None = None
 ) -> tuple[dict[str, Any], bool]:
-    """Write the results of a sweep; return the Dataset's attributes, and whether it existed."""
+    """Write the results of a sweep; return the attributes, and whether the file existed."""
     path = Path(out)
     _check(jobs)
     check_store(path)
@@ -307,7 +307,7 @@ def _check(jobs: int) -> None:
 def _computed(wanted: Sweep, folder: Path, jobs: int, scheduler: str | None) -> Iterator[Any]:
     """Compute the missing chunks of a sweep, then yield the Dataset for use inside the block.
 
-    Each chunk is written to a folder when it is finished.
+    Each chunk is written to a folder when finished.
     """
     chunks = ChunkFiles(folder, wanted)
     left = chunks.left
