@@ -10,16 +10,15 @@ from numpy.typing import NDArray
 from octoplan.model.cross_section import cross_section_of
 from octoplan.model.cross_section.sections import Sections, strains_of
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, Index
-from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.equilibrium.sensitivities import Sensitivities
-from octoplan.model.forward import FINEST, maps_of, pair_for, refined
+from octoplan.model.forward import FINEST, ORDER, forward_maps, pair_for, refined
 from octoplan.model.loads import check_responses, convergence_order
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.checks import kind
+from octoplan.model.tendons import is_taut, least_compliance
 from octoplan.model.unloaded.march_derivative import MarchDerivative
-from octoplan.model.unloaded.marched import Marched
-from octoplan.model.winches import least_compliance, pulls
+from octoplan.model.unloaded.marched import ExplicitMap, Marched
 
 Response = Sensitivities | MarchDerivative
 # The estimate for a compliance over that for the tip: 4 for table 2, 80 for table 4, whose tip is
@@ -40,19 +39,21 @@ def compliance_of(shape: Shape, at: float, accuracy: float) -> tuple[Response, i
         return float(np.abs(scaled[0] - scaled[1]).max() / np.abs(scaled[0]).max())
 
     # The first refinements are that of the shape, and one by the error that it is left with.
-    harder = (_HARDER * shape.error / accuracy) ** (1 / (2 * STAGES))
+    harder = (_HARDER * shape.error / accuracy) ** (1 / ORDER)
     coarse, fine = pair_for(shape.refinement * harder, FINEST / 2)
     pair = (shape.refinement if shape.refinement < fine else coarse), fine
-    order = convergence_order(shape.scene, 2 * STAGES, derivatives=True)
+    order = convergence_order(shape.scene, ORDER, derivatives=True)
     return refined(pair, accuracy, order, lambda mesh: sensitivities(shape, at, mesh), gap)
 
 
 def sensitivities(shape: Shape, at: float, refinement: int) -> Response:
     """Return the sensitivities of a shape at arc length `at` on the mesh of a refinement."""
     places = () if at == shape.arm.length else (at,)
-    maps, point = maps_of(shape.arm, shape.scene, None, shape.machine_code), shape.equilibrium
+    maps = forward_maps(shape.arm, shape.scene, shape.machine_code)
+    point = shape.equilibrium
     forward = maps.on(refinement, places)
-    if places or refinement != shape.refinement or maps.scheme != point.scheme:
+    is_same_kind = isinstance(forward, ExplicitMap) == isinstance(point, Marched)
+    if places or refinement != shape.refinement or not is_same_kind:
         point = forward.solve(shape.tensions, shape.known)
     if isinstance(point, Equilibrium):
         # Derivatives nearby have an error that no refinement shows.
@@ -116,7 +117,7 @@ def length_response(shape: Shape) -> LengthResponse:
     kind("shape", shape, Shape, "a Shape, as settle returns it")
     check_responses(shape.scene)
     result, T = sensitivities(shape, shape.arm.length, shape.refinement), shape.tensions
-    winches, taut = shape.winches, pulls(shape.arm, shape.tensions)
+    winches, taut = shape.winches, is_taut(shape.arm, shape.tensions)
     if winches is not None:
         taut &= winches.held
     longer = 1 + T / (np.inf if winches is None else winches.tendon_EA)

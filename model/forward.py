@@ -1,7 +1,8 @@
-"""The forward maps, tensions to poses: which scheme carries a scene, and which mesh is fine enough.
+"""Forward maps, from tensions to equilibria, and the mesh on which an error is small enough.
 
-Maps are built once for each mesh. The tip on one mesh and on the next finer one tell the error of
-the latter, by the order of the scheme.
+The forward map of a scene is a march in closed form if each cross-section is in equilibrium by
+itself, and a collocation of the coupled equations otherwise. The difference of two meshes, with
+the order of convergence, estimates the error of the finer one.
 """
 
 from __future__ import annotations
@@ -10,193 +11,185 @@ import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable
 from functools import lru_cache
-from itertools import zip_longest
 from typing import Any, TypeVar
 
 import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.load_steps import Collocation
-from octoplan.model.extensions.contact.effects import contacts
-from octoplan.model.extensions.contact.forward import TouchingMap
-from octoplan.model.extensions.printed import PrintedMap, PrintedStatics
-from octoplan.model.integrators import MAGNUS2, MAGNUS4, MAGNUS6, RK4, RK6, RK8
+from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.integrators import MAGNUS6
 from octoplan.model.loads import check_loads, convergence_order, is_loaded
 from octoplan.model.rod.system import system
 from octoplan.model.scene import Scene
 from octoplan.model.support.checks import within
-from octoplan.model.support.errors import ConvergenceError, InputError
+from octoplan.model.support.errors import ConvergenceError
 from octoplan.model.support.progress import check_time
 from octoplan.model.unloaded.closed_form import ClosedForm
 from octoplan.model.unloaded.marched import ExplicitMap
 
 T = TypeVar("T")
-LOOSEST, FINEST_ACCURACY = 0.1, 1e-12
-# Whole numbers, each at most twice the one two places before: a mesh is seldom finer than needed.
-REFINEMENTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
-FINEST = REFINEMENTS[-1]
-CAUTION = 4.0
-# What to do where the finest mesh is not accurate enough.
-COARSE = "ask for less accuracy or a smoother arm"
-# What rounding leaves, over L: of explicit maps, and of equilibria found by Newton's method.
-ROUNDING, IMPLICIT = 1e-14, 5e-13
-# By name: closed forms, stages of collocation, and integrators of the equations as printed. Of each
-# the first is used unless another is named.
-CLOSED_FORMS = {scheme.name: scheme for scheme in (MAGNUS6, MAGNUS4, MAGNUS2)}
-COLLOCATIONS = {"gauss6": 3, "gauss4": 2, "gauss2": 1, "gauss8": 4}
-PRINTED = {scheme.name: scheme for scheme in (RK6, RK8, RK4)}
-SCHEMES = (*CLOSED_FORMS, *COLLOCATIONS, *PRINTED)
-
 ForwardMap = Collocation | ExplicitMap
 
+# The order of convergence of all forward maps for smooth solutions: three Gauss points per element.
+ORDER = 2 * STAGES
+# The largest tip error over arm length that may be requested.
+LOOSEST = 0.1
+# The smallest tip error over arm length that may be requested.
+FINEST_ACCURACY = 1e-12
+# Refinements of meshes. Each is at most twice the second last, so that a mesh is seldom finer than
+# necessary.
+REFINEMENTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
+# The largest refinement.
+FINEST = REFINEMENTS[-1]
+# The largest refinement of the first two meshes of a settle.
+_FINEST_FIRST = 64
+# Relative error of a result by rounding.
+ROUNDING = 1e-14
+# Safety factor of error estimates.
+CAUTION = 4.0
+# The remedy if the finest mesh is not accurate enough.
+COARSE = "ask for less accuracy or a smoother arm"
 
-def schemes_of(scene: Scene) -> tuple[str, ...]:
-    """Return the names of the schemes that can carry a scene.
 
-    First the one that is used unless another is named, then the one that checks it.
+def forward_map(
+    arm: Arm,
+    scene: Scene,
+    refinement: int,
+    at: tuple[float, ...] = (),
+    machine_code: bool = False,
+) -> ForwardMap:
+    """Return the forward map of an arm in a scene on the mesh of a refinement.
+
+    Parameters
+    ----------
+    at : tuple of float
+        Arc lengths of further nodes of the mesh [m].
+    machine_code : bool
+        Whether the kernels are compiled. CasADi cannot differentiate compiled kernels.
     """
-    if scene.has(PrintedStatics):
-        return tuple(PRINTED)
+    for effect in scene.effects:
+        own = effect.forward_map(arm, scene, refinement, at, machine_code)
+        if own is not None:
+            return own
     if is_loaded(scene):
-        return tuple(COLLOCATIONS)
-    pairs = zip_longest(CLOSED_FORMS, COLLOCATIONS)
-    return tuple(name for pair in pairs for name in pair if name)
+        return Collocation(system(arm, scene, STAGES, refinement, at, True, machine_code))
+    return ClosedForm(arm, scene, MAGNUS6, refinement, at, machine_code)
 
 
-def check_scheme(scene: Scene, scheme: str | None) -> str:
-    """Return the scheme by name, the scene's first for None; InputError if it cannot carry it."""
-    allowed = schemes_of(scene)
-    if scheme is not None and not (isinstance(scheme, str) and scheme in allowed):
-        raise InputError("scheme", scheme, ", ".join(allowed) + " in this scene")
-    return scheme or allowed[0]
-
-
-def by_collocation(
+def collocation_map(
     arm: Arm,
     scene: Scene,
-    stages: int,
     refinement: int,
     at: tuple[float, ...] = (),
-    loaded: bool | None = None,
     machine_code: bool = False,
+    moments: bool = False,
 ) -> Collocation:
-    """Return the forward map by collocation with so many stages.
+    """Return the forward map by collocation, in scenes without loads too.
 
-    With torsion, moment and force where it is `loaded`, as the scene is unless told.
+    With `moments` the equations have torsion and the moment at the nodes, which they have under
+    loads in any case. See `forward_map` for the other parameters.
     """
-    if contacts(scene):
-        return TouchingMap(arm, scene, stages, refinement, at, machine_code)
-    loaded = is_loaded(scene) if loaded is None else loaded
-    return Collocation(system(arm, scene, stages, refinement, at, loaded, machine_code))
+    if is_loaded(scene):
+        result = forward_map(arm, scene, refinement, at, machine_code)
+        assert isinstance(result, Collocation)
+        return result
+    return Collocation(system(arm, scene, STAGES, refinement, at, moments, machine_code))
 
 
-def explicit_map(
-    arm: Arm,
-    scene: Scene,
-    scheme: str,
-    refinement: int,
-    at: tuple[float, ...] = (),
-    machine_code: bool = False,
-) -> ClosedForm | PrintedMap:
-    """Return the forward map in closed form or as printed on a mesh; see Maps.on.
-
-    CasADi cannot differentiate its `function` where its kernels are compiled.
-    """
-    if scheme in PRINTED:
-        return PrintedMap(arm, scene, PRINTED[scheme], refinement, at, machine_code)
-    return ClosedForm(arm, scene, CLOSED_FORMS[scheme], refinement, at, machine_code)
+def explicit_map(arm: Arm, scene: Scene, refinement: int) -> ExplicitMap:
+    """Return the forward map of a scene without loads, in interpreted code; see forward_map."""
+    result = forward_map(arm, scene, refinement)
+    assert isinstance(result, ExplicitMap)
+    return result
 
 
-class Maps:
-    """The forward maps of an arm in a scene by a scheme, mesh by mesh.
+class ForwardMaps:
+    """The forward maps of an arm in a scene, one for each mesh.
 
     Raises InputError for loads that the arm cannot have.
 
     Attributes
     ----------
-    order, least_order : int
-        Of the scheme where all is smooth, and that error estimates in this scene count on.
-    rounding : float
-        What it leaves of the tip's error over the arm's length.
+    order : int
+        The order of convergence in this scene.
     lever : float
-        How far off the tip the error is looked at as well [m]: loads can twist a straight arm.
+        Lever arm of the rotation of the tip in the error [m], 0 without loads: loads can twist a
+        straight arm without a displacement of its tip.
     """
 
-    def __init__(self, arm: Arm, scene: Scene, scheme: str, machine_code: bool) -> None:
+    def __init__(self, arm: Arm, scene: Scene, machine_code: bool) -> None:
         check_loads(arm, scene, contact=True)
-        self.arm, self.scene, self.scheme, self.machine_code = arm, scene, scheme, machine_code
-        explicit, self.stages = (CLOSED_FORMS | PRINTED).get(scheme), COLLOCATIONS.get(scheme, 0)
-        self.order, self.rounding = 2 * self.stages, IMPLICIT
-        if explicit:
-            self.order, self.rounding = explicit.order, ROUNDING
-        self.contacts, self.least_order = contacts(scene), convergence_order(scene, self.order)
+        self.arm = arm
+        self.scene = scene
+        self.machine_code = machine_code
+        self.order = convergence_order(scene, ORDER)
         self.lever = arm.base_radius * is_loaded(scene)
-        self._kept: dict[int, ForwardMap] = {}
+        self._maps: dict[int, ForwardMap] = {}
 
     def on(self, refinement: int, at: tuple[float, ...] = ()) -> ForwardMap:
-        """Return the forward map on the mesh of a refinement, which is kept.
+        """Return the forward map on the mesh of a refinement; see forward_map.
 
-        Not with arc lengths `at` as further nodes: there may be many.
+        Maps without further nodes `at` are cached.
         """
-        if refinement in self._kept and not at:
-            return self._kept[refinement]
-        of, mesh, code = (self.arm, self.scene), (refinement, at), self.machine_code
-        result: ForwardMap
-        if self.stages:
-            result = by_collocation(*of, self.stages, *mesh, machine_code=code)
-        else:
-            result = explicit_map(*of, self.scheme, *mesh, code)
-        if not at:
-            self._kept[refinement] = result
-        return result
+        if at:
+            return forward_map(self.arm, self.scene, refinement, at, self.machine_code)
+        if refinement not in self._maps:
+            self._maps[refinement] = forward_map(
+                self.arm, self.scene, refinement, machine_code=self.machine_code
+            )
+        return self._maps[refinement]
 
 
 @lru_cache(maxsize=64)
-def maps_of(arm: Arm, scene: Scene, scheme: str | None, machine_code: bool) -> Maps:
-    """Return the forward maps by a scheme, the scene's first for None."""
-    return Maps(arm, scene, check_scheme(scene, scheme), machine_code)
+def forward_maps(arm: Arm, scene: Scene, machine_code: bool) -> ForwardMaps:
+    """Return the forward maps of an arm in a scene, cached."""
+    return ForwardMaps(arm, scene, machine_code)
 
 
 def checked_accuracy(accuracy: Any) -> float:
-    """Return the accuracy as a float; InputError outside of [1e-12, 0.1]."""
+    """Return the accuracy as a float; raise InputError outside of [1e-12, 0.1]."""
     return within("accuracy", accuracy, FINEST_ACCURACY, LOOSEST)
 
 
-def first_pair(accuracy: float, order: int) -> tuple[int, int]:
-    """Return the two refinements to begin with, one about twice the other.
+def first_pair(accuracy: float) -> tuple[int, int]:
+    """Return the first two refinements for an accuracy; the second is about twice the first.
 
-    A first mesh is good to about 10^(1 - order) of the length, for arms that are bent but not
+    The coarsest mesh has an error of about 10^(1 - order) of the length if the arm is bent but not
     rolled up.
     """
-    return pair_for((CAUTION * 10.0 ** (1 - order) / accuracy) ** (1 / order), 64)
+    error = CAUTION * 10.0 ** (1 - ORDER)
+    return pair_for((error / accuracy) ** (1 / ORDER), _FINEST_FIRST)
 
 
 def pair_for(wanted: float, finest: float) -> tuple[int, int]:
-    """Return refinements of which the second is as fine as wanted, up to the finest, from 2 on."""
+    """Return two refinements, the second from 2 and `wanted` on and at most `finest`."""
     fine = REFINEMENTS[bisect_left(REFINEMENTS, min(max(wanted, 2), finest))]
-    return REFINEMENTS[bisect_right(REFINEMENTS, fine / 2) - 1], fine
+    coarse = REFINEMENTS[bisect_right(REFINEMENTS, fine / 2) - 1]
+    return coarse, fine
 
 
 def estimate(gap: Any, coarse: Any, fine: int, order: int, rounding: float = ROUNDING) -> Any:
-    """Return the tip error over L of the finer of two meshes whose tips are a gap apart, over L."""
+    """Return the error of the finer of two meshes whose results differ by a gap."""
     return CAUTION * gap / ((fine / coarse) ** order - 1) + rounding
 
 
-def no_estimate(order: int) -> float:
-    """Return what stands for the estimate of a mesh before the first; see larger_estimate.
+def initial_estimate(order: int) -> float:
+    """Return the estimate before the first pair of meshes; see updated_estimate.
 
-    Infinite for order one, of solutions that jump: a single gap says too little of them.
+    The estimate is infinite for order one, because a single gap is no evidence of the error of a
+    solution with jumps.
     """
     return np.inf if order == 1 else 0.0
 
 
-def larger_estimate(
+def updated_estimate(
     before: Any, gap: Any, coarse: Any, fine: int, order: int, rounding: float = ROUNDING
 ) -> tuple[Any, Any]:
-    """Return the estimated error of the finer of two meshes, over L, and the estimate by their gap.
+    """Return the error of the finer of two meshes, and the estimate by their gap alone.
 
-    The error is the larger of that and of the estimate before, of the coarser mesh, as far as the
-    order lowers it: where solutions have kinks a gap may be small by chance, by where nodes are.
+    The error is the larger of this estimate and of that `before`, of the coarser mesh, reduced by
+    the order. If solutions have kinks, a gap may be small by chance.
     """
     now = estimate(gap, coarse, fine, order, rounding=0.0)
     return np.maximum(now, before * (coarse / fine) ** order) + rounding, now
@@ -209,34 +202,49 @@ def refined(
     on: Callable[[int], T],
     gap: Callable[[T, T], float],
 ) -> tuple[T, int, float]:
-    """Return what `on` has by refinement, on the first mesh accurate enough.
+    """Return a result on the first mesh that is accurate enough, its refinement and its error.
 
-    And its refinement, and the estimated error, by its relative `gap` from that on the mesh before.
-    `pair` are the first two refinements. Raises ConvergenceError.
+    Parameters
+    ----------
+    pair : (int, int)
+        The first two refinements.
+    on : callable
+        Refinement -> result.
+    gap : callable
+        Two results -> their relative difference.
+
+    Raises
+    ------
+    ConvergenceError
+        If the finest mesh is not accurate enough.
     """
-    (coarse, refinement), error = pair, np.inf
-    before, known = on(coarse), no_estimate(order)
+    coarse, refinement = pair
+    error = np.inf
+    before = on(coarse)
+    known = initial_estimate(order)
     while refinement:
         check_time()
         result = on(refinement)
-        error, known = larger_estimate(known, gap(result, before), coarse, refinement, order)
+        difference = gap(result, before)
+        error, known = updated_estimate(known, difference, coarse, refinement, order)
         if error <= accuracy:
             return result, refinement, float(error)
-        before, coarse = result, refinement
+        before = result
+        coarse = refinement
         refinement = next_refinement(refinement, error, accuracy, order)
     raise ConvergenceError(accuracy, error, COARSE)
 
 
 def next_refinement(refinement: int, error: float, accuracy: float, order: int) -> int:
-    """Return the refinement that should do after one that left an error, 0 past the finest.
+    """Return the refinement for an accuracy after one with an error, 0 beyond the finest.
 
-    Where an error is far off its estimate says little: no more than four times as fine at once,
-    twice where there is no estimate.
+    Estimates of large errors are unreliable: the refinement grows by a factor of four at most, and
+    by two without an estimate.
     """
     if refinement >= FINEST:
         return 0
-    more = (error / accuracy) ** (1 / order) if math.isfinite(error) else 2.0
-    wanted = bisect_left(REFINEMENTS, refinement * more)
+    factor = (error / accuracy) ** (1 / order) if math.isfinite(error) else 2.0
+    wanted = bisect_left(REFINEMENTS, refinement * factor)
     least = bisect_right(REFINEMENTS, refinement)
     most = bisect_right(REFINEMENTS, 4 * refinement) - 1
     return REFINEMENTS[min(max(wanted, least), most)]

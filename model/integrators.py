@@ -106,11 +106,13 @@ _BERNOULLI = (1.0, -1 / 2, 1 / 12, 0.0, -1 / 720, 0.0, 1 / 30240)
 
 
 def _scheme(order: int) -> Magnus:
+    """Return the Magnus expansion of an order with Gauss-Legendre nodes."""
     nodes = (np.polynomial.legendre.leggauss(order // 2)[0] + 1) / 2
     return Magnus(f"magnus{order}", order, tuple(nodes.tolist()))
 
 
-MAGNUS2, MAGNUS4, MAGNUS6 = (_scheme(order) for order in (2, 4, 6))
+MAGNUS4 = _scheme(4)
+MAGNUS6 = _scheme(6)
 
 
 @dataclass(frozen=True)
@@ -152,14 +154,6 @@ class RungeKutta:
         """The distinct nodes, in order."""
         return tuple(sorted(set(self.nodes)))
 
-
-RK4 = RungeKutta(
-    "rk4",
-    4,
-    (0, 1 / 2, 1 / 2, 1),
-    (1 / 6, 1 / 3, 1 / 3, 1 / 6),
-    ((), (1 / 2,), (0, 1 / 2), (0, 0, 1)),
-)
 
 # J. C. Butcher, "On Runge-Kutta processes of high order", J. Austral. Math. Soc. 4 (1964): order 6
 # in seven stages.

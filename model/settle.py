@@ -1,80 +1,97 @@
-"""Settle an arm: tensions or lengths of tendons to shape, to the accuracy asked for."""
+"""Settle an arm: solve its static equilibrium, on meshes that are refined to an accuracy."""
 
 from __future__ import annotations
 
 import logging
 import math
 import time
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
-from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, check_stretch
+from octoplan.model.equilibrium.linearised import AnyEquilibrium, check_stretch
 from octoplan.model.equilibrium.load_changes import with_loads_of
 from octoplan.model.equilibrium.load_steps import ROUGHEST
 from octoplan.model.equilibrium.newton import SETTLED
-from octoplan.model.extensions.contact.effects import SelfContact, contacts, without_friction
-from octoplan.model.extensions.contact.gaps import THROUGH
-from octoplan.model.extensions.contact.path import ContactEquilibrium
-from octoplan.model.extensions.contact.self_contact import pressed_on_itself
-from octoplan.model.extensions.lengths.by_lengths import GivenLengths
-from octoplan.model.extensions.lengths.shortest import UnknownLeastError, too_short
-from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.forward import (
     COARSE,
     FINEST,
-    Maps,
-    check_scheme,
+    ORDER,
+    ForwardMap,
+    ForwardMaps,
     checked_accuracy,
     first_pair,
-    larger_estimate,
-    maps_of,
+    forward_maps,
+    initial_estimate,
     next_refinement,
-    no_estimate,
+    updated_estimate,
 )
-from octoplan.model.loads import check_loads, is_loaded
-from octoplan.model.paths import Array
+from octoplan.model.loads import check_loads
 from octoplan.model.scene import Scene
 from octoplan.model.shape import Shape, sharp, stretched
 from octoplan.model.support.checks import finite, kind
 from octoplan.model.support.errors import (
-    CollapsedError,
     ConvergenceError,
     InputError,
     ShapeWarning,
     SnapError,
-    UnsettledContactError,
     UnsettledSectionError,
 )
 from octoplan.model.support.machine.compiled import Compile, checked_compile
-from octoplan.model.support.progress import (
-    PATIENCE,
-    check_time,
-    limited,
-    timeout,
-    with_progress,
-)
-from octoplan.model.support.units import TENDONS, called_by_a_script, warn, warn_unusual
-from octoplan.model.winches import Winches
+from octoplan.model.support.progress import check_time, limited, timeout, with_progress
+from octoplan.model.support.units import called_by_a_script, warn
 
 LOG = logging.getLogger(__name__)
+
+# The default tip error over arm length.
 ACCURACY = 1e-6
-# A mesh up to this one may be too coarse to say that the arm snaps.
+# Refinement below which a mesh may be too coarse to decide that the arm snaps.
 _COARSE = 16
-# Texts of ShapeWarning, the same for all shapes, so that Python shows them once for each line.
+# Text of the warning about sharp bends: constant, so that Python shows it once per line.
 BENT = "the arm bends sharper than its own radius; see `remarks` of the shape"
+# Text of the warning about stretch: constant, so that Python shows it once per line.
 STRETCHED = "the arm is stretched beyond the law of its body; see `remarks` of the shape"
-# The remedy if the strains jump, so that the finest mesh is foreseen to be too coarse.
+# The remedy if the strains jump and even the finest mesh will be too coarse.
 SMOOTHER = (
     "its strains jump at s = {:.6g} m, where tendons have two equilibria; lower the tensions that "
     "cross this section or ask for less accuracy"
 )
-# How accurate shapes are that tell whether lengths are too short.
-_ROUGHLY = 1e-3
+
+# The limit of the time of a mesh in scenes without one.
+_NO_LIMIT = nullcontext()
+
+# Forward map, nearby equilibrium, factor of Newton's tolerance -> equilibrium.
+Solve = Callable[[ForwardMap, AnyEquilibrium | None, float], AnyEquilibrium]
+
+
+class SettlingProblem(NamedTuple):
+    """The arguments of `settle`; effects may solve the problem in their own way.
+
+    Attributes
+    ----------
+    arm : Arm
+    scene : Scene
+    accuracy : float
+    machine_code : bool
+        Whether kernels are compiled.
+    tensions, lengths, tendon_EA, tendon_outside
+        As given to `settle`.
+    near : Shape or None
+    """
+
+    arm: Arm
+    scene: Scene
+    accuracy: float
+    machine_code: bool
+    tensions: Any
+    lengths: Any
+    tendon_EA: Any
+    tendon_outside: Any
+    near: Shape | None
 
 
 @with_progress
@@ -83,7 +100,6 @@ def settle(
     tensions: Any = None,
     scene: Scene | None = None,
     accuracy: float = ACCURACY,
-    scheme: str | None = None,
     compile: Compile = False,  # noqa: A002  (the name that scripts use)
     *,
     lengths: Any = None,
@@ -93,99 +109,90 @@ def settle(
     time_limit: float | None = None,
     progress: bool | None = None,
 ) -> Shape:
-    """Return the shape that an arm takes under tensions, or by lengths that winches leave.
+    """Return the shape of an arm in static equilibrium under tensions or with tendon lengths.
 
-    By lengths it is the shape of least energy whose tendons are no longer than these: each is taut
-    and pulls, or is slack. `Shape.tensions` and `Shape.slack` tell; where tendons that do not
-    stretch leave tensions undetermined (`Shape.undetermined`), the least ones are found. With the
-    paper's tangent, which has no energy, several shapes may have the same lengths.
+    With lengths, the shape has the least energy among the shapes whose tendons are no longer than
+    given. Each tendon is taut and pulls, or is slack; see `Shape.tensions` and `Shape.slack`.
+    Inextensible tendons may leave tensions undetermined (`Shape.undetermined`); then the tensions
+    have the least norm. The paper's tangent has no energy: several shapes may have the same
+    lengths.
 
     Parameters
     ----------
     arm : Arm
     tensions : (n_sections, n) or (n_tendons,)
-        [N], tip section first; None or nan for tendons that are held by length.
+        [N], tip section first; None or NaN for tendons with a given length.
     scene : Scene
-        The effects enabled; the bare arm `Scene()` unless given.
+        The enabled effects. The default is `Scene()`, bending only.
     accuracy : float
-        Tip error over arm length that is accepted, from 1e-12 to 0.1: meshes are refined until two
-        differ by as little. With loads it holds for points a base radius off the tip too.
-    scheme : str
-        The integrator; the scene's fastest unless given.
+        Accepted tip error over arm length, from 1e-12 to 0.1. Meshes are refined until the tips on
+        two meshes agree. Under loads, the accuracy also holds for points one base radius off the
+        tip.
     compile : bool or "auto"
-        Whether to work by machine code: the same digits, several times sooner. A C compiler builds
-        it in seconds for each kind of scene, kept in the user's cache folder; "auto" goes on
-        without, and warns, where none works.
+        Whether to use compiled code, which has the same digits and is several times faster. A C
+        compiler builds the code of each kind of scene in seconds; the user's cache folder keeps
+        it. "auto" warns and uses interpreted code if no compiler works.
     lengths : (n_sections, n) or (n_tendons,)
-        What each winch leaves of its tendon, without tension, from base to anchorage [m]; None or
-        nan for tendons that are held by tension.
+        Length of each tendon between base and anchorage without tension, as its winch sets it [m];
+        None or NaN for tendons with a given tension.
     tendon_EA : float
-        Stiffness E A of tendons held by length [N]; they do not stretch unless given.
+        Stiffness E A of the tendons with given lengths [N]. By default they are inextensible.
     tendon_outside : float
-        How much more of each tendon there is between its winch and the base [m], which stretches.
-        Friction in the arm is left out of how much it stretches.
+        Length of each tendon between winch and base, which also stretches [m]. The stretch ignores
+        friction in the arm.
     near : Shape
-        A shape of the same arm that the arm moves from: first the loads change in a straight line
-        to those of `scene`, then the tensions change in a straight line to `tensions`. The scene
-        of `near` is the same but for the strength of its loads; it may lack some of them, such as a
-        payload that the arm picks up in its bent shape. If the branch ends on the way, the arm
-        settles from rest (`Shape.history`). With contact both scenes have the same loads; friction
-        may differ.
+        A shape of the same arm from which the arm moves: first the loads change linearly to those
+        of `scene`, then the tensions change linearly to `tensions`. Both scenes have the same
+        effects. Their loads may differ in strength, and the scene of `near` may lack loads, such
+        as a payload that the bent arm picks up. If the branch ends on the way, the arm settles
+        from rest (`Shape.history`). With contact, both scenes have the same loads, and their
+        friction may differ.
     time_limit : float
-        How long it may take [s]; with contact 20 s for the equilibrium on a mesh in any case.
+        Time limit [s]. With contact, the equilibrium on a mesh is also limited to 20 s.
     progress : bool
-        Whether a line tells how far it is: by default after two seconds, where someone watches.
+        Whether to show a progress line. By default terminals and notebooks show one after 2 s.
 
     Raises
     ------
     InputError
-        For what is not allowed; for lengths that no shape of the arm has, or that crush it, naming
-        the tendon that is farthest from it and what is the least; for friction of an arm that
-        touches something, and comes from nowhere.
-    CollapsedError, SnapError
-        Where 1 + q reaches 0; if the arm snaps, folds or buckles before the loads are in full.
+        If an argument is not allowed; if no shape has the lengths or the lengths crush the arm
+        (the message names a tendon); with friction of contact, if an arm without history touches
+        an obstacle.
+    CollapsedError
+        If 1 + q reaches 0.
+    SnapError
+        If the arm snaps, folds or buckles before the loads act in full.
     ConvergenceError
-        If the finest mesh is not as accurate as asked; UnsettledSectionError if a cross-section
-        has no equilibrium that is found, UnsettledContactError if the arm in contact has none.
-    CompilerError, TimeLimitError
-        If `compile` is True and no compiler works; if `time_limit` is reached.
+        If the finest mesh is not accurate enough. The subclasses are UnsettledSectionError, if a
+        cross-section has no equilibrium, and UnsettledContactError, if no equilibrium with contact
+        is found.
+    CompilerError
+        If `compile` is True and no compiler works.
+    TimeLimitError
+        If the time limit is reached.
 
     Warns
     -----
     ShapeWarning
         If the arm bends sharper than its own radius, or is stretched beyond the law of its body.
-        The text is the same for all shapes; `details` of the warning has the numbers, as
-        Shape.remarks.
+        The text is the same for all shapes; `details` of the warning has the numbers, see
+        `Shape.remarks`.
     """
-    with nullcontext() if time_limit is None else limited(time_limit):
-        accuracy, machine_code = checked_accuracy(accuracy), checked_compile(compile)
-        scene = scene_of(arm, scene)
-        if scene.find(SelfContact):
-            for name, value in (("lengths", lengths), ("near", near), ("scheme", scheme)):
-                if value is not None:
-                    allowed = "none in a scene with SelfContact"
-                    raise InputError(name, "given with SelfContact", allowed)
-            shape = _on_itself(arm, tensions, scene, accuracy, machine_code)
-        else:
-            if scheme is not None:
-                check_scheme(scene, scheme)  # before maps are looked up by it: it may be a list
-            maps, begin = maps_of(arm, scene, scheme, machine_code), None
-            if near is not None:
-                kind("near", near, Shape, "a Shape of the same arm and scene, or None")
-                alike = without_friction(near.scene) == without_friction(scene)
-                if near.arm != arm or not (alike or with_loads_of(scene, near.scene)):
-                    allowed = "a shape of the same arm and scene, which may lack some of the loads"
-                    raise InputError("near", "a shape of another arm or scene", allowed)
-                begin = near.equilibrium
-            if lengths is not None:
-                held = _winches(arm, scene, tensions, lengths, tendon_EA, tendon_outside)
-                shape = _by_lengths(maps, held, accuracy, begin)
-            elif tendon_EA is not None or finite("tendon_outside", tendon_outside):
-                name = "tendon_outside" if tendon_EA is None else "tendon_EA"
-                value = tendon_outside if tendon_EA is None else tendon_EA
-                raise InputError(name, value, "none where no lengths are given")
-            else:
-                shape = _settled(maps, arm.flat(tensions), accuracy, begin)
+    with _NO_LIMIT if time_limit is None else limited(time_limit):
+        accuracy = checked_accuracy(accuracy)
+        machine_code = checked_compile(compile)
+        problem = SettlingProblem(
+            arm=arm,
+            scene=scene_of(arm, scene),
+            accuracy=accuracy,
+            machine_code=machine_code,
+            tensions=tensions,
+            lengths=lengths,
+            tendon_EA=tendon_EA,
+            tendon_outside=tendon_outside,
+            near=near,
+        )
+        shape = _solve(problem)
     if called_by_a_script():
         for text, details in ((BENT, sharp(shape)), (STRETCHED, stretched(shape))):
             if details:
@@ -193,128 +200,149 @@ def settle(
     return shape
 
 
-def _winches(arm: Arm, scene: Scene, tensions: Any, lengths: Any, EA: Any, outside: Any) -> Winches:
-    """Return what holds the tendons where lengths are given; InputError."""
-    if scene.has(PrintedStatics):
-        raise InputError("lengths", "given as printed", "tensions in a scene as printed")
-    if any(contact.friction for contact in contacts(scene)):
-        allowed = "tensions in a scene whose contacts have friction"
-        raise InputError("lengths", "given with friction of contacts", allowed)
-    winches = Winches.of(arm, tensions, lengths, EA, outside)
-    shares = np.sort(winches.lengths[winches.held] / arm.length)
-    warn_unusual("lengths", shares[shares.size // 2 :][:1].tolist(), TENDONS)
-    return winches
+def _solve(problem: SettlingProblem) -> Shape:
+    """Return the shape that solves a problem."""
+    for effect in problem.scene.effects:
+        shape = effect.settle(problem)
+        if shape is not None:
+            return shape
+    maps = forward_maps(problem.arm, problem.scene, problem.machine_code)
+    near = None if problem.near is None else _checked_near(problem)
+    if problem.lengths is not None:
+        from octoplan.model.extensions.lengths.settling import settle_lengths
+
+        return settle_lengths(problem, maps, near)
+    if problem.tendon_EA is not None:
+        raise InputError("tendon_EA", problem.tendon_EA, "none where no lengths are given")
+    if finite("tendon_outside", problem.tendon_outside):
+        given = problem.tendon_outside
+        raise InputError("tendon_outside", given, "none where no lengths are given")
+    T = problem.arm.flat(problem.tensions)
+
+    def solve(forward: ForwardMap, near: AnyEquilibrium | None, looser: float) -> AnyEquilibrium:
+        return forward.solve(T, near, looser)
+
+    return settle_on_meshes(maps, solve, problem.accuracy, near)
 
 
-def _by_lengths(
-    maps: Maps, winches: Winches, accuracy: float, near: AnyEquilibrium | None
+def _checked_near(problem: SettlingProblem) -> AnyEquilibrium:
+    """Return the equilibrium of `near`; raise InputError if it is of another arm or scene."""
+    near = problem.near
+    scene = problem.scene
+    kind("near", near, Shape, "a Shape of the same arm and scene, or None")
+    assert near is not None
+    comparable = _comparable(near.scene) == _comparable(scene) or with_loads_of(scene, near.scene)
+    if near.arm != problem.arm or not comparable:
+        allowed = "a shape of the same arm and scene, which may lack some of the loads"
+        raise InputError("near", "a shape of another arm or scene", allowed)
+    return near.equilibrium
+
+
+def _comparable(scene: Scene) -> Scene:
+    """Return a scene without the values that may differ between two shapes of a motion."""
+    return Scene(*(effect.comparable() for effect in scene.effects))
+
+
+def settle_on_meshes(
+    maps: ForwardMaps, solve: Solve, accuracy: float, near: AnyEquilibrium | None
 ) -> Shape:
-    """Return the shape by lengths; InputError names the tendon that no shape has so short."""
+    """Return the shape on the first mesh that is accurate enough.
 
-    def settled(held: Winches, accuracy: float, near: AnyEquilibrium | None = None) -> Shape:
-        given = GivenLengths(maps, held, None if near is None else near.tensions)
-        shape = _settled(maps, given, accuracy, near)
-        end = given.finished(maps.on(shape.refinement), shape.equilibrium)
-        check_stretch(end)
-        return replace(shape, equilibrium=end, winches=held)
+    Parameters
+    ----------
+    maps : ForwardMaps
+    solve : callable
+        Returns the equilibrium on the mesh of a forward map near another one, with a factor of the
+        tolerance of Newton's method.
+    accuracy : float
+        Tip error over arm length.
+    near : AnyEquilibrium or None
+        An equilibrium for the first mesh to start from.
 
-    try:
-        return settled(winches, accuracy, near)
-    except (CollapsedError, UnsettledSectionError, UnknownLeastError) as problem:
-        raise too_short(maps.arm, winches, problem, partial(settled, accuracy=_ROUGHLY)) from None
-
-
-def _on_itself(arm: Arm, tensions: Any, scene: Scene, accuracy: float, machine_code: bool) -> Shape:
-    """Return the shape of an arm that may press on itself; tensions grow from none.
-
-    All that is settled on the way is as accurate as gaps are closed.
+    Raises
+    ------
+    ConvergenceError
+        If the finest mesh is not accurate enough; and errors of `solve`.
     """
-    alone = Scene(*(effect for effect in scene.effects if not isinstance(effect, SelfContact)))
-    check_loads(arm, alone)
-
-    def at(T: Array, loaded: Scene, near: Shape | None) -> Shape:
-        alike = near is not None and is_loaded(loaded) and is_loaded(near.scene)
-        begin = near.equilibrium if near is not None and alike else None
-        return _settled(maps_of(arm, loaded, None, machine_code), T, min(accuracy, THROUGH), begin)
-
-    return pressed_on_itself(arm.flat(tensions), alone, at)
-
-
-def _settled(
-    maps: Maps, value: Array | GivenLengths, accuracy: float, near: AnyEquilibrium | None
-) -> Shape:
-    """Return the shape on the first mesh that is accurate enough."""
-    # A first mesh is as good in any scene; what it gains by refinement may be less.
-    refinement, fine = first_pair(accuracy, maps.order)
+    # The first mesh is chosen by the order of smooth solutions; refinement may gain less.
+    refinement, fine = first_pair(accuracy)
     looser = loosest(accuracy)
-    coarse, before, error, snaps = 0, list[float](), np.inf, tuple[float, ...]()
-    known, by_jumps = no_estimate(maps.least_order), no_estimate(1)
-    begun = time.process_time() if maps.contacts else 0.0
+    coarse = 0
+    before = list[float]()
+    error = np.inf
+    known = initial_estimate(maps.order)
+    known_with_jumps = initial_estimate(1)
+    snaps = tuple[float, ...]()
     snapped: SnapError | None = None
+    begun = None
     while refinement:
         check_time()
         forward = maps.on(refinement)
+        is_limited = forward.patience < math.inf
+        if is_limited and begun is None:
+            begun = time.process_time()
         try:
-            with timeout() if maps.contacts else nullcontext():
-                if isinstance(value, GivenLengths):
-                    point = value.on(forward, near)
-                else:
-                    point = forward.solve(value, near, 1.0 if coarse else looser)
+            with timeout() if is_limited else _NO_LIMIT:
+                point = solve(forward, near, 1.0 if coarse else looser)
             tip = point.poses[-1].tolist()
             if math.isnan(tip[4]):
                 check_stretch(point)
-        except (SnapError, UnsettledContactError, UnsettledSectionError) as problem:
-            # As printed strains may be no numbers where a step is too long.
-            printed = maps.scene.has(PrintedStatics)
-            in_closed_form = isinstance(problem, UnsettledSectionError) and not printed
-            slow = bool(maps.contacts) and time.process_time() - begun > PATIENCE
-            sure = isinstance(problem, SnapError) and problem.agrees(snapped)
-            if refinement >= _COARSE or in_closed_form or slow or sure:
+        except (SnapError, ConvergenceError) as problem:
+            is_section = isinstance(problem, UnsettledSectionError)
+            is_final = is_section and forward.sections_are_exact
+            is_late = begun is not None and time.process_time() - begun > forward.patience
+            is_confirmed = isinstance(problem, SnapError) and problem.agrees(snapped)
+            if refinement >= _COARSE or is_final or is_late or is_confirmed:
                 raise
             snapped = problem if isinstance(problem, SnapError) else None
-            # Nor does a coarser one that did bear the loads tell how accurate a finer one is.
-            coarse, fine, error = 0, 0, np.inf
-            refinement = next_refinement(refinement, error, accuracy, maps.order)
+            # An equilibrium on a coarser mesh is no evidence for the error of a finer one.
+            coarse = 0
+            fine = 0
+            error = np.inf
+            refinement = next_refinement(refinement, error, accuracy, ORDER)
             continue
-        if isinstance(point, ContactEquilibrium):
-            begun, snaps = time.process_time(), snaps + point.snaps
+        begun = None
+        snaps += point.snaps
         near = point
         if coarse:
-            turned = 2 * maps.lever * math.dist(tip[:4], before[:4])
-            gap = max(math.dist(tip[4:], before[4:]), turned) / maps.arm.length
-            pair = coarse, refinement
-            error, known = larger_estimate(known, gap, *pair, maps.least_order, maps.rounding)
-            jumpy, by_jumps = larger_estimate(by_jumps, gap, *pair, 1, maps.rounding)
-            if isinstance(point, Equilibrium) and point.jump is not None:
-                error = jumpy
-                if by_jumps * refinement > accuracy * FINEST:
+            rotation = 2 * maps.lever * math.dist(tip[:4], before[:4])
+            gap = max(math.dist(tip[4:], before[4:]), rotation) / maps.arm.length
+            rounding = forward.rounding
+            error, known = updated_estimate(known, gap, coarse, refinement, maps.order, rounding)
+            error_with_jumps, known_with_jumps = updated_estimate(
+                known_with_jumps, gap, coarse, refinement, 1, rounding
+            )
+            if point.jump is not None:
+                error = error_with_jumps
+                if known_with_jumps * refinement > accuracy * FINEST:
                     check_stretch(point)
-                    raise ConvergenceError(accuracy, by_jumps, SMOOTHER.format(point.jump))
-            LOG.debug("%s, mesh %d: estimated tip error %.1e of L", maps.scheme, refinement, error)
+                    raise ConvergenceError(accuracy, known_with_jumps, SMOOTHER.format(point.jump))
+            LOG.debug("mesh %d: estimated tip error %.1e of L", refinement, error)
             if error <= accuracy:
                 check_stretch(point)
                 shape = Shape(maps.arm, maps.scene, float(error), point, refinement, snaps=snaps)
                 if point.extremes.bend <= 1 or shape.folded is None:
                     return shape
-                # Strains jump along the arm.
-                error = jumpy
+                # The strains of a folded arm jump along the arm.
+                error = error_with_jumps
                 if error <= accuracy:
                     return replace(shape, error=float(error))
-        before, coarse = tip, refinement
+        before = tip
+        coarse = refinement
         refinement = max(fine, refinement)
         if refinement == coarse:
-            refinement = next_refinement(coarse, error, accuracy, maps.least_order)
+            refinement = next_refinement(coarse, error, accuracy, maps.order)
     check_stretch(point)
     raise ConvergenceError(accuracy, error, COARSE)
 
 
 def loosest(accuracy: float) -> float:
-    """Return how many times larger last steps on a first mesh may be, which is only near."""
+    """Return the factor of Newton's tolerance on a first mesh, whose result is approximate."""
     return min(max(10 * accuracy / SETTLED, 1.0), ROUGHEST)
 
 
 def scene_of(arm: Arm, scene: Scene | None) -> Scene:
-    """Return the scene, the bare one for None; refuse what is not an arm or a scene."""
+    """Return the scene, `Scene()` for None; raise InputError for other types of arm or scene."""
     kind("arm", arm, Arm, "an Arm, such as Arm.from_paper(...)")
     scene = Scene() if scene is None else scene
     kind("scene", scene, Scene, "a Scene, such as Scene()")
@@ -322,7 +350,7 @@ def scene_of(arm: Arm, scene: Scene | None) -> Scene:
 
 
 def checked_scene(arm: Arm, scene: Scene | None, contact: bool = False) -> Scene:
-    """Return the scene, as scene_of; refuse loads that the arm cannot have, see check_loads."""
+    """Return the scene; raise InputError for loads that the arm cannot have, see check_loads."""
     scene = scene_of(arm, scene)
     check_loads(arm, scene, contact)
     return scene

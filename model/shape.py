@@ -1,27 +1,23 @@
-"""A settled shape: numbers, and what can be read off them anywhere along the arm."""
+"""A settled shape: its equilibrium, evaluated anywhere along the arm."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.centreline import Centreline
 from octoplan.model.cross_section import cross_section_of
 from octoplan.model.cross_section.sections import Sections, strains_of
-from octoplan.model.effects import ExactTendons, NeoHookean
+from octoplan.model.effects.sections import ExactTendons, NeoHookean
 from octoplan.model.equilibrium.integration import sliding_tensions
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, History
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.equilibrium.stability import stability
-from octoplan.model.extensions.clearance.nearest import from_itself
-from octoplan.model.extensions.contact.path import ContactEquilibrium
-from octoplan.model.extensions.contact.touches import ContactPoint, touches_of
-from octoplan.model.forward import by_collocation
+from octoplan.model.forward import collocation_map
 from octoplan.model.loads import check_responses, is_loaded
 from octoplan.model.mesh import Mesh
 from octoplan.model.paths import SAME, Array, Mask
@@ -31,36 +27,47 @@ from octoplan.model.scene import Scene
 from octoplan.model.support.checks import arc_lengths, finite_array
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.text import HtmlRepr, plotted, shape_text, tendon_table
-from octoplan.model.winches import Winches, pulls, rest_lengths, unfelt
+from octoplan.model.tendons import is_taut, rest_lengths
 
-# What is left of a tendon, over the arm's length, from which on it is slack.
-_LEFT = 1e-10
-# From what part on in a combination of tensions that lengths do not feel a tendon is one of it:
-# above rounding, as tensions of the others do not stay where such a combination changes.
-_PART = 1e-6
+if TYPE_CHECKING:
+    from octoplan.model.centreline import Centreline
+    from octoplan.model.extensions.contact.touches import ContactPoint
+    from octoplan.model.extensions.lengths.winches import Winches
+
+# Smallest slack length of a slack tendon with a given length, over the arm's length.
+_SLACK_LENGTH = 1e-10
+# Smallest component of a tendon in an undetermined combination of tensions. Above rounding, because
+# the other tensions change slightly with the combination.
+_UNDETERMINED = 1e-6
+# Largest depth by which parts of the arm penetrate each other in contact, over the arm's length.
+_PENETRATION = 1e-6
+# Stretch beyond which a linear law describes no material.
+LINEAR_STRETCH = 2.0
+# Stretch beyond which a neo-Hookean law describes no rubber, which then stiffens.
+RUBBER_STRETCH = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class Shape(HtmlRepr):
-    """The shape that an arm takes under given tensions.
+    """The shape of an arm in static equilibrium.
 
     Attributes
     ----------
-    arm, scene
-        What was settled.
+    arm : Arm
+    scene : Scene
     error : float
         Estimated tip error over arm length [-].
     equilibrium : AnyEquilibrium
-        The equations and their solution on the mesh that is accurate enough: what is read off.
+        The equations and their solution on the mesh that is accurate enough.
     refinement : int
-        Of that mesh.
+        Refinement of this mesh.
     winches : Winches or None
-        What held the tendons, if lengths were given.
+        The winches of the tendons, if lengths were given.
     snaps : tuple of float
-        With contact, at which shares of tensions and loads the arm jumped on its way from rest.
-    on_itself : tuple of ContactPoint
-        Where the arm presses on itself: two of each pair of places, from base to tip. The shape is
-        that of the scene with these forces as point loads; so is its stability.
+        With contact, fractions of tensions and loads at which the arm jumped on its way from rest.
+    self_contacts : tuple of ContactPoint
+        Points at which the arm presses on itself, in pairs, from base to tip. The shape and its
+        stability are those of the scene with these forces as point loads.
     """
 
     arm: Arm
@@ -70,32 +77,32 @@ class Shape(HtmlRepr):
     refinement: int
     winches: Winches | None = None
     snaps: tuple[float, ...] = ()
-    on_itself: tuple[ContactPoint, ...] = ()
+    self_contacts: tuple[ContactPoint, ...] = ()
 
     @property
     def tensions(self) -> Array:
-        """The tensions (n_tendons,) [N], tendon order."""
+        """The tensions (n_tendons,) [N] in tendon order."""
         return self.equilibrium.tensions
 
     @property
     def history(self) -> History:
-        """The order in which loads and tensions acted: see docs/theory.rst.
+        """The order in which loads and tensions acted; see docs/theory.rst.
 
-        "loads first": the loads acted, then the tendons were pulled in proportion. "tensions
-        first": the arm does not bear its loads without tension. "near": the tensions changed from
-        those of another shape. "together": loads and tensions grew in proportion, with contact.
+        "loads first": the loads acted, then the tensions grew in proportion. "tensions first": the
+        arm does not bear its loads without tension. "near": the tensions changed from those of
+        another shape. "together": loads and tensions grew in proportion, with contact.
         """
         point = self.known
         return "loads first" if point is None else point.history
 
     @property
     def scheme(self) -> str:
-        """The integrator that was used."""
+        """The name of the integrator."""
         return self.equilibrium.scheme
 
     @property
     def machine_code(self) -> bool:
-        """Whether compiled kernels settled it; what is read off it is found by them too."""
+        """Whether compiled kernels settled the arm; results at further places use them too."""
         return self.equilibrium.machine_code
 
     @property
@@ -104,50 +111,49 @@ class Shape(HtmlRepr):
         return self.equilibrium.poses
 
     @property
-    def left(self) -> Array | None:
-        """What is left of tendons held by length beyond their paths (n_tendons,), else nan [m].
+    def slack_lengths(self) -> Array | None:
+        """The slack lengths of tendons with given lengths (n_tendons,), otherwise NaN [m].
 
         None if no lengths were given.
         """
         if self.winches is None:
             return None
-        left = self.winches.slack_lengths(self.tendon_lengths, self.tensions)
-        return np.where(self.winches.held, left, np.nan)
+        slack = self.winches.slack_lengths(self.tendon_lengths, self.tensions)
+        return np.where(self.winches.held, slack, np.nan)
 
     @property
     def slack(self) -> Mask:
-        """Whether each tendon is slack (n_sections, n), or (n_tendons,) where sections differ.
+        """Whether each tendon is slack (n_sections, n), or (n_tendons,) if sections differ.
 
-        One held by length that does not pull and has some of it left; one held by tension that does
-        not pull. What pulls is decided by octoplan.model.winches.pulls.
+        A tendon is slack if it is not taut, see octoplan.model.tendons.is_taut. A tendon with a
+        given length also needs a slack length.
         """
-        none = ~pulls(self.arm, self.tensions)
-        if self.left is not None:
-            none &= ~(self.left <= _LEFT * self.arm.length)
+        none = ~is_taut(self.arm, self.tensions)
+        if self.slack_lengths is not None:
+            none &= ~(self.slack_lengths <= _SLACK_LENGTH * self.arm.length)
         return self.arm.by_section(none.astype(float)) > 0
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """Names of the tendons that may pull otherwise while the lengths are the same; see settle.
+        """Names of the tendons whose tensions the given lengths do not determine; see settle.
 
-        Such as two against each other where neither bends nor shortens the arm. Empty where no
-        lengths were given.
+        An example is two antagonists that neither bend nor shorten the arm. Empty if no lengths
+        were given.
         """
         if self.winches is None:
             return ()
         taut = np.flatnonzero(self.winches.held & ~self.slack.ravel())
-        result = self.equilibrium.length_tension[np.ix_(taut, taut)]
-        idle = unfelt(np.diag(self.winches.stretch[taut]) - result)
-        return tuple(
-            self.arm.tendon_name(int(j)) for j in taut[np.abs(idle).max(axis=0, initial=0) > _PART]
-        )
+        response = self.equilibrium.length_tension[np.ix_(taut, taut)]
+        idle = self.winches.undetermined_tensions(taut, response)
+        is_part = np.abs(idle).max(axis=0, initial=0) > _UNDETERMINED
+        return tuple(self.arm.tendon_name(int(j)) for j in taut[is_part])
 
     @property
     def folded(self) -> float | None:
-        """Where from the base a tendon has no length left [m], None where all have some.
+        """The first arc length at which a tendon has no length left [m], otherwise None.
 
-        An arm does not bend so far: its body would be folded into itself. Exact tendons settle
-        there without loads; with loads such tensions are refused.
+        No arm bends so far: its body would fold into itself. Without loads, an arm with exact
+        tendons settles in this state; under loads, settle raises an error.
         """
         if is_loaded(self.scene) or not self.scene.has(ExactTendons):
             return None
@@ -157,34 +163,33 @@ class Shape(HtmlRepr):
 
     @property
     def lengths(self) -> Array:
-        """Tendon lengths [m], a row a section as `Plan.lengths`, flat where sections differ."""
+        """Tendon lengths [m], a row per section as in `Plan.lengths`; flat if sections differ."""
         return self.arm.by_section(self.tendon_lengths)
 
     @cached_property
     def remarks(self) -> tuple[str, ...]:
-        """The reasons not to believe the shape, a sentence each.
+        """The reasons not to trust the shape, one sentence each.
 
-        The arm passes through itself, bends sharper than its own radius, is stretched beyond the
-        law of its body, or a tendon has no length left: the equations know no body. `settle` warns
-        of sharp bends and of such stretch. With friction of contacts, `error` leaves out how long
-        the load steps were.
+        Reasons are: the arm passes through itself, bends sharper than its own radius, is stretched
+        beyond the law of its body, or a tendon has no length left. The equations do not exclude
+        these states. `settle` warns of sharp bends and of stretch. With friction of contact,
+        `error` ignores the length of the load steps.
         """
-        folded = self.folded is not None and (
-            f"no arm bends so far: at s = {self.folded:.6g} m a tendon has no length left; "
-            "lower the tensions that cross it"
-        )
+        from octoplan.model.extensions.clearance.nearest import from_itself
+        from octoplan.model.extensions.contact.points import step_remark
+
+        folded = ""
+        if self.folded is not None:
+            folded = (
+                f"no arm bends so far: at s = {self.folded:.6g} m a tendon has no length left; "
+                "lower the tensions that cross it"
+            )
+        crosses = ""
         gap = from_itself(self)
-        crosses = gap.gap < -_TOUCHES * self.arm.length and (
-            f"{gap}; SelfContact among the effects keeps its parts apart"
-        )
-        point = self.equilibrium
-        rubs = isinstance(point, ContactEquilibrium) and point.before is not None and self.contacts
-        led = rubs and (
-            "friction of contacts acts against load steps: more of them may move the tip by some "
-            "thousandths of the length, which is no part of its error; settle shapes in between, "
-            "each near the one before"
-        )
-        return tuple(each for each in (sharp(self), stretched(self), crosses, folded, led) if each)
+        if gap.gap < -_PENETRATION * self.arm.length:
+            crosses = f"{gap}; SelfContact among the effects keeps its parts apart"
+        remarks = (sharp(self), stretched(self), crosses, folded, step_remark(self))
+        return tuple(remark for remark in remarks if remark)
 
     @property
     def tip(self) -> Array:
@@ -198,7 +203,7 @@ class Shape(HtmlRepr):
 
     @property
     def s(self) -> Array:
-        """Arc lengths of the mesh's nodes (S + 1,) [m]."""
+        """Arc lengths of the nodes of the mesh (S + 1,) [m]."""
         return self.equilibrium.mesh.s.copy()
 
     def position(self, s: Any) -> Array:
@@ -216,32 +221,34 @@ class Shape(HtmlRepr):
     def strain(self, s: Any) -> Array:
         """Return strains (tau, xi, k, q), (4,) or (N, 4), at arc length s [m].
 
-        Curvatures are about t, n, b per unit deformed length [1/m], q is the longitudinal strain
-        [-]; at an anchorage, those on its base side (the paper's half-open domains).
+        Curvatures are about t, n, b per unit deformed length [1/m], and q is the longitudinal
+        strain [-]. At an anchorage the strains are those on the base side, as in the paper's
+        half-open domains.
         """
         return self.strains(s)[..., :4]
 
     def __repr__(self) -> str:
-        tendons_by_section, lengths = self.arm.tendons_by_section, 1e3 * self.tendon_lengths
+        tendons_by_section = self.arm.tendons_by_section
         tables = [
             tendon_table("tensions [N]", tendons_by_section, self.tensions),
-            tendon_table("tendon lengths [mm]", tendons_by_section, lengths),
+            tendon_table("tendon lengths [mm]", tendons_by_section, 1e3 * self.tendon_lengths),
         ]
         return shape_text(tables, self.tip, self.tip_frame, self.error, self.remarks)
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the arm in 3-D; returns a new Figure, or the 3-D axes if given. See plot_shape."""
+        """Draw the arm in 3-D. Return a new Figure, or the given 3-D axes. See plot_shape."""
         return plotted(self, ax)
 
     def centreline(self, at: Sequence[float] = ()) -> Centreline:
-        """Return the midline by elements of its mesh, with arc lengths `at` among the nodes."""
+        """Return the centreline on the elements of the mesh, with further nodes `at` [m]."""
+        from octoplan.model.centreline import Centreline
+
         s = np.sort(np.append(self.s, arc_lengths(at)))
         s = s[np.append(True, np.diff(s) > SAME * self.arm.length)]
         inside = s[:-1, None] + np.diff(s)[:, None] * gauss(STAGES).c
-        rows = self.strains(inside.ravel())
         law = cross_section_of(self.scene, self.arm.is_curved)
-        v, poses = strains_of(law, rows), self.poses(s)
-        return Centreline.at_strains(self.arm, self.scene, s, poses, law, v)
+        v = strains_of(law, self.strains(inside.ravel()))
+        return Centreline.at_strains(self.arm, self.scene, s, self.poses(s), law, v)
 
     def strains(self, s: Any) -> Array:
         """Return tau, xi, k, q, and nu_n, nu_b with shear, (N, 4 or 6), at arc length s [m]."""
@@ -250,73 +257,81 @@ class Shape(HtmlRepr):
     def tension(self, s: float) -> Array:
         """Return the tension of each tendon (n_tendons,) at arc length s, 0 beyond its end [N].
 
-        With friction it falls along the arm; at an anchorage it is that on the base side.
+        With friction, tensions vary along the arm. At an anchorage the tensions are those on the
+        base side.
         """
         place = finite_array("s", self._places(s), (1,))
         ends = np.array([self.arm.sections[i].at for i, _ in self.arm.tendons])
-        values, tendons = self.tensions * (ends >= place), np.flatnonzero(ends >= place)
-        if (point := self.known) is not None:
+        values = self.tensions * (ends >= place)
+        tendons = np.flatnonzero(ends >= place)
+        point = self.known
+        if point is not None:
             first = np.zeros(tendons.size, dtype=int)
             values[tendons] = sliding_tensions(point.system, point.x, place, first, tendons)
         return values
 
     @property
     def tendon_lengths(self) -> Array:
-        """Length of each tendon from base to anchorage (n_tendons,) [m], tendon order.
+        """Length of each tendon from base to anchorage (n_tendons,) [m] in tendon order.
 
-        By collocation that of the stages, to which settles by lengths hold the tendons; otherwise
-        the integral of ``|du_c/ds|`` by Gauss quadrature.
+        With collocation, the lengths are integrals over the stages, which given lengths constrain.
+        Otherwise they are the integrals of ``|du_c/ds|`` by Gauss quadrature.
         """
         return self.equilibrium.lengths
 
     @cached_property
     def stability(self) -> float:
-        """The least eigenvalue of the scaled Hessian of its energy; below 0 it is unstable.
+        """The least eigenvalue of the scaled Hessian of the energy; below 0 the arm is unstable.
 
-        1 at rest without loads; see octoplan.model.equilibrium.stability. Raises InputError as
-        printed, where there is no energy.
+        The value is 1 at rest without loads; see octoplan.model.equilibrium.stability. Raises
+        InputError in a scene as printed, which has no energy.
         """
         check_responses(self.scene)
         point = self.known
         if point is None or not point.system.layout.form.loaded:
-            mesh = STAGES, self.refinement, (), True, self.machine_code
-            point = by_collocation(self.arm, self.scene, *mesh).solve(self.tensions)
+            equations = collocation_map(
+                self.arm,
+                self.scene,
+                self.refinement,
+                machine_code=self.machine_code,
+                moments=True,
+            )
+            point = equations.solve(self.tensions)
         return stability(point)
 
     @property
     def contacts(self) -> tuple[ContactPoint, ...]:
-        """What it leans on, from base to tip: obstacle, s [m], force (3,) [N] on it, gap [m]."""
-        point = self.equilibrium
-        if not (isinstance(point, Equilibrium) and point.system.layout.form.contacts):
-            return self.on_itself
-        return touches_of(point, point.before if isinstance(point, ContactEquilibrium) else None)
+        """The contact points from base to tip: obstacle, s [m], force (3,) on the arm [N], ..."""
+        from octoplan.model.extensions.contact.points import contact_points
+
+        return contact_points(self)
 
     @property
     def known(self) -> Equilibrium | None:
-        """The equations by collocation and their solution, for other meshes to begin with."""
+        """The equations by collocation and their solution, for other meshes to start from."""
         return self.equilibrium if isinstance(self.equilibrium, Equilibrium) else None
 
     def _places(self, s: Any) -> Array:
-        """Return arc lengths of the arm (N,) [m] of a scalar or (N,); InputError for others."""
-        places, L = arc_lengths(s), self.arm.length
+        """Return arc lengths of the arm (N,) [m] of a scalar or (N,); raise InputError."""
+        places = arc_lengths(s)
+        L = self.arm.length
         if places.size and (places.min() < 0 or places.max() > L * (1 + 1e-12)):
             raise InputError("s", s, f"arc lengths from 0 to {L:g} m")
         return np.minimum(places, L)
 
-    def _at(self, s: Any, read: Callable[[Array], Array], at_nodes: Array | None = None) -> Array:
-        """Return what is read at s, a scalar or (N,); where all of s are nodes, what is known."""
-        places, nodes = self._places(s), self.equilibrium.mesh.s
+    def _at(
+        self, s: Any, evaluate: Callable[[Array], Array], at_nodes: Array | None = None
+    ) -> Array:
+        """Return values at s, a scalar or (N,); those `at_nodes` if every s is a node."""
+        places = self._places(s)
+        nodes = self.equilibrium.mesh.s
         near = np.minimum(np.searchsorted(nodes, places), nodes.size - 1)
         values = np.zeros((0, 4))
         if at_nodes is not None and np.array_equal(nodes[near], places):
             values = at_nodes[near]
         elif places.size:
-            values = read(places)
+            values = evaluate(places)
         return np.asarray(values[0] if np.ndim(s) == 0 else values)
-
-
-# How deep parts may be in each other, over the arm's length: what contact of them leaves.
-_TOUCHES = 1e-6
 
 
 def at_ends(arm: Arm, scene: Scene, mesh: Mesh) -> Sections:
@@ -327,38 +342,40 @@ def at_ends(arm: Arm, scene: Scene, mesh: Mesh) -> Sections:
 
 
 def sharp(shape: Shape) -> str:
-    """Return where the body bends by less than its own radius, and what that takes of tendons.
+    """Return a remark if the arm bends sharper than its own radius, otherwise "".
 
-    Its inner side would have no length left. Empty where it does not, at the places of the mesh.
+    The inner side of the body would have no length left. The remark names the tendon with the
+    largest elongation.
     """
-    arm, (_, _, s, radius, bend, _, _) = shape.arm, shape.equilibrium.extremes
-    if not bend >= 1:
+    arm = shape.arm
+    extremes = shape.equilibrium.extremes
+    if not extremes.bend >= 1:
         return ""
-    lengths, rest = shape.tendon_lengths, rest_lengths(arm)
+    lengths = shape.tendon_lengths
+    rest = rest_lengths(arm)
     j = int(np.argmax(lengths - rest))
-    longer = (
-        f", and tendon {arm.tendon_name(j)} would have to be {1e3 * lengths[j]:.4g} mm long, "
-        f"{1e3 * rest[j]:.4g} mm at rest"
-    )
+    longer = ""
+    if lengths[j] > rest[j]:
+        longer = (
+            f", and tendon {arm.tendon_name(j)} would have to be {1e3 * lengths[j]:.4g} mm long, "
+            f"{1e3 * rest[j]:.4g} mm at rest"
+        )
+    bend_radius = 1e3 * extremes.radius / extremes.bend
     return (
-        f"the arm bends sharper than its own radius: by a radius of {1e3 * radius / bend:.3g} mm "
-        f"at s = {s:.6g} m, where its body has one of {1e3 * radius:.3g} mm"
-        f"{longer * bool(lengths[j] > rest[j])}; lower the tensions or the loads"
+        f"the arm bends sharper than its own radius: by a radius of {bend_radius:.3g} mm at "
+        f"s = {extremes.bent_at:.6g} m, where its body has one of {1e3 * extremes.radius:.3g} mm"
+        f"{longer}; lower the tensions or the loads"
     )
-
-
-# Stretch from which on the law of the body is no description of a material: a linear law of small
-# strains, and a neo-Hookean one of rubber before it stiffens.
-MOST_STRETCH, MOST_RUBBER_STRETCH = 2.0, 3.0
 
 
 def stretched(shape: Shape) -> str:
-    """Return where the arm is stretched beyond the law of its body; empty if it is not."""
-    most = MOST_RUBBER_STRETCH if shape.scene.has(NeoHookean) else MOST_STRETCH
+    """Return a remark if the arm is stretched beyond the law of its body, otherwise ""."""
+    is_rubber = shape.scene.has(NeoHookean)
+    most = RUBBER_STRETCH if is_rubber else LINEAR_STRETCH
     extremes = shape.equilibrium.extremes
     if not extremes.longest >= most:
         return ""
-    law = "neo-Hookean" if shape.scene.has(NeoHookean) else "linear"
+    law = "neo-Hookean" if is_rubber else "linear"
     return (
         f"the arm is stretched to {extremes.longest:.3g} times its length at "
         f"s = {extremes.long_at:.6g} m, where its {law} law holds up to {most:g} times; "

@@ -29,12 +29,14 @@ from octoplan.model.support.errors import InputError, SingularError
 from octoplan.model.support.machine.compiled import Compile
 from octoplan.model.support.progress import limited
 from octoplan.model.support.text import HtmlRepr, columns, tendon_table
+from octoplan.model.tendons import checked_EA, is_taut
 from octoplan.model.unloaded.closed_form import ClosedForm
 from octoplan.model.unloaded.march_derivative import MarchDerivative
-from octoplan.model.unloaded.marched import Marched
-from octoplan.model.winches import RANK_TOL, checked_EA, pulls
+from octoplan.model.unloaded.marched import ExplicitMap, Marched
 
 Hold = Literal["tension", "length"]
+# Smallest relative singular value of the lengths by the tensions that counts as determined.
+_RANK_TOL = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +111,7 @@ class Stiffness(HtmlRepr):
     @property
     def pose_length(self) -> Array:
         """Displacement and rotation (6, n_tendons) per metre of each tendon paid out [-, rad/m]."""
-        return np.asarray(self.pose_tension @ np.linalg.pinv(self.length_tension, RANK_TOL))
+        return np.asarray(self.pose_tension @ np.linalg.pinv(self.length_tension, _RANK_TOL))
 
     def section(self, s: Any) -> Array:
         """Flexural stiffness of the section about n and b (2,) or (N, 2) at s [N m2].
@@ -232,7 +234,7 @@ def stiffness(
             held["tendon_EA"] = tendon_EA
         shape = settle(arm, tensions, scene, accuracy, **held)
         point, mesh, error = compliance_of(shape, place, accuracy)
-        pulling = pulls(arm, shape.tensions)
+        pulling = is_taut(arm, shape.tensions)
         slack = tuple(arm.tendon_name(int(j)) for j in np.flatnonzero(~pulling))
         locked = np.flatnonzero((pulling | (not release)) & (hold == "length"))
         if hold == "length" and shape.winches is not None:
@@ -281,15 +283,21 @@ def tip_jacobian(
     assert isinstance(point, Marched)
     if isinstance(point.march, ClosedForm):
         return MarchDerivative(point, point.mesh.steps).pose_tension
-    function = tip_jacobian_function(arm, scene, point.scheme, shape.refinement)
+    function = tip_jacobian_function(arm, scene, shape.refinement)
     return np.array(function(shape.tensions))
 
 
 @lru_cache(maxsize=64)
-def tip_jacobian_function(arm: Arm, scene: Scene, scheme: str, refinement: int) -> ca.Function:
+def tip_jacobian_function(arm: Arm, scene: Scene, refinement: int) -> ca.Function:
+    """Return jacobian_function of the forward map on the mesh of a refinement."""
+    return jacobian_function(explicit_map(arm, scene, refinement))
+
+
+def jacobian_function(forward: ExplicitMap) -> ca.Function:
     """Return tensions (n,) -> displacement [m/N] and rotation [rad/N] of the tip (6, n)."""
+    arm = forward.arm
     T = ca.MX.sym("T", arm.n_tendons)
-    pose = explicit_map(arm, scene, scheme, refinement).function(T)[0][:, -1]
+    pose = forward.function(T)[0][:, -1]
     jacobian = ca.densify(ca.jacobian(pose, T))
     q, change = ca.SX.sym("q", 4), ca.SX.sym("change", 4)
     rotation = 2 * multiply(change, conjugate(q) / ca.sumsqr(q))[1:]

@@ -24,7 +24,7 @@ from octoplan.model.equilibrium.verification import verified
 from octoplan.model.extensions.clearance import KINDS, Clearance, clearances
 from octoplan.model.extensions.contact.effects import bodies_of, contacts
 from octoplan.model.extensions.obstacles import distances
-from octoplan.model.forward import by_collocation
+from octoplan.model.forward import collocation_map
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.rod.system import system
@@ -324,8 +324,8 @@ def _integrated(
     meshes = {shape.refinement} if touching else {coarser, shape.refinement}
     scale = np.repeat([1.0, arm.length], [4, 3])
     for mesh in sorted(meshes):
-        form = (STAGES, mesh, stations, is_loaded(scene), shape.machine_code)
-        equilibrium = by_collocation(arm, scene, *form).solve(shape.tensions, shape.known)
+        forward = collocation_map(arm, scene, mesh, stations, shape.machine_code)
+        equilibrium = forward.solve(shape.tensions, shape.known)
         check, error = verified(equilibrium, accuracy)
         system, poses = check.system, check.poses
         gap = np.abs(poses[-1] - shape.poses(arm.length)) / scale

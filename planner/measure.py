@@ -10,7 +10,7 @@ from octoplan.model.arm import Arm
 from octoplan.model.compliance import length_response
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
-from octoplan.model.winches import pulls, rest_lengths
+from octoplan.model.tendons import is_taut, rest_lengths
 from octoplan.planner.program.terms import Targets
 from octoplan.planner.targets.stiffness import MinimumStiffness
 
@@ -21,7 +21,7 @@ def remark_on_slack(targets: Targets, shape: Shape) -> str:
     A sentence that begins with a space; empty without such targets, or where all tendons pull.
     """
     arm = targets.arm
-    slack = [arm.tendon_name(int(j)) for j in np.flatnonzero(~pulls(arm, shape.tensions))]
+    slack = [arm.tendon_name(int(j)) for j in np.flatnonzero(~is_taut(arm, shape.tensions))]
     if not slack or all(request.hold == "tension" for request in targets.requests):
         return ""
     asking = [target for target in targets.each if target.compliance_request()]

@@ -31,7 +31,7 @@ from scipy.spatial.transform import Rotation
 from octoplan.model import Anchorage, Arm, Linear, Material, OctoplanError, Scene, Shape, settle
 from octoplan.model.effects import ExactTendons, Extension, TipLoad
 from octoplan.model.paths import Array
-from octoplan.model.winches import rest_lengths
+from octoplan.model.tendons import rest_lengths
 from octoplan.planner import plan
 from octoplan.planner.targets import TipPosition
 from studies.reporting import asked

@@ -61,7 +61,6 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
-from octoplan.model.forward import schemes_of
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.planner import NlpOptions, Plan, plan
@@ -71,6 +70,7 @@ from octoplan.planner.solve.search import attempt
 from octoplan.planner.targets import Target, TipPose, TipPosition
 from studies import draws
 from studies.draws import ARM, MAXIMUM, READ, off
+from studies.reference import reference_shape
 from studies.reporting import asked, keep_finished
 
 _NEAR, _WRONG, _SHIFT = 1e-6, 3e-6, 0.1
@@ -154,8 +154,7 @@ def run(job: tuple[int, int, int, Sequence[str]]) -> Case:
         return Case(**case, outcome=f"{type(problem).__name__}: {problem}")
     seconds = time.process_time() - begin
     try:
-        scheme = None if is_loaded(scene) else schemes_of(scene)[1]
-        error = off(settle(ARM, result.tensions, scene, 1e-9, scheme), target)
+        error = off(reference_shape(ARM, result.tensions, scene, 1e-9), target)
     except OctoplanError:
         error = np.inf
     near = max(result.certificate.soft_residual.values(), default=0.0) <= _NEAR

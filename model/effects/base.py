@@ -9,7 +9,10 @@ from octoplan.model.support.value import value
 
 if TYPE_CHECKING:
     from octoplan.model.arm import Arm
+    from octoplan.model.forward import ForwardMap
     from octoplan.model.scene import Scene
+    from octoplan.model.settle import SettlingProblem
+    from octoplan.model.shape import Shape
 
 # Names of other effects, each with the reason why an effect needs or excludes this effect.
 Rules = tuple[tuple[str, str], ...]
@@ -75,6 +78,19 @@ class Effect:
 
     def check_responses(self) -> None:
         """Raise InputError if the response of the arm to loads is undefined with this effect."""
+
+    def forward_map(
+        self, arm: Arm, scene: Scene, refinement: int, at: tuple[float, ...], machine_code: bool
+    ) -> ForwardMap | None:
+        """Return the forward map of a scene with this effect; None for a map of the model core.
+
+        See octoplan.model.forward.forward_map for the parameters.
+        """
+        return None
+
+    def settle(self, problem: SettlingProblem) -> Shape | None:
+        """Return the shape of a scene with this effect; None to solve the equilibrium directly."""
+        return None
 
 
 SUCH[Effect] = "an effect such as Extension()"

@@ -194,6 +194,11 @@ class Equilibrium:
         return float(at.s[jumps.argmax()]) if jumps.max(initial=0.0) > JUMP else None
 
     @property
+    def snaps(self) -> tuple[float, ...]:
+        """The load factors at which the arm jumped on its way; none without contact."""
+        return ()
+
+    @property
     def scheme(self) -> str:
         """The name of the scheme."""
         return f"gauss{2 * self.system.layout.form.stages}"

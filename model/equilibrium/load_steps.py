@@ -8,10 +8,11 @@ one equilibrium at most, allow the shortest way. Many sets of tensions are follo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -151,6 +152,13 @@ class Collocation:
     ----------
     system : DiscreteRod
     """
+
+    # Error of the tip that Newton's method leaves by rounding, over the arm's length.
+    rounding: ClassVar[float] = 5e-13
+    # Processor time that the equilibrium on a mesh may take [s].
+    patience: ClassVar[float] = math.inf
+    # Whether a cross-section without an equilibrium has none on a finer mesh either.
+    sections_are_exact: ClassVar[bool] = True
 
     def __init__(self, system: DiscreteRod) -> None:
         self.system, self.mesh, self._loaded = system, system.mesh, is_loaded(system.scene)

@@ -17,15 +17,15 @@ from octoplan.model.cross_section.sections import LEAST_STRETCH
 from octoplan.model.effects import ExactTendons
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
-from octoplan.model.extensions.contact.effects import SelfContact, without_self_contact
+from octoplan.model.extensions.contact.effects import Contact, SelfContact, without_self_contact
 from octoplan.model.forward import (
-    Maps,
+    ForwardMaps,
     checked_accuracy,
     first_pair,
-    larger_estimate,
-    maps_of,
+    forward_maps,
+    initial_estimate,
     next_refinement,
-    no_estimate,
+    updated_estimate,
 )
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
@@ -39,7 +39,7 @@ from octoplan.model.support.machine.compiled import Compile, checked_compile
 from octoplan.model.support.progress import OutOfTime, check_time
 from octoplan.model.support.progress import time_limit as limit_time
 from octoplan.model.support.text import MOST_LINES, columns, counted, shortened_lines
-from octoplan.model.winches import pulls
+from octoplan.model.tendons import is_taut
 
 LOG = logging.getLogger(__name__)
 Errors = Literal["raise", "nan"]
@@ -90,7 +90,7 @@ class Shapes:
 
 
 def _settle_together(
-    maps: Maps, T: Array, accuracy: float, seconds: float | None
+    maps: ForwardMaps, T: Array, accuracy: float, seconds: float | None
 ) -> tuple[Array, Array]:
     """Return the poses (M, 7) of tips under tensions (M, n_tendons), and errors (M,).
 
@@ -120,16 +120,16 @@ def _settle_together(
     return poses, errors
 
 
-def _side_by_side(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
+def _side_by_side(maps: ForwardMaps, T: Array, accuracy: float) -> tuple[Array, Array]:
     """Return the poses (M, 7) of tips under tensions (M, n_tendons), and errors (M,).
 
     Only sets that a mesh does not settle go on to a finer one, each by meshes of its own. Errors
     are NaN for sets that `settle` has to solve: those without an equilibrium on one of their
     meshes, crushed, folded, or slow to converge.
     """
-    coarse, fine = first_pair(accuracy, maps.order)
+    coarse, fine = first_pair(accuracy)
     poses, errors = np.zeros((len(T), 7)), np.full(len(T), np.nan)
-    estimates, last = np.full(len(T), no_estimate(maps.least_order)), np.zeros(len(T), int)
+    estimates, last = np.full(len(T), initial_estimate(maps.order)), np.zeros(len(T), int)
     wanted = np.full(len(T), coarse)
     near: list[Equilibrium | None] = [None] * len(T)
     while wanted.any():
@@ -152,10 +152,10 @@ def _side_by_side(maps: Maps, T: Array, accuracy: float) -> tuple[Array, Array]:
             moved = np.linalg.norm(poses[now, 4:] - before[:, 4:], axis=1)
             turned = 2 * np.linalg.norm(poses[now, :4] - before[:, :4], axis=1)
             gap = np.maximum(moved, maps.lever * turned) / maps.arm.length
-            order = maps.least_order
+            order = maps.order
             pair = last[now], refinement
-            errors[now], estimates[now] = larger_estimate(
-                estimates[now], gap, *pair, order, maps.rounding
+            errors[now], estimates[now] = updated_estimate(
+                estimates[now], gap, *pair, order, forward.rounding
             )
             wanted[now], late = 0, now[~(errors[now] <= accuracy)]
             finer = partial(next_refinement, refinement, accuracy=accuracy, order=order)
@@ -227,13 +227,13 @@ def settle_many(
     count, problems = len(sets), [""] * len(sets)
     poses, error = np.full((count, 7), np.nan), np.full(count, np.nan)
     pulling = np.full((count, arm.n_tendons), np.nan)
-    maps = maps_of(arm, without_self_contact(scene), None, options["compile"])
-    if lengths is None and not (maps.contacts or scene.has(SelfContact)):
+    maps = forward_maps(arm, without_self_contact(scene), options["compile"])
+    if lengths is None and not scene.has(Contact, SelfContact):
         pulling = _rows(arm, tensions)
         allowed = np.flatnonzero(((pulling >= 0) & (pulling <= LARGEST)).all(axis=1))
         each = maps, pulling[allowed], accuracy, time_limit
         poses[allowed], error[allowed] = _settle_together(*each)
-    slack = ~pulls(arm, pulling)
+    slack = ~is_taut(arm, pulling)
     for i in np.flatnonzero(np.isnan(error)).tolist():
         check_time()
         poses[i], pulling[i], slack[i] = np.nan, np.nan, False

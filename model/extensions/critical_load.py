@@ -10,8 +10,7 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import BranchEnd, continue_branches
-from octoplan.model.equilibrium.newton import STAGES
-from octoplan.model.forward import by_collocation, checked_accuracy, first_pair, refined
+from octoplan.model.forward import ORDER, checked_accuracy, collocation_map, first_pair, refined
 from octoplan.model.loads import convergence_order, is_loaded
 from octoplan.model.scene import Scene
 from octoplan.model.settle import checked_scene
@@ -59,7 +58,7 @@ def critical_load_factor(
 
     def end(refinement: int) -> BranchEnd:
         """Return where the branch ends on the mesh of a refinement, four times as accurate."""
-        forward = by_collocation(arm, scene, STAGES, refinement)
+        forward = collocation_map(arm, scene, refinement)
         x = forward.system.x(T, 0.0, forward.without_loads(T))
         begin = BranchEnd(Equilibrium(forward.system, x), 0.0)
         lines = np.append(T, 0.0)[None], np.append(T, most)[None]
@@ -69,6 +68,6 @@ def critical_load_factor(
     def gap(now: BranchEnd, before: BranchEnd) -> float:
         return abs(now.fraction - before.fraction) / now.fraction
 
-    order = convergence_order(scene, 2 * STAGES)
-    last, _, _ = refined(first_pair(accuracy, 2 * STAGES), accuracy, order, end, gap)
+    order = convergence_order(scene, ORDER)
+    last, _, _ = refined(first_pair(accuracy), accuracy, order, end, gap)
     return Critical(most * last.fraction, last.why)

@@ -21,7 +21,7 @@ from octoplan.model.cross_section.law import PaperSection, resultants
 from octoplan.model.cross_section.sections import Sections, strains_of
 from octoplan.model.effects import Effect, Extension
 from octoplan.model.effects.base import Rules
-from octoplan.model.integrators import RungeKutta
+from octoplan.model.integrators import RK6, RungeKutta
 from octoplan.model.mesh import graded
 from octoplan.model.paths import Array
 from octoplan.model.rotations import compose, inverse, multiply, rotate
@@ -87,6 +87,12 @@ class PrintedStatics(Effect):
     def check_responses(self) -> None:
         """See Effect."""
         raise InputError("scene", "as printed", "a scene whose equations hold under loads")
+
+    def forward_map(
+        self, arm: Arm, scene: Scene, refinement: int, at: tuple[float, ...], machine_code: bool
+    ) -> PrintedMap:
+        """See Effect."""
+        return PrintedMap(arm, scene, RK6, refinement, at, machine_code)
 
 
 def strain_rate(
@@ -158,14 +164,11 @@ class PrintedMap(ExplicitMap):
     Its `stretch_at` are the nodes from the tip on, on their base side, then the same on the tip
     side of the nodes below.
 
-    Attributes
-    ----------
-    function : casadi.Function
-        tensions (n_tendons,) -> poses at the mesh's nodes (7, S + 1), 1 + q at the arc lengths
-        `stretch_at` (1, K), and tau, xi, k there (3, K).
     """
 
     scheme: RungeKutta
+    # A long step may leave strains that are not a number.
+    sections_are_exact = False
 
     def __init__(
         self,
@@ -196,8 +199,13 @@ class PrintedMap(ExplicitMap):
         self.stretch_at = np.concatenate([start, start + h])
         self.radius = arm.radius.evaluate(self.stretch_at, arm.length)[0]
         results = [anchor(poses[:, 0], poses), ca.vec(along.T).T, ca.horzcat(begun, after)[7:, :]]
-        self.function = ca.Function("printed", [T], results)
-        self._called = BufferedFunction(self.function)
+        self._function = ca.Function("printed", [T], results)
+        self._called = BufferedFunction(self._function)
+
+    @property
+    def function(self) -> ca.Function:
+        """See ExplicitMap; the third result is tau, xi, k (3, K) at `stretch_at`."""
+        return self._function
 
     def _samples(self, start: Array, h: Array, active: Counts, T: Any) -> Any:
         samples = np.array(self.scheme.samples)

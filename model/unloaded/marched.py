@@ -6,12 +6,14 @@ derivatives are by the implicit function theorem on the balance of each cross-se
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
-from typing import Any
+from typing import Any, ClassVar
 
+import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
@@ -95,6 +97,13 @@ class ExplicitMap(ABC):
         Arc lengths where the strains are looked at, and the body's radius there [m].
     """
 
+    # Error of the tip by rounding, over the arm's length.
+    rounding: ClassVar[float] = 1e-14
+    # Processor time that the equilibrium on a mesh may take [s].
+    patience: ClassVar[float] = math.inf
+    # Whether a cross-section without an equilibrium has none on a finer mesh either.
+    sections_are_exact: ClassVar[bool] = True
+
     arm: Arm
     scene: Scene
     scheme: Magnus | RungeKutta
@@ -107,6 +116,11 @@ class ExplicitMap(ABC):
     def __reduce__(self) -> tuple[Any, ...]:
         of = self.arm, self.scene, self.scheme, self.refinement, (), self.machine_code
         return cached, (type(self), *of)
+
+    @property
+    @abstractmethod
+    def function(self) -> ca.Function:
+        """Tensions (n_tendons,) -> poses (7, S + 1), 1 + q at `stretch_at` (1, K), for CasADi."""
 
     @abstractmethod
     def run(self, tensions: Array) -> tuple[Array, Array]:
@@ -158,6 +172,16 @@ class Marched:
     def mesh(self) -> Mesh:
         """See Equilibrium."""
         return self.march.mesh
+
+    @property
+    def snaps(self) -> tuple[float, ...]:
+        """See Equilibrium."""
+        return ()
+
+    @property
+    def jump(self) -> float | None:
+        """See Equilibrium: not searched without loads."""
+        return None
 
     @property
     def scheme(self) -> str:

@@ -18,7 +18,7 @@ from octoplan.model.paths import Array
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError
-from octoplan.model.winches import pulls
+from octoplan.model.tendons import is_taut
 from octoplan.planner.limits import Limits
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.program.terms import Targets
@@ -66,7 +66,7 @@ def mirror_images(task: PlanningProblem, shape: Shape) -> Iterator[tuple[float, 
     """
     arm, targets, limits = task.arm, task.target_set, task.limits
     T, stations = shape.tensions, np.array(targets.stations)
-    if targets.requests or limits.strokes is not None or not pulls(arm, T).any():
+    if targets.requests or limits.strokes is not None or not is_taut(arm, T).any():
         return
     poses = shape.poses(stations)
     most = _largest_residual(targets, poses) + 10 * task.accuracy

@@ -20,9 +20,9 @@ from octoplan.model.effects import (
     Shear,
     Weight,
 )
+from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.extensions.printed import PrintedStatics
-from octoplan.model.forward import COLLOCATIONS, by_collocation, explicit_map, schemes_of
-from octoplan.model.loads import is_loaded
+from octoplan.model.forward import forward_map
 from octoplan.model.scene import Scene
 from octoplan.model.settle import ACCURACY, settle
 from octoplan.model.support.errors import InputError, OctoplanError
@@ -56,13 +56,13 @@ class ProblemSize:
 
 
 def problem_size(arm: Arm, scene: Scene) -> ProblemSize:
-    """Return the problem sizes of a scene for the default scheme."""
-    scheme = schemes_of(scene)[0]
-    if not is_loaded(scene):
-        function = explicit_map(arm, scene, scheme, 1).function
+    """Return the sizes of the forward map of a scene on the coarsest mesh."""
+    forward = forward_map(arm, scene, 1)
+    if not isinstance(forward, Collocation):
+        function = forward.function
         carried = 7 + (function.size1_out(2) if function.n_out() > 2 else 0)
         return ProblemSize(carried, 0, 0, function.expand().n_instructions())
-    layout = by_collocation(arm, scene, COLLOCATIONS[scheme], 1).system.layout
+    layout = forward.system.layout
     instructions = sum(
         term.count * term.kernel.value.n_instructions() for term in layout.equations.terms
     )

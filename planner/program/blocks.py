@@ -30,7 +30,7 @@ from octoplan.model.rod.kernels import Kernel, Places, What
 from octoplan.model.rod.layout import POSE, Layout
 from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.support.machine.functions import cached
-from octoplan.model.winches import least_compliance
+from octoplan.model.tendons import least_compliance
 from octoplan.planner.targets.base import ComplianceRequest
 
 

@@ -35,7 +35,7 @@ from octoplan.model.scene import Scene
 from octoplan.model.settle import ACCURACY
 from octoplan.model.stations import base_pose
 from octoplan.model.support.errors import OctoplanError
-from octoplan.model.winches import rest_lengths
+from octoplan.model.tendons import rest_lengths
 from octoplan.planner.limits import NATURAL_RANGE, Limits, effort_unit, natural_tensions
 from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.planning_problem import PlanningProblem

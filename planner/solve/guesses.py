@@ -19,10 +19,11 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.effects import Extension
-from octoplan.model.forward import explicit_map
+from octoplan.model.integrators import MAGNUS4
 from octoplan.model.paths import Array
 from octoplan.model.support.machine.functions import BatchFunction
 from octoplan.model.support.progress import check_time
+from octoplan.model.unloaded.closed_form import ClosedForm
 from octoplan.planner.limits import NATURAL_RANGE, Limits, natural_tensions
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.program.problem import Candidate, units
@@ -203,7 +204,7 @@ def residuals_of(task: PlanningProblem) -> Callable[[Array], Array]:
     Stiffness is left out: compliances are taken to be those that are wanted.
     """
     targets, at = task.target_set, task.target_set.stations
-    forward = explicit_map(task.arm, task.unloaded_scene, "magnus4", 1, at, task.machine_code)
+    forward = ClosedForm(task.arm, task.unloaded_scene, MAGNUS4, 1, at, task.machine_code)
     nodes, gaps_of = [forward.mesh.node(s) for s in at], _residuals_of(targets.terms)
 
     def residuals(tensions: Array) -> Array:
@@ -233,7 +234,7 @@ def many_places(task: PlanningProblem, tensions: Array) -> tuple[Array, Array]:
 
     Without its loads.
     """
-    forward = explicit_map(task.arm, task.unloaded_scene, "magnus4", 4, (), task.machine_code)
+    forward = ClosedForm(task.arm, task.unloaded_scene, MAGNUS4, 4, (), task.machine_code)
     poses, _ = forward.many(tensions, range(1, forward.mesh.steps + 1))
     return poses[..., 4:], forward.mesh.s[1:]
 

@@ -5,11 +5,11 @@ plan; and does `settle` choose well?
 
 Assumptions: the arm of table 4, random tensions that it bears (studies.draws), the paper's scene,
 one with weight in water, one with exact tendons, which are those of SoRoMoX, and silicone, in air
-without loads and in water. Errors are verified: tips against a settle of 1e-11, by another scheme
-where there is one, over L; Jacobians relative to the exact one, tensions scaled by what each tendon
-is to pull; plans by the distance of the tip from its target. Times are the processor's. Points are
-medians over tensions and repeats, bars their quartiles; stars are what `settle`, `tip_jacobian` and
-`plan` choose by themselves, for accuracies of 1e-2 to 1e-10. A plan includes its certificate.
+without loads and in water. Errors are verified: tips against a settle of 1e-11, by collocation in
+scenes without loads, over L; Jacobians relative to the exact one, with tensions scaled by the pull
+of each tendon; plans by the distance of the tip from its target. Times are the processor's. Points
+are medians over tensions and repeats, bars their quartiles; stars are what `settle`, `tip_jacobian`
+and `plan` choose by themselves, for accuracies of 1e-2 to 1e-10. A plan includes its certificate.
 
 Command: python -m studies.speed accuracy [--figures NAME ...] [--cases 3] [--repeats 20]
 [--out out]
@@ -33,14 +33,19 @@ from matplotlib.figure import Figure
 
 from octoplan.model import Arm, OctoplanError, Scene, settle, tip_jacobian
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
-from octoplan.model.forward import CLOSED_FORMS, REFINEMENTS, SCHEMES, maps_of, schemes_of
+from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.forward import REFINEMENTS, ForwardMap
+from octoplan.model.integrators import MAGNUS4, MAGNUS6
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
-from octoplan.model.stiffness import tip_jacobian_function
+from octoplan.model.rod.system import system
+from octoplan.model.stiffness import jacobian_function
+from octoplan.model.unloaded.closed_form import ClosedForm
 from octoplan.planner import plan
 from octoplan.planner.targets import TipPosition
 from studies import draws
 from studies.baselines import ScipyArm, ScipyLoadedArm, ScipySiliconeArm, soromox_tip
+from studies.reference import reference_shape
 from studies.reporting import asked, lettered
 from studies.speed.timing import calls_for, machine, seconds, timed, while_budget
 
@@ -54,7 +59,11 @@ RTOLS = tuple(10.0**-n for n in range(2, 12))
 FAILURES = (OctoplanError, RuntimeError, ArithmeticError, np.linalg.LinAlgError)
 # Errors below are those of what they are held against.
 _FINE = 1e-10
-_COLOURS = dict(zip(SCHEMES, [f"C{i}" for i in range(10)], strict=False))
+# Closed forms in scenes without loads, by name.
+CLOSED_FORMS = {scheme.name: scheme for scheme in (MAGNUS6, MAGNUS4)}
+# Stages of collocation, by name.
+STAGES = {"gauss6": 3, "gauss4": 2, "gauss2": 1, "gauss8": 4}
+_COLOURS = {name: f"C{i}" for i, name in enumerate((*CLOSED_FORMS, *STAGES))}
 _STYLES: dict[str, dict[str, Any]] = {
     "own": {"marker": "o", "markersize": 4},
     "choice": {"marker": "*", "markersize": 9, "linestyle": ""},
@@ -138,17 +147,17 @@ def measured(name: str, kind: str, works: Iterable[Work], error: Error, size: Si
 
 
 def settling(scene: Scene, size: Size, rng: np.random.Generator) -> list[Curve]:
-    """Return every scheme on every mesh, the knob's choices, and what others have, for a scene."""
+    """Return every integrator on every mesh, the knob's choices, and others, for a scene."""
     T = draws.rows(ARM, rng, size.cases)
-    scheme = None if is_loaded(scene) else schemes_of(scene)[1]
-    true = [settle(ARM, row, scene, 1e-11, scheme).tip for row in T]
+    true = [reference_shape(ARM, row, scene, 1e-11).tip for row in T]
 
     def off(i: int, tip: Array) -> float:
         return math.dist(tip, true[i]) / ARM.length
 
     curves = []
-    for name in CLOSED_FORMS if scene == EXACT else schemes_of(scene):
-        maps = (maps_of(ARM, scene, name, False).on(mesh) for mesh in size.meshes)
+    names = [*CLOSED_FORMS] * (not is_loaded(scene)) + [*STAGES] * (scene != EXACT)
+    for name in names:
+        maps = (forward_map(name, scene, mesh) for mesh in size.meshes)
         curves.append(
             measured(
                 name,
@@ -164,6 +173,13 @@ def settling(scene: Scene, size: Size, rng: np.random.Generator) -> list[Curve]:
         works = (lambda i, of=tip, x=x: of(T[i], x) for x in settings[: size.settings])
         curves.append(measured(name, "other", works, off, size))
     return curves
+
+
+def forward_map(name: str, scene: Scene, mesh: int) -> ForwardMap:
+    """Return a forward map by the name of its integrator."""
+    if name in CLOSED_FORMS:
+        return ClosedForm(ARM, scene, CLOSED_FORMS[name], mesh)
+    return Collocation(system(ARM, scene, STAGES[name], mesh, (), is_loaded(scene)))
 
 
 def others(scene: Scene) -> list[tuple[str, Callable[[Array, float], Array], tuple[float, ...]]]:
@@ -184,7 +200,7 @@ def others(scene: Scene) -> list[tuple[str, Callable[[Array, float], Array], tup
 
 
 def jacobians(size: Size, rng: np.random.Generator) -> list[Curve]:
-    """Return the tip Jacobian by scheme and mesh, the knob's choices, and differences by SciPy."""
+    """Return the tip Jacobian by integrator and mesh, the knob's choices, and SciPy's."""
     T, scale = draws.rows(ARM, rng, size.cases), draws.most(ARM)
     true = [tip_jacobian(ARM, row, PAPER, 1e-11)[:3] * scale for row in T]
 
@@ -193,7 +209,7 @@ def jacobians(size: Size, rng: np.random.Generator) -> list[Curve]:
         return float(np.linalg.norm(change) / np.linalg.norm(true[i]))
 
     def own(name: str, refinement: int) -> Work:
-        function = tip_jacobian_function(ARM, PAPER, name, refinement)
+        function = jacobian_function(ClosedForm(ARM, PAPER, CLOSED_FORMS[name], refinement))
         return lambda i: np.array(function(T[i]))
 
     def choice(accuracy: float, machine_code: bool) -> Work:
@@ -259,7 +275,7 @@ FIGURES: dict[str, tuple[Panel, ...]] = {
 
 
 def draw(ax: Axes, curves: Sequence[Curve], error: str) -> None:
-    """Draw errors over times with quartiles; a scheme has one colour in all panels."""
+    """Draw errors over times with quartiles; an integrator has one colour in all panels."""
     choices, markers = iter(("black", "#b3123f")), iter("sD")
     for curve in (each for each in curves if each.times):
         x, y = np.array(curve.times).T, np.maximum(np.array(curve.errors).T, 1e-13)

@@ -4,7 +4,7 @@ Question: over random arms, scenes and accuracies, is the tip within the accurac
 within the error that is stated? What that costs is the question of the study accuracy.
 
 Assumptions: a case is an arm of the paper, tensions, a scene and an accuracy. Verified against a
-settle of 1e-11, or the tightest that is reached, by another scheme where there is one.
+shape of 1e-11, or the finest that is reached, by collocation in scenes without loads.
 
 Command: python -m studies.speed knob [--cases 300]
 
@@ -39,9 +39,9 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
-from octoplan.model.forward import schemes_of
 from octoplan.model.paths import Array
 from studies import draws
+from studies.reference import reference_shape
 from studies.reporting import asked
 
 ARMS = ("table-2", "table-4")
@@ -142,7 +142,7 @@ def run(count: int, rng: np.random.Generator) -> list[Case]:
 def settled(
     arm: Arm, T: Array, scene: Scene, request: float, true: Array
 ) -> tuple[float, float, str]:
-    """Return the stated error of a settle, the true one, and by which scheme and mesh it was."""
+    """Return the stated error of a settle, the true one, and its integrator and refinement."""
     try:
         shape = settle(arm, T, scene, request)
     except OctoplanError as problem:
@@ -152,11 +152,10 @@ def settled(
 
 
 def tightest(arm: Arm, T: Array, scene: Scene) -> Array:
-    """Return the tip by the second scheme of the scene as accurately as it can be had."""
-    scheme = schemes_of(scene)[1]
+    """Return the reference tip at the finest accuracy that is reached."""
     for accuracy in (1e-11, 3e-11, 1e-10):
         try:
-            return settle(arm, T, scene, accuracy, scheme).tip
+            return reference_shape(arm, T, scene, accuracy).tip
         except ConvergenceError as problem:
             last = problem
     raise last

@@ -18,7 +18,7 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
-from octoplan.model.winches import rest_lengths
+from octoplan.model.tendons import rest_lengths
 from octoplan.planner import Measured, Unknown, calibrate
 from octoplan.planner.extensions.fit.calibration import Calibration
 from octoplan.planner.extensions.fit.experiment import Experiment

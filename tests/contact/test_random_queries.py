@@ -9,7 +9,7 @@ from octoplan.model import OctoplanError, Scene, settle
 from octoplan.model.effects import TipLoad
 from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.contact.forward import TouchingMap
-from octoplan.model.extensions.contact.touches import touches_of
+from octoplan.model.extensions.contact.touches import equilibrium_contacts
 from octoplan.model.extensions.obstacles import Capsule
 from tests.contact.cases import bar
 from tests.contact.queries import complementarity, imbalance, query
@@ -80,9 +80,9 @@ def test_ends_and_end_force_of_a_strip_on_a_cylinder_converge_with_order_four_or
     scene, arm = Scene(TipLoad(force=(0, 0, -12.0)), Contact(cylinder)), bar(0.3, 0.002, 1e9)
     found, known = [], None
     for refinement in (1, 2, 4):
-        forward = TouchingMap(arm, scene, 3, refinement)
+        forward = TouchingMap(arm, scene, refinement)
         here = known = forward.solve(np.zeros(4), known)
-        first, second, *_, last = touches_of(here)
+        first, second, *_, last = equilibrium_contacts(here)
         spread = (second.s - first.s) * (2 * first.pressure + second.pressure) / 6
         found.append([first.s, last.s, np.linalg.norm(first.force) - spread])
     coarse, fine = (np.abs(np.array(one) - np.array(found[-1])) for one in found[:2])

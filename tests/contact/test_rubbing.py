@@ -11,7 +11,6 @@ from scipy.optimize import root
 from octoplan.model import Arm, Scene, Shape, settle
 from octoplan.model.effects import Effect, ExactTendons, Extension, NeoHookean, TipLoad
 from octoplan.model.equilibrium.linearised import Equilibrium
-from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.extensions.contact.effects import Contact, without_friction
 from octoplan.model.extensions.contact.forward import TouchingMap
 from octoplan.model.extensions.contact.path import ContactEquilibrium
@@ -193,9 +192,9 @@ def strip(refinement: int) -> Capstan:
     cylinder = Capsule((CENTRE[0], -0.1, z), (CENTRE[0], 0.1, z), ROUND)
     own: tuple[Effect, ...] = (Extension(), ExactTendons(), TipLoad(force=(0, 0, -DOWN)))
     smooth, rough = (Scene(*own, Contact(cylinder, friction=mu)) for mu in (0.0, MU))
-    rest, T = TouchingMap(arm, smooth, 3, 1).solve(NONE), np.full(4, PULL)
-    coarse = TouchingMap(arm, rough, 3, 1).solve(T, rest)
-    here = TouchingMap(arm, rough, 3, refinement).solve(T, coarse)
+    rest, T = TouchingMap(arm, smooth, 1).solve(NONE), np.full(4, PULL)
+    coarse = TouchingMap(arm, rough, 1).solve(T, rest)
+    here = TouchingMap(arm, rough, refinement).solve(T, coarse)
     system, states = here.system, here.states
     touches = ContactFlags.of(system)
     k = np.flatnonzero(touches.touching[:, 0])
@@ -317,7 +316,7 @@ def test_a_place_that_slips_moves_with_tensions_as_all_of_its_way_does() -> None
     rod = Capsule((0.2, -0.1, -0.04), (0.2, 0.1, -0.04), 0.02)
     scene = Scene(Extension(), ExactTendons(), Contact(rod, friction=MU))
     arm, T = bar(0.3, 0.006, 2e5), np.array([0.1, 0.8, 0.0, 0.0])
-    rough, smooth = (TouchingMap(arm, own, STAGES, 1) for own in (scene, without_friction(scene)))
+    rough, smooth = (TouchingMap(arm, own, 1) for own in (scene, without_friction(scene)))
     rest = smooth.solve(NONE)
 
     def way(tensions: np.ndarray) -> ContactEquilibrium:

@@ -228,24 +228,7 @@ PRINTED: Refused = {
     for name, (effects, reason) in NOT_PRINTED.items()
     for i, order in enumerate(permutations((Extension(), PrintedStatics(), *effects)))
 }
-LOADED: dict[str, Scene] = {
-    "weight": Scene(Extension(), Weight(), Buoyancy()),
-    "tip load": Scene(TipLoad(FORCE)),
-    "point load": Scene(PointLoad(0.1, FORCE)),
-    "current": Scene(Current((0.0, 0.1, 0.0))),
-    "friction": Scene(Friction(0.1)),
-    "shear": Scene(*Scene.silicone().effects, Shear()),
-}
-SCHEMES: Refused = {
-    f"{scheme}, {name}": (
-        partial(settle, ARM, BENT, scene, scheme=scheme),
-        "scheme",
-        "gauss6, gauss4, gauss2, gauss8 in this scene",
-    )
-    for name, scene in LOADED.items()
-    for scheme in ("magnus6", "rk6")
-}
-REFUSED = VALUES | SCENES | PLACES | ARMS | PRINTED | SCHEMES
+REFUSED = VALUES | SCENES | PLACES | ARMS | PRINTED
 
 
 @pytest.mark.parametrize(("attempt", "field", "allowed"), REFUSED.values(), ids=REFUSED)

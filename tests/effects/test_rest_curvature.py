@@ -30,7 +30,7 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
-from octoplan.model.winches import rest_lengths
+from octoplan.model.tendons import rest_lengths
 from octoplan.planner import load_plan, plan, stiffness
 from octoplan.planner.targets import TipPosition
 from tests.effects.bars import helix

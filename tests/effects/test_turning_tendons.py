@@ -20,7 +20,7 @@ from octoplan.model import (
 )
 from octoplan.model.effects import Effect, ExactTendons, Extension, Friction, TipLoad, Weight
 from octoplan.model.stations import stations, tendon_paths
-from octoplan.model.winches import rest_lengths
+from octoplan.model.tendons import rest_lengths
 
 L, R, Y, E, NU = 0.2, 0.01, 0.006, 150e3, 0.5
 ANGLE, TURN = 0.4, 1.1

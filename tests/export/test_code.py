@@ -62,7 +62,7 @@ def test_sections_that_settle_by_newton_agree_too(
     done = subprocess.run([program], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
     code = Library(tmp_path, "octo", arm.n_tendons, found.shape.s.size, precision)
-    forward = explicit_map(arm, scene, found.shape.scheme, found.shape.refinement)
+    forward = explicit_map(arm, scene, found.shape.refinement)
     rng = np.random.default_rng(4)
     for _ in range(20):
         other = rng.uniform(0, 0.5, arm.n_tendons)
@@ -93,9 +93,8 @@ def test_it_agrees_with_settle_and_tip_jacobian_at_other_tensions(
 ) -> None:
     arm, scene, T = SCENES[name]
     found = export(arm, scene, tmp_path, T, 1e-6, precision, "octo")
-    mesh = (found.shape.scheme, found.shape.refinement)
     code = Library(tmp_path, "octo", arm.n_tendons, found.shape.s.size, precision)
-    forward = explicit_map(arm, scene, *mesh)
+    forward = explicit_map(arm, scene, found.shape.refinement)
     rng, allowed = np.random.default_rng(3), AGREES[precision]
     for _ in range(5):
         other = np.ravel(np.concatenate([np.ravel(row) for row in T])) * rng.uniform(0, 1)
@@ -112,7 +111,7 @@ def test_it_agrees_with_settle_and_tip_jacobian_at_other_tensions(
         assert np.abs(frames @ np.swapaxes(frames, 1, 2) - np.eye(3)).max() <= allowed
         jacobian, wanted = (
             code.jacobian(other),
-            np.array(tip_jacobian_function(arm, scene, *mesh)(other)),
+            np.array(tip_jacobian_function(arm, scene, found.shape.refinement)(other)),
         )
         true = tip_jacobian(arm, other, scene, 1e-8)
         for rows in (slice(3), slice(3, 6)):

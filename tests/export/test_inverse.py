@@ -84,8 +84,7 @@ def inverse(first: Any, tmp_path_factory: pytest.TempPathFactory) -> Inverse:
 
 
 def test_second_derivatives_are_those_of_the_map(inverse: Inverse) -> None:
-    mesh = inverse.shape.scheme, inverse.shape.refinement
-    function = explicit_map(TABLE_4, PAPER, *mesh).function
+    function = explicit_map(TABLE_4, PAPER, inverse.shape.refinement).function
     T, weight = ca.MX.sym("T", 12), np.array([0.3, -1.0, 0.7])
     tip = function(T)[0][4:, -1]
     exact = ca.Function("exact", [T], [ca.hessian(ca.dot(weight, tip), T)[0]])

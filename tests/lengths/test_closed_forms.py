@@ -7,7 +7,7 @@ import pytest
 
 from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
 from octoplan.model.effects import ExactTendons, Extension, Friction, TipLoad
-from octoplan.model.winches import rest_lengths
+from octoplan.model.tendons import rest_lengths
 from tests.lengths.cases import EXACT, check_complementary, cylinder
 
 R, Y, L, E = 8e-3, 4e-3, 0.2, 2e5
@@ -73,8 +73,8 @@ def test_a_tendon_of_its_own_length_lets_the_other_go_slack() -> None:
     arm = Arm(L, Linear(R, R), (Anchorage(L, Linear(Y, Y), (0.0, 0.0)),), Material(E))
     shape = settle(arm, scene=EXACT, lengths=[L - 5e-3, L - 5e-3 + 1e-6])
     assert shape.slack.tolist() == [[False, True]]
-    assert shape.left is not None
-    assert shape.left[1] == pytest.approx(1e-6, abs=1e-11)
+    assert shape.slack_lengths is not None
+    assert shape.slack_lengths[1] == pytest.approx(1e-6, abs=1e-11)
 
 
 def test_tendons_against_each_other_pull_the_least() -> None:

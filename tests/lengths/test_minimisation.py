@@ -18,7 +18,7 @@ from scipy.optimize import minimize
 
 from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
 from octoplan.model.effects import ExactTendons, Extension, TipLoad
-from octoplan.model.winches import rest_lengths
+from octoplan.model.tendons import rest_lengths
 from tests.oracles import Array
 
 _DEGREE, _STEPS = 5, 12

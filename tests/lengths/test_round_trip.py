@@ -10,7 +10,7 @@ import pytest
 from octoplan.model import Arm, CollapsedError, InputError, Scene, Shape, settle
 from octoplan.model.effects import Extension
 from octoplan.model.loads import is_loaded
-from octoplan.model.winches import rest_lengths
+from octoplan.model.tendons import rest_lengths
 from tests.lengths.cases import EXACT, PAPER, SCENES, check_complementary, pulled, round_trip
 
 _ARMS = ("table-2", "table-4", "random")

@@ -7,7 +7,7 @@ import pytest
 
 from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import Extension
-from octoplan.model.forward import maps_of
+from octoplan.model.forward import forward_map
 from tests.model.cases import MOST, paper_tensions
 
 SCENES = {"bare": Scene(), "extension": Scene(Extension()), "as_printed": Scene.as_printed()}
@@ -26,7 +26,7 @@ def test_stated_errors_are_as_fine_as_asked_bound_the_true_ones_and_are_not_far_
         arm, T = Arm.from_paper(name), paper_tensions(rng, name)
         asked[seed] = 10 ** rng.uniform(-9, -3)
         shape = settle(arm, T, scene, float(asked[seed]))
-        finest = maps_of(arm, scene, None, False).on(256).solve(T).poses[-1, 4:]
+        finest = forward_map(arm, scene, 256).solve(T).poses[-1, 4:]
         stated[seed], true[seed] = shape.error, np.linalg.norm(shape.tip - finest) / arm.length
     assert (true <= asked).sum() >= 0.99 * sets
     assert (true <= stated).sum() >= 0.99 * sets

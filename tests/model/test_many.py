@@ -26,7 +26,7 @@ from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.extensions.contact.effects import Contact, SelfContact
 from octoplan.model.extensions.obstacles import Sphere
-from octoplan.model.forward import Maps, maps_of
+from octoplan.model.forward import ForwardMaps, forward_maps
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import (
     CollapsedError,
@@ -39,7 +39,7 @@ from octoplan.model.support.errors import (
     UnsettledSectionError,
 )
 from octoplan.model.support.progress import check_time
-from octoplan.model.winches import rest_lengths
+from octoplan.model.tendons import rest_lengths
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 
@@ -198,7 +198,7 @@ def test_each_set_has_meshes_of_its_own(name: str, caplog: pytest.LogCaptureFixt
 
 
 def test_guesses_may_come_from_different_meshes() -> None:
-    maps = maps_of(ARM, Scene(Extension(), Weight()), None, False)
+    maps = forward_maps(ARM, Scene(Extension(), Weight()), False)
     T = np.array([0.1 * JUMPING, 0.2 * JUMPING, 0.3 * JUMPING])
     near = [maps.on(1).solve(T[0]), None, maps.on(2).solve(T[2])]
     ends = maps.on(3).many(T, near)
@@ -211,9 +211,9 @@ def test_strains_that_jump_are_refused_on_a_coarse_mesh() -> None:
     scene = Scene.silicone(Weight(), Buoyancy())
     finest = []
     with pytest.MonkeyPatch.context() as patch:
-        on = Maps.on
+        on = ForwardMaps.on
         patch.setattr(
-            Maps, "on", lambda self, mesh, *at: finest.append(mesh) or on(self, mesh, *at)
+            ForwardMaps, "on", lambda self, mesh, *at: finest.append(mesh) or on(self, mesh, *at)
         )
         with pytest.raises(ConvergenceError, match=r"its strains jump at s = 0\.44"):
             settle(ARM, 0.95 * JUMPING, scene)

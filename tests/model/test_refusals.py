@@ -157,16 +157,6 @@ SETTLED: Refused = {
     "accuracy too coarse": (lambda: settle(ARM, REST, accuracy=0.11), "accuracy", "to 0.1"),
     "accuracy not a number": (lambda: settle(ARM, REST, accuracy=NAN), "accuracy", "finite"),
     "accuracy in words": (lambda: settle(ARM, REST, accuracy="fine"), "accuracy", "numbers"),
-    "unknown scheme": (
-        lambda: settle(ARM, REST, scheme="euler"),
-        "scheme",
-        "magnus6, gauss6, magnus4",
-    ),
-    "scheme of another scene": (
-        lambda: settle(ARM, REST, Scene.as_printed(), scheme="magnus6"),
-        "scheme",
-        "rk6, rk8, rk4 in this scene",
-    ),
     "place before the base": (lambda: settle(ARM, REST).position(-1e-3), "s", "from 0 to 0.31 m"),
     "place beyond the tip": (lambda: settle(ARM, REST).frame([0, 0.32]), "s", "from 0 to 0.31 m"),
     "place not a number": (lambda: settle(ARM, REST).strain(NAN), "s", "finite"),
@@ -210,7 +200,6 @@ KINDS: Refused = {
     "many, without dimensions": (lambda: settle_many(ARM, np.array(0.1)), "tensions", "a set"),
     "many, by name": (lambda: settle_many(ARM, {"rest": REST}), "tensions", "a set"),
     "many, errors by a list": (lambda: settle_many(ARM, [REST], errors=["nan"]), "errors", "nan"),
-    "schemes": (lambda: settle(ARM, REST, scheme=["gauss6"]), "scheme", "gauss6"),
     "places not in a row": (lambda: settle(ARM, REST).position([0.1, [0.2]]), "s", ""),
     "outside by tendon": (
         lambda: settle(ARM, REST, tendon_outside=np.ones(12)),
@@ -309,11 +298,6 @@ NOT_ALLOWED: Refused = {
         )
         for how in ("try", 1, None)
     },
-    "a scheme as printed": (
-        lambda: settle(ARM, np.zeros(12), Scene.as_printed(), scheme="gauss6"),
-        "scheme",
-        "rk6, rk8, rk4 in this scene",
-    ),
 }
 
 

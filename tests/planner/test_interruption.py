@@ -215,7 +215,7 @@ def backbone(k):
 JOBS = [
     lambda k: tip(k, PAPER),
     lambda k: settle(ARM, T * k, WATER).tip,
-    lambda k: settle(ARM, T * k, PAPER, scheme=("magnus6", "gauss6", "magnus4", "gauss4")[k]).tip,
+    lambda k: settle(ARM, T * k, PAPER, (1e-3, 1e-5, 1e-7, 1e-9)[k]).tip,
     lambda k: tip(k, PAPER, "auto"),
     stopped,
     lambda k: settle(ARM, T * k, Scene.as_printed()).tip,

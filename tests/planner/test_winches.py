@@ -11,7 +11,7 @@ import pytest
 from octoplan.model import Arm, InputError, Scene, UnitWarning, settle, settle_many
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
 from octoplan.model.support.errors import FileError
-from octoplan.model.winches import rest_lengths
+from octoplan.model.tendons import rest_lengths
 from octoplan.planner import load_plan, plan, stiffness
 from octoplan.planner.extensions.trajectory.question import Rates
 from octoplan.planner.frontends.cli import main

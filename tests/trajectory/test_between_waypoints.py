@@ -10,7 +10,7 @@ from scipy.interpolate import PPoly
 
 from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import ExactTendons, TipLoad
-from octoplan.model.winches import rest_lengths
+from octoplan.model.tendons import rest_lengths
 from octoplan.planner import trajectory
 from octoplan.planner.extensions.trajectory.time_law import Timed
 from octoplan.planner.targets import TipPosition

@@ -14,6 +14,12 @@ from octoplan.model.support.quantities import NotNegative
 from octoplan.model.support.value import value
 
 if TYPE_CHECKING:
+    from octoplan.model.arm import Arm
+    from octoplan.model.extensions.contact.forward import TouchingMap
+    from octoplan.model.settle import SettlingProblem
+    from octoplan.model.shape import Shape
+
+if TYPE_CHECKING:
     pass
 
 _SLIDING = "Friction", "tendons that slide where contact bends them sharply are not stated"
@@ -89,6 +95,14 @@ class Contact(Effect):
             )
             raise InputError("scene", "with contact", allowed)
 
+    def forward_map(
+        self, arm: Arm, scene: Scene, refinement: int, at: tuple[float, ...], machine_code: bool
+    ) -> TouchingMap:
+        """See Effect."""
+        from octoplan.model.extensions.contact.forward import TouchingMap
+
+        return TouchingMap(arm, scene, refinement, at, machine_code)
+
 
 @value
 class SelfContact(Effect):
@@ -119,6 +133,12 @@ class SelfContact(Effect):
             "self_clearance=True keeps the arm clear of itself"
         )
         raise InputError("scene", "with SelfContact", allowed)
+
+    def settle(self, problem: SettlingProblem) -> Shape:
+        """See Effect."""
+        from octoplan.model.extensions.contact.self_contact import settle_with_self_contact
+
+        return settle_with_self_contact(problem)
 
 
 def contacts(scene: Scene) -> tuple[Contact, ...]:

@@ -11,6 +11,7 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.extensions.contact.effects import bodies_of, without_friction
 from octoplan.model.extensions.contact.gaps import check_outside
 from octoplan.model.extensions.contact.path import ContactEquilibrium, follow, retraced
@@ -22,6 +23,7 @@ from octoplan.model.paths import Array
 from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError, SnapError, UnsettledContactError
+from octoplan.model.support.progress import PATIENCE
 
 # Elements of a mesh over those of one without contact, and how long the longest may be: a part of
 # the arm's length, or of obstacle and arm together, but no shorter than a part of the length.
@@ -31,18 +33,19 @@ _FINER, _LONGEST, _SHORTEST = 2, 1 / 16, 1 / 100
 class TouchingMap(Collocation):
     """The equations of an arm that may touch obstacles, on a mesh that moves with the contacts."""
 
+    patience = PATIENCE
+
     def __init__(
         self,
         arm: Arm,
         scene: Scene,
-        stages: int,
         refinement: int,
         at: tuple[float, ...] = (),
         machine_code: bool = False,
     ) -> None:
         base = mesh_with_contact(arm, scene, refinement, at)
-        self._form = stages, refinement, at, machine_code
-        super().__init__(DiscreteRod(arm, scene, base, stages, True, machine_code))
+        self._mesh_options = refinement, at, machine_code
+        super().__init__(DiscreteRod(arm, scene, base, STAGES, True, machine_code))
         self._rubs = self.system.layout.form.contact_friction
         # Landmarks may be so near to each other that they are one node.
         self._fixed = base.s[
@@ -114,7 +117,7 @@ class TouchingMap(Collocation):
         if not self._rubs:
             return self
         arm, smooth = self.system.arm, without_friction(self.system.scene)
-        return TouchingMap(arm, smooth, *self._form)
+        return TouchingMap(arm, smooth, *self._mesh_options)
 
 
 def mesh_with_contact(arm: Arm, scene: Scene, refinement: int, at: tuple[float, ...]) -> Mesh:

@@ -19,15 +19,20 @@ import numpy as np
 import scipy
 
 from octoplan.model.effects import PointLoad
+from octoplan.model.equilibrium.linearised import AnyEquilibrium
 from octoplan.model.extensions.clearance.nearest import from_itself
+from octoplan.model.extensions.contact.effects import without_self_contact
 from octoplan.model.extensions.contact.gaps import THROUGH
 from octoplan.model.extensions.contact.path import EXCHANGES, stepped
 from octoplan.model.extensions.contact.touches import ContactPoint
 from octoplan.model.extensions.obstacles import Sphere
+from octoplan.model.forward import ForwardMap, forward_maps
+from octoplan.model.loads import check_loads, is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
+from octoplan.model.settle import SettlingProblem, settle_on_meshes
 from octoplan.model.shape import Shape
-from octoplan.model.support.errors import OctoplanError, UnsettledContactError
+from octoplan.model.support.errors import InputError, OctoplanError, UnsettledContactError
 from octoplan.model.support.progress import check_time, timeout
 
 # First, least and longest step in the load factor of the tensions.
@@ -112,7 +117,36 @@ def loaded_by(scene: Scene, pairs: Sequence[Pair]) -> Scene:
 _State = tuple[Shape, tuple[Pair, ...]]
 
 
-def pressed_on_itself(tensions: Array, scene: Scene, settle: Settle) -> Shape:
+def settle_with_self_contact(problem: SettlingProblem) -> Shape:
+    """Return the shape of an arm whose parts press on each other; tensions grow from zero.
+
+    All equilibria on the way are accurate to the tolerance of gaps. Raises UnsettledContactError if
+    no equilibrium is found, InputError for given lengths and `near`, and what settle_on_meshes
+    raises.
+    """
+    for name, value in (("lengths", problem.lengths), ("near", problem.near)):
+        if value is not None:
+            raise InputError(name, "given with SelfContact", "none in a scene with SelfContact")
+    arm = problem.arm
+    alone = without_self_contact(problem.scene)
+    check_loads(arm, alone)
+    accuracy = min(problem.accuracy, THROUGH)
+
+    def settle(T: Array, scene: Scene, near: Shape | None) -> Shape:
+        def on_mesh(
+            forward: ForwardMap, near: AnyEquilibrium | None, looser: float
+        ) -> AnyEquilibrium:
+            return forward.solve(T, near, looser)
+
+        maps = forward_maps(arm, scene, problem.machine_code)
+        is_branch = near is not None and is_loaded(scene) and is_loaded(near.scene)
+        begin = near.equilibrium if near is not None and is_branch else None
+        return settle_on_meshes(maps, on_mesh, accuracy, begin)
+
+    return self_contact_shape(arm.flat(problem.tensions), alone, settle)
+
+
+def self_contact_shape(tensions: Array, scene: Scene, settle: Settle) -> Shape:
     """Return the shape of an arm whose parts press on each other, in the scene without that.
 
     Raises UnsettledContactError where none is found, and what `settle` does.
@@ -135,7 +169,7 @@ def pressed_on_itself(tensions: Array, scene: Scene, settle: Settle) -> Shape:
     start: _State = rest, ()
     shape, pairs = stepped(solve, start, _STEPS)[-1][0]
     touches = [touch for pair in pairs for touch in _touches(shape, pair)]
-    return replace(shape, on_itself=tuple(sorted(touches, key=lambda touch: touch.s)))
+    return replace(shape, self_contacts=tuple(sorted(touches, key=lambda touch: touch.s)))
 
 
 def _touches(shape: Shape, pair: Pair) -> Iterator[ContactPoint]:

@@ -232,10 +232,12 @@ class ContactPoint:
     slip: Array = field(default_factory=lambda: np.zeros(3))
 
 
-def touches_of(point: Equilibrium, before: Equilibrium | None = None) -> tuple[ContactPoint, ...]:
-    """Return what an arm leans on in an equilibrium, from base to tip.
+def equilibrium_contacts(
+    point: Equilibrium, before: Equilibrium | None = None
+) -> tuple[ContactPoint, ...]:
+    """Return the contact points of an equilibrium from base to tip.
 
-    With friction of contacts it slipped since the equilibrium before.
+    With friction, slip is measured from the equilibrium `before` the last step.
     """
     system, states = point.system, point.states
     touches, bodies = ContactFlags.of(system), contacts(system.scene)

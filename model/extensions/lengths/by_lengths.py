@@ -25,8 +25,9 @@ from octoplan.model.equilibrium.load_steps import Collocation, carried_strains
 from octoplan.model.equilibrium.newton import CLOSE, STAGES, Start, newton
 from octoplan.model.extensions.contact.forward import TouchingMap
 from octoplan.model.extensions.lengths.least_energy import ROUNDS, LeastEnergy
-from octoplan.model.extensions.lengths.shortest import SHORT, refuse, unknown_least
-from octoplan.model.forward import ForwardMap, Maps
+from octoplan.model.extensions.lengths.shortest import SHORT, no_shape, refuse
+from octoplan.model.extensions.lengths.winches import ROUNDING, Winches, least, slackened
+from octoplan.model.forward import ForwardMap, ForwardMaps
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import SAME, Array
 from octoplan.model.rod.system import DiscreteRod, system
@@ -38,7 +39,6 @@ from octoplan.model.support.errors import (
 )
 from octoplan.model.support.progress import check_time
 from octoplan.model.unloaded.marched import Lengths, tendon_lengths
-from octoplan.model.winches import ROUNDING, Winches, least, slackened
 
 # Stages of the elements on which the least energy is sought.
 _STAGES = 2
@@ -137,13 +137,13 @@ class GivenLengths:
 
     Attributes
     ----------
-    maps : Maps
+    maps : ForwardMaps
         The forward maps of the arm in its scene.
     near : (n_tendons,)
         Tensions to begin with.
     """
 
-    maps: Maps
+    maps: ForwardMaps
     winches: Winches
     near: Array | None = None
 
@@ -158,7 +158,7 @@ class GivenLengths:
         begins = self._initial_equilibria(forward, near)
         result = taken_in(begins, self.winches, forward.led_to, self.maps.arm, SAME)
         if result is None:
-            raise unknown_least(self.maps.arm, self.winches)
+            raise no_shape(self.maps.arm, self.winches)
         return result
 
     def finished(self, forward: ForwardMap, end: AnyEquilibrium) -> AnyEquilibrium:
@@ -225,7 +225,7 @@ class GivenLengths:
                 return winches.tensions
         result = taken_in(begins(), winches, under, arm, ROUNDING)
         if result is None:
-            raise crushed[-1] if crushed else unknown_least(arm, winches)
+            raise crushed[-1] if crushed else no_shape(arm, winches)
         return result.tensions
 
     def _least_energy(self) -> Iterator[tuple[DiscreteRod, Array, Array]]:

@@ -32,6 +32,7 @@ import numpy as np
 from octoplan.model.cross_section.energy import EnergySection, ExactSection
 from octoplan.model.cross_section.sections import reported, strains_of
 from octoplan.model.extensions.contact.effects import bodies_of
+from octoplan.model.extensions.lengths.winches import Winches
 from octoplan.model.loads import beyond, is_conservative, levers
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
@@ -42,7 +43,7 @@ from octoplan.model.rod.layout import POSE, Layout, layout
 from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.stations import base_pose, body_numbers, stations, tendon_paths
 from octoplan.model.support.machine.functions import BufferedFunction
-from octoplan.model.winches import Winches, least_compliance
+from octoplan.model.tendons import least_compliance
 
 LOG = logging.getLogger(__name__)
 

@@ -19,20 +19,19 @@ from octoplan.model.equilibrium.newton import STAGES, Start, newton
 from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.extensions.clearance.pieces import DeviationBound
 from octoplan.model.extensions.printed import PrintedStatics
-from octoplan.model.forward import explicit_map
+from octoplan.model.integrators import MAGNUS6
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.rod.system import system
 from octoplan.model.scene import Scene
 from octoplan.model.support.checks import SMALLEST
 from octoplan.model.support.errors import InputError, OctoplanError
+from octoplan.model.unloaded.closed_form import ClosedForm
 from octoplan.model.unloaded.marched import tendon_lengths
 from octoplan.planner.extensions.avoidance.strain_bounds import estimated, proven
 
 # Which stretches (K,) and shares of them (K,) -> tensions (K, n_tendons), on a straight line each.
 Tensions = Callable[[Counts, Array], Array]
-# Closed forms whose nodes in a step are the stages of an element.
-_SCHEME = "magnus6"
 
 
 class Lines:
@@ -54,7 +53,7 @@ class Lines:
         self._forward: Any = (
             Collocation(system(arm, scene, STAGES, refinement, at, True, machine_code))
             if self.loaded
-            else explicit_map(arm, scene, _SCHEME, refinement, at, machine_code)
+            else ClosedForm(arm, scene, MAGNUS6, refinement, at, machine_code)
         )
         self._tensions, self._states = np.zeros((0, arm.n_tendons)), list[Array]()
 

@@ -23,7 +23,6 @@ import clarabel
 import numpy as np
 
 from octoplan.model.equilibrium.linearised import Equilibrium, check_stretch
-from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.equilibrium.stability import is_stable, stability
 from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.extensions.contact.forward import TouchingMap
@@ -155,8 +154,7 @@ class TensionProgram:
     ) -> None:
         self.task, self.least = task, least
         self._stations = task.target_set.stations
-        more = self._stations, task.machine_code
-        self.map = TouchingMap(task.arm, task.scene, STAGES, refinement, *more)
+        self.map = TouchingMap(task.arm, task.scene, refinement, self._stations, task.machine_code)
         self.unit, self.n = float(natural_tensions(task.arm).max()), task.arm.n_tendons
         self.holds = [target for target in task.targets if isinstance(target, Hold)]
         self._terms, self._numbers = task.target_set.terms, task.target_set.numbers

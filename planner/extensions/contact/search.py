@@ -11,7 +11,6 @@ from operator import attrgetter
 
 import numpy as np
 
-from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.extensions.contact.effects import contacts, without_contacts, without_friction
 from octoplan.model.extensions.contact.forward import TouchingMap
 from octoplan.model.extensions.contact.sharp import close
@@ -77,7 +76,7 @@ def check_contact(task: PlanningProblem, avoids: bool) -> None:
         if is_given:
             raise InputError(name, value, allowed)
     # Refuses an arm that is inside of an obstacle at rest, which every start would meet.
-    TouchingMap(task.arm, task.scene, STAGES, 1)
+    TouchingMap(task.arm, task.scene, 1)
 
 
 def _trials(optima: Sequence[ContactOptimum]) -> tuple[Trial, ...]:

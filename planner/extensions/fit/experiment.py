@@ -25,10 +25,11 @@ from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, c
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.sensitivities import ByNumbers
 from octoplan.model.extensions.lengths.by_lengths import tightened
+from octoplan.model.extensions.lengths.winches import Winches
 from octoplan.model.paths import Array
 from octoplan.model.rod.layout import POSE
 from octoplan.model.rod.system import DiscreteRod, system
-from octoplan.model.winches import Winches, rest_lengths
+from octoplan.model.tendons import rest_lengths
 from octoplan.planner.extensions.fit.measured import Measured
 from octoplan.planner.extensions.fit.unknowns import Parameters, neighbour
 from octoplan.planner.frontends.io.varied import Setting

@@ -15,7 +15,7 @@ from octoplan.model.support.checks import SUCH, kind, orthonormal
 from octoplan.model.support.quantities import Matrix, NotNegative, Positive, Vector
 from octoplan.model.support.units import DISTANCE
 from octoplan.model.support.value import Rule, value
-from octoplan.model.winches import rest_lengths
+from octoplan.model.tendons import rest_lengths
 
 # Standard deviations of places and lengths [m], and of frames [rad], if none are given. Only their
 # ratio matters then.

@@ -229,8 +229,8 @@ def _filled(text: str, values: dict[str, str]) -> str:
 def _values(shape: Shape, source: CSource, precision: Precision, name: str) -> dict[str, str]:
     """Return the texts for the placeholders in the files, by name."""
     written_by = versions()
-    mesh = shape.arm, shape.scene, shape.scheme, shape.refinement
-    jacobian = np.array(tip_jacobian_function(*mesh)(shape.tensions))
+    function = tip_jacobian_function(shape.arm, shape.scene, shape.refinement)
+    jacobian = np.array(function(shape.tensions))
     test_vector = {
         "TEST_TENSION": shape.tensions,
         "TEST_POSITION": shape.states[:, 4:7],

@@ -51,7 +51,7 @@ def steps_source(shape: Shape, precision: Precision, twice: bool = False) -> CSo
     """
     arm = shape.arm
     scene = shape.scene
-    forward = explicit_map(arm, scene, shape.scheme, shape.refinement)
+    forward = explicit_map(arm, scene, shape.refinement)
     if not isinstance(forward, ClosedForm):
         return None
     statics = closed_statics(scene, arm)
@@ -174,17 +174,17 @@ def whole_source(shape: Shape, precision: Precision) -> CSource:
         raise InputError("precision", precision, allowed)
     arm = shape.arm
     scene = shape.scene
-    mesh = (shape.scheme, shape.refinement)
-    forward = explicit_map(arm, scene, *mesh)
+    forward = explicit_map(arm, scene, shape.refinement)
     frame = frame_function()
     T = ca.MX.sym("T", arm.n_tendons)
     poses, stretch = forward.function(T)[:2]
     tip = poses[:, -1]
     frames = frame.map(poses.shape[1])(poses[:4, :])
+    jacobian = tip_jacobian_function(arm, scene, shape.refinement)
     functions = (
         ca.Function("tip_pose", [T], [tip[4:], frame(tip[:4]), stretch]),
         ca.Function("node_poses", [T], [poses[4:, :], frames, stretch]),
-        ca.Function("tip_rows", [T], [tip_jacobian_function(arm, scene, *mesh)(T).T]),
+        ca.Function("tip_rows", [T], [jacobian(T).T]),
     )
     stretches = stretch.numel()
     used = stretches + work_of(functions)["SZ_W"]

@@ -13,10 +13,11 @@ import numpy as np
 
 from octoplan.model import Arm, InputError, Scene
 from octoplan.model.extensions.contact.effects import SelfContact
+from octoplan.model.extensions.lengths.winches import Winches
 from octoplan.model.loads import check_loads
 from octoplan.model.support.errors import FileError
 from octoplan.model.support.units import STROKE, length_text, warn_unusual
-from octoplan.model.winches import Winches, rest_lengths
+from octoplan.model.tendons import rest_lengths
 from octoplan.planner.extensions.avoidance.surroundings import surroundings
 from octoplan.planner.frontends.io.codec import (
     arguments,

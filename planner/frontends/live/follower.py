@@ -20,12 +20,12 @@ from octoplan.model.arm import Arm
 from octoplan.model.compliance import at_node
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
-from octoplan.model.equilibrium.newton import STAGES, Start, newton
+from octoplan.model.equilibrium.newton import Start, newton
 from octoplan.model.equilibrium.stability import is_stable, stability_slope
 from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.extensions.obstacles import Obstacle
 from octoplan.model.extensions.obstacles.base import distances_from
-from octoplan.model.forward import by_collocation
+from octoplan.model.forward import collocation_map
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
@@ -124,7 +124,7 @@ class Follower:
         point = _under_loads(shape)
         if point is not None:
             code = self._machine_code
-            coarse = by_collocation(shape.arm, shape.scene, STAGES, 1, machine_code=code)
+            coarse = collocation_map(shape.arm, shape.scene, 1, machine_code=code)
             result = self._near(coarse, point, shape.tensions)
             self.shape = shape if result is None else replace(result, refinement=1)
 

@@ -112,7 +112,7 @@ def mark_nearest(
     if pressed:
         deepest = min(pressed, key=lambda touch: touch.gap)
         result = Clearance(deepest.gap, type(deepest.obstacle).__name__, (deepest.s,))
-    if result.what == ITSELF and (shape.on_itself or shape.scene.has(SelfContact)):
+    if result.what == ITSELF and (shape.self_contacts or shape.scene.has(SelfContact)):
         return
     through = result.gap < 0
     if not (through or (free and result.gap < _NEAR * shape.arm.length)):

@@ -6,7 +6,6 @@ And Newton steps of tensions that cannot push, to the least ones where they are 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,19 +13,11 @@ import scipy
 from scipy.linalg.lapack import dgesdd
 
 from octoplan.model.arm import Arm
-from octoplan.model.effects import Extension
+from octoplan.model.equilibrium.linearised import Index
 from octoplan.model.paths import Array, Mask
-from octoplan.model.scene import Scene
-from octoplan.model.support.checks import LARGEST, SMALLEST, not_negative
+from octoplan.model.support.checks import not_negative
 from octoplan.model.support.errors import InputError
-from octoplan.model.unloaded.marched import Lengths, tendon_lengths
-
-# Compliance of held tendons as a share of the arm's own, so that combinations of lengths that no
-# strain changes do not matter.
-_LEAST_COMPLIANCE = 1e-10
-# A tendon pulls where its tension shortens it, in the straight arm, by more than this share of the
-# arm's length; below is rounding of solvers.
-_PULLS = 1e-8
+from octoplan.model.tendons import arm_compliance, checked_EA
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,17 +72,18 @@ class Winches:
         EA = np.inf if tendon_EA is None else checked_EA(tendon_EA)
         return cls(held, left, T, EA, not_negative("tendon_outside", outside))
 
+    def undetermined_tensions(self, taut: Index, length_tension: Array) -> Array:
+        """Return the combinations (k, n) of the tensions of taut tendons that lengths leave free.
+
+        `length_tension` (n, n) are the derivatives of the lengths of the n taut tendons by their
+        tensions [m/N].
+        """
+        _, values, right = np.linalg.svd(np.diag(self.stretch[taut]) - length_tension)
+        return np.asarray(right[values <= RANK_TOL * values.max(initial=0.0)])
+
     def slack_lengths(self, lengths: Array, tensions: Array) -> Array:
         """Return what is left of tendons beyond their paths (n_tendons,) [m]; short below 0."""
         return np.asarray(self.lengths + self.stretch * tensions - lengths)
-
-
-def checked_EA(value: Any) -> float:
-    """Return the stiffness E A of tendons [N]; InputError unless it is above 0."""
-    is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    if not (is_number and SMALLEST <= value <= LARGEST):
-        raise InputError("tendon_EA", value, "a number above 0 [N], or None")
-    return float(value)
 
 
 def _split_missing(arm: Arm, values: Any, name: str) -> tuple[Array, Mask]:
@@ -105,48 +97,6 @@ def _split_missing(arm: Arm, values: Any, name: str) -> tuple[Array, Mask]:
         return arm.flat(values, name), np.ones(arm.n_tendons, dtype=bool)
     filled = [np.nan_to_num(row, nan=0.0, posinf=np.inf, neginf=-np.inf) for row in rows]
     return arm.flat(filled, name), ~np.isnan(np.concatenate([row.ravel() for row in rows]))
-
-
-@lru_cache(maxsize=64)
-def _at_rest(arm: Arm) -> Lengths:
-    """Return the tendons of the arm without tensions and loads."""
-    result = tendon_lengths(arm, Scene(Extension()))(np.zeros(arm.n_tendons))
-    result.lengths.setflags(write=False)
-    return result
-
-
-def rest_lengths(arm: Arm) -> Array:
-    """Return the length of each tendon in the arm at rest (n_tendons,) [m].
-
-    The integral of |t + Y' + kappa_0 x Y|, Y = y d, kappa_0 the arm's curvature at rest. Strokes
-    count from there: what a winch has taken in.
-    """
-    return _at_rest(arm).lengths
-
-
-def pulls(arm: Arm, tensions: Array) -> Mask:
-    """Return which tendons pull, of tensions (..., n_tendons) [N]; the others are slack.
-
-    A tendon is slack below 1e-8 L / C, with C the compliance of all tendons, see arm_compliance:
-    less than that moves the arm by rounding alone.
-    """
-    return np.asarray(tensions > _PULLS * arm.length / arm_compliance(arm))
-
-
-def arm_compliance(arm: Arm) -> float:
-    """Return how much all tendons shorten, in sum, for one newton in each, arm at rest [m/N].
-
-    Each by its own tension: in a straight arm, but for slopes, the integrals of y^2/EJ + 1/EA.
-    """
-    return -float(np.trace(_at_rest(arm).length_tension))
-
-
-def least_compliance(arm: Arm) -> float:
-    """Return the compliance that tendons have at least where their lengths are held [m/N].
-
-    It regularises what lengths do not determine: a share of the arm's own, below what matters.
-    """
-    return _LEAST_COMPLIANCE * arm_compliance(arm)
 
 
 def slackened(tensions: Array, left: Array, winches: Winches, arm: Arm) -> Array:
@@ -232,9 +182,3 @@ def _least_norm(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, b
         return result, well
     raised = result + raises
     return np.where(np.abs(raised) <= _TINY * size, 0.0, raised), well
-
-
-def unfelt(M: Array) -> Array:
-    """Return the combinations (k, n) of tensions that lengths, by M (n, n), do not feel."""
-    _, values, right = np.linalg.svd(M)
-    return np.asarray(right[values <= RANK_TOL * values.max(initial=0.0)])

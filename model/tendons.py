@@ -1,0 +1,73 @@
+"""The tendons of an arm at rest: lengths, compliance, and which tensions count as a pull."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from octoplan.model.arm import Arm
+from octoplan.model.effects.sections import Extension
+from octoplan.model.paths import Array, Mask
+from octoplan.model.scene import Scene
+from octoplan.model.support.checks import LARGEST, SMALLEST
+from octoplan.model.support.errors import InputError
+from octoplan.model.unloaded.marched import Lengths, tendon_lengths
+
+# Smallest compliance of tendons with given lengths, over that of the arm. Regularises combinations
+# of lengths that no strain changes.
+_LEAST_COMPLIANCE = 1e-10
+# Smallest shortening by a taut tendon of the straight arm, over the arm's length. Smaller tensions
+# are rounding of solvers.
+_TAUT_STROKE = 1e-8
+
+
+@lru_cache(maxsize=64)
+def _at_rest(arm: Arm) -> Lengths:
+    """Return the tendons of the arm without tensions and loads."""
+    result = tendon_lengths(arm, Scene(Extension()))(np.zeros(arm.n_tendons))
+    result.lengths.setflags(write=False)
+    return result
+
+
+def rest_lengths(arm: Arm) -> Array:
+    """Return the length of each tendon in the arm at rest (n_tendons,) [m].
+
+    The length is the integral of |t + Y' + kappa_0 x Y| with Y = y d and the curvature at rest
+    kappa_0. Strokes are measured from rest lengths.
+    """
+    return _at_rest(arm).lengths
+
+
+def is_taut(arm: Arm, tensions: Array) -> Mask:
+    """Return whether each tendon is taut under tensions (..., n_tendons) [N].
+
+    A tendon is slack below 1e-8 L / C with the compliance C of all tendons, see arm_compliance.
+    """
+    return np.asarray(tensions > _TAUT_STROKE * arm.length / arm_compliance(arm))
+
+
+def arm_compliance(arm: Arm) -> float:
+    """Return the sum of the shortenings of all tendons by 1 N in each, of the arm at rest [m/N].
+
+    Each tendon counts under its own tension alone. In a straight arm without slopes the terms are
+    the integrals of y^2 / EJ + 1 / EA.
+    """
+    return -float(np.trace(_at_rest(arm).length_tension))
+
+
+def least_compliance(arm: Arm) -> float:
+    """Return the smallest compliance of tendons with given lengths [m/N].
+
+    The compliance regularises undetermined tensions. It is a negligible fraction of the arm's.
+    """
+    return _LEAST_COMPLIANCE * arm_compliance(arm)
+
+
+def checked_EA(value: Any) -> float:
+    """Return the stiffness E A of tendons [N]; raise InputError unless it is positive."""
+    is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    if not (is_number and SMALLEST <= value <= LARGEST):
+        raise InputError("tendon_EA", value, "a number above 0 [N], or None")
+    return float(value)

@@ -1,0 +1,25 @@
+"""Shapes by collocation on a given mesh: a second way to solve for what `settle` returns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from octoplan.model import Arm, Scene, Shape, settle
+from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.loads import is_loaded
+from octoplan.model.rod.system import system
+from tests.oracles import Array
+
+
+def collocated(
+    arm: Arm, tensions: Array, scene: Scene, stages: int = 3, refinement: int = 16
+) -> Shape:
+    """Return a shape by collocation with a number of stages, on the mesh of a refinement.
+
+    In scenes without loads `settle` solves each cross-section by itself instead; under loads it
+    uses three stages.
+    """
+    T = arm.flat(tensions)
+    equations = system(arm, scene, stages, refinement, (), is_loaded(scene))
+    point = Collocation(equations).solve(T)
+    return replace(settle(arm, T, scene, 1e-2), equilibrium=point, refinement=refinement)
