@@ -25,7 +25,7 @@ from octoplan.planner.frontends.sweeps.sweep import sweep
 from octoplan.planner.limits import Limits
 from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.plan import Plan, plan
-from octoplan.planner.program.problem import Problem
+from octoplan.planner.problem import Problem
 from octoplan.planner.solution import Trial
 
 __all__ = [

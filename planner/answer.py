@@ -19,21 +19,16 @@ from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError, UncertifiedError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, report
+from octoplan.planner.blocks import STABILITY, STRETCH, STROKES
 from octoplan.planner.certificate import Certificate, certify
 from octoplan.planner.extensions.avoidance.surroundings import NOTHING, Environment
 from octoplan.planner.extensions.contact.remarks import remarks
 from octoplan.planner.extensions.mirror import mirror_images
 from octoplan.planner.measure import remark_on_slack, strokes
 from octoplan.planner.nlp_options import Mode, effort
+from octoplan.planner.nlp_solution import STABILITY_TOLERANCE, NlpSolution
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.program.problem import (
-    RESOLVED,
-    STABILITY_TOLERANCE,
-    Candidate,
-    Problem,
-    units,
-)
-from octoplan.planner.program.program import STABILITY, STRETCH, STROKES
+from octoplan.planner.problem import RESOLVED, Problem, tension_scales
 from octoplan.planner.solution import Solution, n_equal_optima
 from octoplan.planner.solve.refine import on_mesh
 from octoplan.planner.targets.base import OVER_WANTED
@@ -180,7 +175,7 @@ class Answer(Solution, PlanningProblem):
         if not self.lam_x:
             return []
         T, lam, limits = np.ravel(self.tensions), np.array(self.lam_x), self.allowed
-        near, lam = 1e-6 * units(self.arm, self.limits), lam[: T.size]
+        near, lam = 1e-6 * tension_scales(self.arm, self.limits), lam[: T.size]
         upper, lower = np.array(self.limits.upper), np.array(self.limits.lower)
         most = (np.array(limits.upper) == upper) & (upper - near <= T) & (lam > 1e-9)
         # No tendon pushes: a minimum of 0 is no limit.
@@ -192,7 +187,7 @@ class Answer(Solution, PlanningProblem):
         ]
         kinds = (
             (STRETCH, np.inf, "the body, which would be crushed (1 + q at its least)"),
-            (STABILITY, np.inf, f"stability, at its margin of {self.options.least:g}"),
+            (STABILITY, np.inf, f"stability, at its margin of {self.options.stability_bound:g}"),
             ("clear", 0.0, "what the arm is to keep clear of"),
         )
         for kind, weight, name in kinds:
@@ -210,7 +205,8 @@ class Answer(Solution, PlanningProblem):
     @property
     def problem(self) -> Problem:
         """The program that states it."""
-        return Problem(self.avoiding(self.avoidance))
+        blocks = self.avoidance.blocks(self.arm) if self.avoidance else ()
+        return Problem(self, self.options, blocks)
 
     @property
     def n_equal_optima(self) -> int:
@@ -219,21 +215,22 @@ class Answer(Solution, PlanningProblem):
 
     def _rows(self, name: str) -> Array:
         """Return the multipliers of the constraints of a name, as far as there are any."""
-        lam, rows = np.array(self.lam_g), self.problem.program.rows
+        lam, rows = np.array(self.lam_g), self.problem.program.row_kinds
         return np.asarray(lam[rows[: lam.size] == name])
 
     @cached_property
-    def optimum(self) -> Candidate | None:
+    def optimum(self) -> NlpSolution | None:
         """The tensions as a point of their program, with the defect of its mesh.
 
         None where they do not settle, and where the multipliers are of another program.
         """
         problem = self.problem
+        program = problem.program
         lam_x, lam_g = np.array(self.lam_x), np.array(self.lam_g)
-        if lam_x.size < problem.n_free or lam_g.size < problem.n_outer:
+        if lam_x.size < program.n_decision or lam_g.size < program.n_design_rows:
             return None
         with suppress(OctoplanError, np.linalg.LinAlgError):
-            known = Candidate(np.zeros(0), lam_x, lam_g, 0.0, True, 0, problem=problem)
+            known = NlpSolution(np.zeros(0), lam_x, lam_g, 0.0, True, 0, problem=problem)
             return on_mesh(known, problem, self.shape)
         return None
 

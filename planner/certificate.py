@@ -36,8 +36,8 @@ from octoplan.planner.extensions.avoidance.surroundings import NOTHING, Environm
 from octoplan.planner.extensions.contact.grasp import Grasp
 from octoplan.planner.limits import Limits
 from octoplan.planner.measure import strokes
+from octoplan.planner.nlp_solution import KKT_TOLERANCE, STABILITY_TOLERANCE
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.program.problem import KKT_TOLERANCE, STABILITY_TOLERANCE
 from octoplan.planner.targets.hold import WRENCH, Hold
 
 # What is less stable under its loads, or yields at so little more of them, is on the brink.

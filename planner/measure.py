@@ -11,11 +11,11 @@ from octoplan.model.compliance import length_response
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.tendons import is_taut, rest_lengths
-from octoplan.planner.program.terms import Targets
 from octoplan.planner.targets.stiffness import MinimumStiffness
+from octoplan.planner.targets.target_set import TargetSet
 
 
-def remark_on_slack(targets: Targets, shape: Shape) -> str:
+def remark_on_slack(targets: TargetSet, shape: Shape) -> str:
     """Return the stiffness of targets with lengths held when slack tendons are released.
 
     A sentence that begins with a space; empty without such targets, or where all tendons pull.

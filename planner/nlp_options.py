@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import dataclasses
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -24,7 +25,7 @@ class NlpOptions:
     norm : "2", "1" or "inf"
         Norm of the tensions that is minimised.
     mode : "exact", "closest" or "nearest"
-        Treatment of the targets; see octoplan.planner.program.program. The search chooses the mode.
+        Treatment of the targets; see octoplan.planner.program. The search chooses the mode.
     refinement : int
         Refinement of the mesh. An element has three Gauss stages. The search chooses the mesh.
     margin : float
@@ -43,13 +44,13 @@ class NlpOptions:
     floor: float = 1e-2
 
     @property
-    def least(self) -> float:
+    def stability_bound(self) -> float:
         """The lower bound of the stability of constrained modes."""
         return max(self.margin, self.floor)
 
-    def but(self, **changes: Any) -> NlpOptions:
+    def replace(self, **changes: Any) -> NlpOptions:
         """Return the options with some values replaced."""
-        return replace(self, **changes)
+        return dataclasses.replace(self, **changes)
 
 
 def effort(tensions: Array, norm: Norm) -> Array:

@@ -27,6 +27,7 @@ from octoplan.model.support.progress import GRACE, OutOfTime, reserve, seconds_l
 from octoplan.model.support.progress import time_limit as limited_to
 from octoplan.model.support.text import TextRepr, plotted
 from octoplan.planner.answer import Answer
+from octoplan.planner.blocks import STABILITY
 from octoplan.planner.certificate import BRINK
 from octoplan.planner.extensions.avoidance.around import ObstacleSearch, line_of
 from octoplan.planner.extensions.avoidance.surroundings import Environment, surroundings
@@ -50,8 +51,7 @@ from octoplan.planner.planning_problem import (
     checked_options,
     planned_scene,
 )
-from octoplan.planner.program.problem import Problem
-from octoplan.planner.program.program import STABILITY
+from octoplan.planner.problem import Problem
 from octoplan.planner.solution import Solution
 from octoplan.planner.solve.refine import CORRECTIONS
 from octoplan.planner.solve.search import Search
@@ -284,7 +284,7 @@ def plan(
     margin = BRINK if is_loaded(scene) and not rubs(scene) else 0.0
     if stability_margin is not None:
         margin = within("stability_margin", stability_margin, 0.0, 1.0)
-    options = checked_options(targets, limits, norm, starts).but(margin=margin)
+    options = checked_options(targets, limits, norm, starts).replace(margin=margin)
     task = PlanningProblem(
         arm,
         targets,
@@ -387,7 +387,7 @@ def searched(task: PlanningProblem, around: Environment, near: Answer | None) ->
     """Return what a plan that is near leads to, or the best from all starts."""
     if near is not None and near.avoidance is not None and near.surroundings == around:
         # Among the same obstacles: by the inequalities of its program, if that keeps clear.
-        kept = warm_start(near, task.avoiding(near.avoidance))
+        kept = warm_start(near, task, near.avoidance)
         if kept is not None and not kept.stopped and not kept.jump:
             line = line_of(task, np.ravel(kept.tensions))
             if line is not None and not around.in_the_way(line):

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Any, Self, get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -22,11 +22,10 @@ from octoplan.model.scene import Scene
 from octoplan.model.settle import checked_scene, settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError
-from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints
 from octoplan.planner.limits import Limits
 from octoplan.planner.nlp_options import Mode, NlpOptions, Norm
-from octoplan.planner.program.terms import Targets
 from octoplan.planner.targets.base import Target
+from octoplan.planner.targets.target_set import TargetSet
 
 # Default for the largest number of initial guesses.
 MAX_GUESSES = 14
@@ -75,9 +74,9 @@ class PlanningProblem:
         return MAX_GUESSES if self.guesses is None else self.guesses
 
     @cached_property
-    def target_set(self) -> Targets:
+    def target_set(self) -> TargetSet:
         """All targets as one."""
-        return Targets(self.arm, self.targets)
+        return TargetSet(self.arm, self.targets)
 
     @property
     def unloaded_scene(self) -> Scene:
@@ -94,12 +93,6 @@ class PlanningProblem:
         """The accuracy of shapes that verify the problem's accuracy: a hundredth of it."""
         return max(self.accuracy / 100, FINEST_ACCURACY)
 
-    def avoiding(self, avoidance: ClearanceConstraints | None) -> Self:
-        """Return the problem with the inequalities of an obstacle avoidance, if there are any."""
-        if avoidance is None:
-            return self
-        return replace(self, targets=avoidance.beside(self.targets))
-
     def settled(self, tensions: Array) -> Shape:
         """Settle tensions to the reference accuracy; raises the errors of settle.
 
@@ -115,7 +108,7 @@ class PlanningProblem:
         Without extension a slender tip winds up further, which takes a finer mesh.
         """
         usual = 1 if self.scene.has(Extension) else 2
-        return self.options.but(mode=mode, refinement=self.mesh or usual)
+        return self.options.replace(mode=mode, refinement=self.mesh or usual)
 
 
 @lru_cache(maxsize=8)
@@ -184,7 +177,7 @@ def check_targets(arm: Arm, target: Target | Iterable[Target]) -> tuple[Target, 
                 allowed = f"one target for it, not two: targets[{prescribed[name]}] prescribes it"
                 raise InputError(f"targets[{i}]", f"another {name}", allowed)
             prescribed[name] = i
-    if not Targets(arm, targets).tendons:
+    if not TargetSet(arm, targets).tendons:
         raise InputError(
             "target", targets, "targets that leave some tendon to pull for all of them"
         )

@@ -64,9 +64,10 @@ from octoplan.model.effects import (
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.planner import NlpOptions, Plan, plan
+from octoplan.planner.nlp_solution import NlpSolution
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.program.problem import Candidate, Problem
-from octoplan.planner.solve.search import attempt
+from octoplan.planner.problem import Problem
+from octoplan.planner.solve.search import solve_from_guess
 from octoplan.planner.targets import Target, TipPose, TipPosition
 from studies import draws
 from studies.draws import ARM, MAXIMUM, READ, off
@@ -168,14 +169,15 @@ _RESULTS = ("reached", "error", "cost", "seconds", "starts", "outcome")
 
 def _solved(
     result: Plan, scene: Scene, options: NlpOptions, count: int, rng: np.random.Generator
-) -> list[Candidate]:
+) -> list[NlpSolution]:
     """Return what random starts of a plan's problem lead to, on the mesh of the search."""
     limits = result.limits
     task = PlanningProblem(ARM, result.targets, scene, limits, options, result.accuracy)
     coarse = Problem(task, task.coarse(result.mode))
     scale = np.minimum(np.repeat([0.6, 5.0, 15.0], 4), limits.upper)
-    tried = (attempt(coarse, rng.uniform() * rng.uniform(size=12) * scale) for _ in range(count))
-    return [candidate for candidate in tried if candidate.met]
+    guesses = (rng.uniform() * rng.uniform(size=12) * scale for _ in range(count))
+    tried = (solve_from_guess(coarse, T) for T in guesses)
+    return [candidate for candidate in tried if candidate.converged]
 
 
 def _over_best(result: Plan, scene: Scene, count: int, rng: np.random.Generator) -> float:

@@ -31,9 +31,8 @@ from octoplan.model.paths import Array
 from octoplan.model.stiffness import tip_jacobian
 from octoplan.planner import Limits, NlpOptions
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.program.problem import Problem
-from octoplan.planner.solve.search import Search
-from octoplan.planner.solve.search import attempt as led_to
+from octoplan.planner.problem import Problem
+from octoplan.planner.solve.search import Search, solve_from_guess
 from octoplan.planner.targets import TipPosition
 from studies.draws import MAXIMUM, SCENES, shape
 from studies.reporting import asked
@@ -44,8 +43,8 @@ Solver = Callable[[Search, Array, Array], Array | None]
 
 def by_shooting(search: Search, tip: Array, guess: Array) -> Array | None:
     """Return the tensions that the planner's program leads to."""
-    candidate = led_to(Problem(search.task, search.task.coarse("exact")), guess)
-    return candidate.tensions if candidate.met else None
+    candidate = solve_from_guess(Problem(search.task, search.task.coarse("exact")), guess)
+    return candidate.tensions if candidate.converged else None
 
 
 def by_tensions(method: str) -> Solver:

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from octoplan.planner.program.problem import Problem
-from octoplan.planner.program.program import Program
+from octoplan.planner.problem import Problem
+from octoplan.planner.program import Program
 from tests.oracles import Array
 
 

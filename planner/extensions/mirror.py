@@ -21,7 +21,7 @@ from octoplan.model.support.errors import OctoplanError
 from octoplan.model.tendons import is_taut
 from octoplan.planner.limits import Limits
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.program.terms import Targets
+from octoplan.planner.targets.target_set import TargetSet
 
 
 def _planes(arm: Arm, limits: Limits) -> Iterator[tuple[float, Array]]:
@@ -81,7 +81,7 @@ def mirror_images(task: PlanningProblem, shape: Shape) -> Iterator[tuple[float, 
                 yield angle, other
 
 
-def _largest_residual(targets: Targets, poses: Array) -> float:
+def _largest_residual(targets: TargetSet, poses: Array) -> float:
     """Return how far poses (K, 7) are from the targets, the largest residual."""
     equality, soft_residual, inequality, _ = targets.values(poses, ())
     gaps = [np.abs(value) for value in (*equality.values(), *soft_residual.values())]

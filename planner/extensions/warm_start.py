@@ -16,8 +16,10 @@ import numpy as np
 from octoplan.model.paths import Array
 from octoplan.model.support.progress import OutOfTime, check_time
 from octoplan.planner.answer import Answer
+from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints
+from octoplan.planner.nlp_solution import STABILITY_TOLERANCE, NlpSolution
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.program.problem import STABILITY_TOLERANCE, Candidate, Problem
+from octoplan.planner.problem import Problem
 from octoplan.planner.solution import Solution, Trial
 from octoplan.planner.solve.refine import PART, polish, refine
 
@@ -27,7 +29,9 @@ _LITTLE = 0.25
 _LEAST_STEP = 1 / 64
 
 
-def warm_start(near: Answer, task: PlanningProblem) -> Solution | None:
+def warm_start(
+    near: Answer, task: PlanningProblem, avoidance: ClearanceConstraints | None = None
+) -> Solution | None:
     """Return the optimum that a plan leads to, None where it cannot be followed.
 
     Its targets are of the same structure as the task's. Minima of the tensions may be others;
@@ -35,19 +39,21 @@ def warm_start(near: Answer, task: PlanningProblem) -> Solution | None:
     optimum is less stable than it has to be.
     """
     arm, limits, margin = task.arm, task.limits, task.options.margin
-    before = near.avoiding(near.avoidance).target_set
+    before, after = near.target_set, task.target_set
     is_alike = (
         near.options.mode == "exact"
         and near.options.norm == task.options.norm
         and near.options.margin == margin
         and replace(near.limits, lower=limits.lower) == limits
-        and before.structure == task.target_set.structure
-        and before.tendons == task.target_set.tendons
+        and near.avoidance == avoidance
+        and before.stations == after.stations
+        and before.terms == after.terms
+        and before.tendons == after.tendons
     )
     if not is_alike:
         return None
     try:
-        continued = _continued(near, task)
+        continued = _continued(near, task, avoidance)
         if continued is None:
             return None
         optimum, apart = continued
@@ -57,7 +63,7 @@ def warm_start(near: Answer, task: PlanningProblem) -> Solution | None:
         ):
             return None
         trials = (Trial(optimum.f, True, optimum.iterations),)
-        return fine.result(trials, jump=apart)
+        return fine.result(trials, jump=apart, avoidance=avoidance)
     except OutOfTime:
         T = np.clip(np.ravel(near.tensions), limits.lower, limits.upper)
         return Solution(near.options, arm.by_section(T), (), (), (), stopped=True)
@@ -73,15 +79,19 @@ def jump(before: Array, after: Array, *others: Array) -> float:
     return apart / size if apart > _LITTLE * size else 0.0
 
 
-def _continued(near: Answer, task: PlanningProblem) -> tuple[Candidate, float] | None:
+def _continued(
+    near: Answer, task: PlanningProblem, avoidance: ClearanceConstraints | None
+) -> tuple[NlpSolution, float] | None:
     """Return the optimum for a task, by steps in target numbers and minima from one nearby.
 
     By the defect of that; and by how much the tensions jump, 0 where they change little by little.
     """
-    origin, problem, n = near.optimum, Problem(task, near.options), task.arm.n_tendons
+    blocks = avoidance.blocks(task.arm) if avoidance else ()
+    origin, problem = near.optimum, Problem(task, near.options, blocks)
+    n = task.arm.n_tendons
     if origin is None:
         return None
-    begin = current = replace(origin.extended(), problem=problem)
+    begin = current = replace(origin.with_adjoint(), problem=problem)
     first, last = (of.parameters(defect=origin.defect) for of in (origin.problem, problem))
     lbx, ubx, lbg, ubg = problem.bounds
     rise = np.zeros(lbx.size)
@@ -94,7 +104,7 @@ def _continued(near: Answer, task: PlanningProblem) -> tuple[Candidate, float] |
         bounds = lbx - lag, np.where(lbx == ubx, ubx - lag, ubx), lbg, ubg
         following = polish(current, p, bounds, warm=True)
         jumps = jump(current.tensions, following.tensions, begin.tensions) > 0
-        if following.met and (step <= _LEAST_STEP or not jumps):
+        if following.converged and (step <= _LEAST_STEP or not jumps):
             left |= jumps
             current, fraction, step = following, trial, 2 * step
         elif step <= _LEAST_STEP:

@@ -25,10 +25,10 @@ from octoplan.model.support.machine.functions import BatchFunction
 from octoplan.model.support.progress import check_time
 from octoplan.model.unloaded.closed_form import ClosedForm
 from octoplan.planner.limits import NATURAL_RANGE, Limits, natural_tensions
+from octoplan.planner.nlp_solution import NlpSolution
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.program.problem import Candidate, units
-from octoplan.planner.program.program import factorised
-from octoplan.planner.program.terms import TargetTerms
+from octoplan.planner.problem import factorised, tension_scales
+from octoplan.planner.targets.target_set import TargetTerms
 
 # How many conditions a point is, which arms meet in many ways.
 POINT = 3
@@ -70,7 +70,7 @@ def initial_guesses(
     """
     limits, count = task.allowed, task.target_set.conditions
     # All tendons pull a little, inside of the limits.
-    straight = np.clip(5e-3 * units(task.arm, limits), limits.lower, limits.upper)
+    straight = np.clip(5e-3 * tension_scales(task.arm, limits), limits.lower, limits.upper)
     if count > POINT:
         yield from fitted(task, 0.0 if missed else _EFFORT)
     # A bend in a plane is met by arms that wind round once more, too, and more cheaply by those
@@ -85,7 +85,7 @@ def initial_guesses(
             yield np.clip(_STRONGER * T, limits.lower, limits.upper)
 
 
-def beside(near: Candidate) -> Iterator[Array]:
+def beside(near: NlpSolution) -> Iterator[Array]:
     """Yield tensions (n_tendons,) [N] beside an optimum, along what its targets see least first.
 
     Its program has equalities. Changes of the tensions that they do not see at all are left out.
@@ -94,9 +94,11 @@ def beside(near: Candidate) -> Iterator[Array]:
     arm, limits, n = problem.arm, problem.limits, problem.arm.n_tendons
     span = NATURAL_RANGE * natural_tensions(arm)
     J = near.derivatives[2].tocsc()
-    m, count, first = problem.n_outer, problem.program.n_equalities, problem.n_free + 1
+    program = problem.program
+    m, equalities, first = program.n_design_rows, program.equality_rows, program.states.start
     by_tensions = -factorised(J[m:, first:]).solve(J[m:, :n].toarray())
-    seen = J[:count, :n].toarray() + J[:count, first:] @ by_tensions
+    target_rows = J.tocsr()[equalities].tocsc()
+    seen = target_rows[:, :n].toarray() + target_rows[:, first:] @ by_tensions
     _, values, directions = np.linalg.svd(seen * span / problem.unit, full_matrices=False)
     for value, direction in zip(values[::-1], directions[::-1], strict=True):
         if value > _UNSEEN * values[0]:
@@ -110,7 +112,7 @@ def drawn_arms(task: PlanningProblem) -> Iterator[Array]:
 
     Without a look at the time, of which they take little.
     """
-    unit = units(task.arm, task.allowed)
+    unit = tension_scales(task.arm, task.allowed)
     bends = BendCoordinates(task.arm, task.target_set.tendons, task.allowed)
     drawn = bends.tensions(bends.draw(_DRAWN))
     distance = np.linalg.norm(residuals_of(task)(drawn), axis=1)
@@ -127,7 +129,7 @@ def fitted(task: PlanningProblem, effort: float) -> Iterator[Array]:
     section pull is fitted beside its bends.
     """
     bends = BendCoordinates(task.arm, task.target_set.tendons, task.allowed)
-    unit, residuals = units(task.arm, task.allowed).max(), residuals_of(task)
+    unit, residuals = tension_scales(task.arm, task.allowed).max(), residuals_of(task)
     # Of least squares a near miss with less effort is no better guess.
     weight = 0.0 if task.target_set.terms.names[1] else effort
 

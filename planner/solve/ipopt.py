@@ -1,7 +1,8 @@
-"""The only file that knows ipopt: its options, its words, and what they mean.
+"""Solve nonlinear programs by ipopt: options, interruption, log, return statuses.
 
-What ipopt has to say goes to the logger of this module, at level DEBUG, and nowhere else. Ctrl-C
-and time limits reach it by a callback, as it takes exceptions for failed evaluations.
+No other module mentions ipopt's options or return statuses. The output of ipopt goes to the logger
+of this module at level DEBUG. A callback stops ipopt after Ctrl-C or at a time limit, because ipopt
+regards exceptions as failed evaluations.
 """
 
 from __future__ import annotations
@@ -23,14 +24,15 @@ from octoplan.model.paths import Array
 from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.model.support.progress import OutOfTime, check_time
 from octoplan.planner.nlp_options import Mode
-from octoplan.planner.program.problem import KKT_TOLERANCE, Bounds, Candidate, Problem, SolverResult
-from octoplan.planner.program.program import Program
+from octoplan.planner.nlp_solution import KKT_TOLERANCE, NlpSolution, SolverResult
+from octoplan.planner.problem import Bounds, Problem
+from octoplan.planner.program import Nlp, Program
 
 
 class Watch(ca.Callback):
-    """Stops ipopt at the next iteration once Ctrl-C was pressed or the time limit is reached.
+    """Stops ipopt at the next iteration after Ctrl-C, or when the time limit is reached.
 
-    Ctrl-C is for the main thread alone, as it is in Python; others go on.
+    Ctrl-C stops the main thread alone, as in Python.
     """
 
     def __init__(self) -> None:
@@ -39,7 +41,7 @@ class Watch(ca.Callback):
         self.construct("watch", {})
 
     def get_n_in(self) -> int:
-        """Return how many things an iteration is made of."""
+        """Return the number of quantities of an iterate."""
         return int(ca.nlpsol_n_out())
 
     def get_n_out(self) -> int:
@@ -47,7 +49,7 @@ class Watch(ca.Callback):
         return 1
 
     def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        """Return that none of them is wanted."""
+        """Return an empty pattern: the iterate is not used."""
         return ca.Sparsity(0, 0)
 
     def eval(self, arg: Any) -> list[ca.DM]:
@@ -58,8 +60,8 @@ class Watch(ca.Callback):
         return [ca.DM(1)]
 
     @contextmanager
-    def held(self) -> Iterator[None]:
-        """Hold Ctrl-C back until the solver has stopped, and hand it on then."""
+    def defer_interrupt(self) -> Iterator[None]:
+        """Defer Ctrl-C until the solver has stopped."""
         previous = signal.getsignal(signal.SIGINT)
         if not _is_main() or not callable(previous):
             yield
@@ -82,40 +84,41 @@ def _is_main() -> bool:
 
 
 LOG = logging.getLogger(__name__)
-# Held by the thread whose solver writes to the standard output, which all threads have in common.
-_TALKING = threading.RLock()
+# Held by the thread whose solver writes to the standard output, which all threads share.
+_OUTPUT_LOCK = threading.RLock()
 
-# Efforts are about 1e-2 in the program's units: so magnified they weigh as much as the barrier.
-MAGNIFIED = 1e3
-# Equalities r = 0 are stated as r = RELAXED (t - c), t^2 / 2 added to the objective: t is RELAXED
-# times the multiplier then, which is of any size where equalities all but depend on each other. So
-# r is RELAXED^2 times what the multiplier differs by from that of the start, of which c is made: 0
-# in a search, so that r is small; warm it is a rounding error. Source: Rockafellar, "Augmented
-# Lagrangians and applications of the proximal point algorithm", Math. Oper. Res. 1 (1976).
-RELAXED = 3e-5
-# The same for optima that are polished, and for targets that are to be met exactly although the
-# tensions can meet fewer equalities than there are (a backbone of the arm's own shape): residuals
-# stay below the tolerance along changes of the tensions that the shape hardly shows.
-POLISHED = 1e-6
+# Factor of the objective in ipopt [-]. An effort is about 1e-2 at an optimum; with this factor the
+# objective weighs as much as the barrier.
+OBJECTIVE_SCALE = 1e3
+# rho of relaxed target equalities, see octoplan.planner.program: their residual is rho^2 times the
+# change of the multipliers during the solve. In a search the change is the multiplier itself, and
+# the residual is small; in a warm start the residual is a rounding error.
+RELAXATION = 3e-5
+# rho for optima that are polished, and for targets that have to be met exactly although there are
+# more equalities than tensions (a backbone of the arm's own shape): residuals remain below the
+# tolerance also along changes of the tensions that hardly change the shape.
+POLISH_RELAXATION = 1e-6
 Options = dict[str, Any]
-_QUIET: Options = {
+# Options of all solves. Programs are scaled already, and their matrices are banded.
+_COMMON: Options = {
     "sb": "yes",
     "tol": 1e-8,
     "constr_viol_tol": 1e-8,
     "bound_relax_factor": 0.0,
-    "obj_scaling_factor": MAGNIFIED,
-    # Matrices are scaled already, and of a band.
+    "obj_scaling_factor": OBJECTIVE_SCALE,
     "mumps_permuting_scaling": 0,
     "mumps_scaling": 0,
     "mumps_pivot_order": 0,
 }
-# What takes longer is lost: another initial guess is cheaper.
+# Options of a solve from a guess. max_iter is small, because another guess costs less than a long
+# solve.
 COLD: Options = {"max_iter": 60, "mu_init": 0.1, "bound_push": 5e-3, "bound_frac": 5e-3}
-# Optima are polished later. A barrier parameter that follows the iterates takes a quarter fewer of
-# them.
+# Options of solves whose results are polished later. A barrier parameter that follows the iterates
+# saves a quarter of them.
 _ROUGH: Options = {"mu_strategy": "adaptive", "tol": 1e-6, "constr_viol_tol": 1e-6}
-# Of several programs side by side, where no other guess is cheaper.
-TOGETHER: Options = COLD | _ROUGH | {"tol": 1e-7, "max_iter": 300}
+# Options of several programs side by side, for which no other guess is cheaper.
+SIDE_BY_SIDE: Options = COLD | _ROUGH | {"tol": 1e-7, "max_iter": 300}
+# Options of a solve from the solution and the multipliers of a similar program.
 WARM: Options = {
     "mu_init": 1e-6,
     "warm_start_init_point": "yes",
@@ -131,114 +134,104 @@ WARM: Options = {
     "acceptable_iter": 4,
     "max_iter": 40,
 }
+# Purposes of a solve: from a guess; from a guess, with target equalities to more digits; from the
+# optimum for another target; from the optimum of nearly the same program; to the last digits.
 Purpose = Literal["search", "meet", "follow", "near", "polish"]
-_FOR: dict[Purpose, Options] = {
-    # An objective that outweighs the barrier takes a sixth fewer iterations; steps that lead ten
-    # times farther from equilibrium than the guess are cut.
-    "search": COLD | _ROUGH | {"obj_scaling_factor": 30 * MAGNIFIED, "theta_max_fact": 10.0},
-    # Targets that least squares all but meet.
-    "meet": COLD | _ROUGH | {"obj_scaling_factor": 30 * MAGNIFIED, "theta_max_fact": 10.0},
-    # From the optimum for another target, which may hold other bounds.
+# An objective that outweighs the barrier saves a sixth of the iterations. theta_max_fact limits the
+# violation of equilibrium to ten times that of the guess.
+_SEARCH = COLD | _ROUGH | {"obj_scaling_factor": 30 * OBJECTIVE_SCALE, "theta_max_fact": 10.0}
+_EXACT: dict[Purpose, Options] = {
+    "search": _SEARCH,
+    "meet": _SEARCH,
+    # The optimum for another target may have other active bounds.
     "follow": WARM | _ROUGH | {"max_iter": 60},
     "near": WARM,
-    # Bounds that hold are fixed, others are far: there is no barrier left to follow.
+    # Active bounds are fixed, others are far: no barrier is left.
     "polish": WARM | {"mu_init": 1e-12},
 }
-# Least squares of what cannot be met take longer, to more digits, and there is no cheaper way. What
-# they come to is small, and where they all but vanish only the weighted effort is left, which the
-# barrier must not outweigh.
-_SMALL: Options = {"obj_scaling_factor": 100 * MAGNIFIED, "max_iter": 200}
-_LEAST: dict[Purpose, Options] = {
+# Least squares need more iterations and more digits. Their minimum may be nearly zero, so that only
+# the weighted effort remains, which has to outweigh the barrier.
+_SMALL: Options = {"obj_scaling_factor": 100 * OBJECTIVE_SCALE, "max_iter": 200}
+_RELAXED: dict[Purpose, Options] = {
     "search": COLD | _SMALL | {"mu_init": 1e-3},
     "near": WARM | _SMALL,
-    "polish": _FOR["polish"] | _SMALL,
+    "polish": _EXACT["polish"] | _SMALL,
 }
-# Some backbones take that many iterations. Targets out of reach are missed by much: magnified as
-# above, least squares would outweigh equilibrium, and searches under loads seldom end.
+# Targets out of reach have large misses: with the factor above, they would outweigh equilibrium,
+# and searches under loads would seldom converge. Some backbones need 100 iterations.
 _FAR: Options = {"obj_scaling_factor": 100.0, "mu_init": 0.1, "max_iter": 100}
 _BY_MODE: dict[Mode, dict[Purpose, Options]] = {
-    "exact": _FOR,
-    "closest": _LEAST,
-    "nearest": _LEAST | {"search": COLD | _FAR},
+    "exact": _EXACT,
+    "closest": _RELAXED,
+    "nearest": _RELAXED | {"search": COLD | _FAR},
 }
 
 
 _WATCH = Watch()
-# How it ends where it says that it is at an optimum; and where feasible steps are as small as
-# rounding, which is all that is left to an optimum that is polished.
-_MET = frozenset({"Solve_Succeeded", "Solved_To_Acceptable_Level"})
+# Return statuses that count as convergence.
+_CONVERGED = frozenset({"Solve_Succeeded", "Solved_To_Acceptable_Level"})
+# The same for an optimum that is polished: feasible steps as small as rounding errors.
 _TO_ROUNDING = frozenset({"Search_Direction_Becomes_Too_Small"})
 
 
-def nlp_solver(
-    nlp: dict[str, ca.MX],
-    derivatives: dict[str, ca.Function],
-    purpose_options: Options,
-    talks: bool = False,
-) -> BufferedFunction:
-    """Return ipopt for a nonlinear program in symbols, with its own derivatives, and options.
+def nlp_solver(nlp: Nlp, options: Options, is_logged: bool = False) -> BufferedFunction:
+    """Return ipopt for a nonlinear program.
 
-    It takes x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0 and returns x, f, g, lam_x, lam_g, lam_p.
-    Each thread solves in memory of its own: CasADi's plain call of a solver has one for all.
+    The solver takes x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0 and returns x, f, g, lam_x, lam_g,
+    lam_p. Each thread solves in its own memory; a plain call of a CasADi solver shares one.
     """
-    options: Options = {
+    functions = {"x": nlp.w, "p": nlp.p, "f": nlp.f, "g": nlp.g}
+    common: Options = {
         "print_time": False,
         "show_eval_warnings": False,
-        # It would warn of more equations than unknowns, as where a plane holds an arm.
+        # The check would warn of more equations than unknowns, for example if a plane fixes an arm.
         "inputs_check": False,
         "calc_lam_p": False,
         "no_nlp_grad": True,
         "error_on_fail": False,
         "iteration_callback": _WATCH,
-        **derivatives,
-        "ipopt": _QUIET | purpose_options | {"print_level": 5 if talks else 0},
+        **nlp_derivatives(nlp),
+        "ipopt": _COMMON | options | {"print_level": 5 if is_logged else 0},
     }
-    return BufferedFunction(ca.nlpsol("ipopt", "ipopt", nlp, options))
+    return BufferedFunction(ca.nlpsol("ipopt", "ipopt", functions, common))
 
 
-def relaxed(purpose: Purpose) -> float:
-    """Return by how much equalities may be missed, see RELAXED."""
-    return POLISHED if purpose in ("meet", "polish") else RELAXED
+def nlp_derivatives(nlp: Nlp) -> dict[str, ca.Function]:
+    """Return the derivatives by the names that CasADi's nlpsol prescribes.
+
+    nlpsol expects values beside the derivatives. ipopt evaluates values separately, so that empty
+    matrices suffice.
+    """
+    at, names = [nlp.w, nlp.p], ["x", "p"]
+    f, g = ca.MX(1, 1), ca.MX(nlp.lam.numel(), 1)
+    gradient = ca.densify(nlp.gradient)
+    return {
+        "grad_f": ca.Function("nlp_grad_f", at, [f, gradient], names, ["f", "grad:f:x"]),
+        "jac_g": ca.Function("nlp_jac_g", at, [g, nlp.jacobian], names, ["g", "jac:g:x"]),
+        "hess_lag": ca.Function(
+            "nlp_hess_l",
+            [*at, nlp.sigma, nlp.lam],
+            [nlp.hessian],
+            [*names, "lam:f", "lam:g"],
+            ["triu:hess:gamma:x:x"],
+        ),
+    }
+
+
+def relaxation(purpose: Purpose) -> float:
+    """Return rho of the target equalities, see RELAXATION."""
+    return POLISH_RELAXATION if purpose in ("meet", "polish") else RELAXATION
 
 
 @lru_cache(maxsize=32)
-def solver(of: Program, purpose: Purpose, mode: Mode, talks: bool = False) -> BufferedFunction:
-    """Return ipopt for a program of a mode and a purpose, built once.
+def solver(
+    program: Program, purpose: Purpose, mode: Mode, is_logged: bool = False
+) -> BufferedFunction:
+    """Return ipopt for a program, its mode and a purpose, built once.
 
-    The equalities, its first m rows, may be missed by `relaxed(purpose)` (t - c); unknowns are
-    those of the program, then t (m,), parameters those of the program, then c (m,).
+    Unknowns are those of the program, then t (m,), parameters those of the program, then t_0 (m,).
     """
-    n, m = of.size, of.n_equalities
-    x, (_, p, sigma, lam) = ca.MX.sym("x", n + m), of.function.mx_in()
-    p = ca.MX.sym("p", p.numel() + m)
-    numbers, centre = ca.vertsplit(p, [0, p.numel() - m, p.numel()])
-    f, gradient, g, jacobian, hessian = of.function.call([x[:n], numbers, sigma, lam], True, False)
-    t, slack = x[n:], ca.DM(ca.Sparsity.diag(of.rows.size, m), relaxed(purpose))
-    f, g = f + ca.sumsqr(t) / 2, g - slack @ (t - centre)
-    first = ca.vertcat(gradient, t), ca.horzcat(jacobian, -slack)
-    second = ca.diagcat(hessian, sigma * ca.DM.eye(m))
-    nlp, derivatives = {"x": x, "p": p, "f": f, "g": g}, named((x, p, sigma, lam), *first, second)
-    return nlp_solver(nlp, derivatives, _BY_MODE[mode][purpose], talks)
-
-
-def named(
-    symbols: tuple[ca.MX, ...], gradient: ca.MX, jacobian: ca.MX, hessian: ca.MX
-) -> dict[str, ca.Function]:
-    """Return derivatives by the names that nlpsol takes them by.
-
-    Of unknowns, parameters, and weights of objective and constraints: the gradient of the
-    objective, the Jacobian of the constraints, the upper half of the Lagrangian's Hessian. Values,
-    which nlpsol lists with them, are left out: ipopt asks for these apart.
-    """
-    at, names = list(symbols[:2]), ["x", "p"]
-    weights = ["lam:f", "lam:g"]
-    result = ["triu:hess:gamma:x:x"]
-    first, f, g = ca.densify(gradient), ca.MX(1, 1), ca.MX(symbols[3].numel(), 1)
-    return {
-        "grad_f": ca.Function("nlp_grad_f", at, [f, first], names, ["f", "grad:f:x"]),
-        "jac_g": ca.Function("nlp_jac_g", at, [g, jacobian], names, ["g", "jac:g:x"]),
-        "hess_lag": ca.Function("nlp_hess_l", list(symbols), [hessian], names + weights, result),
-    }
+    return nlp_solver(program.relaxed(relaxation(purpose)), _BY_MODE[mode][purpose], is_logged)
 
 
 def solve(
@@ -248,58 +241,78 @@ def solve(
     bounds: Bounds | None = None,
     multipliers: tuple[Array, Array] | None = None,
     purpose: Purpose = "search",
-) -> Candidate:
-    """Solve from x; warm from multipliers (lam_x, lam_g) where the purpose is not a search.
+) -> NlpSolution:
+    """Solve the program of a problem from unknowns x.
 
-    Within the problem's bounds, unless others are given.
+    Parameters
+    ----------
+    problem : Problem
+    x, p : (n_x,), (n_p,)
+        Unknowns and parameters.
+    bounds : Bounds
+        The bounds of the problem unless given.
+    multipliers : (lam_x, lam_g)
+        Multipliers for a warm start; the purpose is not a search then.
+    purpose : str
     """
     lbx, ubx, lbg, ubg = bounds or problem.bounds
-    n, none = x.size, np.zeros(problem.program.n_equalities)
+    equality_rows = problem.program.equality_rows
+    n, none = x.size, np.zeros(equality_rows.size)
     lam_x, lam_g = multipliers or (np.zeros(n), np.zeros(lbg.size))
-    slack = relaxed(purpose)
-    centre = slack * lam_g[: none.size]
-    begin = np.append(x, centre)
-    limits = np.append(lbx, none - np.inf), np.append(ubx, none + np.inf), lbg, ubg
-    mode, talks = problem.options.mode, LOG.isEnabledFor(logging.DEBUG)
-    run = solver(problem.program, purpose, mode, talks)
-    p = np.append(problem.with_mode(x, p), centre)
-    ends = _MET | _TO_ROUNDING if purpose == "polish" else _MET
-    end = solved(run, begin, p, limits, (np.append(lam_x, none), lam_g), ends)
-    x, t = np.split(end.x, [n])
-    missed = slack * float(np.abs(t - centre).max(initial=0.0))
-    met = end.met and missed <= KKT_TOLERANCE
-    f = end.f - float(t @ t) / 2
-    return Candidate(x, end.lam_x[:n], end.lam_g, f, met, end.iterations, problem=problem)
+    rho = relaxation(purpose)
+    t_0 = rho * lam_g[equality_rows]
+    unbounded = np.full(none.size, np.inf)
+    relaxed_bounds = np.append(lbx, -unbounded), np.append(ubx, unbounded), lbg, ubg
+    result = run_solver(
+        solver(problem.program, purpose, problem.options.mode, LOG.isEnabledFor(logging.DEBUG)),
+        np.append(x, t_0),
+        np.append(problem.parameters_at(x, p), t_0),
+        relaxed_bounds,
+        (np.append(lam_x, none), lam_g),
+        _CONVERGED | _TO_ROUNDING if purpose == "polish" else _CONVERGED,
+    )
+    x, t = np.split(result.x, [n])
+    residual = rho * float(np.abs(t - t_0).max(initial=0.0))
+    return NlpSolution(
+        x,
+        result.lam_x[:n],
+        result.lam_g,
+        result.f - float(t @ t) / 2,
+        result.converged and residual <= KKT_TOLERANCE,
+        result.iterations,
+        problem=problem,
+    )
 
 
-def solved(
+def run_solver(
     run: BufferedFunction,
     x: Array,
     p: Array,
     bounds: Bounds,
     multipliers: tuple[Array, Array] | None = None,
-    ends: Set[str] = _MET,
+    statuses: Set[str] = _CONVERGED,
 ) -> SolverResult:
-    """Return what a solver makes of x, met where it says so in these words.
+    """Run a solver from unknowns x, and log its output.
 
-    What it writes, if it does, is logged.
+    The result counts as converged if the return status is among `statuses` and all numbers are
+    finite.
     """
     multipliers = multipliers or (np.zeros(bounds[0].size), np.zeros(bounds[2].size))
-    with _WATCH.held(), _logged():
+    with _WATCH.defer_interrupt(), _logged_output():
         x, f, _, lam_x, lam_g, _ = (value.ravel() for value in run(x, p, *bounds, *multipliers))
     status, count = run.stats()["return_status"], int(run.stats()["iter_count"])
-    met = status in ends
-    LOG.debug("%s after %d iterations", "met" if met else f"not met: {status}", count)
-    end = SolverResult(x, lam_x, lam_g, float(f[0]), met, count)
-    return end if end.is_finite else replace(end, met=False)
+    converged = status in statuses
+    LOG.debug("%s after %d iterations", "converged" if converged else f"failed: {status}", count)
+    result = SolverResult(x, lam_x, lam_g, float(f[0]), converged, count)
+    return result if result.is_finite else replace(result, converged=False)
 
 
 @contextmanager
-def _logged() -> Iterator[None]:
-    """Log what is written to the standard output, by one thread at a time; at DEBUG alone."""
+def _logged_output() -> Iterator[None]:
+    """Log the standard output at level DEBUG, of one thread at a time."""
     if not LOG.isEnabledFor(logging.DEBUG):
         yield
         return
-    with _TALKING, redirect_stdout(io.StringIO()) as said:
+    with _OUTPUT_LOCK, redirect_stdout(io.StringIO()) as output:
         yield
-    LOG.debug(said.getvalue().strip())
+    LOG.debug(output.getvalue().strip())

@@ -1,11 +1,11 @@
-"""From an optimum of a coarse mesh to one whose settled shape meets the accuracy, warm.
+"""Refine an optimum of a coarse mesh until its settled shape meets the accuracy.
 
-A program on a coarse mesh has its optimum at a shape whose poses are off by the mesh's error d.
-With d, known from the shape settled to the accuracy, added to what the program measures
-(poses at the stations, least stretches, compliances, eigenvalues, lengths), it is solved once
-more, warm; then the settled shape meets the targets. d changes little from one solution to the
-next, so that one or two corrections do. What is left of the mesh's error is in derivatives: the
-effort is off by its square. Only where d is large the mesh is made finer.
+The optimum of a program on a coarse mesh has a shape whose measurements (poses at the stations,
+least stretches, compliances, eigenvalues, tendon lengths) are off by the defect d of the mesh. The
+arm is settled to the accuracy, d is added to the measurements, and the program is solved again with
+a warm start; then the settled shape meets the targets. d changes little from one solution to the
+next, so that one or two corrections suffice. The remaining error of the mesh is in the derivatives,
+and changes the effort by its square. Only if d is large, the mesh is refined.
 
 Source: Stetter, "The defect correction principle and discretization methods", Numer. Math. 29
 (1978).
@@ -25,189 +25,203 @@ from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import CollapsedError, OctoplanError
 from octoplan.model.support.progress import check_time
-from octoplan.planner.program.problem import KKT_TOLERANCE, Bounds, Candidate, Problem
-from octoplan.planner.solve.ipopt import MAGNIFIED, solve
+from octoplan.planner.blocks import LeastMode
+from octoplan.planner.nlp_solution import KKT_TOLERANCE, NlpSolution
+from octoplan.planner.problem import Bounds, Problem
+from octoplan.planner.solve.ipopt import OBJECTIVE_SCALE, solve
 
-# How often a program is corrected and solved again: by defects and on finer meshes, for other modes
-# and other places that come nearest. The part of the accuracy that a defect may be off by, and of
-# what optimality is held to.
-CORRECTIONS, PART = 16, 3
-# What a coarse mesh may be off by of a margin and of effort. Defects over L above which the mesh is
-# made finer: tensions are off by a few times as much. What is farther off comes to another shape;
-# stretches that are farther from 0 need no correction.
-COARSE, _ROUGH, _ELSEWHERE = 1e-3, 1e-4, 0.1
-# Part of the effort that what is left of a defect may change. Tensions that the shape hardly shows
+# Largest number of corrections of a program: by defects, on finer meshes, for other modes and other
+# nearest places.
+CORRECTIONS = 16
+# The accuracy, and the tolerance of optimality, over the largest error of a defect.
+PART = 3
+# Relative error of margins and efforts on a coarse mesh.
+COARSE_RTOL = 1e-3
+# Defect, over L and in rad, above which the mesh is refined: tensions are off by a few times as
+# much.
+_REFINE_ABOVE = 1e-4
+# Defect above which the settled arm has another shape.
+_OTHER_SHAPE = 0.1
+# Relative change of the effort by the remaining defect. Tensions that hardly change the shape
 # change by far more than the shape.
 EFFORT_TOL = 1e-5
+# Largest number of solves in which tensions at their bounds are fixed.
+_POLISH_SOLVES = 4
 
 
-def refine(candidate: Candidate) -> Candidate | None:
-    """Return the optimum whose settled shape is what its program measures, to the last digits.
+def refine(optimum: NlpSolution) -> NlpSolution | None:
+    """Return the optimum whose settled shape has the measurements of its program.
 
-    To a part of the accuracy. None where the optimum is lost on the way, and where the arm comes to
-    another shape from rest, or buckles.
+    They agree to a part of the accuracy. Return None if the program does not converge on the way,
+    if the arm settles to another shape from rest, or if it buckles.
     """
-    task, last, before = candidate.problem.task, None, np.inf
-    enough = max(min(task.accuracy, KKT_TOLERANCE) / PART, FINEST_ACCURACY)
+    task, last, before = optimum.problem.task, None, np.inf
+    tolerance = max(min(task.accuracy, KKT_TOLERANCE) / PART, FINEST_ACCURACY)
     with suppress(OctoplanError, np.linalg.LinAlgError):
         for _ in range(CORRECTIONS):
             check_time()
-            corrected, change = _corrected(candidate, enough)
+            corrected, change = _corrected(optimum, tolerance)
             if corrected is None:
                 return None
-            if change <= enough:
-                last, problem = candidate, candidate.problem
+            if change <= tolerance:
+                last, problem = optimum, optimum.problem
                 # The defect enters the gradient of least squares, and of stiffnesses.
-                of_stiffness = problem.target_set.own.terms.names[3]
-                of_effort = problem.options.mode == "exact" and not of_stiffness
-                left = _effort_change(corrected) if of_effort else corrected.residual
-                # Rounding keeps it from falling.
-                stays = of_effort and left > before / 2
-                if stays or left <= (EFFORT_TOL if of_effort else KKT_TOLERANCE / PART):
+                has_objective = problem.target_set.terms.names[3]
+                is_effort = problem.options.mode == "exact" and not has_objective
+                remaining = _effort_change(corrected) if is_effort else corrected.residual
+                # Rounding errors keep the change from falling.
+                stagnates = is_effort and remaining > before / 2
+                if stagnates or remaining <= (EFFORT_TOL if is_effort else KKT_TOLERANCE / PART):
                     return last
-                before = left
-            candidate = polish(corrected)
-            if not candidate.met:
+                before = remaining
+            optimum = polish(corrected)
+            if not optimum.converged:
                 return last
         return last
     return None
 
 
-def _effort_change(candidate: Candidate) -> float:
-    """Return the part of the effort that meeting the constraints changes, by their multipliers."""
-    m = candidate.problem.n_outer
-    g, lam = candidate.derivatives[1][:m], candidate.lam_g[:m]
-    _, _, low, high = candidate.problem.bounds
-    missed = np.where(lam > 0, g - high[:m], g - low[:m])
-    change = float(np.abs(lam[lam != 0] @ missed[lam != 0]))
-    return change / max(candidate.f, np.finfo(float).tiny)
+def _effort_change(optimum: NlpSolution) -> float:
+    """Return the relative change of the effort that satisfies all rows, from the multipliers."""
+    m = optimum.problem.program.n_design_rows
+    g, lam = optimum.derivatives[1][:m], optimum.lam_g[:m]
+    _, _, low, high = optimum.problem.bounds
+    violation = np.where(lam > 0, g - high[:m], g - low[:m])
+    change = float(np.abs(lam[lam != 0] @ violation[lam != 0]))
+    return change / max(optimum.f, np.finfo(float).tiny)
 
 
-def _corrected(candidate: Candidate, enough: float) -> tuple[Candidate | None, float]:
-    """Return a candidate with the defect of its shape, and how much that differs from the last.
+def _corrected(optimum: NlpSolution, tolerance: float) -> tuple[NlpSolution | None, float]:
+    """Return the optimum with the defect of its shape, and the change of the defect.
 
-    Where it is large, and differs by more than is enough, on a finer mesh, which differs by any
-    amount. None where the shape is another one, and where there is no such mesh.
+    If the defect is large, and changes by more than the tolerance, the optimum is that on a finer
+    mesh, and the change infinite. The optimum is None if the shape is another one, or if there is
+    no finer mesh.
     """
-    problem, before = candidate.problem, candidate.defect
+    problem, before = optimum.problem, optimum.defect
     try:
-        shape = problem.task.settled(candidate.tensions)
-    except CollapsedError as crushed:
-        return replace(candidate, defect=stretched(problem, candidate.x, crushed)), np.inf
-    error = defect(problem, candidate.x, shape)
-    size = _defect_size(problem, error, stabilities=np.inf)
+        shape = problem.task.settled(optimum.tensions)
+    except CollapsedError as collapse:
+        return replace(optimum, defect=collapse_defect(problem, optimum.x, collapse)), np.inf
+    error = defect(problem, optimum.x, shape)
+    size = _defect_size(problem, error, stability_scale=np.inf)
     change = np.inf if before is None else _defect_size(problem, error - before)
-    if size <= _ROUGH or change <= enough:
-        return replace(candidate, defect=error), change
+    if size <= _REFINE_ABOVE or change <= tolerance:
+        return replace(optimum, defect=error), change
     order, mesh = convergence_order(problem.scene, 2 * STAGES), problem.options.refinement
-    finer = next_refinement(mesh, size, _ROUGH, order) if size <= _ELSEWHERE else None
+    finer = next_refinement(mesh, size, _REFINE_ABOVE, order) if size <= _OTHER_SHAPE else None
     if not finer:
         return None, np.inf
-    return on_mesh(candidate, problem.but(refinement=finer), shape).extended(), np.inf
+    return on_mesh(optimum, problem.replace(refinement=finer), shape).with_adjoint(), np.inf
 
 
-def on_mesh(candidate: Candidate, problem: Problem, shape: Shape) -> Candidate:
-    """Return a candidate as its settled shape is in a problem: in equilibrium, with the defect.
+def on_mesh(optimum: NlpSolution, problem: Problem, shape: Shape) -> NlpSolution:
+    """Return an optimum at the equilibrium of its settled shape on the mesh of a problem.
 
-    Raises what settling does.
+    The defect is that of the shape. Raises the errors of settling.
     """
     T = shape.tensions
-    x = problem.closed(T, problem.forward.solve(T, shape.known).states)
-    return replace(candidate, problem=problem, x=x, defect=defect(problem, x, shape))
+    x = problem.complete(T, problem.forward.solve(T, shape.known).states)
+    return replace(optimum, problem=problem, x=x, defect=defect(problem, x, shape))
 
 
 def polish(
-    candidate: Candidate,
+    optimum: NlpSolution,
     p: Array | None = None,
     bounds: Bounds | None = None,
     warm: bool = False,
-) -> Candidate:
-    """Return the optimum to the last digits: tensions at their bounds are there exactly.
+) -> NlpSolution:
+    """Return the optimum to the last digits, with tensions exactly at their active bounds.
 
-    Of the program with the candidate's defect, unless its parameters are given.
+    An interior-point method stops a little inside of the bounds. Tensions whose multiplier exceeds
+    the distance to the bound are fixed there, and the program is solved again, warm. Tensions whose
+    multiplier then has the wrong sign are released. If too few tensions remain to meet the targets,
+    all are released, and the program is solved from a cold start. If this fails, too, the last
+    optimum is returned.
 
-    An interior-point method stops a little inside of them. Those whose multipliers exceed their
-    distance are fixed there, and the program is solved once more, warm. Multipliers of the wrong
-    sign tell which are let go again. All are where too few are left to meet the targets, and it is
-    solved afresh, unless the start is to stay `warm`; if that fails the last optimum is kept.
+    Parameters
+    ----------
+    optimum : NlpSolution
+    p : (n_p,)
+        Parameters; those with the defect of the optimum unless given.
+    bounds : Bounds
+        The bounds of the problem unless given.
+    warm : bool
+        Whether to start warm even if all tensions are released.
     """
-    problem, begun = candidate.problem, candidate
-    p = problem.parameters(defect=candidate.defect) if p is None else p
+    problem, first = optimum.problem, optimum
+    p = problem.parameters(defect=optimum.defect) if p is None else p
     n, (lbx, ubx, lbg, ubg) = problem.arm.n_tendons, bounds or problem.bounds
-    x, pull = candidate.x[:n], candidate.lam_x[:n] * MAGNIFIED
-    at_low, at_high = x - lbx[:n] < -pull, ubx[:n] - x < pull
-    even = lbx[:n] == ubx[:n]
-    for _ in range(4):
+    x, force = optimum.x[:n], optimum.lam_x[:n] * OBJECTIVE_SCALE
+    at_low, at_high = x - lbx[:n] < -force, ubx[:n] - x < force
+    is_fixed = lbx[:n] == ubx[:n]
+    for _ in range(_POLISH_SOLVES):
         low, high = lbx.copy(), ubx.copy()
         high[:n] = np.where(at_low, lbx[:n], ubx[:n])
         low[:n] = np.where(at_high & ~at_low, ubx[:n], lbx[:n])
-        lam, guess = (candidate.lam_x, candidate.lam_g), np.clip(candidate.x, low, high)
-        trial = solve(problem, guess, p, (low, high, lbg, ubg), lam, "polish")
-        if not trial.met:
+        multipliers, guess = (optimum.lam_x, optimum.lam_g), np.clip(optimum.x, low, high)
+        trial = solve(problem, guess, p, (low, high, lbg, ubg), multipliers, "polish")
+        if not trial.converged:
             at_low[:] = at_high[:] = False
-            again = (lam, "near") if warm else (None, "search")
-            trial = solve(problem, candidate.x, p, (lbx, ubx, lbg, ubg), *again)
-        if not trial.met:
-            return trial if candidate is begun else candidate
-        # It takes unknowns that are fixed for numbers.
-        _, gradient, _, J = problem.program.evaluate(trial.x, problem.with_mode(trial.x, p))
+            again = (multipliers, "near") if warm else (None, "search")
+            trial = solve(problem, optimum.x, p, (lbx, ubx, lbg, ubg), *again)
+        if not trial.converged:
+            return trial if optimum is first else optimum
+        # ipopt returns no multipliers of fixed unknowns.
+        at = problem.parameters_at(trial.x, p)
+        _, gradient, _, J = problem.program.evaluate(trial.x, at)
         slope, lam_x = gradient + J.T @ trial.lam_g, trial.lam_x.copy()
-        lam_x[:n] = np.where(at_low | at_high | even, -slope[:n], lam_x[:n])
-        candidate = replace(
+        lam_x[:n] = np.where(at_low | at_high | is_fixed, -slope[:n], lam_x[:n])
+        optimum = replace(
             trial,
             lam_x=lam_x,
-            iterations=candidate.iterations + trial.iterations,
-            defect=candidate.defect,
+            iterations=optimum.iterations + trial.iterations,
+            defect=optimum.defect,
         )
-        wrong = ~even & ((at_low & (lam_x[:n] > 0)) | (at_high & (lam_x[:n] < 0)))
+        wrong_low, wrong_high = at_low & (lam_x[:n] > 0), at_high & (lam_x[:n] < 0)
+        wrong = ~is_fixed & (wrong_low | wrong_high)
         if not wrong.any():
             break
         at_low, at_high = at_low & ~wrong, at_high & ~wrong
-    return candidate
+    return optimum
 
 
 def defect(problem: Problem, x: Array, shape: Shape) -> Array:
-    """Return what is measured of the shape less what is of unknowns x: see Program.measured."""
-    of, on_mesh = problem.program, problem.measured(x)
-    poses = shape.poses(np.array(problem.target_set.stations))
-    turned = (poses * on_mesh[: poses.size].reshape(poses.shape))[:, :4].sum(axis=1) < 0
-    poses[turned, :4] *= -1
-    # Cross-sections that are far from being crushed are as they are on the mesh.
-    stretches = on_mesh[poses.size : poses.size + problem.slim_at.size].copy()
-    near = stretches <= _ELSEWHERE
-    if near.any():
-        stretches[near] = 1 + shape.strain(problem.slim_at[near])[:, 3]
-    parts = [poses.ravel(), stretches]
-    parts += [C.ravel() for C in problem.target_set.own.compliances(shape)]
-    parts += [np.array([shape.stability]) for _ in of.modes]
-    parts += [shape.tendon_lengths / problem.arm.length for _ in of.lengths]
-    return np.asarray(np.concatenate(parts) - on_mesh)
+    """Return the measurements of a shape minus those at unknowns x, see Program.measure."""
+    program, on_mesh = problem.program, problem.measured(x)
+    coarse = on_mesh[program.poses].reshape(-1, 7)
+    poses = shape.poses(np.array([s for s, _ in program.structure.stations]))
+    # q and -q are the same rotation.
+    opposite = (poses * coarse)[:, :4].sum(axis=1) < 0
+    poses[opposite, :4] *= -1
+    measured = [poses.ravel()]
+    for block, place in zip(problem.blocks, program.measured, strict=True):
+        measured.append(block.measure_shape(shape, on_mesh[place]))
+    return np.asarray(np.concatenate(measured) - on_mesh)
 
 
-def stretched(
-    problem: Problem, x: Array, crushed: CollapsedError, before: Array | float = 0.0
+def collapse_defect(
+    problem: Problem, x: Array, collapse: CollapsedError, before: Array | float = 0.0
 ) -> Array:
-    """Return a defect whose least stretch is that of a settled arm which is crushed.
-
-    All others are as before.
-    """
-    of, on_mesh = problem.program.measured, problem.measured(x)
+    """Return a defect with the stretch of a cross-section that collapsed, else that from before."""
+    program, on_mesh = problem.program, problem.measured(x)
     corrected = before + np.zeros(on_mesh.size)
-    worst = of[0] + int(np.abs(problem.slim_at - crushed.s).argmin())
-    corrected[worst] = crushed.stretch - on_mesh[worst]
+    place = program.measured[problem.blocks.index(problem.stretch)]
+    nearest = place.start + int(np.abs(np.array(problem.stretch.s) - collapse.s).argmin())
+    corrected[nearest] = collapse.stretch - on_mesh[nearest]
     return corrected
 
 
-def _defect_size(problem: Problem, defect: Array, stabilities: float = 1.0) -> float:
-    """Return the largest part of a defect, lengths over the arm's, angles in rad.
+def _defect_size(problem: Problem, defect: Array, stability_scale: float = 1.0) -> float:
+    """Return the largest component of a defect, lengths over L, angles in rad.
 
-    Stabilities over what is given: those of a settled shape are of its mesh, so that no finer one
-    of the program comes nearer to them.
+    Stabilities are divided by `stability_scale`: the stability of a settled shape is that on its
+    mesh, so that a finer mesh of the program does not reduce this component.
     """
-    poses, stretches, compliances, modes, lengths = problem.program.measured
-    L = problem.arm.length
-    pose = np.repeat([0.5, L], [4, 3])  # quaternions change by half the angle
-    of_poses = np.tile(pose, poses // pose.size), np.ones(stretches)
-    worth = [*of_poses, np.full(compliances, L / problem.arm.bending_force)]
-    worth += [np.full(modes, stabilities), np.ones(lengths)]
-    return float(np.abs(defect / np.concatenate(worth)).max(initial=0.0))
+    arm, program = problem.arm, problem.program
+    pose = np.repeat([0.5, arm.length], [4, 3])  # quaternions change by half the angle
+    scales = [np.tile(pose, program.poses.stop // pose.size)]
+    for block in problem.blocks:
+        scale = stability_scale if isinstance(block, LeastMode) else 1.0
+        scales.append(block.measurement_scales(arm) * scale)
+    return float(np.abs(defect / np.concatenate(scales)).max(initial=0.0))

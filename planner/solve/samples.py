@@ -23,8 +23,9 @@ from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import check_time, report
 from octoplan.planner.limits import Limits, natural_tensions
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.program.problem import SEARCHED, Problem, units
+from octoplan.planner.problem import SEARCH_WEIGHT, Problem, tension_scales
 from octoplan.planner.solve.guesses import FAR_APART, BendCoordinates, distinct, within_total
+from octoplan.planner.targets.target_rows import EQUALITY, INEQUALITY
 
 # Number of sampled shapes without loads. At most half of them are corners of the box of tensions:
 # 512 have all corners of eight tendons.
@@ -81,7 +82,8 @@ class Samples:
 
     def distinct(self) -> Iterator[Array]:
         """Yield tensions (n_tendons,) that differ [N], the nearest to the targets first."""
-        yield from distinct(self.tensions, units(self.task.arm, self.task.allowed), FAR_APART)
+        unit = tension_scales(self.task.arm, self.task.allowed)
+        yield from distinct(self.tensions, unit, FAR_APART)
 
 
 def sample(task: PlanningProblem, n_nearest: int) -> Samples:
@@ -108,7 +110,7 @@ def fine_enough(task: PlanningProblem, tensions: Array) -> PlanningProblem:
 def _settled(task: PlanningProblem, tensions: Array) -> Samples:
     """Return the shapes under tensions (m, n_tendons) that settle on the mesh of a task."""
     problem = Problem(task, task.coarse("nearest"))
-    p = problem.parameters(SEARCHED)
+    p = problem.parameters(SEARCH_WEIGHT)
     taken = list[Array]()
     objectives = list[float]()
     for point in _points(problem, tensions):
@@ -116,7 +118,7 @@ def _settled(task: PlanningProblem, tensions: Array) -> Samples:
             continue
         # Responses of an arm that buckles have no solution.
         with suppress(OctoplanError, np.linalg.LinAlgError):
-            x = problem.closed(point.tensions, point.states)
+            x = problem.complete(point.tensions, point.states)
             objective = float(problem.program.evaluate(x, p)[0][0])
             if np.isfinite(objective):
                 taken.append(point.tensions)
@@ -230,17 +232,17 @@ class _Fit:
 
 def _residuals(problem: Problem, point: Equilibrium) -> tuple[Array, Array]:
     """Return what the targets miss (k,), and its derivatives (k, n) by the scaled tensions."""
-    program, x = problem.program, problem.closed(point.tensions, point.states)
+    program, x = problem.program, problem.complete(point.tensions, point.states)
     _, _, g, J = problem.program.evaluate(x, problem.parameters())
-    at, n = program.places[program.states], point.tensions.size
+    at, n = program.states, point.tensions.size
     by_states = point.by_tensions * problem.unit / problem.scale[at][:, None]
-    rows = np.isin(program.rows, ("equality", "inequality"))
+    rows = np.isin(program.row_kinds, (EQUALITY, INEQUALITY))
     J = J.tocsr()[rows]
     jacobian = J[:, :n].toarray() + J[:, at] @ by_states
     weights = np.ones(len(jacobian))
-    terms = problem.target_set.own.terms
+    terms = problem.target_set.terms
     weights[: terms.equality_weights.size] = terms.equality_weights
-    equal = program.rows[rows] == "equality"
+    equal = program.row_kinds[rows] == EQUALITY
     residuals = np.where(equal, g[rows], np.minimum(g[rows], 0.0))
     jacobian[~equal & (residuals == 0)] = 0.0
     return weights * residuals, weights[:, None] * jacobian

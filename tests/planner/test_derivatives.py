@@ -103,7 +103,7 @@ def check_program(arm: Arm, scene: Scene, mode: Any, modes: int = 0) -> None:
     upper = ca.triu(ca.hessian(lagrangian, x)[0])
     second = ca.Function("second", given, [H_of, upper])
     here = problem.guess(rng.uniform(0, 0.3, arm.n_tendons))
-    at = problem.with_mode(here, problem.parameters())
+    at = problem.parameters_at(here, problem.parameters())
     here = here + 1e-2 * rng.normal(size=here.size)
     for one, other in zip(all_of(of, here, at), theirs(here, at), strict=True):
         other = dense(other)

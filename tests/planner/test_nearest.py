@@ -14,9 +14,9 @@ from octoplan.model.paths import Array
 from octoplan.planner import NlpOptions, plan
 from octoplan.planner.limits import Limits
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.program.problem import Problem
+from octoplan.planner.problem import Problem
 from octoplan.planner.solve.samples import fitted, sample, spread
-from octoplan.planner.solve.search import WIDE, attempt
+from octoplan.planner.solve.search import N_SAMPLED, solve_from_guess
 from octoplan.planner.targets import TipPosition
 
 STRAIGHT = Linear(0.0, 0.0)
@@ -97,7 +97,7 @@ def test_the_search_mesh_resolves_tendons_that_turn() -> None:
 
 def test_the_search_mesh_is_finer_where_samples_curl() -> None:
     task = _task(THIN, (0.01, 0.0, 0.02), EXACT, (1.5, 1.5, 1.5))
-    samples = sample(task, WIDE)
+    samples = sample(task, N_SAMPLED)
     mesh = samples.task.coarse("nearest").refinement
     assert mesh > task.coarse("nearest").refinement
     forward = Problem(samples.task, samples.task.coarse("nearest")).forward
@@ -112,8 +112,8 @@ def test_nearest_solves_converge_from_all_corners_of_the_limits() -> None:
     problem = Problem(task, task.coarse("nearest"))
     for corner in product((0.0, 1.0), repeat=4):
         T = np.array(MAXIMA) * corner
-        end = attempt(problem, T)
-        assert end.met, corner
+        end = solve_from_guess(problem, T)
+        assert end.converged, corner
         start = problem.forward.solve(T).poses[-1, 4:] - PLACE
         assert np.sqrt(2 * end.f) * HELICAL.length <= np.linalg.norm(start) + 1e-4
 
@@ -131,7 +131,7 @@ def test_samples_cover_corners_and_keep_to_the_limits() -> None:
 
 
 def test_samples_come_by_the_distance_of_their_settled_tips() -> None:
-    samples = sample(_task(HELICAL, PLACE, SHEAR, MAXIMA), WIDE)
+    samples = sample(_task(HELICAL, PLACE, SHEAR, MAXIMA), N_SAMPLED)
     tips = [settle(HELICAL, T, SHEAR, 1e-4).tip for T in samples.tensions[::20]]
     off = np.linalg.norm(np.array(tips) - PLACE, axis=1)
     assert (np.diff(off) > -1e-3 * HELICAL.length).all()
@@ -154,7 +154,7 @@ def test_agreement_alone_does_not_end_a_search_that_misses() -> None:
     """Guesses agreed on the nearest shape before any shape over the limits was looked at."""
     far = plan(THIN, TipPosition((0.9, 0.0, 0.1)), EXACT, 0.35)
     assert not far.reached
-    assert len(far.starts) > WIDE and far.sampled > 100
+    assert len(far.starts) > N_SAMPLED and far.sampled > 100
     few = plan(THIN, TipPosition((0.9, 0.0, 0.1)), EXACT, 0.35, starts=4)
     assert len(few.starts) <= 4
     met = plan(THIN, TipPosition(tuple(settle(THIN, [0.1, 0.03, 0], EXACT).tip)), EXACT, 0.35)

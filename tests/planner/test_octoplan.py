@@ -158,7 +158,7 @@ def test_the_solver_speaks_on_stderr_if_asked_and_stdout_is_json(
     assert main(["plan", BENDING, "--json", "-v"]) == 0
     captured = capsys.readouterr()
     assert json.loads(captured.out)["certified"]
-    assert "octoplan.planner.solve.ipopt: met after" in captured.err
+    assert "octoplan.planner.solve.ipopt: converged after" in captured.err
     assert "octoplan.model.support.progress: verifying" in captured.err
     assert main(["plan", BENDING, "--json"]) == 0
     assert capsys.readouterr().err == ""

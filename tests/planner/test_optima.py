@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from octoplan.model import Arm, Scene, conical, settle
 from octoplan.model.effects import Buoyancy, ExactTendons, Extension, TipLoad, Weight
 from octoplan.planner import Plan, load_plan, plan
-from octoplan.planner.program.problem import Candidate
+from octoplan.planner.nlp_solution import NlpSolution
 from octoplan.planner.solve import search
 from octoplan.planner.solve.refine import refine
 from octoplan.planner.targets import Backbone, Bend, Fetch, TipPose, TipPosition
@@ -315,7 +315,7 @@ def test_a_cheaper_optimum_that_is_lost_on_finer_meshes_is_told(
     target = TipPosition(tuple(settle(ARM, T, PAPER).tip))
     best = plan(ARM, target, PAPER, 20.0)
 
-    def losing(coarse: Candidate) -> Candidate | None:
+    def losing(coarse: NlpSolution) -> NlpSolution | None:
         same = abs(coarse.f / min(s.objective for s in best.starts) - 1) < 1e-3
         return None if same else refine(coarse)
 

@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 
 from octoplan.model import Arm, InputError, settle
-from octoplan.planner import export_plan, plan, plan_many
-from octoplan.planner.program import problem, terms
-from octoplan.planner.program.problem import Problem
-from octoplan.planner.program.terms import Targets
-from octoplan.planner.targets import Target, Terms, TipPosition, View
+from octoplan.planner import export_plan, plan, plan_many, program
+from octoplan.planner.problem import Problem
+from octoplan.planner.targets import Target, Terms, TipPosition, View, target_set
+from octoplan.planner.targets.target_set import TargetSet
 from tests.planner.cases import PAPER, Array, moderate
 
 ARM = Arm.from_paper("table-4")
@@ -140,10 +139,9 @@ def test_changes_of_a_target_leave_its_plan_as_it_was() -> None:
 
 def test_a_program_of_another_target_is_not_certified(monkeypatch: pytest.MonkeyPatch) -> None:
     """Programs that are mixed up on purpose: the certificate looks at the target itself."""
-    monkeypatch.setattr(terms.TargetTerms, "__eq__", lambda self, other: True)
-    monkeypatch.setattr(terms.TargetTerms, "__hash__", lambda self: 0)
-    for cache in (problem._built, problem._program):
-        cache.cache_clear()
+    monkeypatch.setattr(target_set.TargetTerms, "__eq__", lambda self, other: True)
+    monkeypatch.setattr(target_set.TargetTerms, "__hash__", lambda self: 0)
+    program.program_of.cache_clear()
     try:
         first, second = (plan(ARM, Frozen(z), PAPER) for z in HEIGHTS[:2])
         assert first.reached
@@ -151,8 +149,7 @@ def test_a_program_of_another_target_is_not_certified(monkeypatch: pytest.Monkey
         off = abs(height(second) - HEIGHTS[1]) / ARM.length
         assert second.certificate.equality["height"] == pytest.approx(off, abs=1e-7)
     finally:
-        for cache in (problem._built, problem._program):
-            cache.cache_clear()
+        program.program_of.cache_clear()
 
 
 def test_targets_of_equal_expressions_share_a_program() -> None:
@@ -160,9 +157,9 @@ def test_targets_of_equal_expressions_share_a_program() -> None:
     q = plan(ARM, TipPosition(tuple(SHAPE.tip + 0.01)), PAPER)
     same = p.options
     assert Problem(p, same).program is Problem(q, same).program
-    one, two = (Targets(ARM, (Frozen(z),)) for z in (0.1, 0.1))
+    one, two = (TargetSet(ARM, (Frozen(z),)) for z in (0.1, 0.1))
     assert one.terms == two.terms
-    assert one.terms != Targets(ARM, (Frozen(0.2),)).terms
+    assert one.terms != TargetSet(ARM, (Frozen(0.2),)).terms
 
 
 class Scaled(ca.Callback):  # type: ignore[misc]
@@ -180,7 +177,7 @@ class Scaled(ca.Callback):  # type: ignore[misc]
 
 def test_functions_in_python_are_never_taken_for_equal() -> None:
     functions = [Scaled(2.0), Scaled(3.0)]
-    one, two = (Targets(ARM, (Plain(lambda view, f=f: f(view.tip[2])),)).terms for f in functions)
+    one, two = (TargetSet(ARM, (Plain(lambda view, f=f: f(view.tip[2])),)).terms for f in functions)
     assert one == one
     assert one != two
 

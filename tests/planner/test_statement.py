@@ -17,7 +17,7 @@ from octoplan.planner import plan, trajectory
 from octoplan.planner.answer import sentence
 from octoplan.planner.certificate import Certificate
 from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints
-from octoplan.planner.program.program import Program
+from octoplan.planner.program import Program
 from octoplan.planner.solve import ipopt
 from octoplan.planner.targets import BendingPlane, TipPosition
 

@@ -9,7 +9,7 @@ from octoplan.model import Arm, Scene
 from octoplan.model.effects import Current, Effect, Extension, Friction, Shear, TipLoad
 from octoplan.planner import Limits, NlpOptions
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.program.problem import Problem
+from octoplan.planner.problem import Problem
 from octoplan.planner.targets import MinimumStiffness, Softest, Stiffest, Target, TipPosition
 from tests.differences import check_derivatives, whole
 from tests.stiffness.cases import IN_WATER, Array, pulling

@@ -12,8 +12,8 @@ import pytest
 from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import Extension
 from octoplan.planner import Plan, plan, stiffness
-from octoplan.planner.program.terms import Targets
 from octoplan.planner.targets import MinimumStiffness, Softest, Stiffest, TipPosition
+from octoplan.planner.targets.target_set import TargetSet
 from tests.stiffness.cases import STATICS, Array
 
 ARM, MOST = Arm.from_paper("table-2"), 10.0
@@ -193,7 +193,7 @@ def test_a_matrix_that_is_not_attained_leaves_a_margin_below_0(spare: tuple[floa
     inner, turn = np.linalg.eigh(half @ np.diag(1 - np.array(spare)) @ half)
     root = back @ (turn * np.sqrt(inner)) @ turn.T @ back
     targets = (MinimumStiffness(root @ root, 1.0),)
-    together = Targets(ARM, targets)
+    together = TargetSet(ARM, targets)
     poses = shape.poses(np.array(together.stations))
     margin = together.values(poses, together.compliances(shape))[2]
     least_margin = min(float(np.min(rows)) for rows in margin.values())

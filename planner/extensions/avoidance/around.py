@@ -28,13 +28,13 @@ from octoplan.planner.extensions.avoidance.lines import Lines
 from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints, avoiding, grid
 from octoplan.planner.extensions.avoidance.surroundings import Environment
 from octoplan.planner.nlp_options import Mode
+from octoplan.planner.nlp_solution import NlpSolution
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.program.problem import Candidate
 from octoplan.planner.solution import Solution, Trial
 from octoplan.planner.solve.guesses import drawn_arms
 from octoplan.planner.solve.refine import CORRECTIONS, refine
 from octoplan.planner.solve.samples import fine_enough, fitted, sample
-from octoplan.planner.solve.search import AGREED, WIDE, Reading, Search
+from octoplan.planner.solve.search import N_EQUAL_OPTIMA, N_SAMPLED, RelaxationStage, Search
 
 # Drawn arms that are looked at, and those that are tried, at most.
 _LOOKED_AT, _MOST = 100, 6
@@ -117,12 +117,12 @@ class ObstacleSearch:
         plan reads its targets, and from the last as near to them as can be.
         """
         mode, T = result.options.mode, np.ravel(result.tensions)
-        met = sorted(search.now.met, key=attrgetter("f"))
+        met = sorted(search.stage.stable, key=attrgetter("f"))
         optima = [(each.f, each.tensions) for each in met] or [(0.0, T)]
         others = ((0.0, guess) for guess in islice(search.guesses(), 1, None))
         drawn = islice(self._clear(islice(drawn_arms(self.task), _LOOKED_AT)), _MOST)
         clear, again = tee((0.0, arm) for arm in drawn)
-        wide, wide_again = tee((0.0, arm) for arm in islice(self._clear_fits(), WIDE))
+        wide, wide_again = tee((0.0, arm) for arm in islice(self._clear_fits(), N_SAMPLED))
         possible = mode == "nearest" or self.surroundings.allows(self.task.arm, self.task.targets)
         best = self._best(mode, optima, others, clear, wide) if possible else None
         if best is None and mode != "nearest":
@@ -141,7 +141,7 @@ class ObstacleSearch:
 
         Fits come by effort, samples by their distance to the targets.
         """
-        samples = sample(self.task, WIDE)
+        samples = sample(self.task, N_SAMPLED)
         self.sampled = samples.count
         near = np.array([*islice(samples.distinct(), _FITTED)])
         self.task = fine_enough(samples.task, near)
@@ -161,7 +161,7 @@ class ObstacleSearch:
             done: list[tuple[float, Solution]] = []
             for least, T in starts:
                 report(f"around obstacles, {mode}", len(self.trials))
-                if len(done) >= AGREED or any(f < least for f, _ in done):
+                if len(done) >= N_EQUAL_OPTIMA or any(f < least for f, _ in done):
                     break
                 led = self._exchange(T, mode)
                 done += [] if led is None else [led]
@@ -172,7 +172,7 @@ class ObstacleSearch:
     def _exchange(self, T: Array, mode: Mode) -> tuple[float, Solution] | None:
         """Return the plan that keeps clear to which tensions lead, with its objective."""
         avoidance: ClearanceConstraints | None = None
-        optimum: Candidate | None = None
+        optimum: NlpSolution | None = None
         task, line, objectives = self.task, self._lines(T), list[float]()
         for _ in range(CORRECTIONS):
             if line is None:
@@ -183,18 +183,19 @@ class ObstacleSearch:
                 near = np.isclose(objectives, optimum.f, rtol=_AGAIN, atol=0.0)
                 is_final = bool(near.any()) or not any(row.is_part for row in avoidance.rows)
                 objectives.append(optimum.f)
-            avoidance, gap = avoiding(line, self.surroundings, avoidance)
+            kept, (avoidance, gap) = avoidance, avoiding(line, self.surroundings, avoidance)
             if optimum is not None and is_final and gap >= self.surroundings.clearance:
                 fine = refine(optimum)
                 line = None if fine is None else line_of(task, fine.tensions)
                 if fine is None or line is None:
                     return None
                 if not self.surroundings.in_the_way(line):
-                    return optimum.f, fine.result(self.trials)
+                    constraints = kept if kept and kept.rows else None
+                    return optimum.f, fine.result(self.trials, avoidance=constraints)
                 avoidance, _ = avoiding(line, self.surroundings, avoidance)
-            reading = Reading(task.avoiding(avoidance), mode)
-            optimum = reading.exchanged(optimum) if optimum else reading.led_to(T)
-            self.trials += reading.trials
+            stage = RelaxationStage(task, mode, blocks=avoidance.blocks(task.arm))
+            optimum = stage.resolve_with(optimum) if optimum else stage.solve_from(T)
+            self.trials += stage.trials
             if optimum is None:
                 return None
             point = optimum.problem.linearised(optimum.x)

@@ -1,17 +1,17 @@
-"""Inequalities that keep an arm clear: of places along it from convex bodies or other places.
+"""Clearance rows: distances of places along the arm from convex bodies, or from other places.
 
-A place is between two stations, where it is read off the cubic through their positions and
-tangents. What the cubic is off by, of the arm as it last was, is added as a number; so is the
-length of the arm between the stations. Places, bodies and distances are numbers as well, so that
-constraints that follow the nearest place of an arm do not change the program's structure. Places
-are local minima of the gap along the arm.
+A place lies between two stations, on the cubic through their positions and tangents. The error of
+the cubic for the last shape of the arm is added as a parameter, and so is the length of the arm
+between the stations. Places, bodies and distances are parameters as well, so that rows that follow
+the nearest place of an arm do not change the structure of the program. Places are local minima of
+the gap along the arm.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import casadi as ca
@@ -28,13 +28,17 @@ from octoplan.model.rod.equations import Equations, Term
 from octoplan.model.rod.kernels import Kernel
 from octoplan.model.rod.layout import POSE
 from octoplan.model.rotations import matrices, matrix
+from octoplan.model.stations import base_pose
 from octoplan.model.support.machine.functions import cached
+from octoplan.planner.block import Block, Parts, ProgramView, Rows
 from octoplan.planner.extensions.avoidance.surroundings import Environment
-from octoplan.planner.targets.base import Target
 
-# Slots of an element come so many at a time, and every element has some: that makes one program of
-# nearly all that is to be kept clear of. Those that are empty keep clear of a ball far off.
+# Kind of the rows of a program.
+CLEAR = "clear"
+# Number of bodies near an element by which the rows of the element grow. Every element has as many
+# rows at least, so that most sets of bodies have the same program.
 _SLOTS = 2
+# Distance over L of the ball that a row without a body keeps clear of.
 _FAR = 10.0
 # Even points that are looked at: the parabola through three is off by a few thousandths of a
 # millimetre where an arm of half a metre passes a body of 5 mm. Rows of one body that are nearer to
@@ -89,31 +93,55 @@ class ClearanceRow:
 
 
 @dataclass(frozen=True)
-class AvoidanceStructure:
-    """What the equations of inequalities that keep an arm clear depend on besides their numbers.
+class ClearanceBlock(Block):
+    """The clearance rows of a program.
 
     Attributes
     ----------
+    base : (7,)
+        Pose of the base.
+    length : float
+        Length of the arm [m].
     nodes : tuple of float
         Arc lengths of base and stations between which places are interpolated [m].
     slots : tuple of int
-        The element of each slot for a body.
+        The element of each row for a body.
     pairs : tuple of (int, int)
         The elements of each pair of places.
+    numbers : (n,)
+        Place, body and least distance of each slot, then both places and least distance of each
+        pair.
     """
 
+    base: tuple[float, ...]
+    length: float
     nodes: tuple[float, ...]
     slots: tuple[int, ...]
     pairs: tuple[tuple[int, int], ...]
+    numbers: Array = field(compare=False)
 
-    def gaps(self, stations: tuple[float, ...]) -> Equations:
-        """Return the distances of the places beyond those to keep [m], from poses at stations.
+    @property
+    def n_parameters(self) -> int:
+        """See Block."""
+        return self.numbers.size
 
-        Unknowns are the poses (7,) of the base and at the stations; numbers are those of
-        `ClearanceConstraints.parameters`.
-        """
-        at = {0.0: 0} | {s: 1 + k for k, s in enumerate(stations)}
-        poses = POSE * np.array([at[s] for s in self.nodes])[:, None] + np.arange(POSE)
+    def parameters(self) -> Array:
+        """Return places, bodies and least distances."""
+        return self.numbers
+
+    def stations(self) -> tuple[float, ...]:
+        """Return the stations between which places are interpolated [m]."""
+        return self.nodes[1:]
+
+    def parts(self, view: ProgramView) -> Parts:
+        """Return (distance - least distance) / L >= 0."""
+        poses = ca.vertcat(ca.DM(self.base), *(view.poses[s] for s in self.stations()))
+        gaps = self._gaps().value.function(poses, view.parameters)
+        return Parts([Rows(CLEAR, gaps / self.length)])
+
+    def _gaps(self) -> Equations:
+        """Return the distances minus the least distances [m], from poses of base and stations."""
+        poses = POSE * np.arange(len(self.nodes))[:, None] + np.arange(POSE)
         both = np.hstack([poses[:-1], poses[1:]])
         slots = np.array(self.slots, dtype=np.int64)
         pairs = np.array(self.pairs, dtype=np.int64).reshape(-1, 2)
@@ -123,48 +151,51 @@ class AvoidanceStructure:
             Term(cached(_from_place), np.hstack(list(both[pairs.T])).T, rows[:, slots.size :]),
         ]
         # CasADi cannot differentiate compiled kernels.
-        return Equations(POSE * (1 + len(stations)), rows.size, terms, machine_code=False)
+        return Equations(POSE * len(self.nodes), rows.size, terms, machine_code=False)
 
 
 @dataclass(frozen=True)
-class ClearanceConstraints(Target):
-    """The inequalities of a plan, stated as a target of inequalities that never yield."""
+class ClearanceConstraints:
+    """Clearance rows that a plan keeps; they never have slacks."""
 
     rows: tuple[ClearanceRow, ...]
 
-    def beside(self, targets: tuple[Target, ...]) -> tuple[Target, ...]:
-        """Return targets and these inequalities, if there are any."""
-        return (*targets, self) if self.rows else targets
+    def blocks(self, arm: Arm) -> tuple[ClearanceBlock, ...]:
+        """Return the block of the rows, or none without rows."""
+        if not self.rows:
+            return ()
+        pairs = [(element_of(arm, a.s), element_of(arm, b.s)) for a, b, _ in self.pairs]
+        return (
+            ClearanceBlock(
+                tuple(base_pose(arm).tolist()),
+                arm.length,
+                tuple(grid(arm).tolist()),
+                tuple(self._slots(arm)),
+                tuple(pairs),
+                self._numbers(arm),
+            ),
+        )
 
-    def slots(self, arm: Arm) -> list[int]:
-        """Return the element of each slot for a body; none where no bodies are near."""
+    def _slots(self, arm: Arm) -> list[int]:
+        """Return the element of each slot for a body; none if no bodies are near."""
         count = Counter(element_of(arm, place.s) for place, *_ in self.bodies)
         elements = range(grid(arm).size - 1) if count else ()
         return [k for k in elements for _ in range(-(-max(count[k], 1) // _SLOTS) * _SLOTS)]
 
     @property
     def bodies(self) -> list[tuple[Place, tuple[float, ...], float]]:
-        """A place, the numbers of a body and the distance to keep, of each row of these."""
+        """A place, the numbers of a body and the least distance, of each row with a body."""
         return [(r.place, r.other, r.keep) for r in self.rows if not isinstance(r.other, Place)]
 
     @property
     def pairs(self) -> list[tuple[Place, Place, float]]:
-        """Two places and the distance to keep, of each row of two places."""
+        """Two places and the least distance, of each row with two places."""
         return [(r.place, r.other, r.keep) for r in self.rows if isinstance(r.other, Place)]
 
-    def structure(self, arm: Arm) -> AvoidanceStructure:
-        """Return what the equations depend on besides the parameters."""
-        pairs = [(element_of(arm, a.s), element_of(arm, b.s)) for a, b, _ in self.pairs]
-        return AvoidanceStructure(tuple(grid(arm).tolist()), tuple(self.slots(arm)), tuple(pairs))
-
-    def stations(self, arm: Arm) -> tuple[float, ...]:
-        """See Target.stations: the nodes of the coarsest mesh."""
-        return tuple(grid(arm)[1:].tolist())
-
-    def parameters(self, arm: Arm) -> Array:
-        """See Target.parameters: the places of each slot with their bodies, then of each pair."""
-        base, slots, off = np.array(arm.base_position), self.slots(arm), _FAR * arm.length
-        nothing = [*np.zeros(7), *base, *np.eye(3).ravel(), *np.zeros(3), off, 0.0, -3 * off]
+    def _numbers(self, arm: Arm) -> Array:
+        """Return the parameters of each slot, then of each pair."""
+        base, slots, far = np.array(arm.base_position), self._slots(arm), _FAR * arm.length
+        nothing = [*np.zeros(7), *base, *np.eye(3).ravel(), *np.zeros(3), far, 0.0, -3 * far]
         numbers = np.tile(nothing, (len(slots), 1))
         for near, body, keep in self.bodies:
             i = slots.index(element_of(arm, near.s))

@@ -30,7 +30,7 @@ from octoplan.planner.extensions.contact.program import TensionProgram
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.solution import Solution, Trial, n_equal_optima
 from octoplan.planner.solve.guesses import BendCoordinates, initial_guesses, many_places
-from octoplan.planner.solve.search import AGREED, Reading
+from octoplan.planner.solve.search import N_EQUAL_OPTIMA, RelaxationStage
 from octoplan.planner.targets.backbone import Backbone
 from octoplan.planner.targets.hold import Hold
 from octoplan.planner.targets.wrap import Wrap
@@ -109,13 +109,13 @@ class ContactSearch:
             stopped = True
         best = self.best or min(self.optima, key=attrgetter("cost"), default=None)
         trials, exact = _trials(self.optima), best is not None and not best.violation
-        options = self.task.options.but(mode="exact" if exact else "nearest", refinement=FINE)
+        options = self.task.options.replace(mode="exact" if exact else "nearest", refinement=FINE)
         if best is None:
             path = self.begin or (self.task.allowed.lower,)
             T = self.task.arm.by_section(np.array(path[-1]))
             return Solution(options, T, (), (), trials, stopped, load_path=path)
         T, multipliers = self.task.arm.by_section(best.point.tensions), (best.lam_x, best.lam_g)
-        options, way = options.but(modes=len(best.lam_g)), best.load_path
+        options, way = options.replace(modes=len(best.lam_g)), best.load_path
         return Solution(options, T, *multipliers, trials, stopped, load_path=way)
 
     def _search_with_friction(self) -> None:
@@ -150,8 +150,9 @@ class ContactSearch:
         """
         task, stated = self.task, self.task.options
         hasty = task.best_margin and stated.margin > stated.floor
-        coarse, fine = (TensionProgram(task, mesh, stated.least) for mesh in (COARSE, FINE))
-        from_all = np.inf if task.guesses else AGREED + bool(coarse.holds)
+        coarse = TensionProgram(task, COARSE, stated.stability_bound)
+        fine = TensionProgram(task, FINE, stated.stability_bound)
+        from_all = np.inf if task.guesses else N_EQUAL_OPTIMA + bool(coarse.holds)
         reaching = chain.from_iterable(_free_arms_reaching(task, hold) for hold in coarse.holds)
         guesses = reaching if coarse.holds else initial_guesses(task)
         from_rest = ((tuple(T.tolist()),) for T in guesses)
@@ -167,12 +168,12 @@ class ContactSearch:
             enough = n_equal_optima(_trials(self.optima)) >= (
                 from_all if tried > len(nearby) else needed
             )
-            missed = hasty and self.best is None and len(self.optima) > AGREED
+            missed = hasty and self.best is None and len(self.optima) > N_EQUAL_OPTIMA
             if enough or missed or tried == task.max_guesses:
                 break
         ends = sorted(self.optima, key=attrgetter("cost"))
         if hasty and self.best is None:
-            self.task = replace(task, options=stated.but(margin=0.0), best_margin=False)
+            self.task = replace(task, options=stated.replace(margin=0.0), best_margin=False)
             self._search([end.load_path for end in ends[:1]], from_all)
             return
         for end in () if self.best else ends:
@@ -235,11 +236,11 @@ def _free_arms_reaching(task: PlanningProblem, hold: Hold) -> Iterator[Array]:
     force /= max(float(np.linalg.norm(force)), 1e-300)
     against = body.gradient(places) @ force if len(places) else np.zeros(0)
     within = np.minimum(against, 1 / np.hypot(1.0, hold.friction)).round(1)
-    options, scene = task.options.but(margin=0.0), without_contacts(task.scene)
+    options, scene = task.options.replace(margin=0.0), without_contacts(task.scene)
     for i in np.lexsort((np.linalg.norm(tensions, axis=1), -within)):
         there = Backbone((tuple(places[i].tolist()),), (float(s[i]),))
         free = replace(task, targets=(there,), scene=scene, options=options)
-        loaded = Reading(free, "closest").led_to(tensions[i])
+        loaded = RelaxationStage(free, "closest").solve_from(tensions[i])
         yield tensions[i] if loaded is None else loaded.tensions
 
 
@@ -251,7 +252,8 @@ def optimality_of(
     Of the shape that a load path leads to.
     """
     with suppress(OctoplanError):
-        program = TensionProgram(task, FINE, task.options.least * task.options.modes, load_path)
+        bound = task.options.stability_bound * task.options.modes
+        program = TensionProgram(task, FINE, bound, load_path)
         # Twice: the gap's curvature at contact points is that of the mesh it comes from.
         on_mesh = program.begin or program.map.solve(tensions, shape.known)
         begin = program.begin or program.settled(tensions, on_mesh)

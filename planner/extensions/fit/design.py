@@ -36,7 +36,7 @@ from octoplan.planner.extensions.fit.unknowns import Parameters, Unknown
 from octoplan.planner.limits import Limits
 from octoplan.planner.plan import Plan, plan
 from octoplan.planner.planning_problem import check_targets
-from octoplan.planner.program.terms import Targets as TargetSet
+from octoplan.planner.targets.target_set import TargetSet
 
 
 @with_progress

@@ -34,11 +34,12 @@ from octoplan.planner.extensions.fit.unknowns import Parameters, neighbour
 from octoplan.planner.extensions.trajectory.side_by_side import Part, SideBySide, joined
 from octoplan.planner.limits import Limits
 from octoplan.planner.nlp_options import NlpOptions
+from octoplan.planner.nlp_solution import SolverResult
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.program.problem import Bounds, Problem, SolverResult, units
-from octoplan.planner.program.terms import Targets as TargetSet
-from octoplan.planner.solve.ipopt import TOGETHER, WARM
+from octoplan.planner.problem import Bounds, Problem, tension_scales
+from octoplan.planner.solve.ipopt import SIDE_BY_SIDE, WARM
 from octoplan.planner.targets.base import Target
+from octoplan.planner.targets.target_set import TargetSet
 
 Targets = tuple[Target, ...]
 # Refinement of the tasks' meshes.
@@ -113,7 +114,7 @@ class DesignProgram:
         self.weights = [1.0] * len(tasks)
         self.objective_unit = 1.0
         if objective == "effort":
-            self.objective_unit = float(units(self.arm, limits).max() ** 2)
+            self.objective_unit = float(tension_scales(self.arm, limits).max() ** 2)
         if isinstance(objective, Reach):
             self.tasks = (*tasks, (objective,))
             self.weights = [*[0.0] * len(tasks), 1.0]
@@ -148,12 +149,12 @@ class DesignProgram:
         parameters = list[Array]()
         by_structure = dict[Any, Array]()
         for i, problem in enumerate(self.problems):
-            forces = problem.forces
             targets = problem.target_set
-            key = targets.stations, targets.requests, forces.tobytes()
+            directions = tuple(D.tobytes() for D in targets.directions)
+            key = targets.stations, targets.requests, directions
             if key not in by_structure:
                 system = self.system(i, arm, scene)
-                by_structure[key] = problem.program.numbers(system, forces)
+                by_structure[key] = problem.kernel_parameters(system)
             parameters.append(by_structure[key])
         return [*parameters, self.manufacturing.margins(arm)]
 
@@ -164,7 +165,7 @@ class DesignProgram:
         parameters = self.equation_parameters(values)
         for i, (problem, T) in enumerate(zip(self.problems, tensions, strict=True)):
             states = Collocation(self.system(i, arm, scene)).solve(T).states
-            parts.append(problem.closed(T, states, parameters[i]))
+            parts.append(problem.complete(T, states, parameters[i]))
         return np.concatenate([*parts, self.parameters.fractions(values)])
 
     def solve(self, values: Array, tensions: Array, fixed: bool = False) -> DesignOptimum:
@@ -201,11 +202,11 @@ class DesignProgram:
         ends = (z, z) if fixed else (np.zeros(self.K), np.ones(self.K))
         each = [problem.bounds for problem in self.problems]
         bounds = joined(each, ends, (np.zeros(n_margins), np.full(n_margins, np.inf)))
-        solution = self.stated.solve(TOGETHER, x, np.zeros(0), bounds)
+        solution = self.stated.solve(SIDE_BY_SIDE, x, np.zeros(0), bounds)
         if solution.is_finite:
             multipliers = solution.lam_x, solution.lam_g
             solution = self.stated.solve(WARM, solution.x, np.zeros(0), bounds, multipliers)
-        if not solution.met:
+        if not solution.converged:
             check_time()
         return x, bounds, solution
 
@@ -242,7 +243,7 @@ class DesignProgram:
         K = self.K
         at = SideBySide(
             [problem.program.size for problem in self.problems],
-            [problem.program.rows.size for problem in self.problems],
+            [problem.program.row_kinds.size for problem in self.problems],
             K,
             n_margins,
             0,
@@ -282,9 +283,9 @@ def _part(
     K = by_z.size2()
     unit = of.scale(p)
     row_scale = p[of.parts["row_scale"]]
-    m = of.n_outer
+    m = of.n_design_rows
     weights = weight * sigma, lam[:m]
-    f, gradient, outer, outer_J, outer_H = of.outer.call([x, p, *weights], True, False)
+    f, gradient, rows, rows_J, rows_H = of.design.call([x, p, *weights], True, False)
     equations = of.equations.in_numbers()
     y = ca.vertcat(unit * x, parameters)
     none = ca.MX(0, 1)
@@ -296,9 +297,9 @@ def _part(
     return Part(
         weight * f,
         ca.vertcat(weight * gradient, ca.MX(K, 1)),
-        ca.vertcat(outer, equations.value.function(y, none) / row_scale),
-        ca.vertcat(ca.horzcat(outer_J, ca.MX(m, K)), by_y @ chain),
-        chain.T @ equation_H @ chain + ca.diagcat(outer_H, ca.MX(K, K)),
+        ca.vertcat(rows, equations.value.function(y, none) / row_scale),
+        ca.vertcat(ca.horzcat(rows_J, ca.MX(m, K)), by_y @ chain),
+        chain.T @ equation_H @ chain + ca.diagcat(rows_H, ca.MX(K, K)),
     )
 
 

@@ -94,7 +94,8 @@ def _updated(question: Question, lines: Lines, waypoint: Waypoint, t: float) -> 
     line = lines(waypoint.tensions)
     surroundings = question.wider.at(t)
     before = waypoint.avoidance
-    if line is None or (waypoint.stated and not surroundings.in_the_way(line)):
+    is_stated = bool(waypoint.targets or waypoint.avoidance)
+    if line is None or (is_stated and not surroundings.in_the_way(line)):
         return waypoint
     if before is not None and question.wider.moving:
         convex = [one for one in surroundings.obstacles if isinstance(one, Convex)]

@@ -22,11 +22,13 @@ import numpy as np
 
 from octoplan.model.paths import Array
 from octoplan.model.support.progress import check_time
+from octoplan.planner.blocks import TendonLengths
 from octoplan.planner.extensions.trajectory.question import Question, Waypoint
 from octoplan.planner.extensions.trajectory.side_by_side import Part, SideBySide, joined
-from octoplan.planner.program.problem import Problem, SolverResult, units
-from octoplan.planner.program.program import Program
-from octoplan.planner.solve.ipopt import TOGETHER, WARM
+from octoplan.planner.nlp_solution import SolverResult
+from octoplan.planner.problem import Problem, tension_scales
+from octoplan.planner.program import Program
+from octoplan.planner.solve.ipopt import SIDE_BY_SIDE, WARM
 
 Indices = tuple[int, ...]
 # Weight of effort over time if the objective is time. If the objective is effort, the weight of
@@ -86,8 +88,8 @@ class MotionProgram:
         if before is not None:
             multipliers = before.lam_x, before.lam_g
             solution = self._stated.solve(_AGAIN, x, p, self._bounds, multipliers)
-        if solution is None or not solution.met:
-            solution = self._stated.solve(TOGETHER, x, p, self._bounds)
+        if solution is None or not solution.converged:
+            solution = self._stated.solve(SIDE_BY_SIDE, x, p, self._bounds)
         check_time()
         return solution, self._stated.split(solution.x)[:-1]
 
@@ -100,7 +102,7 @@ class MotionProgram:
     def _parameters(self, each: Sequence[Array], x: Array) -> Array:
         """Return the parameters of the program, with the signs of modes as in variables x."""
         of_each = zip(self._problems, self._stated.split(x), each, strict=False)
-        parts = [problem.with_mode(part, p) for problem, part, p in of_each]
+        parts = [problem.parameters_at(part, p) for problem, part, p in of_each]
         return np.concatenate([*self._values, *parts])
 
 
@@ -112,7 +114,7 @@ def _limited(
     Initial values and rates (m,) are in the units of the variables.
     """
     rates = question.rates
-    unit = units(question.arm, question.limits)
+    unit = tension_scales(question.arm, question.limits)
     rate = np.array(rates.tension)
     L = question.arm.length
     j = np.flatnonzero(np.isfinite(rate))
@@ -121,9 +123,16 @@ def _limited(
     if not np.isfinite(rates.pace):
         return (tuple(j.tolist()),) * len(programs), start, rate
     lengths = question.lines().lengths(question.start)
-    indices = [np.r_[j, program.places[program.lengths[0]]] for program in programs]
+    indices = [np.r_[j, _lengths(program)] for program in programs]
     rate = np.append(rate, np.full(lengths.size, rates.pace / L))
     return tuple(tuple(at.tolist()) for at in indices), np.append(start, lengths / L), rate
+
+
+def _lengths(program: Program) -> slice:
+    """Return the place of the tendon lengths among the unknowns."""
+    blocks = program.structure.blocks
+    (k,) = [k for k, block in enumerate(blocks) if isinstance(block, TendonLengths)]
+    return program.dependents[k]
 
 
 @lru_cache(maxsize=4)
@@ -140,7 +149,7 @@ def _stated(
     M = group[-1] + 1
     m = len(places[0])
     sizes = [program.size for program in programs]
-    rows = [program.rows.size for program in programs]
+    rows = [program.row_kinds.size for program in programs]
     n_p = [2, m, m, N, *(program.p.numel() for program in programs)]
     at = SideBySide(sizes, rows, M, 2 * N * m, sum(n_p))
     weights, before, rate, fractions, *ps = ca.vertsplit(at.p, np.cumsum([0, *n_p]).tolist())

@@ -21,6 +21,7 @@ from octoplan.model.support.checks import finite_array, kind, positive
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.progress import OutOfTime
 from octoplan.model.support.units import STROKE, warn_unusual
+from octoplan.planner.block import Block
 from octoplan.planner.extensions.avoidance.lines import Lines
 from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints, grid
 from octoplan.planner.extensions.avoidance.surroundings import Environment
@@ -134,10 +135,9 @@ class Waypoint:
     avoidance: ClearanceConstraints | None = None
     fraction: float = 1.0
 
-    @property
-    def stated(self) -> tuple[Target, ...]:
-        """The targets of the waypoint's program, including clearance."""
-        return self.targets if self.avoidance is None else self.avoidance.beside(self.targets)
+    def blocks(self, arm: Arm) -> tuple[Block, ...]:
+        """Return the blocks of its program that keep the arm clear."""
+        return self.avoidance.blocks(arm) if self.avoidance else ()
 
 
 @dataclass(frozen=True, eq=False)

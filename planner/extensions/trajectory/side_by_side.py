@@ -18,8 +18,10 @@ import numpy as np
 
 from octoplan.model.paths import Array
 from octoplan.model.support.machine.functions import BufferedFunction
-from octoplan.planner.program.problem import Bounds, SolverResult
-from octoplan.planner.solve.ipopt import Options, named, nlp_solver, solved
+from octoplan.planner.nlp_solution import SolverResult
+from octoplan.planner.problem import Bounds
+from octoplan.planner.program import Nlp
+from octoplan.planner.solve.ipopt import Options, nlp_solver, run_solver
 
 
 class Part(NamedTuple):
@@ -83,9 +85,9 @@ class SideBySide:
         H = ca.horzcat(ca.diagcat(*by_own), ca.vertcat(*across))
         corner = ca.horzcat(ca.MX(common, n), coupling.hessian + sum(by_common))
         whole = [ca.MX(coupling.f + sum(f)), ca.vertcat(*g, coupling.g)]
+        upper = ca.triu(ca.vertcat(H, corner))
         symbols = self.x, self.p, self.sigma, self.lam
-        self._nlp = {"x": self.x, "p": self.p, "f": whole[0], "g": whole[1]}
-        self.derivatives = named(symbols, slope, J, ca.triu(ca.vertcat(H, corner)))
+        self.nlp = Nlp(*symbols, whole[0], slope, whole[1], J, upper)
         self.values = ca.Function("values", [self.x, self.p], whole)
         return self
 
@@ -104,8 +106,8 @@ class SideBySide:
         """Solve from variables x by ipopt, with options for a cold or a warm start."""
         key = tuple(options.items())
         if key not in self._solvers:
-            self._solvers[key] = nlp_solver(self._nlp, self.derivatives, options)
-        return solved(self._solvers[key], x, p, bounds, multipliers)
+            self._solvers[key] = nlp_solver(self.nlp, options)
+        return run_solver(self._solvers[key], x, p, bounds, multipliers)
 
 
 def joined(

@@ -32,12 +32,13 @@ from octoplan.planner.extensions.contact.load_path import from_rest, rubs
 from octoplan.planner.extensions.trajectory.program import MotionProgram
 from octoplan.planner.extensions.trajectory.question import Question, Waypoint
 from octoplan.planner.nlp_options import NlpOptions
+from octoplan.planner.nlp_solution import NlpSolution
 from octoplan.planner.plan import ContactPlan, Plan
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.program.problem import Candidate, Problem
+from octoplan.planner.problem import Problem
 from octoplan.planner.solve.ipopt import solve
-from octoplan.planner.solve.refine import CORRECTIONS, PART, defect, stretched
-from octoplan.planner.solve.search import Reading, Search
+from octoplan.planner.solve.refine import CORRECTIONS, PART, collapse_defect, defect
+from octoplan.planner.solve.search import RelaxationStage, Search
 
 
 class Waypoints:
@@ -47,7 +48,7 @@ class Waypoints:
         self.question = question
         self.waypoints = list[Waypoint]()
         first = question.planned(0)
-        self.options = first.options.but(
+        self.options = first.options.replace(
             mode="exact",
             refinement=1 if question.scene.has(Extension) else 2,
         )
@@ -64,8 +65,8 @@ class Waypoints:
         """
         self.waypoints = list(waypoints)
         planned = self.options
-        stable = self.options.but(modes=1)
-        more = (stable, stable.but(margin=0.0)) if is_loaded(self.question.scene) else ()
+        stable = self.options.replace(modes=1)
+        more = (stable, stable.replace(margin=0.0)) if is_loaded(self.question.scene) else ()
         for options in dict.fromkeys((planned, *more)):
             found = self._optimum(options)
             if found is not None:
@@ -84,7 +85,9 @@ class Waypoints:
         for k in range(CORRECTIONS):
             report("program over the waypoints", k, CORRECTIONS)
             solution, unknowns = program.solve(parameters, solution)
-            if not solution.met or (not k and not all(map(Problem.is_stable, problems, unknowns))):
+            if not solution.converged:
+                return None
+            if not k and not all(map(Problem.is_stable, problems, unknowns)):
                 return None
             tensions = map(Problem.tensions, problems, unknowns)
             pairs = zip(waypoints, tensions, strict=True)
@@ -101,17 +104,16 @@ class Waypoints:
         if limits.strokes is None and np.isfinite(question.rates.pace):
             free = (np.inf,) * question.arm.n_tendons
             limits = replace(limits, strokes=(tuple(np.negative(free).tolist()), free))
-        return Problem(
-            PlanningProblem(
-                question.arm,
-                waypoint.stated,
-                question.scene,
-                limits,
-                options,
-                question.accuracy,
-                machine_code=question.machine_code,
-            )
+        task = PlanningProblem(
+            question.arm,
+            waypoint.targets,
+            question.scene,
+            limits,
+            options,
+            question.accuracy,
+            machine_code=question.machine_code,
         )
+        return Problem(task, options, waypoint.blocks(question.arm))
 
     def _corrected(self, problem: Problem, x: Array, p: Array) -> Array:
         """Return parameters p with the defect of the mesh, from the shape that settles nearby.
@@ -134,7 +136,7 @@ class Waypoints:
             )
             error = defect(problem, x, settled)
         except CollapsedError as crushed:
-            error = stretched(problem, x, crushed, before)
+            error = collapse_defect(problem, x, crushed, before)
         except OctoplanError:
             error = before
         return problem.parameters(defect=error)
@@ -148,7 +150,7 @@ class Waypoints:
         begin, *others = self.question.targets
         waypoint = Waypoint(begin, np.ravel(first.tensions), first.avoidance)
         waypoints = [waypoint]
-        optimum: Candidate | None = None
+        optimum: NlpSolution | None = None
         for targets in others:
             waypoint = replace(waypoint, targets=targets)
             problem = self._problem(waypoint, self.options)
@@ -159,7 +161,7 @@ class Waypoints:
                 x = problem.guess(waypoint.tensions, True)
                 multipliers = None
             optimum = solve(problem, x, problem.parameters(), problem.bounds, multipliers, "follow")
-            if not optimum.met:
+            if not optimum.converged:
                 return None
             waypoint = replace(waypoint, tensions=optimum.tensions)
             waypoints.append(waypoint)
@@ -188,10 +190,12 @@ def _largest_change(before: Array, T: Array) -> float:
     return float(np.abs(T - before).max())
 
 
-def _is_best(optimum: Candidate) -> bool:
+def _is_best(optimum: NlpSolution) -> bool:
     """Return whether initial guesses lead to no better optimum."""
     task = optimum.problem.task
-    return Reading(task, "exact", Search(task).guesses()).agrees_on(optimum)
+    guesses = Search(task).guesses()
+    blocks = optimum.problem.extensions
+    return RelaxationStage(task, "exact", guesses, blocks).confirms(optimum)
 
 
 def planned_touching(question: Question) -> list[Waypoint]:

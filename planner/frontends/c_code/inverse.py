@@ -11,7 +11,7 @@ from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError
 from octoplan.planner.frontends.c_code.source import Precision, numbers
 from octoplan.planner.plan import Plan, plan
-from octoplan.planner.program.problem import units
+from octoplan.planner.problem import tension_scales
 from octoplan.planner.targets import TipPosition
 
 # Tolerances: miss over the arm length; slope of the effort over the largest tension; softness of
@@ -52,7 +52,7 @@ def inverse_values(p: Plan, shape: Shape, precision: Precision) -> dict[str, str
     """Return the texts for the placeholders in the files of the inverse."""
     arm = p.arm
     n = arm.n_tendons
-    unit = units(arm, p.limits)
+    unit = tension_scales(arm, p.limits)
     upper = np.minimum(p.limits.upper, _NO_LIMIT * unit)
     met, level, soft, rounding = _SETTINGS[precision]
     targets, tensions = _followed(p)

@@ -107,7 +107,7 @@ def _check_multipliers(plan: Plan, name: str) -> None:
         wanted = plan.arm.n_tendons, sizes[1]
     elif any(sizes):
         problem = plan.problem
-        wanted = problem.n_free, problem.n_outer
+        wanted = problem.program.n_decision, problem.program.n_design_rows
     if any(sizes) and sizes != wanted:
         rule = "must be empty or have {} and {} numbers, not {} and {}".format(*wanted, *sizes)
         raise FileError(name, "answer.lam_x and answer.lam_g", rule)

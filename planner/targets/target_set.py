@@ -1,10 +1,9 @@
-"""The targets of a question together: what they look at, and their terms stacked and weighted."""
+"""The targets of a planning problem together: stations, parameters and stacked terms."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -17,94 +16,56 @@ from octoplan.model.shape import Shape
 from octoplan.model.stiffness import stiffness
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.machine.functions import BufferedFunction
-from octoplan.planner.extensions.avoidance.rows import AvoidanceStructure, ClearanceConstraints
-from octoplan.planner.targets.base import Target, Terms, View
+from octoplan.planner.targets.base import ComplianceRequest, Target, Terms, View
 
-HIGH_PRIORITY, LOW_PRIORITY = 1e2, 2e-4
+# Weights of equalities, and of the slacks of inequalities, of high and of low priority.
+HIGH_PRIORITY = 1e2
+LOW_PRIORITY = 2e-4
+# Kinds of terms, in the order of the results of `TargetTerms.function`.
 KINDS = ("equality", "soft_residual", "inequality", "objective")
-# Functions whose serialised text states all that they compute. Others call back into Python or
-# into a library, which the text does not show.
+# CasADi functions whose serialised text states the whole computation. Other functions call Python
+# or a library, which the text does not show.
 _TRANSPARENT = {"SXFunction", "MXFunction", "Map", "LinearInterpolant", "BSplineInterpolant"}
 
 
-@dataclass(frozen=True)
-class TargetStructure:
-    """What a program depends on of its targets, besides their numbers.
-
-    Attributes
-    ----------
-    stations : tuple of float
-        All arc lengths at which targets see the arm [m].
-    seen : tuple of int
-        Which of them the targets see that do not keep the arm clear.
-    terms : TargetTerms
-        The terms of the latter.
-    avoidance : AvoidanceStructure or None
-        Inequalities that keep the arm clear, if there are any.
-    """
-
-    stations: tuple[float, ...]
-    seen: tuple[int, ...]
-    terms: TargetTerms
-    avoidance: AvoidanceStructure | None
-
-
-class Targets:
-    """The targets of a question, seen as one on an arm.
+class TargetSet:
+    """The targets of a planning problem on an arm.
 
     Attributes
     ----------
     arm : Arm
     each : tuple of Target
     stations : tuple of float
-        All arc lengths that they look at, once each [m].
+        Arc lengths of all poses that the targets use, in ascending order [m].
     requests : tuple of ComplianceRequest
-        Of those that have one, in their order.
+        Requests of the targets that have one, in their order.
     tendons : frozenset of int
-        That every one of them lets pull.
+        Tendons that every target allows to pull.
     numbers : (n,)
-        Their parameters, one after the other.
-    avoidance : ClearanceConstraints or None
-        The inequalities among them that keep the arm clear.
+        Parameters of all targets.
     """
 
     def __init__(self, arm: Arm, each: tuple[Target, ...]) -> None:
-        self.arm, self.each = arm, each
+        self.arm = arm
+        self.each = each
         every = frozenset(range(arm.n_tendons))
         self.stations = tuple(sorted({s for target in each for s in target.stations(arm)}))
         self.requests = tuple(filter(None, (target.compliance_request() for target in each)))
         self.tendons = every.intersection(*(target.tendons(arm) for target in each))
         self.numbers = np.concatenate([np.zeros(0), *(target.parameters(arm) for target in each)])
-        self.avoidance = next(
-            (target for target in each if isinstance(target, ClearanceConstraints)), None
-        )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what travels by pickle: the targets, without the functions made of them."""
-        return Targets, (self.arm, self.each)
-
-    @cached_property
-    def own(self) -> Targets:
-        """Those that ask for a shape, without what keeps the arm clear."""
-        if self.avoidance is None:
-            return self
-        return Targets(self.arm, tuple(t for t in self.each if t is not self.avoidance))
+        """Return what pickle stores: the targets, without the functions made of them."""
+        return TargetSet, (self.arm, self.each)
 
     @cached_property
     def terms(self) -> TargetTerms:
-        """Their terms, which are equal for targets whose expressions are."""
+        """The terms; equal for target sets with equal expressions."""
         return TargetTerms(self.arm, self.each, self.stations)
-
-    @cached_property
-    def structure(self) -> TargetStructure:
-        """What programs depend on besides the numbers."""
-        seen = tuple(self.stations.index(s) for s in self.own.stations)
-        clear = None if self.avoidance is None else self.avoidance.structure(self.arm)
-        return TargetStructure(self.stations, seen, self.own.terms, clear)
 
     @property
     def conditions(self) -> float:
-        """How many numbers are to be met; infinite where others are to be kept above 0."""
+        """The number of equalities and soft residuals; infinite with inequalities."""
         return np.inf if self.terms.names[2] else self.terms.count
 
     @cached_property
@@ -113,31 +74,21 @@ class Targets:
         return [np.array(D) for D in self.terms.directions.call([self.numbers])]
 
     def compliances(self, shape: Shape, release: bool = False) -> list[Array]:
-        """Return the tip's compliance (width, width) along the directions of each request.
-
-        With lengths held all tendons are locked, as the program's responses have them; or those
-        without tension `release`d, as stiffness has it by default.
-        """
-        compliances = list[Array]()
-        for request, D in zip(self.requests, self.directions, strict=True):
-            k = stiffness(
-                self.arm,
-                shape.tensions,
-                shape.scene,
-                request.hold,
-                accuracy=1e-8,
-                tendon_EA=request.tendon_EA,
-                release=release,
-                compile=shape.machine_code,
-            )
-            compliances.append(D.T @ k.compliance[:3, :3] @ D)
-        return compliances
+        """Return the compliance (width, width) of the tip for each request, see tip_compliance."""
+        pairs = zip(self.requests, self.directions, strict=True)
+        return [tip_compliance(shape, request, D, release) for request, D in pairs]
 
     def values(self, poses: Array, compliances: Sequence[Array]) -> tuple[dict[str, Array], ...]:
-        """Return the equalities, soft residuals, inequalities and objectives by name.
+        """Return equalities, soft residuals, inequalities and objectives by name.
 
-        They are evaluated from the targets themselves, not by the functions of a program, at poses
-        (K, 7) at the stations and at compliances as above.
+        They are evaluated from the targets themselves, not by the functions of a program.
+
+        Parameters
+        ----------
+        poses : (K, 7)
+            Poses at the stations.
+        compliances : list of (width, width)
+            See `compliances`.
         """
         seen = dict(zip(self.stations, ca.horzsplit(ca.MX(ca.DM(poses.T))), strict=True))
         matrices = iter(compliances)
@@ -157,9 +108,31 @@ class Targets:
         )
 
 
+def tip_compliance(
+    shape: Shape, request: ComplianceRequest, directions: Array, release: bool = False
+) -> Array:
+    """Return the compliance D^T C D (width, width) of the tip along directions D (3, width) [m/N].
+
+    With constant lengths all tendons are locked, as in the program; or those without tension are
+    released, as `stiffness` does by default.
+    """
+    k = stiffness(
+        shape.arm,
+        shape.tensions,
+        shape.scene,
+        request.hold,
+        accuracy=1e-8,
+        tendon_EA=request.tendon_EA,
+        release=release,
+        compile=shape.machine_code,
+    )
+    return np.asarray(directions.T @ k.compliance[:3, :3] @ directions)
+
+
 def checked_terms(target: Target, view: View, numbers: ca.MX) -> Terms:
-    """Return the terms of a target; raises InputError unless all are columns of expressions."""
-    terms, name = target.terms(view, numbers), f"{type(target).__name__}.terms"
+    """Return the terms of a target; raise InputError unless all are columns of expressions."""
+    terms = target.terms(view, numbers)
+    name = f"{type(target).__name__}.terms"
     if not isinstance(terms, Terms):
         raise InputError(name, terms, "Terms")
     for kind in (*KINDS, "reciprocal"):
@@ -177,25 +150,25 @@ def _by_kind(terms: Terms, reciprocal: Mapping[str, ca.MX]) -> tuple[Mapping[str
 
 
 class TargetTerms:
-    """The terms of targets as functions of their numbers; equal if the expressions are.
+    """The terms of targets as functions of their parameters; equal if the expressions are equal.
 
     Attributes
     ----------
     function : casadi.Function
-        (poses (7, K), target numbers, compliances) -> stacked terms, those of KINDS, each by
-        target. Compliances are those of the requests, one below the other, each column by column.
+        (poses (7, K), target parameters, compliances) -> stacked terms of each of KINDS, target by
+        target. Compliances of all requests are stacked, each column by column.
     directions : casadi.Function
-        Target numbers -> the directions (3, width) of each request.
+        Target parameters -> the directions (3, width) of each request.
     count : int
         Number of equalities and soft residuals.
     requests : tuple of ComplianceRequest
     names : tuple of list of str
         The name of each component of the terms, for each of KINDS.
     equality_weights, inequality_weights : (n,)
-        The factor of each equality, and the weight of each inequality's slack, if not all of them
-        can be met.
+        In the relaxed program, the factor of each equality, and the weight of the slack of each
+        inequality.
     units : dict
-        By name the unit of those terms that have one, see Terms.units.
+        Unit by name, for terms that have one, see Terms.units.
     """
 
     def __init__(self, arm: Arm, each: Sequence[Target], stations: Sequence[float]) -> None:
@@ -253,7 +226,7 @@ class TargetTerms:
 
     @cached_property
     def dense(self) -> BufferedFunction:
-        """`function` of numbers, with its zeros."""
+        """`function` with dense results, for numbers."""
         arguments = self.function.mx_in()
         values = self.function.call(arguments, True, False)
         return BufferedFunction(ca.Function("terms", arguments, list(map(ca.densify, values))))
@@ -266,7 +239,7 @@ class TargetTerms:
 
 
 def _text(function: ca.Function) -> object:
-    """Return a text that states all that a function computes.
+    """Return a text that states the whole computation of a function.
 
     Return an object that equals itself alone if the function calls Python or a library.
     """

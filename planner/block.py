@@ -1,0 +1,187 @@
+"""Interface of a program block: unknowns and rows in addition to tensions and equilibrium.
+
+A block adds to the program (octoplan.planner.program) any of
+
+    decisions      unknowns without an equation of their own: slacks, the largest tension
+    dependents     unknowns with as many equations, which are placed kernels: responses, a mode
+    measurements   quantities of the arm, taken from the unknowns on the mesh of the program; the
+                   program adds the defect of the mesh (octoplan.planner.solve.refine)
+    rows           expressions of all these, between bounds
+    misses         expressions whose squares the relaxed program minimises
+    objectives     expressions whose sum replaces the effort
+
+A block is a frozen dataclass. Its compared fields are its structure: two equal blocks add the same
+expressions to a program. Fields with `compare=False` are numbers, which a program never reads.
+
+Rows keep their bounds. An equation with a bounded unknown for each inequality would be the same
+program: ipopt itself adds a slack to each inequality, with the same linear system. However, the
+defect is added to rows, not to bounds of unknowns, and expressions of targets have no kernels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from octoplan.model.arm import Arm
+from octoplan.model.equilibrium.linearised import Equilibrium
+from octoplan.model.paths import Array
+from octoplan.model.rod.equations import Term
+from octoplan.model.rod.kernels import Places
+from octoplan.model.rod.system import DiscreteRod
+from octoplan.model.shape import Shape
+
+
+class Rows(NamedTuple):
+    """Rows of one kind: lower <= value (n,) <= upper."""
+
+    kind: str
+    value: ca.MX
+    lower: float = 0.0
+    upper: float = np.inf
+
+
+class Parts(NamedTuple):
+    """Columns of expressions that a block adds to rows and objective."""
+
+    rows: Sequence[Rows] = ()
+    misses: Sequence[ca.MX] = ()
+    objectives: Sequence[ca.MX] = ()
+
+
+class ProgramView(NamedTuple):
+    """Symbols of a program that blocks use.
+
+    Attributes
+    ----------
+    T : (n_tendons,)
+        Tensions over `T_ref`.
+    T_ref : scalar
+        Reference tension [N].
+    poses : dict of (7,)
+        Pose at each station, by its arc length [m]; the defect is added.
+    compliances : (n,)
+        Compliances of all responses, column by column [m/N]; the defect is added.
+    decisions, measured, parameters : (n,)
+        Those of the block; the defect is added to `measured`.
+    """
+
+    T: ca.MX
+    T_ref: ca.MX
+    poses: Mapping[float, ca.MX]
+    compliances: ca.MX
+    decisions: ca.MX
+    measured: ca.MX
+    parameters: ca.MX
+
+
+class Block:
+    """Additional unknowns and rows of a program; every default adds nothing.
+
+    Attributes
+    ----------
+    is_linear : bool
+        Whether the equations of the dependents are linear in the dependents.
+    """
+
+    is_linear: ClassVar[bool] = True
+
+    @property
+    def n_decisions(self) -> int:
+        """The number of decisions."""
+        return 0
+
+    @property
+    def n_dependents(self) -> int:
+        """The number of dependents."""
+        return 0
+
+    @property
+    def n_measured(self) -> int:
+        """The number of measurements."""
+        return 0
+
+    @property
+    def n_parameters(self) -> int:
+        """The number of parameters of the rows."""
+        return 0
+
+    # Symbols: only compared fields are used.
+
+    def stations(self) -> tuple[float, ...]:
+        """Return the arc lengths whose poses the rows use [m]."""
+        return ()
+
+    def equations(self, rod: Places, unknown: int, row: int) -> list[Term]:
+        """Return the equations of the dependents, as placed kernels.
+
+        Parameters
+        ----------
+        rod : (n_x,)
+            Places of the rod's tensions, load factor and states among all unknowns.
+        unknown, row : int
+            Place of the first dependent and of its equation.
+        """
+        return []
+
+    def measure(self, states: ca.MX, dependents: ca.MX, parameters: ca.MX) -> ca.MX:
+        """Return the measurements (n_measured,), from unknowns in SI units."""
+        return ca.MX(0, 1)
+
+    def parts(self, view: ProgramView) -> Parts:
+        """Return rows, misses and objectives."""
+        return Parts()
+
+    # Numbers.
+
+    def parameters(self) -> Array:
+        """Return the parameters of the rows (n_parameters,)."""
+        return np.zeros(0)
+
+    def bounds(self) -> Mapping[str, tuple[Array | float, Array | float]]:
+        """Return lower and upper bounds by kind of row, if these are numbers of the block."""
+        return {}
+
+    def kernel_parameters(self, rod: DiscreteRod) -> list[Array]:
+        """Return the parameters (n_c, N) of each placed kernel."""
+        return []
+
+    def kernel_updates(self, rod: DiscreteRod, dependents: Array) -> Mapping[str, Array]:
+        """Return parameters of kernels, by name, that follow the iterate at which a solve starts.
+
+        `dependents` (n_dependents,) are in SI units.
+        """
+        return {}
+
+    def scales(self, rod: DiscreteRod) -> tuple[Array, Array]:
+        """Return the scales of the dependents and of their equations (n_dependents,)."""
+        return np.ones(self.n_dependents), np.ones(self.n_dependents)
+
+    def slack_rows(self) -> tuple[str, list[int]]:
+        """Return kind and numbers of the rows whose slacks are the decisions, if these are slacks.
+
+        The problem starts slacks at the violations of their rows.
+        """
+        return "", []
+
+    def initial_decisions(self, T: Array) -> Array:
+        """Return initial values of the decisions, for tensions (n_tendons,) over T_ref."""
+        return np.zeros(self.n_decisions)
+
+    def initial_dependents(self, equilibrium: Equilibrium) -> Array:
+        """Return initial values of the dependents in SI units, unless their equations are linear.
+
+        The problem solves linear equations.
+        """
+        raise NotImplementedError
+
+    def measure_shape(self, shape: Shape, on_mesh: Array) -> Array:
+        """Return the measurements of a settled shape, given those on the mesh (n_measured,)."""
+        return on_mesh
+
+    def measurement_scales(self, arm: Arm) -> Array:
+        """Return the change of each measurement that counts as 1 (n_measured,)."""
+        return np.ones(self.n_measured)

@@ -1,0 +1,347 @@
+"""A program with numbers: the arm, scene, targets, limits and blocks of a planning problem."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import SuperLU, splu
+
+from octoplan.model.arm import Arm
+from octoplan.model.equilibrium.linearised import Equilibrium
+from octoplan.model.equilibrium.load_steps import Collocation
+from octoplan.model.equilibrium.newton import STAGES
+from octoplan.model.equilibrium.stability import is_stable
+from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
+from octoplan.model.loads import is_loaded
+from octoplan.model.paths import Array
+from octoplan.model.rod.system import DiscreteRod, system
+from octoplan.model.settle import ACCURACY
+from octoplan.model.support.errors import OctoplanError, SingularError
+from octoplan.model.tendons import rest_lengths
+from octoplan.planner.block import Block
+from octoplan.planner.blocks import (
+    LeastMode,
+    LeastStretch,
+    PeakTension,
+    Responses,
+    TendonLengths,
+    TotalPull,
+    equilibrium_parameters,
+    equilibrium_scales,
+)
+from octoplan.planner.limits import NATURAL_RANGE, Limits, effort_unit, natural_tensions
+from octoplan.planner.nlp_options import NlpOptions
+from octoplan.planner.planning_problem import PlanningProblem
+from octoplan.planner.program import Program, Structure, program_of
+from octoplan.planner.targets.target_rows import TargetRows
+
+# Lower and upper bounds of unknowns, then of rows.
+Bounds = tuple[Array, Array, Array, Array]
+# Weight of the effort in least squares, during a search [-].
+SEARCH_WEIGHT = 1e-7
+# Weight of the effort in least squares, in the end [-]. The weight keeps shapes away from points
+# within reach by RESOLVED at most. It is smaller for a finer accuracy, but the tolerance of the
+# solver then leaves less and less of the effort.
+FINAL_WEIGHT = 3e-11
+# Distance over L below which a nearest shape is not distinguished from a shape at the target.
+RESOLVED = ACCURACY / 2
+# Elements of a mesh per unit of bending, see octoplan.model.mesh.graded. Shapes are settled with
+# 2; the error of the coarser mesh of a program is corrected (octoplan.planner.solve.refine).
+STEPS_PER_UNIT = 1.2
+# Largest upper bound of a tension that the solver receives, over the scale of the tension [-].
+LARGEST_BOUND = 1e12
+# Largest tension, over the tension that bends the arm by 1 rad, that has no effect within the
+# tolerances of targets [-].
+NO_EFFECT = 5e-7
+
+
+class Problem:
+    """A planning problem in scaled unknowns: the program of its structure, with its numbers.
+
+    Attributes
+    ----------
+    task : PlanningProblem
+        Arm, scene, targets, limits and accuracy.
+    options : NlpOptions
+    limits : Limits
+        Limits of the tendons; those that targets do not allow to pull keep their minimum.
+    target_set : TargetSet
+    blocks : tuple of Block
+        Blocks of the program, with their numbers; `extensions` are the given ones among these.
+    program : Program
+        Shared by all problems of the same structure.
+    forward : Collocation
+        The equations of equilibrium alone, on the same mesh.
+    stretch : LeastStretch
+        One of the blocks.
+    unit : (n_tendons,)
+        Scale of each tension [N].
+    effort_unit : float
+        Reference tension of the effort, T_ref [N].
+    scale : (size,)
+        Scale of each unknown.
+    bounds : tuple of arrays
+        Lower and upper bounds of the unknowns, then of the rows, all scaled.
+    """
+
+    def __init__(
+        self,
+        task: PlanningProblem,
+        options: NlpOptions | None = None,
+        blocks: Sequence[Block] = (),
+    ) -> None:
+        self.task = task
+        self.arm = task.arm
+        self.scene = task.scene
+        self.target_set = task.target_set
+        self.limits = task.allowed
+        self.options = options or task.options
+        self.extensions = tuple(blocks)
+        self.unit = tension_scales(task.arm, task.limits)
+        self.effort_unit = self._effort_unit()
+        stations = sorted({*self.target_set.stations, *(s for b in blocks for s in b.stations())})
+        rod = self._rod(tuple(stations))
+        self.forward = Collocation(rod)
+        self.stretch = LeastStretch.of(rod)
+        self.blocks = (
+            *([PeakTension()] if self.options.norm == "inf" else []),
+            TargetRows.of(self.target_set, self.options.mode),
+            *blocks,
+            self.stretch,
+            *self._limited_blocks(rod),
+        )
+        nodes = tuple((s, rod.mesh.node(s)) for s in stations)
+        options = self.options
+        structure = Structure(rod.layout, nodes, options.norm, options.mode, self.blocks)
+        self.program = program_of(structure)
+        self._p = self._parameters(rod)
+        self.scale = np.array(self.program.scale(self._p)).ravel()
+        self.bounds = self._bounds()
+
+    def _rod(self, stations: tuple[float, ...]) -> DiscreteRod:
+        """Return the rod on the mesh of the options, with nodes at the stations."""
+        task = self.task
+        return system(
+            task.arm,
+            task.scene,
+            STAGES,
+            self.options.refinement,
+            stations,
+            is_loaded(task.scene) or bool(self.target_set.requests),
+            task.machine_code,
+            STEPS_PER_UNIT,
+        )
+
+    def _limited_blocks(self, rod: DiscreteRod) -> list[Block]:
+        """Return the blocks of limits, responses and stability, as far as there are any."""
+        limits, layout, arm = self.limits, rod.layout, self.arm
+        blocks: list[Block] = []
+        if limits.total is not None:
+            blocks.append(TotalPull(limits.total))
+        for request, D in zip(self.target_set.requests, self.target_set.directions, strict=True):
+            blocks.append(Responses(layout, request, D, arm.bending_force))
+        if self.options.modes:
+            blocks.append(LeastMode(layout, self.options.stability_bound))
+        if limits.strokes is not None:
+            rest = np.array(limits.stroke_zero or rest_lengths(arm))
+            upper, lower = (rest - np.array(limits.strokes)) / arm.length
+            blocks.append(TendonLengths(layout, arm.length, lower, upper))
+        return blocks
+
+    def _effort_unit(self) -> float:
+        """Return the reference tension of the effort [N].
+
+        If effort alone is the objective, and the tensions can satisfy all equalities, the reference
+        changes no optimum; programs converge fastest with the scale of the tensions. Otherwise the
+        reference does not depend on limits, because effort is weighed against other objectives.
+        """
+        terms, limits = self.target_set.terms, self.limits
+        can_pull = int(np.greater(limits.upper, limits.lower).sum())
+        effort_alone = self.options.mode == "exact" and not terms.names[3]
+        if effort_alone and terms.count <= can_pull:
+            return float(self.unit.max())
+        return effort_unit(self.arm)
+
+    def replace(self, **changes: Any) -> Problem:
+        """Return the same problem with some options changed."""
+        return Problem(self.task, self.options.replace(**changes), self.extensions)
+
+    def kernel_parameters(self, rod: DiscreteRod) -> Array:
+        """Return the parameters of all kernels (n,), for a rod of the same layout."""
+        values = equilibrium_parameters(rod)
+        values += [each for block in self.blocks for each in block.kernel_parameters(rod)]
+        return np.concatenate([np.ravel(each, "F") for each in values])
+
+    def _parameters(self, rod: DiscreteRod) -> Array:
+        """Return all parameters of the program, without a defect."""
+        program, p = self.program, np.zeros(self.program.p.numel())
+        state_scale, row_scale = _scales(program, rod)
+        weight = FINAL_WEIGHT * min(self.task.accuracy / ACCURACY, 1.0)
+        values: dict[str, Array | float] = {
+            "T_ref": self.effort_unit,
+            "weight": weight,
+            "unit": self.unit,
+            "kernels": self.kernel_parameters(rod),
+            "scale": state_scale,
+            "row_scale": row_scale,
+        }
+        for name, value in values.items():
+            p[program.parts[name]] = value
+        for block, place in zip(self.blocks, program.parameters, strict=True):
+            p[place] = block.parameters()
+        return p
+
+    def parameters(self, weight: float | None = None, defect: Array | None = None) -> Array:
+        """Return the parameters of the program.
+
+        Parameters
+        ----------
+        weight : float
+            Weight of the effort in least squares; that of the end unless given.
+        defect : (n,)
+            Defect of the mesh, see octoplan.planner.solve.refine; zero unless given.
+        """
+        p = self._p.copy()
+        if weight is not None:
+            p[self.program.parts["weight"]] = weight
+        if defect is not None:
+            p[self.program.parts["defect"]] = defect
+        return p
+
+    def parameters_at(self, x: Array, p: Array) -> Array:
+        """Return parameters p with those that follow the unknowns x at which a solve starts."""
+        program, result, values = self.program, p, x * self.scale
+        for block, place in zip(self.blocks, program.dependents, strict=True):
+            updates = block.kernel_updates(self.forward.system, values[place])
+            result = p.copy() if updates else result
+            for name, update in updates.items():
+                kernels = result[program.parts["kernels"]]
+                kernels[program.equations.numbers_of(name)] = update.ravel("F")
+        return result
+
+    def _bounds(self) -> Bounds:
+        """Return lower and upper bounds of unknowns and rows."""
+        unit, limits, program = self.unit, self.limits, self.program
+        lower, upper = np.array(limits.lower), np.array(limits.upper)
+        upper = np.where(_without_effect(self.arm, upper), lower, upper)
+        # The solver regards larger bounds as infinite.
+        upper = np.where(upper < LARGEST_BOUND * unit, upper, np.inf)
+        unbounded = np.full(program.size - unit.size, np.inf)
+        lbx = np.concatenate([lower / unit, -unbounded])
+        ubx = np.concatenate([upper / unit, unbounded])
+        lbx[program.n_decision] = ubx[program.n_decision] = 1.0
+        lbg, ubg = program.lower.copy(), program.upper.copy()
+        for block in self.blocks:
+            for kind, (low, high) in block.bounds().items():
+                lbg[program.row_kinds == kind] = low
+                ubg[program.row_kinds == kind] = high
+        return lbx, ubx, lbg, ubg
+
+    def tensions(self, x: Array) -> Array:
+        """Return the tensions in unknowns x, exactly within the limits [N]."""
+        T = x[: self.arm.n_tendons] * self.unit
+        return np.clip(T, self.limits.lower, self.limits.upper)
+
+    def guess(self, tensions: Array, settled: bool = False) -> Array:
+        """Return the unknowns for tensions (n_tendons,) [N].
+
+        The states are those of the arm without loads, which are no equilibrium under loads. If the
+        states are to be `settled`, or the loads are strong, the states are the equilibrium from
+        rest that comes nearest to the tensions: strong loads move the arm too far for Newton's
+        method. The guess is the straight arm if the tensions collapse a cross-section.
+        """
+        strong = is_loaded(self.scene) and not has_unique_equilibrium(self.arm, self.scene)
+        with suppress(OctoplanError, np.linalg.LinAlgError):
+            if strong or (settled and is_loaded(self.scene)):
+                with suppress(OctoplanError, np.linalg.LinAlgError):
+                    point = self.forward.towards(tensions)
+                    limits = self.limits.lower, self.limits.upper
+                    return self.complete(np.clip(point.tensions, *limits), point.states)
+            return self.complete(tensions, self.forward.without_loads(tensions))
+        return self.complete(tensions, self.forward.without_loads(np.zeros(self.arm.n_tendons)))
+
+    def complete(
+        self, tensions: Array, states: Array, kernel_parameters: Array | None = None
+    ) -> Array:
+        """Return all unknowns, given tensions (n_tendons,) [N] and states of the arm (n_states,).
+
+        The dependents of blocks solve their equations, slacks are the violations of their rows.
+        Pass `kernel_parameters=` to replace the parameters of all kernels.
+        """
+        program, p = self.program, self._p.copy()
+        if kernel_parameters is not None:
+            p[program.parts["kernels"]] = kernel_parameters
+        x = np.zeros(program.size)
+        x[: tensions.size] = tensions / self.unit
+        x[program.n_decision] = 1.0
+        x[program.states] = states / self.scale[program.states]
+        for block, place in zip(self.blocks, program.decisions, strict=True):
+            x[place] = block.initial_decisions(tensions / self.effort_unit)
+        placed = list(zip(self.blocks, program.dependents, strict=True))
+        linear = np.concatenate(
+            [np.r_[place] for block, place in placed if block.is_linear] or [np.zeros(0, int)]
+        )
+        if linear.size:
+            _, _, g, J = program.evaluate(x, p)
+            rows = program.n_design_rows + linear - program.states.start
+            x[linear] = -factorised(J.tocsr()[rows].tocsc()[:, linear]).solve(g[rows])
+        for block, place in placed:
+            if not block.is_linear:
+                x[place] = block.initial_dependents(self.linearised(x)) / self.scale[place]
+        for block, place in zip(self.blocks, program.decisions, strict=True):
+            kind, numbers = block.slack_rows()
+            if numbers:
+                rows = np.flatnonzero(program.row_kinds == kind)[numbers]
+                x[place] = np.maximum(-program.evaluate(x, p)[2][rows], 0.0)
+        return x
+
+    def linearised(self, x: Array) -> Equilibrium:
+        """Return the equations of equilibrium at the tensions and states in unknowns x."""
+        rod, at = self.forward.system, self.program.states
+        return Equilibrium(rod, rod.x(self.tensions(x), 1.0, x[at] * self.scale[at]))
+
+    def measured(self, x: Array) -> Array:
+        """Return the measurements on the mesh at unknowns x, see Program.measure."""
+        return self.program.measure(x, self._p)[0].ravel()
+
+    def is_stable(self, x: Array, margin: float = 0.0) -> bool:
+        """Return whether the stability of the equilibrium in unknowns x is above a margin.
+
+        Without loads every equilibrium is stable.
+        """
+        return not is_loaded(self.scene) or is_stable(self.linearised(x), margin)
+
+
+def factorised(matrix: csc_array) -> SuperLU:
+    """Return the factors of a square matrix; raise SingularError if the matrix is singular."""
+    try:
+        return splu(matrix)
+    except RuntimeError as reason:
+        raise SingularError("equilibrium is singular in its states: the arm buckles") from reason
+
+
+@lru_cache(maxsize=32)
+def tension_scales(arm: Arm, limits: Limits) -> Array:
+    """Return the scale of each tension [N]: the tension that bends the arm by some rad."""
+    natural, upper = NATURAL_RANGE * natural_tensions(arm), np.array(limits.upper)
+    result = np.where(_without_effect(arm, upper), natural, np.minimum(upper, natural))
+    result.setflags(write=False)
+    return result
+
+
+def _without_effect(arm: Arm, upper: Array) -> Array:
+    """Return which tendons have an upper limit without effect on the shape."""
+    return np.asarray(upper <= NO_EFFECT * natural_tensions(arm))
+
+
+@lru_cache(maxsize=24)
+def _scales(program: Program, rod: DiscreteRod) -> tuple[Array, Array]:
+    """Return the scales of states and dependents, and of their equations (n_equations,)."""
+    each = [equilibrium_scales(rod), *(b.scales(rod) for b in program.structure.blocks)]
+    unknowns, rows = zip(*each, strict=True)
+    return np.concatenate(unknowns), np.concatenate(rows)

@@ -1,0 +1,312 @@
+"""Tension allocation as a nonlinear program: multiple shooting in arc length, solved by ipopt.
+
+    min  1/2 sum_j (T_j / T_ref)^2           over  T,  x_0, v_0, x_1, v_1, .. x_N,  y,  z
+
+    subject to  (R_0, u_0) = clamp,  y_0 = 0                base condition
+                x_{k+1} = F(x_k, v_k)                       dynamics of each element
+                0 = G(x_k, v_k, T)                          stage equations
+                y+ = y- + jump,  (M, F)+ = (M, F)- - load   jumps at anchorages and loaded nodes
+                M_N = 0,  F_N = 0                           tip condition
+                T_min <= T <= T_max,  1 + q >= 1e-3         bounds
+                target(x at its stations) = 0               target rows
+
+x_k are pose, moment and force at node k, v_k the strains at the Gauss stages of element k, y the
+angles by which tendons have turned (with friction), and z the unknowns of blocks, for example
+tendon lengths or the least stable mode. No unknown is eliminated. The rod (octoplan.model.rod)
+places the kernels F, G and the jumps; octoplan.planner.block is the interface of blocks, and
+octoplan.planner.targets.target_rows has the target rows of the three modes:
+
+    exact      f = effort, or the sum of the objectives of targets plus weight effort
+    closest    f = 1/2 |misses|^2 + weight effort, equalities as rows
+    nearest    f = 1/2 |misses|^2 + weight effort, equalities among the misses
+
+ipopt receives the unknowns w = (T, z, 1, x, v, y, z) / scale, with decisions of blocks before the
+load factor 1 and their dependents last; the rows g = r / row_scale; and
+
+    df/dw,   dg/dw = D_row^-1 (dr/dx) D,   sigma d2f/dw2 + D (sum_i lambda_i d2r_i/dx2) D,
+
+with D = diag(scale) and D_row = diag(row_scale); in the last expression lambda_i is divided by
+row_scale_i, and the upper triangle is passed. model/rod/equations.py sums dr/dx and d2r/dx2 from
+derivatives of small kernels. Target equalities c(w) = 0 are relaxed to
+
+    min  f(w) + 1/2 |t|^2    subject to  c(w) = rho (t - t_0),
+
+so that multipliers t / rho are bounded where equalities depend on each other. c is rho^2 times the
+difference of the multipliers from those in t_0. Source: Rockafellar, "Augmented Lagrangians and
+applications of the proximal point algorithm", Math. Oper. Res. 1 (1976).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import accumulate, pairwise
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+from scipy.sparse import csc_array
+
+from octoplan.model.paths import Array
+from octoplan.model.rod.equations import Equations, Term
+from octoplan.model.rod.layout import POSE, Layout
+from octoplan.model.support.machine.functions import BufferedFunction
+from octoplan.planner.block import Block, ProgramView, Rows
+from octoplan.planner.blocks import Responses
+from octoplan.planner.targets.target_rows import EQUALITY
+
+# Kind of the rows of equilibrium, and of the equations of blocks.
+EQUILIBRIUM = "equilibrium"
+
+
+@dataclass(frozen=True)
+class Structure:
+    """All values that enter the construction of a program.
+
+    Attributes
+    ----------
+    rod : Layout
+        Unknowns and placed kernels of the rod.
+    stations : dict of int, as pairs
+        Arc length [m] and node of each station.
+    norm : "2", "1" or "inf"
+        Norm of the tensions that is the effort.
+    mode : "exact", "closest" or "nearest"
+    blocks : tuple of Block
+        PeakTension is the first, if the norm is "inf".
+    """
+
+    rod: Layout
+    stations: tuple[tuple[float, int], ...]
+    norm: str
+    mode: str
+    blocks: tuple[Block, ...]
+
+
+class Nlp(NamedTuple):
+    """A nonlinear program in CasADi symbols.
+
+    Attributes
+    ----------
+    w, p, sigma, lam : symbols
+        Unknowns, parameters, and multipliers of objective and rows in the Hessian.
+    f, gradient, g, jacobian, hessian
+        Objective, rows, and their derivatives; of the Hessian of the Lagrangian the upper triangle.
+    """
+
+    w: ca.MX
+    p: ca.MX
+    sigma: ca.MX
+    lam: ca.MX
+    f: ca.MX
+    gradient: ca.MX
+    g: ca.MX
+    jacobian: ca.MX
+    hessian: ca.MX
+
+
+class Program:
+    """The program of a structure: symbols and functions, without numbers.
+
+    Attributes
+    ----------
+    structure : Structure
+    size, n_decision, n_equations : int
+        Numbers of unknowns, of those before the load factor, and of equations of equilibrium and
+        blocks, which are the last rows.
+    decisions, dependents, measured, parameters : list of slice
+        Places of each block among unknowns, measurements and parameters.
+    states : slice
+        Place of the rod's states among the unknowns.
+    parts : dict of slice
+        Places of parameters: reference tension "T_ref" [N], "weight" of the effort, "unit", the
+        scales of the tensions [N], parameters of the "kernels", "scale" and "row_scale" of states
+        and dependents and their equations, "defect" of the measurements.
+    equations : Equations
+        Equilibrium and the equations of blocks, in SI units.
+    row_kinds : (n_rows,) of str
+        Kind of each row; `lower` and `upper` are its bounds unless a block has others.
+    equality_rows : (n,) of int
+        Rows of the target equalities.
+    n_design_rows : int
+        Number of rows before the equations.
+    design, function : casadi.Function
+        w, p, sigma, lambda -> objective (1,), gradient, rows, Jacobian, upper Hessian of the
+        Lagrangian; `design` with the design rows alone.
+    measure : BufferedFunction
+        w, p -> poses at the stations, then the measurements of the blocks, without defect.
+    """
+
+    def __init__(self, structure: Structure) -> None:
+        self.structure = structure
+        rod, blocks = structure.rod, structure.blocks
+        n = rod.n_tendons
+        self.decisions = _consecutive(n, (block.n_decisions for block in blocks))
+        self.n_decision = n + sum(block.n_decisions for block in blocks)
+        first = self.n_decision + 1
+        self.states = slice(first, first + rod.n_states)
+        self.dependents = _consecutive(self.states.stop, (block.n_dependents for block in blocks))
+        self.n_equations = rod.n_states + sum(block.n_dependents for block in blocks)
+        self.size = first + self.n_equations
+        conditions = [
+            *rod.base_condition(),  # (R_0, u_0) = clamp,  y_0 = 0
+            *rod.dynamics(),  # x_{k+1} = F(x_k, v_k)
+            *rod.stage_equations(),  # 0 = G(x_k, v_k, T)
+            *rod.jumps(),  # y+ = y- + jump,  (M, F)+ = (M, F)- - load
+            *rod.tip_condition(),  # M_N = 0,  F_N = 0
+        ]
+        of_rod = np.r_[:n, self.n_decision : self.states.stop]
+        terms = [Term(each.kernel, of_rod[each.unknowns], each.rows) for each in conditions]
+        for block, place in zip(blocks, self.dependents, strict=True):
+            terms += block.equations(of_rod, place.start, place.start - first)
+        self.equations = Equations(self.size, self.n_equations, terms, rod.form.machine_code)
+        self._define_parameters()
+        f, design_rows = self._objective_and_rows()
+        self._differentiate(f, design_rows)
+
+    def _define_parameters(self) -> None:
+        """Set the places of all parameters, and the symbols of unknowns and parameters."""
+        blocks = self.structure.blocks
+        n_poses = POSE * len(self.structure.stations)
+        self.measured = _consecutive(n_poses, (block.n_measured for block in blocks))
+        self.poses = slice(0, n_poses)
+        sizes = {
+            "T_ref": 1,
+            "weight": 1,
+            "unit": self.structure.rod.n_tendons,
+            "kernels": self.equations.n_p,
+            "scale": self.n_equations,
+            "row_scale": self.n_equations,
+            "defect": n_poses + sum(block.n_measured for block in blocks),
+        }
+        self.parts = dict(zip(sizes, _consecutive(0, sizes.values()), strict=True))
+        n_p = sum(sizes.values())
+        self.parameters = _consecutive(n_p, (block.n_parameters for block in blocks))
+        self.w = ca.MX.sym("w", self.size)
+        self.p = ca.MX.sym("p", n_p + sum(block.n_parameters for block in blocks))
+
+    def _objective_and_rows(self) -> tuple[ca.MX, ca.MX]:
+        """Return the objective f and the design rows; set kinds and bounds of all rows."""
+        w, p, parts, blocks = self.w, self.p, self.parts, self.structure.blocks
+        n = self.structure.rod.n_tendons
+        T_ref = p[parts["T_ref"]]
+        T = w[:n] * p[parts["unit"]] / T_ref
+        corrected = self._measured() + p[parts["defect"]]
+        poses_of = ca.vertsplit(corrected[self.poses], POSE) if self.poses.stop else []
+        poses = dict(zip((s for s, _ in self.structure.stations), poses_of, strict=True))
+        measured = [corrected[place] for place in self.measured]
+        responses = [m for m, b in zip(measured, blocks, strict=True) if isinstance(b, Responses)]
+        compliances = ca.vertcat(ca.MX(0, 1), *responses)
+        rows, misses, objectives = list[Rows](), list[ca.MX](), list[ca.MX]()
+        for k, block in enumerate(blocks):
+            own = w[self.decisions[k]], measured[k], p[self.parameters[k]]
+            added = block.parts(ProgramView(T, T_ref, poses, compliances, *own))
+            rows += added.rows
+            misses += added.misses
+            objectives += added.objectives
+        # With the norm "inf", the first unknown after the tensions is T_max / T_ref.
+        effort = {"2": ca.sumsqr(T) / 2, "1": ca.sum1(T), "inf": w[n]}[self.structure.norm]
+        weighted_effort = p[parts["weight"]] * effort
+        objective = ca.vertcat(ca.MX(0, 1), *objectives)
+        f = ca.sum1(objective) + weighted_effort if objective.numel() else effort
+        if self.structure.mode != "exact":
+            f = ca.sumsqr(ca.vertcat(*misses)) / 2 + p[parts["weight"]] * f
+        rows.append(Rows(EQUILIBRIUM, ca.MX(self.n_equations, 1), 0.0, 0.0))
+        sizes = [each.value.numel() for each in rows]
+        self.row_kinds = np.repeat([each.kind for each in rows], sizes)
+        self.lower = np.repeat([each.lower for each in rows], sizes)
+        self.upper = np.repeat([each.upper for each in rows], sizes)
+        self.equality_rows = np.flatnonzero(self.row_kinds == EQUALITY)
+        self.n_design_rows = self.row_kinds.size - self.n_equations
+        return f, ca.vertcat(*(each.value for each in rows[:-1]))
+
+    def _measured(self) -> ca.MX:
+        """Return poses at the stations and the measurements of all blocks; define `measure`."""
+        values = self.w * self.scale(self.p)
+        states = values[self.states]
+        nodes = [node for _, node in self.structure.stations]
+        measured = [states[self.structure.rod.nodes[nodes, :POSE].ravel().tolist()]]
+        places = zip(self.structure.blocks, self.dependents, self.parameters, strict=True)
+        measured += [block.measure(states, values[x], self.p[p]) for block, x, p in places]
+        result: ca.MX = ca.vertcat(*measured)
+        function = ca.Function("measured", [self.w, self.p], [ca.densify(result)])
+        self.measure = BufferedFunction(function)
+        return result
+
+    def scale(self, p: Any) -> Any:
+        """Return the scale of each unknown (size,), from parameters."""
+        n_unscaled = self.n_decision - self.structure.rod.n_tendons + 1
+        return ca.vertcat(p[self.parts["unit"]], ca.DM.ones(n_unscaled), p[self.parts["scale"]])
+
+    def _differentiate(self, f: ca.MX, design_rows: ca.MX) -> None:
+        """Define the functions that ipopt receives: f, g, df/dw, dg/dw and the Hessian."""
+        w, p, m = self.w, self.p, self.n_design_rows
+        sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", m)
+        hessian = ca.triu(ca.hessian(sigma * f + ca.dot(lam, design_rows), w)[0])
+        first = [f, ca.densify(ca.gradient(f, w)), design_rows, ca.jacobian(design_rows, w)]
+        self.design = ca.Function("design", [w, p, sigma, lam], [*first, hessian])
+        lam = ca.MX.sym("lam", m + self.n_equations)
+        f, gradient, design_rows, J, H = self.design.call([w, p, sigma, lam[:m]], True, False)
+        scale = self.scale(p)
+        row_scale = p[self.parts["row_scale"]]
+        kernels = p[self.parts["kernels"]]
+        residual = self.equations.value.function(w * scale, kernels)
+        g = ca.vertcat(design_rows, residual / row_scale)
+        # The derivatives of the kernels come with their residuals, as a last column.
+        places = self.equations.jacobian.places
+        row, column = places.row(), places.get_col()
+        nonzeros = self.equations.jacobian.function(w * scale, kernels)
+        scaled = nonzeros * ca.vertcat(scale, 1)[column] / row_scale[row]
+        by_w, residual = ca.horzsplit(ca.MX(places, scaled), [0, self.size, self.size + 1])
+        J = ca.vertcat(J, by_w)
+        places = self.equations.hessian.places
+        row, column = places.row(), places.get_col()
+        nonzeros = self.equations.hessian.function(w * scale, kernels, lam[m:] / row_scale)
+        H += ca.triu(ca.MX(places, nonzeros * scale[column] * scale[row]))
+        self.function = ca.Function("program", [w, p, sigma, lam], [f, gradient, g, J, H])
+        values = [f, gradient, ca.vertcat(design_rows, residual), J.nz[:]]
+        self._evaluated = BufferedFunction(
+            ca.Function("program", [w, p], list(map(ca.densify, values)))
+        )
+        self._sparsity = np.array(J.row(), np.int32), np.array(J.sparsity().colind(), np.int32)
+
+    def evaluate(self, w: Array, p: Array) -> tuple[Array, Array, Array, csc_array]:
+        """Return objective (1,), gradient, rows and their Jacobian."""
+        f, gradient, g, nonzeros = (value.ravel() for value in self._evaluated(w, p))
+        return f, gradient, g, csc_array((nonzeros, *self._sparsity), shape=(g.size, w.size))
+
+    def relaxed(self, rho: float) -> Nlp:
+        """Return the program with unknowns (w, t) and parameters (p, t_0): c(w) = rho (t - t_0)."""
+        m, n_rows = self.equality_rows.size, self.row_kinds.size
+        unknowns = ca.MX.sym("w", self.size + m)
+        parameters = ca.MX.sym("p", self.p.numel() + m)
+        sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", n_rows)
+        w, t = unknowns[: self.size], unknowns[self.size :]
+        p, t_0 = ca.vertsplit(parameters, [0, self.p.numel(), parameters.numel()])
+        f, gradient, g, J, H = self.function.call([w, p, sigma, lam], True, False)
+        places = ca.Sparsity.triplet(n_rows, m, self.equality_rows.tolist(), list(range(m)))
+        A = ca.DM(places, rho)
+        return Nlp(
+            unknowns,
+            parameters,
+            sigma,
+            lam,
+            f + ca.sumsqr(t) / 2,
+            ca.vertcat(gradient, t),
+            g - A @ (t - t_0),
+            ca.horzcat(J, -A),
+            ca.diagcat(H, sigma * ca.DM.eye(m)),
+        )
+
+
+def _consecutive(start: int, sizes: Iterable[int]) -> list[slice]:
+    """Return slices of the given sizes, one after the other."""
+    ends = accumulate(sizes, initial=start)
+    return [slice(a, b) for a, b in pairwise(ends)]
+
+
+@lru_cache(maxsize=16)
+def program_of(structure: Structure) -> Program:
+    """Return the program of a structure, shared by all problems that have it."""
+    return Program(structure)

@@ -1,1 +1,0 @@
-"""The nonlinear program: what is unknown, wanted and allowed, with exact derivatives."""
