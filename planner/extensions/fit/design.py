@@ -227,7 +227,7 @@ class _Search:
             self._optimise_from(untried[0])
 
     def _optimise_from(self, values: Array) -> None:
-        """Add the local optimum reached from initial values; skip values that have no arm."""
+        """Add the local optimum reached from initial values; skip values of an invalid arm."""
         self._tried[values.tobytes()] = None
         with suppress(OctoplanError):
             _, arm, scene = self.program.parameters.setting(values)

@@ -143,7 +143,7 @@ class DesignProgram:
     def equation_parameters(self, values: Array) -> list[Array]:
         """Return the parameters of each task's equations, and last the manufacturing margins.
 
-        Raises InputError if no arm has these values.
+        Raises InputError if the values are invalid for an arm.
         """
         _, arm, scene = self.parameters.setting(values)
         parameters = list[Array]()
@@ -224,7 +224,7 @@ class DesignProgram:
         )
 
     def all_equation_parameters(self, z: Array) -> Array:
-        """Return all equation parameters and margins (n,) at z; InputError if no arm has z."""
+        """Return all equation parameters and margins (n,) at z; InputError for an invalid arm."""
         return np.concatenate(self.equation_parameters(self.parameters.from_fractions(z)))
 
     def parameter_jacobian(self, z: Array) -> Array:
@@ -306,7 +306,7 @@ def _part(
 class ClosedForm(ca.Callback):
     """CasADi callback: a matrix that NumPy evaluates from z (K,).
 
-    The matrix is NaN if no arm has z, so that the solver shortens its step.
+    The matrix is NaN if z is invalid for an arm, so that the solver shortens its step.
     """
 
     def __init__(self, function: Callable[[Array], Array], K: int, shape: tuple[int, int]) -> None:

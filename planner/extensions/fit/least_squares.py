@@ -1,8 +1,8 @@
 """Least squares over all measured shapes, by SciPy's trust region method with bounds.
 
 The unknowns are scaled to [0, 1] between their bounds. Priors are additional residuals, to which
-robust losses do not apply. If a step leads to values that no arm has, or at which a shape does not
-settle, its residuals are infinite, so that the trust region shrinks.
+robust losses do not apply. If a step leads to values of an invalid arm, or at which a shape does
+not settle, the residuals are infinite, so that the trust region shrinks.
 """
 
 from __future__ import annotations

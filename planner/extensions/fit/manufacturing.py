@@ -39,9 +39,9 @@ class ManufacturingLimits:
     spacing: ArcLength = 0.0
 
     def margins(self, arm: Arm) -> Array:
-        """Return the margin of each limit, over the arm's length (n,); a feasible arm has none < 0.
+        """Return the margin of each limit, over the arm's length (n,); all are >= 0 if feasible.
 
-        The last one is the margin of the tip-most anchorage from the tip.
+        The last margin is the distance of the tip section's anchorage from the tip.
         """
         return np.concatenate([*self._by_limit(arm).values(), [arm.length - arm.anchorages[0]]])
 

@@ -100,7 +100,7 @@ def _sensor_readings() -> ca.Function:
 
 
 def from_rest(experiment: Experiment, values: Array) -> Evaluation:
-    """Settle all shapes from rest at values (K,); InputError if no arm has the values.
+    """Settle all shapes from rest at values (K,); InputError for values of an invalid arm.
 
     Shapes without equilibrium are in `failed`.
     """

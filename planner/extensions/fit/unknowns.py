@@ -200,7 +200,7 @@ class Parameters:
         """Return the setting for values (K,) of the unknowns that belong to a session.
 
         `near` is a setting whose unchanged objects are reused; see Setting.at. Raises InputError
-        if no arm has these values.
+        if the values are invalid for an arm.
         """
         pairs = [
             (key, value)
@@ -219,8 +219,8 @@ class Parameters:
     ) -> list[Array]:
         """Return the derivatives (..., K) of arrays that are functions of values (K,).
 
-        Difference quotients step away from the nearer bound. They have at least seven digits for
-        functions that are low powers of the unknowns and solve no equations.
+        Difference quotients step away from the nearer bound. The result has at least seven correct
+        digits for functions that are low powers of the unknowns and solve no equations.
         """
         columns = []
         steps = np.where(self.fractions(values) < 0.5, _STEP, -_STEP) * self.range
