@@ -1,4 +1,4 @@
-"""Settle many sets of tensions at once: their tips, without the overhead of a call for each."""
+"""Settle many sets of tensions together: tips only, without the overhead of one call per set."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ from octoplan.model.tendons import is_taut
 
 LOG = logging.getLogger(__name__)
 Errors = Literal["raise", "nan"]
-# Number of sets that are solved side by side under loads: their equations fit into the cache.
+# Number of sets that are solved together under loads, so that the equations fit into the cache.
 _AT_ONCE = 128
-# The finest mesh for batches, unless the accuracy asks for a finer one from the beginning: on finer
-# ones the overhead of a call is small, and a set that is slow holds up the others.
+# Finest refinement for batches, unless the accuracy requires a finer first mesh. On finer meshes
+# the overhead of a call is small, and a slow set delays the others.
 _FINEST_TOGETHER = 16
 # Number of parts that a failed batch is divided into; smaller batches are solved set by set.
 _PARTS = 8
@@ -69,7 +69,7 @@ class Shapes:
     slack : (m, n_tendons)
         Whether each tendon is slack.
     problems : tuple of str
-        Why each set is not settled, its numbers NaN; empty for settled sets.
+        Error of each failed set, whose values are NaN; empty for settled sets.
     """
 
     tip: Array
@@ -97,7 +97,8 @@ def _settle_together(
     Errors are NaN for sets that `settle` has to solve. A batch that takes longer than one set may,
     or that raises an error, is divided, so that only a few sets share the fate of a bad one.
     """
-    poses, errors = np.full((len(T), 7), np.nan), np.full(len(T), np.nan)
+    poses = np.full((len(T), 7), np.nan)
+    errors = np.full(len(T), np.nan)
     at_once = _AT_ONCE if is_loaded(maps.scene) else max(len(T), 1)
     batches = [np.arange(k, min(k + at_once, len(T))) for k in range(0, len(T), at_once)]
     while batches:
@@ -111,7 +112,7 @@ def _settle_together(
         except OutOfTime:
             check_time()
         except Exception:
-            # The error belongs to a set; `settle` raises it again for this set alone.
+            # The error belongs to one set: `settle` raises the error for this set alone.
             LOG.warning("a batch of %d sets failed and is divided", batch.size, exc_info=True)
         else:
             continue
@@ -123,19 +124,22 @@ def _settle_together(
 def _side_by_side(maps: ForwardMaps, T: Array, accuracy: float) -> tuple[Array, Array]:
     """Return the poses (M, 7) of tips under tensions (M, n_tendons), and errors (M,).
 
-    Only sets that a mesh does not settle go on to a finer one, each by meshes of its own. Errors
-    are NaN for sets that `settle` has to solve: those without an equilibrium on one of their
-    meshes, crushed, folded, or slow to converge.
+    Sets that are not accurate on a mesh continue on a finer one, each on meshes of its own. Errors
+    are NaN for sets that `settle` must solve: sets without equilibrium on some mesh, and crushed,
+    folded or slowly converging sets.
     """
     coarse, fine = first_pair(accuracy)
-    poses, errors = np.zeros((len(T), 7)), np.full(len(T), np.nan)
-    estimates, last = np.full(len(T), initial_estimate(maps.order)), np.zeros(len(T), int)
+    poses = np.zeros((len(T), 7))
+    errors = np.full(len(T), np.nan)
+    estimates = np.full(len(T), initial_estimate(maps.order))
+    last = np.zeros(len(T), int)
     wanted = np.full(len(T), coarse)
     near: list[Equilibrium | None] = [None] * len(T)
     while wanted.any():
         check_time()
         refinement = int(wanted[wanted > 0].min())
-        now, forward = np.flatnonzero(wanted == refinement), maps.on(refinement)
+        now = np.flatnonzero(wanted == refinement)
+        forward = maps.on(refinement)
         before = poses[now]
         if isinstance(forward, Collocation):
             looser = loosest(accuracy) if refinement == coarse else 1.0
@@ -143,7 +147,9 @@ def _side_by_side(maps: ForwardMaps, T: Array, accuracy: float) -> tuple[Array, 
             ends = forward.many(T[now], [near[i] for i in now], looser)
             for j, (i, end) in enumerate(zip(now, ends, strict=True)):
                 if isinstance(end, Equilibrium):
-                    near[i], poses[i], least[j] = end, end.poses[-1], end.extremes.stretch
+                    near[i] = end
+                    poses[i] = end.poses[-1]
+                    least[j] = end.extremes.stretch
         else:
             tips, least = forward.many(T[now])
             poses[now] = tips[:, 0]
@@ -157,12 +163,14 @@ def _side_by_side(maps: ForwardMaps, T: Array, accuracy: float) -> tuple[Array, 
             errors[now], estimates[now] = updated_estimate(
                 estimates[now], gap, *pair, order, forward.rounding
             )
-            wanted[now], late = 0, now[~(errors[now] <= accuracy)]
+            wanted[now] = 0
+            late = now[~(errors[now] <= accuracy)]
             finer = partial(next_refinement, refinement, accuracy=accuracy, order=order)
             wanted[late] = [*map(finer, errors[late].tolist())]
         last[now] = refinement
         alone = now[~(least > LEAST_STRETCH) | (wanted[now] > max(fine, _FINEST_TOGETHER))]
-        wanted[alone], errors[alone] = 0, np.nan
+        wanted[alone] = 0
+        errors[alone] = np.nan
     jumps = [i for i, point in enumerate(near) if point is not None and point.jump is not None]
     errors[jumps] = np.nan
     errors[~(errors <= accuracy)] = np.nan
@@ -188,17 +196,17 @@ def settle_many(
 ) -> Shapes:
     """Return the tips for many sets of tensions (m, n_sections, n) or (m, n_tendons) [N].
 
-    Each set is settled as `settle` does, up to rounding. Batches of sets share their meshes; a set
-    that fails or converges slowly in its batch is settled by `settle` itself. So is each set with
-    `lengths` (of the same form [m]), with contact and with SelfContact.
+    The results are the ones of `settle`, up to rounding. Batches of sets share meshes. `settle`
+    itself solves sets that fail or converge slowly in a batch, and all sets with `lengths` (of the
+    same form [m]), with contact or with SelfContact.
 
     Parameters
     ----------
     arm, scene, accuracy, compile, tendon_EA, tendon_outside
         As in `settle`.
     errors : "raise" or "nan"
-        Whether the first set that fails ends the call with its error. With "nan" it is a row of NaN
-        with the reason in `problems`, as in a sweep, and the other sets are settled.
+        With "raise", the first failure ends the call with its error. With "nan", a failed set is a
+        row of NaN with the reason in `problems`, as in a sweep, and the other sets are settled.
     time_limit : float
         The longest time that each set may take [s].
 
@@ -208,9 +216,10 @@ def settle_many(
         As in `settle`, naming the set, unless `errors` is "nan". InputError for an arm, a scene or
         an option that is not allowed, in any case.
     CompilerError
-        If `compile` is True, and there is no compiler or it fails.
+        If `compile` is True, and the compiler is missing or fails.
     """
-    scene, accuracy = scene_of(arm, scene), checked_accuracy(accuracy)
+    scene = scene_of(arm, scene)
+    accuracy = checked_accuracy(accuracy)
     options: dict[str, Any] = {"compile": checked_compile(compile)}
     literal("errors", errors, Errors)
     for name, values in (("tensions", tensions), ("lengths", lengths)):
@@ -224,8 +233,10 @@ def settle_many(
         options |= {"tendon_EA": tendon_EA, "tendon_outside": tendon_outside}
     if time_limit is not None:
         options["time_limit"] = positive("time_limit", time_limit)
-    count, problems = len(sets), [""] * len(sets)
-    poses, error = np.full((count, 7), np.nan), np.full(count, np.nan)
+    count = len(sets)
+    problems = [""] * len(sets)
+    poses = np.full((count, 7), np.nan)
+    error = np.full(count, np.nan)
     pulling = np.full((count, arm.n_tendons), np.nan)
     maps = forward_maps(arm, without_self_contact(scene), options["compile"])
     if lengths is None and not scene.has(Contact, SelfContact):
@@ -236,7 +247,9 @@ def settle_many(
     slack = ~is_taut(arm, pulling)
     for i in np.flatnonzero(np.isnan(error)).tolist():
         check_time()
-        poses[i], pulling[i], slack[i] = np.nan, np.nan, False
+        poses[i] = np.nan
+        pulling[i] = np.nan
+        slack[i] = False
         held = None if lengths is None else lengths[i]
         T = None if tensions is None else tensions[i]
         try:
@@ -251,20 +264,22 @@ def settle_many(
             kind = "" if isinstance(failure, OctoplanError) else f"{type(failure).__name__}: "
             problems[i] = f"{kind}{failure}"
         else:
-            poses[i], error[i] = alone.equilibrium.poses[-1], alone.error
-            pulling[i], slack[i] = alone.tensions, alone.slack.ravel()
+            poses[i] = alone.equilibrium.poses[-1]
+            error[i] = alone.error
+            pulling[i] = alone.tensions
+            slack[i] = alone.slack.ravel()
     frames = matrices(poses[:, :4])
     return Shapes(poses[:, 4:], frames, error, pulling, slack, tuple(problems))
 
 
 def _rows(arm: Arm, tensions: Any) -> Array:
-    """Return sets of tensions (m, n_tendons), nan of those that are no numbers for the tendons."""
+    """Return sets of tensions (m, n_tendons), with NaN for invalid sets."""
     are_numbers = type(tensions) is np.ndarray and tensions.dtype == float
     if are_numbers and tensions.shape[1:] in arm.shapes:
         return np.array(tensions.reshape(len(tensions), arm.n_tendons))
     rows = np.full((len(tensions), arm.n_tendons), np.nan)
     for i, row in enumerate(tensions):
-        with suppress(InputError):  # it is told where the set is settled alone
+        with suppress(InputError):  # `settle` raises the error for this set
             rows[i] = arm.flat(row)
     return rows
 

@@ -208,7 +208,7 @@ def _least_energy(request: Request, near: Equilibrium) -> Equilibrium | None:
     program, system = LeastEnergy(request.base), request.base
     strains = carried_strains(near.system, near.states[near.system.layout.stages], system)
     to = request.tensions, request.load
-    minimum = program.least(program.near(near.tensions, strains), *to, rounds=_ROUNDS)
+    minimum = program.minimise(program.near(near.tensions, strains), *to, rounds=_ROUNDS)
     if minimum is None:
         return None
     touches, states = ContactFlags.of(system), program.states(minimum, request.load)

@@ -1,1 +1,1 @@
-"""Shapes under given tendon lengths."""
+"""Equilibria under given tendon lengths."""

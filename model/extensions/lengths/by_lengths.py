@@ -1,12 +1,13 @@
-"""Tensions by the lengths that winches leave: the least energy, then Newton's method.
+"""Tensions for given tendon lengths: minimum energy, then Newton's method.
 
-The minimum of the energy under rows of lengths tells which tendons are taut, and about how hard
-they pull; see octoplan.model.extensions.lengths.least_energy. With the lengths of the equilibrium
-as a function of the tensions, l(T), those of taut tendons are then found to rounding:
+The minimum of the energy subject to the lengths selects the taut tendons and gives approximate
+tensions; see octoplan.model.extensions.lengths.least_energy. Newton's method then solves, to
+rounding and with the tendon lengths l(T) of the equilibrium under tensions T,
 
-    length + stretch T - l(T) = 0 of taut tendons, T = 0 and length - l(T) > 0 of slack ones,
+    length + stretch T - l(T) = 0 for taut tendons,
+    T = 0 and length - l(T) > 0 for slack tendons.
 
-by Newton steps, of least norm in combinations of tensions that no length feels.
+Steps have least norm in combinations of tensions that do not change lengths.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from octoplan.model.equilibrium.newton import CLOSE, STAGES, Start, newton
 from octoplan.model.extensions.contact.forward import TouchingMap
 from octoplan.model.extensions.lengths.least_energy import ROUNDS, LeastEnergy
 from octoplan.model.extensions.lengths.shortest import SHORT, no_shape, refuse
-from octoplan.model.extensions.lengths.winches import ROUNDING, Winches, least, slackened
+from octoplan.model.extensions.lengths.winches import ROUNDING, Winches, nonnegative_step, slackened
 from octoplan.model.forward import ForwardMap, ForwardMaps
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import SAME, Array
@@ -40,56 +41,70 @@ from octoplan.model.support.errors import (
 from octoplan.model.support.progress import check_time
 from octoplan.model.unloaded.marched import Lengths, tendon_lengths
 
-# Stages of the elements on which the least energy is sought.
+# Number of stages of the elements for the minimum of the energy.
 _STAGES = 2
-# Newton steps; that one is the last which changes tensions by no more than this share, or which
-# will leave no more than this share of rounding, as its error goes by the square.
-_STEPS, _LAST, _SQUARE = 30, 1e-6, 0.1
-# The least step towards the lengths, as a share of the whole way, and of a Newton step.
+# Largest number of Newton steps.
+_STEPS = 30
+# Relative change of the tensions at which Newton's method ends.
+_LAST = 1e-6
+# Predicted error after a step, over rounding, at which Newton's method ends; errors decrease
+# quadratically.
+_SQUARE = 0.1
+# Smallest fraction of a Newton step, and of the path from initial to given lengths.
 _LEAST_STEP = 1 / 64
 
-# An equilibrium under tensions whose lengths, and how these change with tensions, are known.
+# An equilibrium under tensions, with tendon lengths and their derivatives by tensions.
 _At = TypeVar("_At", Equilibrium, Lengths)
 
 
-def tightened(
+def solve_lengths(
     at: _At,
     winches: Winches,
     beside: Callable[[_At, Array], _At | None],
     arm: Arm,
     rounding: float = ROUNDING,
 ) -> _At | None:
-    """Return the equilibrium whose taut tendons are as long as winches leave them, to `rounding`.
+    """Solve for the equilibrium whose taut tendons have the winches' lengths, by Newton's method.
 
-    Over the arm's length; combinations of tensions that lengths feel by less are the least. Where
-    rounding keeps the steps from ending it is the equilibrium that misses lengths least; None where
-    lengths are not met at all. Newton steps that lead to no equilibrium, or to one that misses
-    lengths by more, are halved.
+    `rounding` is the tolerance over the arm's length. Combinations of tensions that change lengths
+    by less have least norm. Newton steps without equilibrium, and steps that increase the error of
+    the lengths, are halved. If rounding errors prevent convergence, return the equilibrium with the
+    smallest error; return None if no equilibrium has the lengths approximately.
     """
-    held, rounding, last = winches.held, rounding * arm.length, 0.0
+    held = winches.held
+    rounding = rounding * arm.length
+    last = 0.0
 
     def missed_by(there: _At) -> float:
         T = there.tensions
         slack = winches.slack_lengths(there.lengths, T)
         return float(np.where(T > 0, np.abs(slack), -slack)[held].max(initial=0.0))
 
-    nearly, best, least_missed = SAME * arm.length, None, np.inf
-    # The first step goes to combinations that are hardly felt, from what is met already.
+    nearly = SAME * arm.length
+    best = None
+    least_missed = np.inf
+    # The error of the first step is not bounded: it may change combinations of tensions with hardly
+    # any effect on lengths.
     missed = np.inf
     for _ in range(_STEPS):
         check_time()
-        now, left = at.tensions, winches.slack_lengths(at.lengths, at.tensions)
+        now = at.tensions
+        left = winches.slack_lengths(at.lengths, at.tensions)
         level = max(nearly, 2 * float(np.abs(left[held & (now > 0)]).max(initial=0.0)))
         tight = np.flatnonzero(held & ((now > 0) | (left <= level)))
         M = np.diag(winches.stretch[tight]) - at.length_tension[np.ix_(tight, tight)]
         change = np.zeros(now.size)
-        result, well = least(M, left[tight], now[tight], rounding)
+        result, well = nonnegative_step(M, left[tight], now[tight], rounding)
         change[tight] = result - now[tight]
-        size, off = float(np.abs(change).max()), float(np.abs(left[tight]).max(initial=0.0))
-        ratio, share, after = size / last if last else np.inf, 1.0, None
+        size = float(np.abs(change).max())
+        off = float(np.abs(left[tight]).max(initial=0.0))
+        ratio = size / last if last else np.inf
+        share = 1.0
+        after = None
         most = max(missed, nearly)
         while (after is None or missed > most) and share >= _LEAST_STEP and np.isfinite(size):
-            after, share = beside(at, now + share * change), share / 2
+            after = beside(at, now + share * change)
+            share = share / 2
             missed = np.inf if after is None else missed_by(after)
         if after is None or missed > most:
             return best
@@ -98,49 +113,56 @@ def tightened(
             if last_step or off * ratio * ratio <= _SQUARE * rounding:
                 return after
             if last and missed < least_missed:
-                best, least_missed = after, missed
-        at, last = after, size
+                best = after
+                least_missed = missed
+        at = after
+        last = size
     return best
 
 
-def taken_in(
+def continue_to_lengths(
     begins: Iterable[_At | None],
     winches: Winches,
     beside: Callable[[_At, Array], _At | None],
     arm: Arm,
     rounding: float,
 ) -> _At | None:
-    """Return the equilibrium at lengths that winches take in, from those of the first that may be.
+    """Continue an initial equilibrium to the winches' lengths, in one step or in several.
 
-    At once if they can, else step by step. Of equilibria to begin with the next is taken where
-    steps become short: there is none farther on along the branch. None where that was the last.
+    Steps are halved if they fail. If steps become too short, the branch ends, and the next initial
+    equilibrium is used. Return None if all initial equilibria fail.
     """
     for begin in begins:
-        at, reached, step = begin, 0.0, 1.0
+        at = begin
+        reached = 0.0
+        step = 1.0
         while at is not None and begin is not None and step >= _LEAST_STEP:
             share = min(reached + step, 1.0)
             spare = np.maximum(begin.lengths - winches.lengths, 0.0)
             held = replace(winches, lengths=winches.lengths + (1 - share) * spare)
-            after = tightened(at, held, beside, arm, rounding)
+            after = solve_lengths(at, held, beside, arm, rounding)
             if after is None:
                 step /= 2
                 continue
             if share == 1:
                 return after
-            at, reached, step = after, share, 2 * step
+            at = after
+            reached = share
+            step = 2 * step
     return None
 
 
 @dataclass(frozen=True, eq=False)
 class GivenLengths:
-    """Lengths that winches leave, of some tendons or all.
+    """Lengths that winches leave, for some tendons or all.
 
     Attributes
     ----------
     maps : ForwardMaps
-        The forward maps of the arm in its scene.
+        Forward maps of the arm in the scene.
+    winches : Winches
     near : (n_tendons,)
-        Tensions to begin with.
+        Initial guess of the tensions.
     """
 
     maps: ForwardMaps
@@ -148,33 +170,36 @@ class GivenLengths:
     near: Array | None = None
 
     def on(self, forward: ForwardMap, near: AnyEquilibrium | None) -> AnyEquilibrium:
-        """Return the equilibrium on the mesh of a forward map, near that of another if given.
+        """Solve on the mesh of a forward map, warm-started from another equilibrium if given.
 
-        Raises InputError where no shape has the lengths.
+        Raises InputError if no shape has the lengths.
         """
         if not is_loaded(self.maps.scene):
             return forward.solve(self._unloaded_tensions)
         assert isinstance(forward, Collocation)
         begins = self._initial_equilibria(forward, near)
-        result = taken_in(begins, self.winches, forward.led_to, self.maps.arm, SAME)
+        result = continue_to_lengths(begins, self.winches, forward.led_to, self.maps.arm, SAME)
         if result is None:
             raise no_shape(self.maps.arm, self.winches)
         return result
 
     def finished(self, forward: ForwardMap, end: AnyEquilibrium) -> AnyEquilibrium:
-        """Return an accepted equilibrium with tensions to rounding, itself where none are found."""
+        """Return an accepted equilibrium with tensions refined to rounding if possible."""
         if not (isinstance(end, Equilibrium) and is_loaded(self.maps.scene)):
             return end
         assert isinstance(forward, Collocation)
-        return tightened(end, self.winches, forward.led_to, self.maps.arm) or end
+        return solve_lengths(end, self.winches, forward.led_to, self.maps.arm) or end
 
     def _initial_equilibria(
         self, forward: Collocation, near: AnyEquilibrium | None
     ) -> Iterator[Equilibrium | None]:
-        """Yield equilibria to begin with: near that of another mesh, at the tensions of the least
-        energy, at those that no winch holds.
+        """Yield initial equilibria, in the order of trial.
+
+        The equilibrium near the one of another mesh, the ones under the tensions of minimum energy,
+        and the one under the given tensions with all winches slack.
         """
-        winches, touching = self.winches, isinstance(forward, TouchingMap)
+        winches = self.winches
+        touching = isinstance(forward, TouchingMap)
         if isinstance(near, Equilibrium):
             T = np.where(winches.held, near.tensions, winches.tensions)
             if touching:
@@ -195,11 +220,12 @@ class GivenLengths:
 
     @cached_property
     def _unloaded_tensions(self) -> Array:
-        """Tensions of the arm without loads, found once: no mesh is asked for.
+        """Tensions of the arm without loads, which do not depend on a mesh.
 
-        Raises CollapsedError where steps towards the lengths crush the arm.
+        Raises CollapsedError if steps towards the lengths crush the arm.
         """
-        winches, arm = self.winches, self.maps.arm
+        winches = self.winches
+        arm = self.maps.arm
         lengths = tendon_lengths(arm, self.maps.scene, self.maps.machine_code)
         crushed: list[CollapsedError] = []
 
@@ -223,25 +249,28 @@ class GivenLengths:
             left = winches.slack_lengths(slack.lengths, slack.tensions)[winches.held]
             if left.min(initial=0.0) >= -ROUNDING * arm.length:
                 return winches.tensions
-        result = taken_in(begins(), winches, under, arm, ROUNDING)
+        result = continue_to_lengths(begins(), winches, under, arm, ROUNDING)
         if result is None:
             raise crushed[-1] if crushed else no_shape(arm, winches)
         return result.tensions
 
     def _least_energy(self) -> Iterator[tuple[DiscreteRod, Array, Array]]:
-        """Yield tensions [N] and strains of the least energy from rest, on a coarse mesh.
+        """Yield systems, tensions [N] and strains of minimum energy from rest, on a coarse mesh.
 
-        Tensions (n_tendons,) of slack tendons are 0; strains are at the stages of the system.
-        Forces without a potential are left out at first; then they are updated until they stay.
-        Raises InputError where no shape has the lengths, naming the tendon that is farthest from
-        it.
+        Tensions (n_tendons,) of slack tendons are 0; strains are at the stages of the system. The
+        first minimum neglects forces without a potential; for the second one, these forces are
+        updated until they converge. Raises InputError if no shape has the lengths, with the tendon
+        of the largest error.
         """
-        arm, scene, winches = self.maps.arm, self.maps.scene, self.winches
+        arm = self.maps.arm
+        scene = self.maps.scene
+        winches = self.winches
         mesh = 1, (), is_loaded(scene), self.maps.machine_code
         program = LeastEnergy(system(arm, scene, _STAGES, *mesh))
         for rounds in (1,) if program.conservative else (1, ROUNDS):
-            minimum = program.least(program.at_rest(), winches.tensions, 1.0, winches, rounds)
-            left, is_short = np.zeros(arm.n_tendons), minimum is None
+            minimum = program.minimise(program.at_rest(), winches.tensions, 1.0, winches, rounds)
+            left = np.zeros(arm.n_tendons)
+            is_short = minimum is None
             if minimum is not None:
                 left = winches.slack_lengths(program.lengths(minimum), minimum.tensions)
                 is_short = left[winches.held].min(initial=0.0) < -SHORT * arm.length

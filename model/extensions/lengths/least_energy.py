@@ -1,19 +1,19 @@
-"""The equilibrium as least potential energy, under rows that hold lengths and gaps; by ipopt.
+"""Equilibrium as minimum of the potential energy, subject to lengths and gaps; by ipopt.
 
     minimise    sum h b_i (W(v_i) + sum T |u_c'|(v_i)) - work of dead loads + sum e_j^2 / 2 c_j
     subject to  pose_{k+1} = F(pose_k, v_k) from the clamped base on,
-                length_j - e_j <= what the winch leaves, of each tendon that a winch holds,
-                gap(u_k) >= 0 at the nodes, of each obstacle,
+                length_j - e_j <= length_j of the winch, for each tendon that a winch holds,
+                gap(u_k) >= 0 at the nodes, for each obstacle.
 
-over poses at the nodes, strains at the Gauss stages of the elements between them, and by how much
-tendons of compliance c_j stretch. Its local minima are the stable equilibria. Its multipliers are
-the tensions of tendons that are held by length, 0 of slack ones, and the forces of contact.
+The variables are poses at the nodes, strains at the Gauss stages of the elements, and elongations
+e_j of tendons with compliance c_j. The local minima are the stable equilibria. The multipliers are
+the tensions of tendons held by length, 0 for slack tendons, and the contact forces.
 
-Lengths are in units of the arm's, forces in those that bend it, E J / L^2 of its base.
+Lengths are in units of the arm's length, forces in units of E J / L^2 at the base.
 
-Nonconservative forces (the paper's tangent, followers, currents, friction of tendons) are held as
-dead generalised forces on the strains: the residuals of the equations of equilibrium at the minimum
-before. The minimum is sought again until these stay.
+Nonconservative forces (the paper's tangent, followers, currents, friction of tendons) enter as
+constant generalised forces on the strains: the residuals of the equilibrium equations at the
+previous minimum. The minimisation is repeated until these forces converge.
 
 Sources: Nocedal and Wright, Numerical Optimization (2006), chapter 19; Waechter and Biegler, Math.
 Programming 106 (2006), for ipopt.
@@ -47,7 +47,7 @@ from octoplan.model.tendons import least_compliance
 
 LOG = logging.getLogger(__name__)
 
-# Residuals that are left are those of `tol` and `constr_viol_tol`, in the units of the program.
+# Options of ipopt; tolerances are in the units of the program.
 _IPOPT: dict[str, Any] = {
     "tol": 1e-9,
     "constr_viol_tol": 1e-10,
@@ -56,27 +56,29 @@ _IPOPT: dict[str, Any] = {
     "max_iter": 100,
     "bound_relax_factor": 0.0,
     "mu_strategy": "adaptive",
-    # Multipliers of fixed unknowns take another gradient a step.
+    # Multipliers of fixed variables would require another gradient in each step.
     "fixed_variable_treatment": "make_parameter_nodual",
 }
-# Nonconservative forces are updated so often, until no frame turns by more than this.
-ROUNDS, _STAYS = 12, 1e-3
+# Largest number of updates of the nonconservative forces.
+ROUNDS = 12
+# Change of a frame's quaternion at which the updates end.
+_STAYS = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """An equilibrium: a local minimum of the energy.
+    """An equilibrium as local minimum of the energy.
 
     Attributes
     ----------
     x : (n,)
-        Unknowns in the units of the program: states, then what tendons stretch by.
+        Variables in the units of the program: states, then elongations of tendons.
     tensions : (n_tendons,)
-        Those that are held, and the multipliers of lengths [N].
+        Given tensions, and multipliers of lengths [N].
     forces : (N, K)
-        Of each of K obstacles on each node but the base [N], 0 or above.
+        Nonnegative forces of K obstacles on each node except the base [N].
     nonconservative : (N stages, strains)
-        Generalised forces that have no potential, less moments and forces [N m], [N].
+        Minus the generalised forces without potential: moments [N m], forces [N].
     """
 
     x: Array
@@ -86,18 +88,18 @@ class Minimum:
 
 
 class LeastEnergy:
-    """The program of an arm in a scene on a mesh.
+    """Minimisation of the energy of an arm in a scene, on a mesh.
 
     Attributes
     ----------
     system : DiscreteRod
-        The equations of equilibrium on the same mesh.
-    of : Layout
-        Of the states of the program, poses and strains.
+        Equilibrium equations on the same mesh.
+    layout : Layout
+        Layout of the program's states: poses and strains.
     conservative : bool
         Whether all forces have a potential.
     force_unit : float
-        What bends the arm, E J / L^2 of its base [N].
+        Force that bends the arm, E J / L^2 at the base [N].
     """
 
     def __init__(self, system: DiscreteRod) -> None:
@@ -129,7 +131,7 @@ class LeastEnergy:
         self._levers = levers(scene)[1].T / np.repeat([L, F], 3)[:, None]
 
     def at_rest(self) -> Minimum:
-        """Return the arm without tensions and loads, to begin with."""
+        """Return the arm without tensions and loads, as initial guess."""
         law, v = self.layout.form.law, np.zeros((self.system.s.size, self.layout.form.strains))
         i = 2 + law.torsion
         v[:, i : i + 1] = law.along_at_rest
@@ -138,14 +140,14 @@ class LeastEnergy:
         return self._at(v, np.zeros(self.layout.n_tendons))
 
     def near(self, tensions: Array, strains: Array) -> Minimum:
-        """Return where to begin near strains of the equations' law (N stages, strains)."""
+        """Return the initial guess for strains of the equations' law (N stages, strains)."""
         law, values = self.layout.form.law, self.system.layout.form.law
         return self._at(
             strains if law == values else strains_of(law, reported(values, strains)), tensions
         )
 
     def _at(self, v: Array, tensions: Array) -> Minimum:
-        """Return where to begin at strains of the energy's law (N stages, strains)."""
+        """Return the initial guess for strains of the energy's law (N stages, strains)."""
         x = np.zeros(self.layout.n_states)
         x[self.layout.stages], x[self.layout.nodes] = v, self.system.marched(self._of_system(v))
         forces = np.zeros((self.system.mesh.steps, len(self._bodies)))
@@ -164,7 +166,7 @@ class LeastEnergy:
         return v if law == values else strains_of(values, reported(law, v))
 
     def states(self, point: Minimum, load: float = 1.0) -> Array:
-        """Return the states of the equations of equilibrium (n_states,)."""
+        """Return the states of the equilibrium equations (n_states,)."""
         return self.system.start(point.tensions, self.strains(point), load, point.forces)
 
     def lengths(self, point: Minimum) -> Array:
@@ -175,7 +177,7 @@ class LeastEnergy:
         """Return the poses at the nodes (N + 1, 7)."""
         return self._states(point)[self.layout.nodes]
 
-    def least(
+    def minimise(
         self,
         near: Minimum,
         tensions: Array,
@@ -183,10 +185,10 @@ class LeastEnergy:
         winches: Winches | None = None,
         rounds: int = ROUNDS,
     ) -> Minimum | None:
-        """Return the least energy near a start; None where none is found.
+        """Minimise the energy from an initial guess; return None if ipopt fails.
 
-        Under `tensions` (n_tendons,) of the tendons that no winch holds, and a load factor.
-        Nonconservative forces are updated in so many `rounds` at most.
+        `tensions` (n_tendons,) are the given tensions of tendons without winch, `load` is a factor
+        of the loads, and `rounds` is the largest number of updates of nonconservative forces.
         """
         point = near
         for _ in range(1 if self.conservative else rounds):
@@ -213,7 +215,7 @@ class LeastEnergy:
         of, F, L, K = self.layout, self.force_unit, self.system.arm.length, len(self._bodies)
         n, nT, poses, inf = of.n_states, of.n_tendons, POSE * of.elements, np.inf
         held = np.zeros(nT, dtype=bool) if winches is None else winches.held
-        # Antagonists that lengths do not determine would pull each other without bound.
+        # Without compliance, antagonists with undetermined tensions would pull without bound.
         given = np.zeros(nT) if winches is None else winches.stretch
         stretch = np.where(held, given + least_compliance(self.system.arm), 0.0) * F / L
         forces = (near.nonconservative * self._unit[of.stages]).T / F
@@ -252,9 +254,9 @@ class LeastEnergy:
 
 @lru_cache(maxsize=32)
 def _solver(of: Layout, obstacles: int) -> BufferedFunction:
-    """Return ipopt for a structure, numbers left open.
+    """Return ipopt for a structure, with arguments x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0.
 
-    It takes x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0; p are the numbers of energy and rows.
+    The parameters p belong to the energy and to the constraints.
     """
     f, g = potential_energy(of), held_rows(of, obstacles)
     z, p, lam = (
@@ -266,7 +268,7 @@ def _solver(of: Layout, obstacles: int) -> BufferedFunction:
     def matrix(of: AssembledValue, *value: ca.MX) -> ca.MX:
         return ca.MX(of.places, of.function(*value))
 
-    # With derivatives come values, which by themselves take less.
+    # The derivative functions also return the values, which cost less in the value functions.
     (gradient, value_too), (J, held_too) = (
         ca.horzsplit(matrix(of.jacobian, z, numbers), [0, f.n_x, f.n_x + 1])
         for of, numbers in ((f, pf), (g, pg))

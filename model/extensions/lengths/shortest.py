@@ -39,10 +39,11 @@ def no_shape(arm: Arm, winches: Winches) -> InputError:
 
 def refuse(program: LeastEnergy, winches: Winches) -> None:
     """Raise InputError if no shape has the lengths; it names a tendon and its least length."""
-    arm, L = program.system.arm, program.system.arm.length
+    arm = program.system.arm
+    L = program.system.arm.length
     compliance = 1 / winches.tendon_EA + _SOFT * arm_compliance(arm) / L
     soft = replace(winches, tendon_EA=1 / compliance)
-    nearest = program.least(program.at_rest(), soft.tensions, 1.0, soft)
+    nearest = program.minimise(program.at_rest(), soft.tensions, 1.0, soft)
     if nearest is None:
         return
     lengths = program.lengths(nearest)
@@ -52,9 +53,11 @@ def refuse(program: LeastEnergy, winches: Winches) -> None:
     rest = rest_lengths(arm)
     taken = np.where(shortfall > _MOST * shortfall.max(), 1 - winches.lengths / rest, -np.inf)
     j = int(np.argmax(taken))
-    held, T = winches.held.copy(), winches.tensions.copy()
-    held[j], T[j] = False, min(nearest.tensions[j], L / arm_compliance(arm))
-    pulled = program.least(nearest, T, 1.0, replace(winches, held=held, tensions=T))
+    held = winches.held.copy()
+    T = winches.tensions.copy()
+    held[j] = False
+    T[j] = min(nearest.tensions[j], L / arm_compliance(arm))
+    pulled = program.minimise(nearest, T, 1.0, replace(winches, held=held, tensions=T))
     message = f"lengths that go together, the nearest that a shape has is {lengths[j]:.9g} m"
     if pulled is not None:
         message = f"from {program.lengths(pulled)[j]:.7g} m on"

@@ -1,6 +1,6 @@
-"""What holds the tendons of an arm: winches that leave them a length, or forces.
+"""Winches, which hold tendon lengths or tensions, and Newton steps for nonnegative tensions.
 
-And Newton steps of tensions that cannot push, to the least ones where they are undetermined.
+Undetermined tensions have least norm.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from octoplan.model.tendons import arm_compliance, checked_EA
 
 @dataclass(frozen=True, eq=False)
 class Winches:
-    """The lengths that winches leave of tendons, and the tensions of the others.
+    """Tendon lengths that winches hold, and tensions of the other tendons.
 
-    A tendon whose path in the arm is l meets l <= length + stretch T and T >= 0, one of the two
-    with equality: it is taut, or slack.
+    A tendon with path length l in the arm satisfies l <= length + stretch T and T >= 0, one of
+    these with equality: the tendon is taut, or slack.
 
     Attributes
     ----------
     held : (n_tendons,)
         Whether a winch holds a length; otherwise a force holds the tension.
     lengths : (n_tendons,)
-        What is left, without tension, between base and anchorage [m]; 0 where a tension is held.
+        Unstretched length between base and anchorage [m]; 0 for tendons with given tension.
     tensions : (n_tendons,)
-        [N]; 0 where a length is held.
+        [N]; 0 for tendons with given length.
     tendon_EA : float
-        Stiffness of the tendons themselves [N]; infinite where they do not stretch.
+        Axial stiffness of the tendons [N]; inf for inextensible tendons.
     outside : float
-        How much more of each tendon there is between its winch and the base [m].
+        Length of each tendon between winch and base [m].
     """
 
     held: Mask
@@ -49,23 +49,25 @@ class Winches:
 
     @property
     def stretch(self) -> Array:
-        """By how much each tendon is longer for each newton (n_tendons,) [m/N]."""
+        """Compliance of each tendon (n_tendons,) [m/N]."""
         return np.asarray(np.where(self.held, (self.lengths + self.outside) / self.tendon_EA, 0.0))
 
     @classmethod
     def of(
         cls, arm: Arm, tensions: Any, lengths: Any, tendon_EA: Any = None, outside: Any = 0.0
     ) -> Winches:
-        """Return what holds the tendons, checked; see settle for the arguments.
+        """Return the winches of an arm; see settle for the arguments.
 
-        Raises InputError, naming the tendon where it is about one.
+        Raises InputError, with the name of the tendon if the error belongs to one.
         """
         left, held = _split_missing(arm, lengths, "lengths")
-        T, pulled = np.zeros(arm.n_tendons), np.zeros(arm.n_tendons, dtype=bool)
+        T = np.zeros(arm.n_tendons)
+        pulled = np.zeros(arm.n_tendons, dtype=bool)
         if tensions is not None:
             T, pulled = _split_missing(arm, tensions, "tensions")
         for j in np.flatnonzero(held == pulled):
-            both, field = bool(held[j]), f"lengths[{j}] ({arm.tendon_name(int(j))})"
+            both = bool(held[j])
+            field = f"lengths[{j}] ({arm.tendon_name(int(j))})"
             value = f"{left[j]:g} m and a tension of {T[j]:g} N" if both else None
             allowed = "a length or a tension for each tendon, None or nan in place of the other"
             raise InputError(field, value, allowed)
@@ -82,12 +84,12 @@ class Winches:
         return np.asarray(right[values <= RANK_TOL * values.max(initial=0.0)])
 
     def slack_lengths(self, lengths: Array, tensions: Array) -> Array:
-        """Return what is left of tendons beyond their paths (n_tendons,) [m]; short below 0."""
+        """Return tendon lengths minus path lengths (n_tendons,) [m]; negative if too short."""
         return np.asarray(self.lengths + self.stretch * tensions - lengths)
 
 
 def _split_missing(arm: Arm, values: Any, name: str) -> tuple[Array, Mask]:
-    """Return a number for each tendon, 0 where there is None or nan, and where there is one."""
+    """Return a value for each tendon, 0 for None and nan, and a mask of the given values."""
     try:
         parts = [np.array(row) for row in values]
         rows = [row.astype(float) for row in parts if row.dtype.kind in "iufO"]
@@ -100,31 +102,35 @@ def _split_missing(arm: Arm, values: Any, name: str) -> tuple[Array, Mask]:
 
 
 def slackened(tensions: Array, left: Array, winches: Winches, arm: Arm) -> Array:
-    """Return tensions of an interior point, 0 of tendons that have more left than they pull."""
+    """Return tensions of an interior point, with 0 for tendons whose slack exceeds their pull."""
     slack = winches.held & (arm_compliance(arm) * tensions < left)
     return np.where(slack, 0.0, tensions)
 
 
-# Rounding, against the largest number of its kind.
+# Relative rounding error.
 _TINY = 1e-14
-# What rounding leaves of lengths, over the arm's length.
+# Rounding error of lengths, over the arm's length.
 ROUNDING = 3e-14
-# Combinations of tensions that change lengths by less than these shares of what others do are not
-# felt well, and not felt.
-WELL_CONDITIONED, RANK_TOL = 1e-8, 1e-9
-# What is left that no tensions change, over rounding and as a share of all that is left, where one
-# of the tendons has to slacken.
-_KEPT, _MOSTLY = 10.0, 0.1
+# Relative singular values of dl/dT below which tensions are ill-conditioned.
+WELL_CONDITIONED = 1e-8
+# Relative singular values of dl/dT that count as zero.
+RANK_TOL = 1e-9
+# If no tensions reduce the residual, and it exceeds both bounds, a tendon must slacken: bound over
+# rounding, and bound over the whole residual.
+_KEPT = 10.0
+_MOSTLY = 0.1
 
 
-def least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
-    """Return z >= 0 (n,) after a Newton step to w = 0, w (n,) changing with z as M (n, n) says.
+def nonnegative_step(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
+    """Return z >= 0 (n,) after a Newton step for w(z) = 0, with dw/dz = M (n, n).
 
-    And whether all that w tells apart it tells well. In the null space of M, directions that change
-    w by less than `rounding` among it, z is of least norm. Components that would go below 0 stay
-    there, first those that come there first.
+    Also return whether the determined directions are well-conditioned. In the null space of M,
+    which includes directions that change w by less than `rounding`, z has least norm. Components
+    that would become negative are fixed at 0, in the order in which they reach 0.
     """
-    free, well, nothing = np.ones(z.size, dtype=bool), True, _TINY * float(z.max(initial=0.0))
+    free = np.ones(z.size, dtype=bool)
+    well = True
+    nothing = _TINY * float(z.max(initial=0.0))
     while free.any():
         result = np.zeros(z.size)
         result[free], well = _least_norm(M[np.ix_(free, free)], w[free], z[free], rounding)
@@ -136,7 +142,8 @@ def least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
             shares = np.ones(z.size)
             shares[below] = z[below] / (z[below] - result[below])
             share = float(shares.min())
-            before, blocked = z, shares <= share
+            before = z
+            blocked = shares <= share
             z = np.where(blocked, 0.0, z + share * (result - z))
             w = w + M @ (z - before)
         free &= ~blocked
@@ -144,19 +151,20 @@ def least(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
 
 
 def _least_norm(M: Array, w: Array, z: Array, rounding: float) -> tuple[Array, bool]:
-    """Return z of least norm after the step; below 0 where no such z avoids it; see least.
+    """Return z of least norm after the step, see nonnegative_step; some z may be negative.
 
-    Also where w is left that no step changes: then z goes on until one of them, which w > 0 lets
-    slacken, is below 0.
+    A component is negative if no nonnegative z exists. If a part of w remains that no step reduces,
+    z is changed until one component, which w > 0 allows to slacken, is negative.
 
-    Least distance programming: Lawson and Hanson, Solving Least Squares Problems (1974), 23.4.
+    Source for least distance programming: Lawson and Hanson, "Solving Least Squares Problems"
+    (1974), 23.4.
     """
     left, values, right, _ = dgesdd(M)
     most = max(float(np.abs(z).max()), float(np.abs(w).max()) / max(float(values[0]), 1e-300))
     felt = values * most > rounding
     count = int(np.count_nonzero(felt))  # the largest are the first
     well = count == 0 or bool(values[count - 1] > WELL_CONDITIONED * values[0])
-    # No combination changes by more than the largest tension: so far away w tells nothing of it.
+    # Limit each combination to the largest tension, beyond which the linearisation is useless.
     steps = ((w @ -left[:, :count]) / values[:count]).clip(-most, most)
     result = z + right[:count].T @ steps
     idle = right[count:]

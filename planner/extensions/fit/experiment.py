@@ -24,7 +24,7 @@ from octoplan.model import InputError, OctoplanError, settle
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, check_stretch
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.sensitivities import ByNumbers
-from octoplan.model.extensions.lengths.by_lengths import tightened
+from octoplan.model.extensions.lengths.by_lengths import solve_lengths
 from octoplan.model.extensions.lengths.winches import Winches
 from octoplan.model.paths import Array
 from octoplan.model.rod.layout import POSE
@@ -272,7 +272,7 @@ class SessionEquations:
             return reached
         n = self.system.arm.n_tendons
         winches = Winches(np.ones(n, dtype=bool), self._lengths(shape), np.zeros(n))
-        result = tightened(reached, winches, Collocation(self.system).led_to, self.system.arm)
+        result = solve_lengths(reached, winches, Collocation(self.system).led_to, self.system.arm)
         return result or OctoplanError("no shape near its lengths is found")
 
     def tensions(self, shape: Measured) -> Array:
