@@ -37,7 +37,7 @@ def test_a_spoilt_chunk_is_told_and_computed_anew_once_it_is_removed(tmp_path: P
     spoilt = bytearray(chunk.read_bytes())
     spoilt[spoilt.index(_rows(0)["tip"].tobytes())] ^= 1
     chunk.write_bytes(spoilt)
-    with pytest.raises(InputError, match="remove it, start again") as caught:
+    with pytest.raises(InputError, match="remove the file and run the sweep again") as caught:
         sweep(path, out)
     assert str(chunk) in str(caught.value)
     chunk.unlink()
@@ -64,7 +64,7 @@ def test_a_full_disk_is_told_and_nothing_computed_is_lost(
         patch.setattr(np, "savez", full)
         if when == "gathered":
             patch.setattr("xarray.Dataset.to_netcdf", unwritable)
-        with pytest.raises(FullDiskError, match="no space left on device; what is finished"):
+        with pytest.raises(FullDiskError, match="no space left on device; finished chunks"):
             sweep(path, out)
         assert main(["sweep", str(path), "--out", str(out)]) == 1
         assert "no space left on device" in capsys.readouterr().err

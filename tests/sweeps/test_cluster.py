@@ -54,7 +54,7 @@ def _dask(what: str) -> list[str]:
 
 def test_a_worker_with_other_versions_is_refused(tmp_path: Path) -> None:
     asked = load_sweep(written(tmp_path, GRID))
-    with pytest.raises(VersionsError, match="install alike"):
+    with pytest.raises(VersionsError, match="install the same versions"):
         _one(asked.job, 0, asked.points(0), math.inf, {"octoplan": "0"})
 
 

@@ -132,7 +132,7 @@ def test_what_is_finished_is_not_found_again_and_resumes_no_other_sweep(
     finished, scene = _finished(out), tmp_path / "scene.toml"
     text = scene.read_text()
     scene.write_text(text.replace("6.0", "6.5"))
-    with pytest.raises(InputError, match="name another output, or remove it"):
+    with pytest.raises(InputError, match="choose another output, or remove the folder"):
         planner.sweep(path, out)
     assert _finished(out) == finished
     assert not out.exists()

@@ -126,7 +126,7 @@ def test_texts_and_switches_vary_too(tmp_path: Path) -> None:
     ("arguments", "told"),
     [
         ({"out": "out.csv"}, ".nc"),
-        ({"out": "nowhere/out.nc"}, "folder that is there"),
+        ({"out": "nowhere/out.nc"}, "an existing folder"),
         ({"jobs": 0}, "whole number from 1"),
         ({"jobs": True}, "whole number from 1"),
         ({"scheduler": "nonsense://x"}, "tcp://HOST:PORT"),
