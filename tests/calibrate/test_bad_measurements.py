@@ -87,7 +87,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "a truth": (asking(Unknown("effects.extension", 0, 1)), "a number of arm, effects"),
     "no friction": (
         asking(Unknown("effects.friction.mu", 0, 1)),
-        "give it effects.friction first",
+        "add effects.friction to the scene",
     ),
     "no such point": (asking(Unknown("points[1].s_mm", 0, 1)), r"in points \[0\] to \[0\]"),
     "bounds beside": (of_modulus(200, 300), "120 kPa"),
