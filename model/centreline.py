@@ -22,7 +22,7 @@ from octoplan.model.effects import NeoHookean
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.paths import SAME, Array
 from octoplan.model.rod.collocation import gauss, rotation_vectors
-from octoplan.model.rod.system import DiscreteRod
+from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.rotations import half_turn, multiply, unit_matrix
 from octoplan.model.scene import Scene
 from octoplan.model.support.machine.functions import BatchFunction, cached
@@ -68,9 +68,9 @@ class Centreline:
     def at_states(cls, system: DiscreteRod, states: Array) -> Centreline:
         """Return that of the states (n_states,) of a system with three stages to an element."""
         at = (system.arm, system.scene, system.mesh.s, system.poses(states))
-        form = system.layout.form
-        result = cls.at_strains(*at, form.law, states[system.layout.stages])
-        return replace(result, machine_code=form.machine_code)
+        structure = system.layout.structure
+        result = cls.at_strains(*at, structure.law, states[system.layout.stages])
+        return replace(result, machine_code=structure.machine_code)
 
     @classmethod
     def at_strains(

@@ -20,7 +20,7 @@ from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.integrators import MAGNUS6
 from octoplan.model.loads import check_loads, convergence_order, is_loaded
-from octoplan.model.rod.system import system
+from octoplan.model.rod.discrete_rod import system
 from octoplan.model.scene import Scene
 from octoplan.model.support.checks import within
 from octoplan.model.support.errors import ConvergenceError

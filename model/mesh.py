@@ -63,7 +63,7 @@ def graded(
     arm: Arm,
     refinement: int,
     at: Iterable[float] = (),
-    growth: Callable[[Array], Array] | None = None,
+    growth_rate: Callable[[Array], Array] | None = None,
     taper: Path | None = None,
     weights: tuple[float, float] = (1.0, 1.0),
     steps_per_unit: float = 2.0,
@@ -79,7 +79,7 @@ def graded(
     ----------
     at : iterable of float
         Arc lengths that have to be nodes [m].
-    growth : callable
+    growth_rate : callable
         Arc lengths -> how fast the solution may grow or decay there [1/m]; steps are shorter where
         it does.
     taper : Path
@@ -95,8 +95,8 @@ def graded(
     weight = weights[0] * np.abs(np.diff(np.log(R), axis=1))
     weight += weights[1] * np.diff(fine, axis=1) / arm.length
     weight += np.abs(np.diff(_turned(arm, fine), axis=2)).max(axis=0, initial=0.0) / _TURN
-    if growth is not None:
-        rate = growth(fine.ravel()).reshape(fine.shape)
+    if growth_rate is not None:
+        rate = growth_rate(fine.ravel()).reshape(fine.shape)
         turns = (rate[:, 1:] + rate[:, :-1]) / 2 * np.diff(fine, axis=1)
         weight = weight + np.minimum(turns / _GROWTH, _MOST)
     total = np.zeros(fine.shape)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any, TypeVar
 
 from octoplan.model.effects.base import Effect
 from octoplan.model.effects.sections import ExactTendons, Extension, NeoHookean
+from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.support.checks import kind
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.text import HtmlRepr
@@ -82,6 +84,12 @@ class Scene(HtmlRepr):
         line = f"Scene({', '.join(messages)})"
         lines = ["Scene(", *(f"    {effect}," for effect in messages), ")"]
         return line if len(line) <= _WIDTH else "\n".join(lines)
+
+    @cached_property
+    def rod_terms(self) -> tuple[RodTerm, ...]:
+        """The contributions of the effects to the rod."""
+        terms = (effect.rod_term(self) for effect in self.effects)
+        return tuple(term for term in terms if term is not None)
 
     def find(self, kind: type[E] | tuple[type[E], ...]) -> E | None:
         """Return the scene's effect of a kind, or the first of several; None if none is enabled.

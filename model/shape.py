@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.cross_section import cross_section_of
+from octoplan.model.cross_section.of_scene import cross_section_of
 from octoplan.model.cross_section.sections import Sections, strains_of
 from octoplan.model.effects.sections import ExactTendons, NeoHookean
-from octoplan.model.equilibrium.integration import sliding_tensions
+from octoplan.model.equilibrium.integration import tendon_tensions
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, History
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.equilibrium.stability import stability
@@ -267,7 +267,7 @@ class Shape(HtmlRepr):
         point = self.known
         if point is not None:
             first = np.zeros(tendons.size, dtype=int)
-            values[tendons] = sliding_tensions(point.system, point.x, place, first, tendons)
+            values[tendons] = tendon_tensions(point.system, point.x, place, first, tendons)
         return values
 
     @property
@@ -288,7 +288,7 @@ class Shape(HtmlRepr):
         """
         check_responses(self.scene)
         point = self.known
-        if point is None or not point.system.layout.form.loaded:
+        if point is None or not point.system.layout.structure.has_moment:
             equations = collocation_map(
                 self.arm,
                 self.scene,

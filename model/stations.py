@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from octoplan.model.anchorage import Material
 from octoplan.model.arm import Arm
-from octoplan.model.effects import Shear
 from octoplan.model.paths import Array
 from octoplan.model.rotations import from_matrix
-from octoplan.model.scene import Scene
 
 Counts = NDArray[np.int64]
+
+# Gauss points per interval: exact for the volume if R^2 is a polynomial of at most degree 11.
+_GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,15 +74,6 @@ def resists(material: Material, area: Array) -> Array:
     return np.array([material.E * A, material.E * J, 2 * material.G * J])
 
 
-def body_numbers(arm: Arm, scene: Scene, at: Stations, rates: bool = False) -> Array:
-    """Return what laws take of the body (n, N), or its derivatives along s; see CrossSection."""
-    area, rest = (at.area_rate, at.rest_rate) if rates else (at.area, at.rest)
-    body = resists(arm.material, area)
-    shear = scene.find(Shear)
-    GA = body[0] * (shear.k_s * arm.material.G / arm.material.E if shear else 0.0)
-    return np.vstack([body, GA, rest])
-
-
 def sides(arm: Arm) -> tuple[Array, Array]:
     """Return cosine and sine of the angle of each tendon, those of right angles exactly.
 
@@ -133,6 +125,22 @@ def tendon_paths(
     """
     rows = slice(derivative, derivative + 2)
     return tendon_offsets(arm, at)[rows, :, place, tendon].reshape(4, -1)
+
+
+def volume(arm: Arm, s: Array) -> Array:
+    """Return the volume of the body between arc lengths s (N,) and the tip [m3].
+
+    By Gauss quadrature between the arc lengths and the radius path's knots, which is exact for
+    radii that are polynomials up to the fifth degree in between.
+    """
+    ends = np.unique(np.concatenate([[0.0, arm.length], s, arm.radius.knots()]))
+    ends = ends[(ends >= 0) & (ends <= arm.length)]
+    h = np.diff(ends)
+    nodes = (ends[:-1] + h / 2)[:, None] + h[:, None] / 2 * _GAUSS
+    area = np.pi * arm.radius.evaluate(nodes.ravel(), arm.length)[0].reshape(nodes.shape) ** 2
+    parts = h / 2 * (area @ _WEIGHTS)
+    rest = np.concatenate([np.cumsum(parts[::-1])[::-1], [0.0]])
+    return np.asarray(rest[np.searchsorted(ends, np.clip(s, 0.0, arm.length))])
 
 
 def base_pose(arm: Arm) -> Array:

@@ -14,11 +14,14 @@ import sys
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from types import ModuleType
     from typing import Any
 
     from octoplan.model import *
     from octoplan.model.effects import *
     from octoplan.model.extensions.contact import *
+    from octoplan.model.extensions.friction import *
     from octoplan.model.extensions.obstacles import *
     from octoplan.model.extensions.printed import *
     from octoplan.planner import *
@@ -30,9 +33,7 @@ if TYPE_CHECKING:
 _MODULES = (
     "octoplan.model",
     "octoplan.model.effects",
-    "octoplan.model.extensions.contact",
-    "octoplan.model.extensions.obstacles",
-    "octoplan.model.extensions.printed",
+    "octoplan.model.extensions",
     "octoplan.planner",
     "octoplan.planner.targets",
     "octoplan.planner.frontends.plots",
@@ -101,7 +102,7 @@ def __getattr__(name: str) -> Any:
         import_module("octoplan.model.support.text").register_display(
             partial(import_module, "octoplan.planner.frontends.report")
         )
-        for module in map(import_module, _MODULES):
+        for module in _public_modules():
             if name in module.__all__:
                 return getattr(module, name)
     import difflib
@@ -119,6 +120,15 @@ def __dir__() -> list[str]:
 
 
 def _names() -> list[str]:
+    return sorted({name for module in _public_modules() for name in module.__all__})
+
+
+def _public_modules() -> Iterator[ModuleType]:
+    """Yield the modules whose names are public, each loaded when its turn comes."""
     from importlib import import_module
 
-    return sorted({name for module in map(import_module, _MODULES) for name in module.__all__})
+    for name in _MODULES:
+        if name == "octoplan.model.extensions":
+            yield from import_module(name).public_extensions()
+        else:
+            yield import_module(name)

@@ -29,9 +29,9 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.paths import Array
-from octoplan.model.rod.equations import Term
+from octoplan.model.rod.discrete_rod import DiscreteRod
+from octoplan.model.rod.equations import ParameterValues, Term
 from octoplan.model.rod.kernels import Places
-from octoplan.model.rod.system import DiscreteRod
 from octoplan.model.shape import Shape
 
 
@@ -149,8 +149,8 @@ class Block:
         """Return the parameters (n_c, N) of each placed kernel."""
         return []
 
-    def kernel_updates(self, rod: DiscreteRod, dependents: Array) -> Mapping[str, Array]:
-        """Return parameters of kernels, by name, that follow the iterate at which a solve starts.
+    def kernel_updates(self, rod: DiscreteRod, dependents: Array) -> ParameterValues:
+        """Return parameters by kernel and name that follow the iterate at which a solve starts.
 
         `dependents` (n_dependents,) are in SI units.
         """

@@ -26,11 +26,12 @@ from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.stability import least_modes, rest_stiffness
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
-from octoplan.model.rod.element import run
-from octoplan.model.rod.equations import Term
+from octoplan.model.rod.discrete_rod import DiscreteRod
+from octoplan.model.rod.equations import ParameterValues, Term
 from octoplan.model.rod.kernels import Kernel, Places
-from octoplan.model.rod.layout import POSE, Layout
-from octoplan.model.rod.system import DiscreteRod
+from octoplan.model.rod.layout import Layout
+from octoplan.model.rod.nodes import POSE
+from octoplan.model.rod.tendons import tendon_length
 from octoplan.model.shape import Shape
 from octoplan.model.support.machine.functions import cached
 from octoplan.model.tendons import least_compliance
@@ -65,18 +66,21 @@ def equilibrium_scales(rod: DiscreteRod) -> tuple[Array, Array]:
     R = rod.arm.radius.evaluate(np.concatenate([rod.mesh.s, rod.s]), L)[0]
     EA = rod.arm.material.E * np.pi * R**2
     EJ = EA * R**2 / 4
-    # Pose, moment, force and the angles that tendons have turned.
+    # Pose, moment and force; then the variables of the rod terms. Tendon states are of order 1.
     pose = np.tile(np.repeat([1.0, L], [4, 3]), (n_nodes, 1))
-    wrench = np.repeat(EJ[:n_nodes, None] / [L, L**2], 3, axis=1)[:, : layout.form.wrench]
-    turned = np.ones((n_nodes, layout.turned.shape[1]))
-    is_curvature = np.arange(layout.form.strains) < 2 + layout.form.law.torsion
+    wrench = np.repeat(EJ[:n_nodes, None] / [L, L**2], 3, axis=1)[:, : layout.structure.n_wrench]
+    nodes = layout.nodes[:, : POSE + layout.structure.n_wrench]
+    is_curvature = np.arange(layout.structure.n_strains) < 2 + layout.structure.law.torsion
     state, row = np.ones(layout.n_states), np.ones(layout.n_states)
-    state[layout.nodes] = row[layout.nodes] = np.hstack([pose, wrench, turned])
+    state[nodes] = row[nodes] = np.hstack([pose, wrench])
     state[layout.stages] = np.where(is_curvature, 1 / L, 1.0)
     row[layout.stages] = np.where(is_curvature, EJ[n_nodes:, None] / L, EA[n_nodes:, None])
-    if layout.form.friction:
-        state[layout.rates] = state[layout.stages] / L
-        row[layout.rates] = row[layout.stages] / L
+    for term, places in zip(rod.section_terms, layout.stage_variables, strict=True):
+        scales = term.stage_scales(rod.arm, state[layout.stages], row[layout.stages])
+        state[places], row[places] = scales
+    for terms, groups in zip(rod.node_terms, layout.node_variables, strict=True):
+        for term, places in zip(terms, groups, strict=True):
+            state[places], row[places] = term.node_scales(rod.arm)
     return state, row
 
 
@@ -104,7 +108,7 @@ class LeastStretch(Block):
         mesh, thinnest = rod.mesh, list[tuple[int, int]]()
         radius = rod.arm.radius.evaluate(mesh.s, rod.arm.length)[0]
         crossed = np.unique(mesh.active[mesh.active > 0])
-        for n_active in crossed if rod.layout.form.law.extension else ():
+        for n_active in crossed if rod.layout.structure.law.extension else ():
             segment = np.flatnonzero(mesh.active == n_active)
             k, end = divmod(int(radius[segment[:, None] + [0, 1]].argmin()), 2)
             thinnest.append((int(segment[k]), end))
@@ -119,7 +123,7 @@ class LeastStretch(Block):
 
     def measure(self, states: ca.MX, dependents: ca.MX, parameters: ca.MX) -> ca.MX:
         """Return 1 + q at the thinnest places, from the polynomials through the stages."""
-        law, m = self.layout.form.law, self.layout.form.stages
+        law, m = self.layout.structure.law, self.layout.structure.stages
         stretches = [ca.MX(0, 1)]
         for element, end in self.thinnest:
             places = self.layout.stages[element * m : (element + 1) * m, 2 + law.torsion]
@@ -233,7 +237,7 @@ class Responses(Block):
             (lengths,) = layout.lengths.terms
             changes = unknown + lengths.unknowns, unknown + lengths.rows
             unknowns = np.vstack([rod[lengths.unknowns], *changes, rod[lengths.rows]])
-            kernel = cached(_locked_tendon, layout.form.law)
+            kernel = cached(_locked_tendon, layout.structure.law)
             terms.append(Term(kernel, unknowns, row + lengths.rows))
         tensions = np.arange(n)[None, :]
         return [*terms, Term(cached(_product), unknown + tensions, row + tensions)]
@@ -245,12 +249,12 @@ class Responses(Block):
             for term, values in zip(rod.layout.equations.terms, of_rod, strict=True):
                 change = np.zeros_like(values)
                 if term.kernel.name == "element":
-                    change[1:4] = self.force * direction[:, None]
+                    change[term.kernel.slices["force"]] = self.force * direction[:, None]
                 columns.append(np.vstack([values, change]))
             columns.append(np.ones((1, 1)))
             factor = 1.0
             if self.request.hold == "length":
-                lengths, EA = rod.length_numbers.reshape(-1, 5).T, self.request.tendon_EA
+                lengths, EA = rod.length_p.reshape(-1, 5).T, self.request.tendon_EA
                 compliance = np.full((1, lengths.shape[1]), 0.0 if EA is None else 1 / EA)
                 columns.append(np.vstack([lengths, compliance]))
                 factor = -least_compliance(rod.arm)
@@ -289,14 +293,14 @@ def _locked_tendon(law: CrossSection) -> Kernel:
     Unknowns: strains, their changes, change of the tension, tension. Parameters: path and weight,
     1 / EA of the tendon, which is as long as its path under its tension.
     """
-    kernel = cached(run, law)
+    kernel = cached(tendon_length, law)
     change = ca.SX.sym("change", size(law))
     tension_change, tension = ca.SX.sym("tension_change"), ca.SX.sym("tension")
     compliance = ca.SX.sym("compliance")
     stretch = kernel.r * compliance / (1 + compliance * tension)
     r = ca.jtimes(kernel.r, kernel.y, change) - stretch * tension_change
     y = ca.vertcat(kernel.y, change, tension_change, tension)
-    return Kernel("locked", y, ca.vertcat(kernel.c, compliance), r)
+    return Kernel("locked", y, kernel.parameters | {"compliance": compliance}, r)
 
 
 @dataclass(frozen=True)
@@ -345,14 +349,15 @@ class LeastMode(Block):
         norm = np.zeros((2, stiffness.size))
         return [*equilibrium_parameters(rod), -stiffness[None, :], norm]
 
-    def kernel_updates(self, rod: DiscreteRod, dependents: Array) -> Mapping[str, Array]:
+    def kernel_updates(self, rod: DiscreteRod, dependents: Array) -> ParameterValues:
         """Return the weights of the norm: the mode's projection on the mode of the iterate is 1.
 
         Modes are orthogonal with respect to B, so that no other mode satisfies this equation.
         """
         strains = dependents[np.ravel(self.layout.stages)]
         B_y = rest_stiffness(rod)[1] * strains
-        return {"mode_norm": np.stack([B_y / (B_y @ strains), np.full(B_y.size, 1 / B_y.size)])}
+        weight = B_y / (B_y @ strains)
+        return {"mode_norm": {"weight": weight, "share": np.full(B_y.size, 1 / B_y.size)}}
 
     def scales(self, rod: DiscreteRod) -> tuple[Array, Array]:
         """See Block."""
@@ -387,13 +392,15 @@ class LeastMode(Block):
 def _mode_stiffness() -> Kernel:
     """Return the kernel of an eigenvalue times a stiffness and a strain."""
     y, stiffness = ca.SX.sym("y", 2), ca.SX.sym("stiffness")
-    return Kernel("mode_stiffness", y, stiffness, stiffness * y[0] * y[1])
+    return Kernel("mode_stiffness", y, {"stiffness": stiffness}, stiffness * y[0] * y[1])
 
 
 def _mode_norm() -> Kernel:
     """Return the kernel of one term of the norm of a mode, minus its share of the norm 1."""
-    y, c = ca.SX.sym("y"), ca.SX.sym("c", 2)
-    return Kernel("mode_norm", y, c, c[0] * y - c[1])
+    y = ca.SX.sym("y")
+    weight = ca.SX.sym("weight")
+    share = ca.SX.sym("share")
+    return Kernel("mode_norm", y, {"weight": weight, "share": share}, weight * y - share)
 
 
 @dataclass(frozen=True)
@@ -438,7 +445,7 @@ class TendonLengths(Block):
 
     def kernel_parameters(self, rod: DiscreteRod) -> list[Array]:
         """See Block."""
-        return [rod.length_numbers.reshape(-1, 5).T, np.full((1, self.n_dependents), -1.0)]
+        return [rod.length_p.reshape(-1, 5).T, np.full((1, self.n_dependents), -1.0)]
 
     def scales(self, rod: DiscreteRod) -> tuple[Array, Array]:
         """Return the arm's length."""
@@ -465,4 +472,4 @@ class TendonLengths(Block):
 def _product() -> Kernel:
     """Return the kernel of a parameter times an unknown."""
     y, c = ca.SX.sym("y"), ca.SX.sym("c")
-    return Kernel("product", y, c, c * y)
+    return Kernel("product", y, {"factor": c}, c * y)

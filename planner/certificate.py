@@ -27,7 +27,7 @@ from octoplan.model.extensions.obstacles import distances
 from octoplan.model.forward import collocation_map
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
-from octoplan.model.rod.system import system
+from octoplan.model.rod.discrete_rod import system
 from octoplan.model.shape import Shape, sharp, stretched
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, report

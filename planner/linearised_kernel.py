@@ -37,12 +37,12 @@ class LinearisedKernel(Kernel):
         self._dy[list(changing)] = dy
         self._dc = dc if parameters_change else ca.SX.zeros(kernel.c.numel())
         y = ca.vertcat(kernel.y, dy)
-        c = ca.vertcat(kernel.c, dc)
-        super().__init__(name, y, c, self._directional_derivative(kernel.r))
+        parameters = kernel.parameters | {"dc": dc}
+        super().__init__(name, y, parameters, self._directional_derivative(kernel.r))
 
     def _differentiated(self, what: What) -> tuple[ca.Function, Places, Places]:
         """See Kernel. With J and H those of the kernel: (J', J) and r', or ((H', H), (H, 0))."""
-        if what == "by_numbers":
+        if what == "parameter_jacobian":
             return super()._differentiated(what)
         is_hessian = what == "hessian"
         lam = ca.SX.sym("lam", self.r.numel())

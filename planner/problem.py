@@ -19,7 +19,7 @@ from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
-from octoplan.model.rod.system import DiscreteRod, system
+from octoplan.model.rod.discrete_rod import DiscreteRod, system
 from octoplan.model.settle import ACCURACY
 from octoplan.model.support.errors import OctoplanError, SingularError
 from octoplan.model.tendons import rest_lengths
@@ -219,9 +219,10 @@ class Problem:
         for block, place in zip(self.blocks, program.dependents, strict=True):
             updates = block.kernel_updates(self.forward.system, values[place])
             result = p.copy() if updates else result
+            kernels = program.equations.named(result[program.parts["kernels"]])
             for name, update in updates.items():
-                kernels = result[program.parts["kernels"]]
-                kernels[program.equations.numbers_of(name)] = update.ravel("F")
+                for parameter, value in update.items():
+                    kernels[name][parameter][:] = value
         return result
 
     def _bounds(self) -> Bounds:

@@ -50,7 +50,8 @@ from scipy.sparse import csc_array
 
 from octoplan.model.paths import Array
 from octoplan.model.rod.equations import Equations, Term
-from octoplan.model.rod.layout import POSE, Layout
+from octoplan.model.rod.layout import Layout
+from octoplan.model.rod.nodes import POSE
 from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.planner.block import Block, ProgramView, Rows
 from octoplan.planner.blocks import Responses
@@ -160,7 +161,7 @@ class Program:
         terms = [Term(each.kernel, of_rod[each.unknowns], each.rows) for each in conditions]
         for block, place in zip(blocks, self.dependents, strict=True):
             terms += block.equations(of_rod, place.start, place.start - first)
-        self.equations = Equations(self.size, self.n_equations, terms, rod.form.machine_code)
+        self.equations = Equations(self.size, self.n_equations, terms, rod.structure.machine_code)
         self._define_parameters()
         f, design_rows = self._objective_and_rows()
         self._differentiate(f, design_rows)

@@ -55,12 +55,12 @@ from octoplan.model.effects import (
     Current,
     ExactTendons,
     Extension,
-    Friction,
     PointLoad,
     Shear,
     TipLoad,
     Weight,
 )
+from octoplan.model.extensions.friction import Friction
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.planner import NlpOptions, Plan, plan

@@ -7,7 +7,7 @@ from dataclasses import replace
 from octoplan.model import Arm, Scene, Shape, settle
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.loads import is_loaded
-from octoplan.model.rod.system import system
+from octoplan.model.rod.discrete_rod import system
 from tests.oracles import Array
 
 

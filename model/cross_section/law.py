@@ -16,8 +16,6 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
-from octoplan.model.rotations import norm
-
 # Keeps the length of a tendon differentiable where it has none left, wide enough for the rounding
 # of its square (1e-16) to be small beside it.
 TINY = 1e-24
@@ -121,16 +119,6 @@ def join(law: CrossSection, curvature: ca.SX, along: ca.SX, shear: ca.SX) -> ca.
 def offset(path: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return the offset of a tendon, and its derivative along s, as vectors (3,) in (t, n, b)."""
     return ca.vertcat(0, path[:2]), ca.vertcat(0, path[2:])
-
-
-def turning_rate(law: CrossSection, v: ca.SX, rate: ca.SX, path: ca.SX, change: ca.SX) -> ca.SX:
-    """Return |d(c/|c|)/ds| in the base frame of a tendon at a cross-section [rad/m]."""
-    c = law.tangent(v, path)
-    c_rate = ca.jtimes(c, v, rate) + ca.jtimes(c, path, change)
-    length = ca.norm_2(c)
-    unit, c_rate = c / length, c_rate / length
-    across = c_rate - unit * ca.dot(unit, c_rate) + ca.cross(law.twist(v)[0], unit)
-    return norm(across)
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section.energy import EnergySection
-from octoplan.model.cross_section.law import CrossSection, body_size, components, size, turning_rate
+from octoplan.model.cross_section.law import CrossSection, body_size, components, size
+from octoplan.model.cross_section.of_scene import body_numbers
 from octoplan.model.cross_section.statics import ClosedStatics, PaperStatics, closed_statics
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.stations import (
     Counts,
-    body_numbers,
     crossing,
     stations,
     tendon_paths,
@@ -84,6 +84,11 @@ class Sections:
         self.place, self.tendon = np.nonzero(crossing(arm, self.stations))
         self.body = body_numbers(arm, scene, self.stations)
         self.paths = tendon_paths(arm, self.stations, self.place, self.tendon)
+
+    @property
+    def body_rates(self) -> Array:
+        """The derivatives along s (n, N) of what the law takes of the body."""
+        return body_numbers(self._arm, self._scene, self.stations, rates=True)
 
     @cached_property
     def _closed_form(self) -> tuple[ClosedStatics, Array, Array, Array]:
@@ -157,16 +162,6 @@ class Sections:
         rows[self.place, :, self.tendon] = at.units
         return np.asarray(-np.linalg.solve(at.jacobian, rows))
 
-    def turning(self, v: Array, rate: Array) -> tuple[Array, Array]:
-        """Return how fast each tendon turns (P,) [rad/m], and its Jacobian by the strains (P, n).
-
-        At strains v and their rates (N, n).
-        """
-        change = tendon_paths(self._arm, self.stations, self.place, self.tendon, 1)
-        arguments = (v[self.place], rate[self.place], self.paths.T, change.T)
-        result = self._kernel(_turning_rate, *arguments)
-        return result[:, 0], result[:, 1:]
-
     def lengths(self, v: Array, weights: Array) -> tuple[Array, Array]:
         """Return the lengths of the tendons (n_tendons,) by quadrature with weights (N,) [m].
 
@@ -189,14 +184,6 @@ class Sections:
     def _kernel(self, kernel_of: Callable[[CrossSection], ca.Function], *value: Array) -> Array:
         """Return what a kernel of the law has of arguments (N, n), a row each."""
         return cached(BatchFunction, cached(kernel_of, self.law), self.machine_code)(*value)[0]
-
-
-def _turning_rate(law: CrossSection) -> ca.Function:
-    """Return strains, rates, path, its rate -> |d(c/|c|)/ds| of a tendon, then its derivatives."""
-    v, rate = ca.SX.sym("v", size(law)), ca.SX.sym("rate", size(law))
-    path, change = ca.SX.sym("path", 4), ca.SX.sym("change", 4)
-    turns = turning_rate(law, v, rate, path, change)
-    return _with_jacobian("turning", turns, v, rate, path, change)
 
 
 def _path_rate(law: CrossSection) -> ca.Function:

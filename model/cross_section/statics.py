@@ -15,7 +15,6 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.cross_section import cross_section_of
 from octoplan.model.cross_section.energy import EnergySection, RubberSection
 from octoplan.model.cross_section.law import (
     TINY,
@@ -26,11 +25,12 @@ from octoplan.model.cross_section.law import (
     resultants,
     size,
 )
+from octoplan.model.cross_section.of_scene import body_numbers, cross_section_of
 from octoplan.model.effects import Shear
 from octoplan.model.paths import Array
 from octoplan.model.rotations import norm
 from octoplan.model.scene import Scene
-from octoplan.model.stations import Stations, body_numbers, crossing, sides, tendon_offsets
+from octoplan.model.stations import Stations, crossing, sides, tendon_offsets
 
 # Where the strains are to be an expression of the tensions, so many steps are written out: enough
 # for ordinary ones.

@@ -1,7 +1,6 @@
 """The effects of the model core, which a scene may contain."""
 
 from octoplan.model.effects.base import Effect
-from octoplan.model.effects.friction import Friction
 from octoplan.model.effects.loads import Buoyancy, Current, PointLoad, PointMass, TipLoad, Weight
 from octoplan.model.effects.sections import ExactTendons, Extension, NeoHookean, Shear
 
@@ -11,7 +10,6 @@ __all__ = [
     "Effect",
     "ExactTendons",
     "Extension",
-    "Friction",
     "NeoHookean",
     "PointLoad",
     "PointMass",

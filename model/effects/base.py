@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
+from octoplan.model.arm import Arm
+from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.support.checks import SUCH
 from octoplan.model.support.value import value
 
 if TYPE_CHECKING:
-    from octoplan.model.arm import Arm
     from octoplan.model.forward import ForwardMap
     from octoplan.model.scene import Scene
     from octoplan.model.settle import SettlingProblem
     from octoplan.model.shape import Shape
 
+E = TypeVar("E", bound="Effect")
 # Names of other effects, each with the reason why an effect needs or excludes this effect.
 Rules = tuple[tuple[str, str], ...]
+
+
+class EffectSet(Protocol):
+    """The effects of a scene."""
+
+    def find(self, kind: type[E]) -> E | None:
+        """Return the effect of a class; None without one."""
 
 
 @value
@@ -44,28 +53,17 @@ class Effect:
         """Return the names of the effects that a scene with this effect must not contain."""
         return ()
 
-    @property
-    def couples_sections(self) -> bool:
-        """Whether the effect couples or twists the cross-sections of the arm."""
-        return False
+    def rod_term(self, scene: EffectSet) -> RodTerm | None:
+        """Return the contribution of the effect to the rod of a scene; None if there is none."""
+        return None
 
     def comparable(self) -> Effect:
         """Return the effect without the values that may change between two related shapes."""
         return self
 
-    def convergence_order(self, scene: Scene, order: int, derivatives: bool) -> int:
-        """Return the order of convergence with this effect.
-
-        Parameters
-        ----------
-        scene : Scene
-            The scene that contains the effect.
-        order : int
-            The order of convergence of smooth solutions.
-        derivatives : bool
-            Whether the result is for derivatives of the equilibrium.
-        """
-        return order
+    def without_force(self) -> Effect | None:
+        """Return the load with no force; None for effects that are no load with a strength."""
+        return None
 
     def check_arm(self, arm: Arm) -> None:
         """Raise InputError if an arm cannot have this effect."""

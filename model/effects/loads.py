@@ -3,9 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any
+from dataclasses import replace
+from typing import Annotated, Any
 
-from octoplan.model.effects.base import Effect, Rules
+from octoplan.model.arm import Arm
+from octoplan.model.effects.base import Effect, EffectSet, Rules
+from octoplan.model.rod.load_terms import (
+    DeadTipTerm,
+    DragTerm,
+    FollowerTerm,
+    PointForceTerm,
+    WeightTerm,
+)
+from octoplan.model.rod.rod_term import RodTerm
+from octoplan.model.support.errors import InputError
 from octoplan.model.support.quantities import (
     ArcLength,
     Density,
@@ -15,11 +26,10 @@ from octoplan.model.support.quantities import (
     Vector,
     unit,
 )
-from octoplan.model.support.units import FLUID, GRAVITY, SPEED, warn_unusual
+from octoplan.model.support.units import FLUID, GRAVITY, SPEED, length_text, warn_unusual
 from octoplan.model.support.value import value
 
-if TYPE_CHECKING:
-    from octoplan.model.scene import Scene
+_NONE = (0.0, 0.0, 0.0)
 
 
 @value
@@ -42,10 +52,14 @@ class Weight(Effect):
     def __post_init__(self) -> None:
         warn_unusual("Weight.g", [math.hypot(*self.g)], GRAVITY)
 
-    @property
-    def couples_sections(self) -> bool:
-        """See Effect."""
-        return True
+    def rod_term(self, scene: EffectSet) -> RodTerm:
+        """Return the weight of the arm minus that of the displaced fluid."""
+        fluid = scene.find(Buoyancy)
+        return WeightTerm(self.g, fluid.density if fluid else 0.0)
+
+    def without_force(self) -> Effect:
+        """Return the weight without gravity."""
+        return replace(self, g=_NONE)
 
 
 @value
@@ -72,6 +86,10 @@ class Buoyancy(Effect):
         reason = "it is a weight, that of the fluid displaced, and acts against g"
         return (("Weight", reason),)
 
+    def without_force(self) -> Effect:
+        """Return the buoyancy of a fluid without density."""
+        return replace(self, density=0.0)
+
 
 @value
 class TipLoad(Effect):
@@ -96,10 +114,14 @@ class TipLoad(Effect):
     moment: Annotated[Vector, unit("N m")] = (0.0, 0.0, 0.0)
     follower: bool = False
 
-    @property
-    def couples_sections(self) -> bool:
-        """See Effect."""
-        return True
+    def rod_term(self, scene: EffectSet) -> RodTerm:
+        """Return the dead load, or the follower."""
+        kind = FollowerTerm if self.follower else DeadTipTerm
+        return kind(self.force, self.moment)
+
+    def without_force(self) -> Effect:
+        """Return the load without force and moment."""
+        return replace(self, force=_NONE, moment=_NONE)
 
 
 @value
@@ -126,10 +148,17 @@ class PointLoad(Effect):
         """Its arc length."""
         return (self.s,)
 
-    @property
-    def couples_sections(self) -> bool:
-        """See Effect."""
-        return True
+    def check_arm(self, arm: Arm) -> None:
+        """See Effect: the place has to be on the arm."""
+        _check_place("PointLoad.s", self.s, arm)
+
+    def rod_term(self, scene: EffectSet) -> RodTerm:
+        """Return the force at its arc length."""
+        return PointForceTerm(self.s, self.force, None)
+
+    def without_force(self) -> Effect:
+        """Return the load without force."""
+        return replace(self, force=_NONE)
 
 
 @value
@@ -164,10 +193,20 @@ class PointMass(Effect):
         """See Effect."""
         return (("Weight", "it is a mass that gravity acts on"),)
 
-    @property
-    def couples_sections(self) -> bool:
-        """See Effect."""
-        return True
+    def check_arm(self, arm: Arm) -> None:
+        """See Effect: the place has to be on the arm."""
+        _check_place("PointMass.s", self.s, arm)
+
+    def rod_term(self, scene: EffectSet) -> RodTerm:
+        """Return the weight of the mass at its arc length."""
+        weight = scene.find(Weight)
+        g = weight.g if weight else _NONE
+        x, y, z = (self.mass * part for part in g)
+        return PointForceTerm(self.s, (x, y, z), self.offset or None)
+
+    def without_force(self) -> Effect:
+        """Return the place without a mass."""
+        return replace(self, mass=0.0)
 
 
 @value
@@ -199,11 +238,16 @@ class Current(Effect):
         warn_unusual("Current.density", [self.density], FLUID)
         warn_unusual("Current.velocity", [math.hypot(*self.velocity)], SPEED)
 
-    @property
-    def couples_sections(self) -> bool:
-        """See Effect."""
-        return True
+    def rod_term(self, scene: EffectSet) -> RodTerm:
+        """Return the drag."""
+        return DragTerm(self.velocity, self.density, self.coefficient)
 
-    def convergence_order(self, scene: Scene, order: int, derivatives: bool) -> int:
-        """See Effect: the load has a kink where the stream is along the arm."""
-        return min(order, 1 if derivatives else 3)
+    def without_force(self) -> Effect:
+        """Return still water."""
+        return replace(self, velocity=_NONE)
+
+
+def _check_place(field: str, s: float, arm: Arm) -> None:
+    """Raise InputError for an arc length beyond the tip."""
+    if s > arm.length * (1 + 1e-12):
+        raise InputError(field, s, f"from 0 to the arm's length, {length_text(arm.length)}")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from octoplan.model.effects.base import Effect, Rules
+from octoplan.model.effects.base import Effect, EffectSet, Rules
+from octoplan.model.rod.load_terms import CouplingTerm
+from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.support.quantities import Positive
 from octoplan.model.support.value import value
 
@@ -77,7 +79,6 @@ class Shear(Effect):
 
     k_s: Positive = 1.0
 
-    @property
-    def couples_sections(self) -> bool:
-        """See Effect."""
-        return True
+    def rod_term(self, scene: EffectSet) -> RodTerm:
+        """Return a term that couples the cross-sections; shear itself is part of their law."""
+        return CouplingTerm()

@@ -1,8 +1,8 @@
 """Elements of an equilibrium, or parts of them, integrated as initial value problems.
 
 From pose and wrench at the node below, where collocation put them, eqs. (1), (3) of pose, moment
-and force are integrated by an explicit Runge-Kutta scheme, and with friction by how much the
-tendons have turned. At each of its stages the strains follow from the wrench there, by the law of
+and force are integrated by an explicit Runge-Kutta scheme, and the states of the tendons, if the
+rod terms have some. At each of its stages the strains follow from the wrench there, by the law of
 the cross-section linearised about strains that are known,
 
     v = v_0 + K (w - w_0),        K the inverse of dw/dv at v_0,
@@ -15,26 +15,28 @@ So poses and strains between the nodes are as accurate as at the nodes.
 from __future__ import annotations
 
 from functools import lru_cache, partial
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from octoplan.model.cross_section.law import join
 from octoplan.model.cross_section.sections import Sections
-from octoplan.model.effects import Current
 from octoplan.model.extensions.contact.effects import bodies_of
 from octoplan.model.extensions.obstacles import distances
 from octoplan.model.integrators import RK8
-from octoplan.model.loads import beyond
+from octoplan.model.loads import dead_resultant
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
-from octoplan.model.rod.element import Form, drag_force
-from octoplan.model.rod.friction import hermite, turning_function
+from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.rod.kernels import Places
-from octoplan.model.rod.layout import POSE
-from octoplan.model.rod.numbers import friction_coefficients
-from octoplan.model.rod.system import DiscreteRod
+from octoplan.model.rod.nodes import POSE
+from octoplan.model.rod.parameters import section_values, tendon_values, uniform_values
+from octoplan.model.rod.rod_term import RodPoints, SectionView
+from octoplan.model.rod.structure import RodStructure, of_term
+from octoplan.model.rod.tendons import state_rate_function, tension_ratio_function
 from octoplan.model.rotations import multiply, unit_matrix
+from octoplan.model.stations import stations
 from octoplan.model.support.machine.functions import BatchFunction, cached
 
 SCHEME = RK8
@@ -64,31 +66,47 @@ class Integration:
         substeps: int = 1,
         parts: tuple[Places, Array] | None = None,
     ) -> None:
-        of, load = system.layout, x[system.layout.n_tendons]
-        self._system, self._x, self._states, self._form = system, x, x[of.first :], of.form
+        of = system.layout
+        self._system = system
+        self._x = x
+        self._states = x[of.first :]
+        self._structure = of.structure
+        self._load_factor = x[of.n_tendons]
         self._elements, reach = parts or (np.arange(of.elements), np.ones(of.elements))
-        places = _places(system, substeps, *parts) if parts else _whole(system, substeps)
-        self._share, self._sections, dead, drag = places
+        known = _known(system, substeps, *parts) if parts else _whole(system, substeps)
+        self._known = known
+        self._share = known.share
+        self._sections = known.sections
         self._length = np.diff(system.mesh.s)[self._elements][:, None]
         self._h = reach[:, None] * self._length / substeps
         self._shape = self._share.shape
-        self._dead, self._drag = load * dead, drag * np.array([load, 1, 1, 1])[: drag.shape[-1]]
-        if of.form.friction:
-            self._friction = load * friction_coefficients(system.arm, system.scene)
-            # Derivatives of the strains along s, by the polynomials through the stages.
-            m = of.form.stages
-            weights = np.array([hermite(m, x, 1) for x in self._share.ravel().tolist()])
-            values, slopes = np.moveaxis(weights, 1, 0).reshape(2, *self._share.shape, m)
-            rates = self._through_stages(values, of.stages) / self._length
-            rates += self._through_stages(slopes, of.rates)
-            self._rates = rates.reshape(-1, of.form.strains)
-        if of.form.pressed:
+        self._dead = self._load_factor * known.dead
+        if self._structure.couples_stages:
+            self._variables = self._stage_variables()
+        if self._structure.pressed:
             self._press()
+
+    def _stage_variables(self) -> Array:
+        """Return the stage variables (n, n_variables) of all terms at all places."""
+        of = self._system.layout
+        h = self._length[:, 0]
+        strains = self._by_element(of.stages)
+        parts = [
+            term.interpolated_variables(self._share, strains, self._by_element(places), h)
+            for term, places in zip(self._system.section_terms, of.stage_variables, strict=True)
+        ]
+        variables = np.concatenate(parts, axis=-1)
+        return variables.reshape(-1, variables.shape[-1])
+
+    def _by_element(self, places: Places) -> Array:
+        """Return states at the stages of each part's element (P, m, n)."""
+        rows = self._states[places]
+        rows = rows.reshape(self._system.layout.elements, self._structure.stages, rows.shape[1])
+        return np.asarray(rows[self._elements])
 
     def _through_stages(self, weights: Array, places: Places) -> Array:
         """Return the sums (..., P, n) of states at the stages of each part's element by weights."""
-        rows = self._states[places].reshape(self._system.layout.elements, self._form.stages, -1)
-        return np.asarray(np.einsum("...pm,pmn->...pn", weights, rows[self._elements]))
+        return np.asarray(np.einsum("...pm,pmn->...pn", weights, self._by_element(places)))
 
     def begin(self, before: Array | None = None) -> Array:
         """Return strains (..., P, n) to begin with.
@@ -98,11 +116,11 @@ class Integration:
         collocation, or through those of one step an element `before` (nodes, P, n).
         """
         of = self._system.layout
-        if not (of.form.loaded or of.form.friction):
+        if not self._structure.has_moment:
             alone = self._sections.unloaded(self._x[None, : of.n_tendons])
             return alone.reshape(*self._shape, -1)
         if before is None:
-            return self._through_stages(gauss(of.form.stages).at(self._share), of.stages)
+            return self._through_stages(gauss(self._structure.stages).at(self._share), of.stages)
         powers = np.arange(len(before))
         basis = self._share[:, :, :1] ** powers @ np.linalg.inv(_SAMPLES[:, None] ** powers)
         return np.asarray(np.tensordot(basis, before, 1))
@@ -114,8 +132,14 @@ class Integration:
         by pose and wrench that are `known` there (P, n), NaN where they are not.
         """
         of, states = self._system.layout, self._states
-        begin = states[of.nodes[self._elements, : of.node_size - of.touching]]
-        wrenches = slice(POSE, POSE + of.form.wrench)
+        w = POSE + self._structure.n_wrench
+        begin = np.hstack(
+            [
+                states[of.nodes[self._elements, :w]],
+                states[of.tendon_states[self._elements].reshape(len(self._elements), -1)],
+            ]
+        )
+        wrenches = slice(POSE, w)
         begin[:, wrenches] = self._system.wrenches_beyond(self._x)[self._elements]
         for _ in range(_PASSES):
             self._linearise(v)
@@ -134,54 +158,84 @@ class Integration:
 
     def _linearise(self, v: Array) -> None:
         """Linearise the law of all cross-sections about strains (..., P, n)."""
-        sections, form, flat = self._sections, self._form, v.reshape(-1, v.shape[-1])
-        system, place, tendon = self._system, sections.place, sections.tendon
-        pulls = sliding_tensions(system, self._x, sections.s, place, tendon)
-        at = sections.balance(flat, pulls)
-        self._v, self._wrench = v, at.wrench.reshape(v.shape)
+        sections = self._sections
+        flat = v.reshape(-1, v.shape[-1])
+        place, tendon = sections.place, sections.tendon
+        tensions = tendon_tensions(self._system, self._x, sections.s, place, tendon)
+        at = sections.balance(flat, tensions)
+        self._v = v
+        self._wrench = at.wrench.reshape(v.shape)
         try:
             inverse = np.linalg.inv(at.jacobian)
         except np.linalg.LinAlgError:
             inverse = np.full_like(at.jacobian, np.nan)
         self._inverse = inverse.reshape(*v.shape, v.shape[-1])
-        if form.friction:
-            n = system.layout.n_tendons
-            unit, slope = np.zeros((2, len(flat), n, flat.shape[1]))
-            tensions, turning = np.zeros((2, len(flat), n))
-            unit[place, tendon], tensions[place, tendon] = at.units, pulls
-            turning[place, tendon], slope[place, tendon] = sections.turning(flat, self._rates)
-            self._unit = unit.swapaxes(1, 2).reshape(*v.shape, n)
-            self._slope = slope.reshape(*self._shape, n, -1)
-            self._tensions, self._turning = (
-                each.reshape(*self._shape, n) for each in (tensions, turning)
-            )
+        if self._structure.n_tendon_states:
+            self._linearise_tendons(flat, tensions, at.units)
+
+    def _linearise_tendons(self, flat: Array, tensions: Array, units: Array) -> None:
+        """Linearise the rates of the tendon states about strains (n, n_strains).
+
+        By tensions (P,) and wrenches per newton (P, n_strains) of all crossings.
+        """
+        sections = self._sections
+        n_tendons = self._system.layout.n_tendons
+        K = self._structure.n_tendon_states
+        z = np.hstack([flat, self._variables])[sections.place]
+        function = cached(state_rate_function, self._structure)
+        values = _batch(function, self._structure)(z, sections.paths.T, self._known.tendons)[0]
+
+        def by_tendon(rows: Array) -> Array:
+            """Return rows (P, ...) of crossings as (steps, nodes, parts, n_tendons, ...)."""
+            whole = np.zeros((len(flat), n_tendons, *rows.shape[1:]))
+            whole[sections.place, sections.tendon] = rows
+            return whole.reshape(*self._shape, n_tendons, *rows.shape[1:])
+
+        self._units = by_tendon(units)
+        self._tensions = by_tendon(tensions)
+        self._state_rates = by_tendon(values[:, :K])
+        slopes = values[:, K:].reshape(len(values), -1, K)
+        self._rate_slopes = by_tendon(slopes)
 
     def _rate(self, step: int, strains: Array, stage: int, y: Array) -> Array:
-        """Return y' (P, n) at a stage of a step, and leave the strains there."""
+        """Return y' (P, n) at a stage of a step, and store the strains there."""
         k = SCHEME.samples.index(SCHEME.nodes[stage])
-        at, form, w = (step, k), self._form, POSE + self._form.wrench
+        at = (step, k)
+        structure = self._structure
+        w = POSE + structure.n_wrench
         wrench = self._wrench[at]
-        if form.friction:
-            pulls = self._x[: self._system.layout.n_tendons] * np.exp(-self._friction * y[:, w:])
-            wrench = wrench + np.einsum("pnm,pm->pn", self._unit[at], pulls - self._tensions[at])
-        inputs = [y[:, :w], self._v[at], wrench, self._inverse[at], self._dead[at], self._drag[at]]
-        if form.pressed:
+        if structure.n_tendon_states:
+            change = self._tension(at, y[:, w:]) - self._tensions[at]
+            wrench = wrench + np.einsum("pmn,pm->pn", self._units[at], change)
+        inputs = [y[:, :w], self._v[at], wrench, self._inverse[at], self._dead[at]]
+        inputs += [np.full((len(y), 1), self._load_factor), self._known.parameters[at]]
+        if structure.pressed:
             normals = distances(self._bodies, y[:, 4:POSE])[1]
             inputs.append(np.einsum("nk,nki->ni", self._pressure[at], normals))
             inputs.append(self._traction[at])
-        rates, strains[k] = cached(_rates, form)(*inputs)
-        if not form.friction:
+        rates, strains[k] = cached(_rates, structure)(*inputs)
+        if not structure.n_tendon_states:
             return np.asarray(rates)
         change = strains[k] - self._v[at]
-        turning = self._turning[at] + np.einsum("pnm,pm->pn", self._slope[at], change)
-        return np.hstack([rates, turning])
+        of_states = self._state_rates[at] + np.einsum("pmnk,pn->pmk", self._rate_slopes[at], change)
+        return np.hstack([rates, of_states.reshape(len(y), -1)])
+
+    def _tension(self, at: tuple[int, int], y: Array) -> Array:
+        """Return the tensions (P, n_tendons) by the states of the tendons (P, n)."""
+        n_tendons = self._system.layout.n_tendons
+        states = y.reshape(len(y) * n_tendons, -1)
+        parameters = self._known.by_tendon[at].reshape(len(states), -1)
+        function = cached(tension_ratio_function, self._structure)
+        call = _batch(function, self._structure)
+        ratio = call(states, np.full((len(states), 1), self._load_factor), parameters)[0]
+        return np.asarray(self._x[:n_tendons] * ratio.reshape(len(y), n_tendons))
 
     def _press(self) -> None:
         """Note what presses and rubs where the arm lies on obstacles, linear between nodes."""
-        system, states, form = self._system, self._states, self._form
+        system, states, structure = self._system, self._states, self._structure
         of, x = system.layout, self._share[:, :, :, None, None]
-        numbers = system.p[of.equations.numbers_of("pressure")]
-        lies = numbers.reshape(of.elements, form.contacts, -1)[self._elements, :, -1:]
+        flags = system.parameters["pressure"]["values"][-1]
+        lies = flags.reshape(of.elements, structure.contacts, 1)[self._elements]
 
         def linear(values: Array) -> Array:
             before, after = values[self._elements], values[self._elements + 1]
@@ -190,66 +244,123 @@ class Integration:
         self._bodies = bodies_of(system.scene)
         self._pressure = linear(states[of.touches[:, :, 1:]])[..., 0]
         self._traction = np.zeros((*self._shape, 3))
-        if form.contact_friction:
+        if structure.contact_friction:
             self._traction += linear(states[of.tractions]).sum(axis=3)
 
 
-@lru_cache(maxsize=32)
-def _whole(system: DiscreteRod, substeps: int) -> tuple[Array, Sections, Array, Array]:
-    """Return what `_places` does of whole elements."""
-    return _places(system, substeps, np.arange(system.mesh.steps), np.ones(system.mesh.steps))
+class _Known(NamedTuple):
+    """Quantities that do not depend on states, by step, node of the scheme and part.
 
-
-def _places(
-    system: DiscreteRod, substeps: int, elements: Places, reach: Array
-) -> tuple[Array, Sections, Array, Array]:
-    """Return what does not depend on states where the scheme looks, by step, node and part.
-
-    Shares of the elements (substeps, nodes, P), cross-sections, the dead forces beyond (..., 3)
-    [N], and of a stream what its drag is in proportion to, and velocity (..., 4).
+    Attributes
+    ----------
+    share : (substeps, nodes, P)
+        Places in the elements, from 0 to 1.
+    sections : Sections
+        The cross-sections.
+    dead : (substeps, nodes, P, 3)
+        Resultants of the dead forces [N].
+    parameters : (substeps, nodes, P, n)
+        Uniform and section parameters of the terms.
+    tendons : (P, n)
+        Tendon parameters of the terms, of the crossings.
+    by_tendon : (substeps, nodes, P, n_tendons, n)
+        The same by tendon, 0 beyond its end.
     """
-    arm, scene, mesh, form = system.arm, system.scene, system.mesh, system.layout.form
+
+    share: Array
+    sections: Sections
+    dead: Array
+    parameters: Array
+    tendons: Array
+    by_tendon: Array
+
+
+@lru_cache(maxsize=32)
+def _whole(system: DiscreteRod, substeps: int) -> _Known:
+    """Return the known quantities of whole elements."""
+    return _known(system, substeps, np.arange(system.mesh.steps), np.ones(system.mesh.steps))
+
+
+def _known(system: DiscreteRod, substeps: int, elements: Places, reach: Array) -> _Known:
+    """Return the known quantities of parts of elements."""
+    arm, scene, mesh, structure = system.arm, system.scene, system.mesh, system.layout.structure
     share = (np.arange(substeps)[:, None] + _SAMPLES)[:, :, None] / substeps * reach
     s = (mesh.s[elements] + share * np.diff(mesh.s)[elements]).ravel()
     active = np.broadcast_to(mesh.active[elements], share.shape).ravel()
     end = np.broadcast_to(mesh.s[1:][elements], share.shape).ravel()
-    sections = Sections(arm, scene, form.law, s, active, form.machine_code)
-    dead, drag = beyond(arm, scene, s, end).T.reshape(*share.shape, 3), np.zeros((*share.shape, 0))
-    current = scene.find(Current)
-    if current and form.current:
-        R = arm.radius.evaluate(s, arm.length)[0].reshape(*share.shape, 1)
-        velocity = np.broadcast_to(current.velocity, (*share.shape, 3))
-        drag = np.concatenate([current.density * current.coefficient * R, velocity], axis=3)
-    return share, sections, dead, drag
+    sections = Sections(arm, scene, structure.law, s, active, structure.machine_code)
+    dead = dead_resultant(arm, scene, s, end).T.reshape(*share.shape, 3)
+    points = RodPoints(arm, sections.stations, scene.rod_terms)
+    uniform = {
+        name: np.repeat(value[:, None], s.size, axis=1)
+        for name, value in uniform_values(arm, system.section_terms).items()
+    }
+    parts = [
+        structure.stacked("uniform", uniform, s.size),
+        structure.stacked("section", section_values(points), s.size),
+    ]
+    parameters = np.hstack(parts).reshape(*share.shape, -1)
+    values = tendon_values(points, sections.place, sections.tendon)
+    tendons = structure.stacked("tendon", values, sections.place.size)
+    by_tendon = np.zeros((s.size, arm.n_tendons, tendons.shape[1]))
+    by_tendon[sections.place, sections.tendon] = tendons
+    by_tendon = by_tendon.reshape(*share.shape, *by_tendon.shape[1:])
+    return _Known(share, sections, dead, parameters, tendons, by_tendon)
 
 
-def _rates(form: Form) -> BatchFunction:
+def _batch(function: ca.Function, structure: RodStructure) -> BatchFunction:
+    """Return a function for many sets of arguments."""
+    return cached(BatchFunction, function, structure.machine_code)
+
+
+def _rates(structure: RodStructure) -> BatchFunction:
     """Return the equations along s: pose and wrench of a cross-section -> their derivatives, v.
 
-    Further arguments are v_0, w_0 and K (see above), the dead force beyond, drag and velocity of a
-    stream, and with pressure what presses, base frame, and rubs, local frame, per length.
+    Further arguments are v_0, w_0 and K (see above), the dead force beyond, the load factor, the
+    uniform and section parameters of the terms, and with pressure the loads per length of obstacles
+    (base frame) and of their friction (local frame).
     """
-    law, n = form.law, form.strains
-    y, known, wrench = ca.SX.sym("y", POSE + form.wrench), ca.SX.sym("v", n), ca.SX.sym("w", n)
-    inverse, dead = ca.SX.sym("inverse", n, n), ca.SX.sym("dead", 3)
-    drag = ca.SX.sym("drag", 4 * form.current)
-    presses, rubs = (ca.SX.sym(name, 3 * form.pressed) for name in ("presses", "rubs"))
-    q, frame = y[:4], unit_matrix(y[:4])
-    F = dead + y[POSE + 3 :] if form.moving else dead
-    M, force = y[POSE : POSE + 3] if form.loaded else ca.SX.zeros(3), frame.T @ F
+    law = structure.law
+    n = structure.n_strains
+    y = ca.SX.sym("y", POSE + structure.n_wrench)
+    known = ca.SX.sym("v", n)
+    wrench = ca.SX.sym("w", n)
+    inverse = ca.SX.sym("inverse", n, n)
+    dead = ca.SX.sym("dead", 3)
+    load_factor = ca.SX.sym("load")
+    symbols = structure.symbols("uniform") | structure.symbols("section")
+    parameters = ca.vertcat(ca.SX(0, 1), *symbols.values())
+    presses, rubs = (ca.SX.sym(name, 3 * structure.pressed) for name in ("presses", "rubs"))
+    q = y[:4]
+    frame = unit_matrix(q)
+    F = dead + y[POSE + 3 :] if structure.has_force else dead
+    M = y[POSE : POSE + 3] if structure.has_moment else ca.SX.zeros(3)
+    force = frame.T @ F
     v = known + inverse.T @ (join(law, frame.T @ M, force[0], force[1:]) - wrench)
     kappa, nu = law.twist(v)
     along = frame @ nu
     rates = [multiply(q, ca.vertcat(0, kappa)) / 2, along]
-    if form.loaded:
+    if structure.has_moment:
         rates.append(-ca.cross(along, F))
-    if form.moving:
-        f = drag_force(frame[:, 0], nu, drag[0], drag[1:]) if form.current else ca.SX.zeros(3)
-        rates.append(-(f + presses + frame @ rubs if form.pressed else f))
-    inputs = [y, known, wrench, ca.vec(inverse), dead, drag]
-    inputs += [presses, rubs] * form.pressed
+    if structure.has_force:
+        f = presses + frame @ rubs if structure.pressed else ca.SX.zeros(3)
+        for i, term in enumerate(structure.terms):
+            section = SectionView(
+                strains=v,
+                variables=ca.SX.nan(term.n_stage_variables(law)),
+                parameters=of_term(structure, i, symbols),
+                load_factor=load_factor,
+                frame=frame,
+                kappa=kappa,
+                nu=nu,
+                from_base=lambda vector: vector,
+            )
+            f += load_factor * term.load_per_length(section)
+        rates.append(-f)
+    inputs = [y, known, wrench, ca.vec(inverse), dead, load_factor, parameters]
+    inputs += [presses, rubs] * structure.pressed
     function = ca.Function("rates", inputs, [ca.vertcat(*rates), v], {"cse": True})
-    return BatchFunction(function, form.machine_code)
+    return BatchFunction(function, structure.machine_code)
 
 
 def poses_and_strains(system: DiscreteRod, x: Array, s: Array) -> tuple[Array, Array]:
@@ -261,34 +372,46 @@ def poses_and_strains(system: DiscreteRod, x: Array, s: Array) -> tuple[Array, A
     mesh = system.mesh
     elements = np.clip(np.searchsorted(mesh.s, s) - 1, 0, mesh.steps - 1)
     reach = (s - mesh.s[elements]) / np.diff(mesh.s)[elements]
-    at_nodes = x[
-        system.layout.first + system.layout.nodes[elements + 1, : POSE + system.layout.form.wrench]
-    ]
+    n_known = POSE + system.layout.structure.n_wrench
+    at_nodes = x[system.layout.first + system.layout.nodes[elements + 1, :n_known]]
     known = np.where(reach[:, None] < 1, np.nan, at_nodes)
     parts = Integration(system, x, 1, (elements, reach))
     y, strains = parts.run(parts.begin(), known)
     return y[:, :POSE], strains[-1, -1]
 
 
-def sliding_tensions(at: DiscreteRod, x: Array, s: Array, place: Places, tendon: Places) -> Array:
+def tendon_tensions(at: DiscreteRod, x: Array, s: Array, place: Places, tendon: Places) -> Array:
     """Return the tensions (P,) of tendons where they cross arc lengths s[place], unknowns x."""
-    T, of = x[tendon], at.layout
-    if not of.form.friction:
+    T = x[tendon]
+    of = at.layout
+    structure = of.structure
+    if not structure.n_tendon_states:
         return np.asarray(T)
-    m, (k, j) = of.form.stages, of.passages
-    h, node = np.diff(at.mesh.s), of.first + of.turned
-    inside = of.inside[:, k] + of.first
-    y = np.vstack(
-        [np.full(k.size, x[of.n_tendons]), x[j], x[node[k, j]], x[node[k + 1, j]], x[inside]]
-    )
-    numbers = at.p[of.equations.numbers_of("sliding_tendon")].reshape(k.size, -1).T
-    rates = np.zeros((at.mesh.steps, of.n_tendons, m))
-    rates[k, j] = np.array(cached(turning_function, of.form.law, m).map(k.size)(y, numbers)).T
-    element = np.clip(np.searchsorted(at.mesh.s, s[place]) - 1, 0, at.mesh.steps - 1)
+    m = structure.stages
+    h = np.diff(at.mesh.s)
+    points = RodPoints(at.arm, at.sections.stations, at.scene.rod_terms)
+    stage, of_stage = of.crossings
+    values = tendon_values(points, stage, of_stage)
+    parameters = structure.stacked("tendon", values, stage.size)
+    inside = np.hstack([x[of.first + of.stages], *(x[of.first + v] for v in of.stage_variables)])
+    function = cached(state_rate_function, structure)
+    rows = _batch(function, structure)(inside[stage], at.sections.paths.T, parameters)[0]
+    K = structure.n_tendon_states
+    at_stages = np.zeros((of.elements * m, of.n_tendons, K))
+    at_stages[stage, of_stage] = rows[:, :K]
+    rates = at_stages.reshape(of.elements, m, of.n_tendons, K)
+    element_of_s = np.clip(np.searchsorted(at.mesh.s, s) - 1, 0, at.mesh.steps - 1)
+    element = element_of_s[place]
     share = (s[place] - at.mesh.s[element]) / h[element]
     powers = np.arange(1, m + 1)
-    weights = share[:, None] ** powers / powers @ gauss(m).powers
-    grows = h[element] * (weights * rates[element, tendon]).sum(axis=1)
-    turned = x[node[element, tendon]] + grows
-    mu = friction_coefficients(at.arm, at.scene)[tendon]
-    return np.asarray(T * np.exp(-x[of.n_tendons] * mu * turned))
+    weights = h[element, None] * (share[:, None] ** powers / powers @ gauss(m).powers)
+    grown = np.einsum("pm,pmk->pk", weights, rates[element, :, tendon])
+    states = x[of.first + of.tendon_states[element, tendon]] + grown
+    there = stations(at.arm, s, at.mesh.active[element_of_s])
+    values = tendon_values(RodPoints(at.arm, there, at.scene.rod_terms), place, tendon)
+    ratio = _batch(cached(tension_ratio_function, structure), structure)(
+        states,
+        np.full((len(states), 1), x[of.n_tendons]),
+        structure.stacked("tendon", values, tendon.size),
+    )[0]
+    return np.asarray(T * ratio[:, 0])

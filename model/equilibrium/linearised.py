@@ -23,8 +23,8 @@ from octoplan.model.equilibrium.integration import poses_and_strains
 from octoplan.model.mesh import Mesh
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
-from octoplan.model.rod.layout import POSE
-from octoplan.model.rod.system import DiscreteRod
+from octoplan.model.rod.discrete_rod import DiscreteRod
+from octoplan.model.rod.nodes import POSE
 from octoplan.model.support.errors import CollapsedError, SingularError, UnsettledSectionError
 from octoplan.model.unloaded.marched import Marched
 
@@ -171,8 +171,8 @@ class Equilibrium:
     def extremes(self) -> Extremes:
         """Least stretch, of stages and of ends of elements, and largest curvature, of stages."""
         of, at, s = self.system.layout, self.system.sections, self.system.mesh.s
-        _, xi, k, q = reported(of.form.law, self.states[of.stages])[:, :4].T
-        ends = gauss(of.form.stages).at(np.array([0.0, 1.0])) @ q.reshape(of.elements, -1).T
+        _, xi, k, q = reported(of.structure.law, self.states[of.stages])[:, :4].T
+        ends = gauss(of.structure.stages).at(np.array([0.0, 1.0])) @ q.reshape(of.elements, -1).T
         places = np.concatenate([at.s, s[:-1], s[1:]])
         return Extremes.of(places, np.append(q, ends), np.hypot(xi, k), at.stations.radius)
 
@@ -184,11 +184,11 @@ class Equilibrium:
         one to the other. No mesh has a node at such a place, so that errors fall by order one.
         """
         of, at = self.system.layout, self.system.sections
-        _, xi, k, q = reported(of.form.law, self.states[of.stages])[:, :4].T
+        _, xi, k, q = reported(of.structure.law, self.states[of.stages])[:, :4].T
         radius = at.stations.radius
         values = np.array([radius * xi, radius * k, q])
         change = np.abs(np.diff(values)).max(axis=0)
-        is_inside = np.arange(1, at.s.size) % of.form.stages > 0
+        is_inside = np.arange(1, at.s.size) % of.structure.stages > 0
         is_near = np.diff(at.s) < JUMP_WIDTH * radius[1:]
         jumps = np.where(is_inside & is_near, change, 0.0)
         return float(at.s[jumps.argmax()]) if jumps.max(initial=0.0) > JUMP else None
@@ -201,12 +201,12 @@ class Equilibrium:
     @property
     def scheme(self) -> str:
         """The name of the scheme."""
-        return f"gauss{2 * self.system.layout.form.stages}"
+        return f"gauss{2 * self.system.layout.structure.stages}"
 
     @property
     def machine_code(self) -> bool:
         """Whether compiled kernels solve it."""
-        return self.system.layout.form.machine_code
+        return self.system.layout.structure.machine_code
 
     def at(self, s: Array) -> tuple[Array, Array]:
         """Return poses (K, 7) and strains at arc lengths s (K,) [m], on their base side.
@@ -216,7 +216,8 @@ class Equilibrium:
         poses, v = poses_and_strains(self.system, self.x, s)
         nodes = np.minimum(np.searchsorted(self.mesh.s, s), self.mesh.steps)
         exact = (self.mesh.s[nodes] == s)[:, None]
-        return np.where(exact, self.poses[nodes], poses), reported(self.system.layout.form.law, v)
+        law = self.system.layout.structure.law
+        return np.where(exact, self.poses[nodes], poses), reported(law, v)
 
 
 def linearised(

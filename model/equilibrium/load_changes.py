@@ -6,20 +6,18 @@ The numbers of the equations change in a straight line from one loading to the o
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import replace
 
-from octoplan.model.effects import Buoyancy, Current, Effect, PointLoad, PointMass, TipLoad, Weight
+from octoplan.model.effects import Effect
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.newton import CLOSE, Start, newton
 from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.paths import Array
-from octoplan.model.rod.system import DiscreteRod
+from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.scene import Scene
 from octoplan.model.support.progress import check_time
 
 # Smallest change of the loads in one step, over the whole change.
 _LEAST_STEP = 1 / 1024
-_NONE = (0.0, 0.0, 0.0)
 
 
 def with_loads_of(scene: Scene, other: Scene) -> Scene | None:
@@ -33,31 +31,13 @@ def with_loads_of(scene: Scene, other: Scene) -> Scene | None:
     for effect in scene.effects:
         before = known.pop((type(effect), effect.place), None)
         if before is None:
-            before = _without_force(effect)
-        elif _without_force(before) != _without_force(effect):
+            before = effect.without_force()
+        elif before.without_force() != effect.without_force():
             return None
         if before is None:
             return None
         effects.append(before)
     return None if known else Scene(*effects)
-
-
-def _without_force(effect: Effect) -> Effect | None:
-    """Return a load with no force, None for an effect that is no load."""
-    match effect:
-        case Weight():
-            return replace(effect, g=_NONE)
-        case Buoyancy():
-            return replace(effect, density=0.0)
-        case TipLoad():
-            return replace(effect, force=_NONE, moment=_NONE)
-        case PointLoad():
-            return replace(effect, force=_NONE)
-        case PointMass():
-            return replace(effect, mass=0.0)
-        case Current():
-            return replace(effect, velocity=_NONE)
-    return None
 
 
 def change_loads(system: DiscreteRod, begin: Equilibrium, strains: Array) -> Equilibrium | None:
@@ -81,13 +61,10 @@ def change_loads(system: DiscreteRod, begin: Equilibrium, strains: Array) -> Equ
     scene = with_loads_of(system.scene, begin.system.scene)
     if scene is None:
         return None
-    form = system.layout.form
-    before = DiscreteRod(
-        system.arm, scene, system.mesh, form.stages, form.loaded, form.machine_code
-    )
+    before = system.on_mesh(system.mesh, scene)
     if before.layout is not system.layout:
         return None
-    states = before.start(begin.tensions, strains, 1.0)
+    states = before.initial_states(begin.tensions, strains, 1.0)
     (point,) = newton(before, [Start(begin.tensions, 1.0, states, history="near")], CLOSE)
     change = system.p - before.p
     fraction = 0.0

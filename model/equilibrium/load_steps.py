@@ -25,7 +25,7 @@ from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
-from octoplan.model.rod.system import DiscreteRod
+from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.support.errors import (
     CollapsedError,
     OctoplanError,
@@ -328,7 +328,7 @@ class Collocation:
         crushed = [partial(at.sections.crushed, each) for each in v]
         followed = list[BranchEnd]()
         if len(T):
-            x = at.x(T, 1.0 - self._loaded, at.start(T, v))
+            x = at.x(T, 1.0 - self._loaded, at.initial_states(T, v))
             if self._loaded:
                 points, _ = linearised(at, x, [None] * len(x))
                 starts = [BranchEnd(replace(point, history=history), 0.0) for point in points]
@@ -371,7 +371,7 @@ class Collocation:
 
     def without_loads(self, tensions: Array) -> Array:
         """Return the states under tensions without loads; raises UnsettledSectionError."""
-        return self.system.start(tensions, self.system.sections.strains(tensions))
+        return self.system.initial_states(tensions, self.system.sections.strains(tensions))
 
     def carried(self, tensions: Array, near: Sequence[Equilibrium]) -> Array:
         """Return the states (M, n_states) of this mesh by the strains of equilibria on others.
@@ -390,7 +390,7 @@ class Collocation:
             ):
                 strains = states[:, before.layout.stages].transpose(1, 2, 0)
                 strains = carried_strains(before, strains, self.system).transpose(2, 0, 1)
-                states = self.system.start(tensions[alike], strains, 1.0)
+                states = self.system.initial_states(tensions[alike], strains, 1.0)
             result[alike] = states
         return result
 
@@ -412,7 +412,7 @@ def predicted(near: Equilibrium, tensions: Array) -> Array:
 
 def carried_strains(before: DiscreteRod, strains: Array, after: DiscreteRod) -> Array:
     """Return the strains (N stages, ...) at the stages of a mesh by those of another's stages."""
-    mesh, m = before.mesh, before.layout.form.stages
+    mesh, m = before.mesh, before.layout.structure.stages
     step = np.clip(np.searchsorted(mesh.s, after.s) - 1, 0, before.layout.elements - 1)
     x = (after.s - mesh.s[step]) / np.diff(mesh.s)[step]
     by_element = strains.reshape(before.layout.elements, m, *strains.shape[1:])

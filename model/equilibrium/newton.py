@@ -14,7 +14,7 @@ import numpy as np
 
 from octoplan.model.equilibrium.linearised import Equilibrium, History, linearised
 from octoplan.model.paths import Array
-from octoplan.model.rod.system import DiscreteRod
+from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.support.progress import check_time
 
 # Of an element, unless a scheme asks for fewer.
@@ -90,7 +90,7 @@ def newton(
         near.append(start.near and (start.near.near or start.near))
         unknowns.append(system.x(start.tensions, start.load, start.states))
     begun, before, path = near.copy(), [0.0] * len(starts), [math.inf] * len(starts)
-    x, rubs = np.array(unknowns), system.layout.form.contact_friction
+    x, rubs = np.array(unknowns), system.layout.structure.contact_friction
     for _ in range(STEPS_IN_CONTACT if touching else STEPS):
         if not going:
             break
@@ -142,7 +142,7 @@ def step_sizes(system: DiscreteRod, steps: Array, states: Array) -> tuple[list[f
     rotation = np.abs(steps[:, of.nodes[:, :4]]).max(axis=(1, 2))
     relative = steps[:, of.stages] / (system.units + np.abs(states[:, of.stages]))
     size = np.maximum(rotation, np.abs(relative).max(axis=(1, 2)))
-    if of.form.contact_friction:
+    if of.structure.contact_friction:
         h, every = float(np.diff(system.mesh.s).mean()), (1, 2, 3)
         tractions = h * np.abs(steps[:, of.tractions]).max(axis=every)
         rubs = np.maximum(np.abs(steps[:, of.friction_forces]).max(axis=every), tractions)

@@ -81,7 +81,7 @@ class Sensitivities:
 
 
 @dataclass(frozen=True, eq=False)
-class ByNumbers:
+class ParameterSensitivities:
     """The derivatives of an equilibrium by K numbers of arm and scene.
 
     Attributes
@@ -103,7 +103,7 @@ class ByNumbers:
     def states(self) -> Array:
         """Of the states (n_states, K)."""
         at = self.point.system
-        right = at.layout.equations.along_numbers(self.point.x, at.p, self.numbers)
+        right = at.layout.equations.along_parameters(self.point.x, at.p, self.numbers)
         result = -self.point.solve(np.asfortranarray(right))
         return result + self.point.by_tensions @ self.tensions if self.tensions.any() else result
 
@@ -111,7 +111,7 @@ class ByNumbers:
     def lengths(self) -> Array:
         """Of the lengths of the tendons (n_tendons, K) [m]."""
         at, x = self.point.system, self.point.x
-        direct = at.layout.lengths.along_numbers(x, at.length_numbers, self.length_numbers)
+        direct = at.layout.lengths.along_parameters(x, at.length_p, self.length_numbers)
         return np.asarray(at.length_jacobian(x) @ self.states + direct)
 
 
@@ -119,7 +119,7 @@ def along(point: Equilibrium, nodes: Index) -> Array:
     """Return how poses change along the arm at nodes (n, 7), per m of arc length."""
     system = point.system
     poses, v = poses_and_strains(system, point.x, system.mesh.s[nodes])
-    kappa, nu = kinematics(system.layout.form.law, v)
+    kappa, nu = kinematics(system.layout.structure.law, v)
     local = np.stack([kappa, nu], axis=2)
     turned, moved = np.moveaxis(matrices(poses[:, :4]) @ local, 2, 0)
     return np.hstack([(turns(poses[:, :4]) @ turned[:, :, None])[:, :, 0], moved])

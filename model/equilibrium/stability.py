@@ -25,8 +25,9 @@ from octoplan.model.equilibrium.linearised import Equilibrium, Index
 from octoplan.model.loads import is_conservative, is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
-from octoplan.model.rod.layout import POSE, Layout
-from octoplan.model.rod.system import DiscreteRod
+from octoplan.model.rod.discrete_rod import DiscreteRod
+from octoplan.model.rod.layout import Layout
+from octoplan.model.rod.nodes import POSE
 from octoplan.model.support.errors import SingularError
 
 # Of Arnoldi's method, vectors for each mode and restarts; the tolerance of an eigenvalue alone,
@@ -62,14 +63,14 @@ def are_stable(candidates: Sequence[Equilibrium | None]) -> NDArray[np.bool_]:
     points = [each for each in candidates if each is not None]
     if not points:
         return stable
-    if points[0].system.layout.form.contacts:
+    if points[0].system.layout.structure.contacts:
         stable[stable] = [p.factor is not None and unstable_mode(p) is None for p in points]
         return stable
     of = points[0].system.layout
     nonzeros = np.array([np.append(each.nonzeros, 0.0) for each in points])  # the last for place -1
     blocks, at_tip = _block_places(of)
     J, tip = nonzeros.take(blocks, axis=1), nonzeros.take(at_tip, axis=1)
-    w, n = of.form.wrench, of.form.stages * of.form.strains
+    w, n = of.structure.n_wrench, of.structure.stages * of.structure.n_strains
     small = turns(np.array([each.states for each in points])[:, of.nodes[:, :4]])
     v, nxt = slice(POSE + w, POSE + w + n), POSE + w + n
     after = slice(nxt + POSE, nxt + POSE + w)
@@ -79,7 +80,7 @@ def are_stable(candidates: Sequence[Equilibrium | None]) -> NDArray[np.bool_]:
     # node and of the stages, these two without what lies beyond. Stages count by their weights.
     by_turn = -back @ (quaternion[..., :4] @ turned)
     on = np.concatenate([by_turn, -back @ quaternion[..., v]], axis=3)
-    weight = np.repeat(gauss(of.form.stages).b, of.form.strains)
+    weight = np.repeat(gauss(of.structure.stages).b, of.structure.n_strains)
     counted = J[..., : w + n, :] * np.concatenate([np.ones(w), weight])[:, None]
     values = np.concatenate([counted[..., :4] @ turned, counted[..., v]], axis=3)
     beyond = counted[..., after]
@@ -119,7 +120,7 @@ def _block_places(of: Layout) -> tuple[Index, Index]:
     balance, the quaternion at the last node; columns pose and wrench at the first node, strains,
     pose and wrench at the last. Rows of the tip are its wrench, columns its quaternion and wrench.
     """
-    at, w, blocks = of.band, of.form.wrench, []
+    at, w, blocks = of.band, of.structure.n_wrench, []
     shape = (of.n_states, of.n_x)
     numbered = csr_array((np.arange(1, at.rows.size + 1), (at.rows, at.columns)), shape)
     nodes, stages = of.nodes[:, : POSE + w], of.stages.reshape(of.elements, -1)
@@ -186,7 +187,7 @@ def unstable_mode(point: Equilibrium) -> Array | None:
         return None
     of, (weight, _) = point.system.layout, rest_stiffness(point.system)
     mode = bends[:, least].real.reshape(of.stages.shape)
-    turns = weight.reshape(mode.shape)[:, :1] * np.abs(mode[:, : 2 + of.form.law.torsion])
+    turns = weight.reshape(mode.shape)[:, :1] * np.abs(mode[:, : 2 + of.structure.law.torsion])
     return np.asarray(mode / turns.sum(axis=0).max())
 
 
@@ -299,9 +300,9 @@ def rest_stiffness(system: DiscreteRod) -> tuple[Array, Array]:
 
     Both by stage and strain (n,), base to tip.
     """
-    m = system.layout.form.stages
+    m = system.layout.structure.stages
     weight = np.outer(np.diff(system.mesh.s), gauss(m).b).ravel()
-    stiff = _at_rest(system.layout.form.law, system.sections.body)
+    stiff = _at_rest(system.layout.structure.law, system.sections.body)
     return np.repeat(weight, stiff.shape[0]), stiff.ravel("F")
 
 

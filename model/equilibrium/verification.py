@@ -16,7 +16,7 @@ from octoplan.model.equilibrium.integration import SCHEME, Integration
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.forward import estimate
 from octoplan.model.paths import Array
-from octoplan.model.rod.layout import POSE
+from octoplan.model.rod.nodes import POSE
 from octoplan.model.support.errors import ConvergenceError
 from octoplan.model.support.progress import check_time
 
@@ -51,7 +51,7 @@ def _defects(point: Equilibrium, y: Array) -> Array:
     """Return by how much nodes miss what the integrator finds there, y (N, n); (n_states,)."""
     of, states = point.system.layout, point.states
     missed = np.zeros(of.n_states)
-    there, w = of.nodes[1:, : y.shape[1]], of.form.wrench
+    there, w = of.nodes[1:], of.structure.n_wrench
     missed[there[:, :POSE]] = states[there[:, :POSE]] - y[:, :POSE]
     if not w:
         return missed
@@ -64,9 +64,9 @@ def _defects(point: Equilibrium, y: Array) -> Array:
     stages = of.inside.ravel()
     missed[of.nodes[:, POSE : POSE + w]] = left[of.nodes[:, POSE : POSE + w]]
     missed[stages] = left[stages]
-    if of.form.friction:
-        turned = y[:, POSE + w :].copy()
+    if of.structure.n_tendon_states:
+        reached = y[:, POSE + w :].reshape(of.elements, of.n_tendons, -1)
         if of.kinks[0].size:
-            turned[of.kinks] -= point.system.rows_of("kink", point.x)[:, 0]
-        missed[of.turned[1:]] = states[there][:, POSE + w :] - turned
+            reached[of.kinks] -= point.system.rows_of("tendon_jump", point.x)
+        missed[of.tendon_states[1:]] = states[of.tendon_states[1:]] - reached
     return missed

@@ -16,8 +16,8 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.arm import Arm
-from octoplan.model.cross_section import cross_section_of
 from octoplan.model.cross_section.law import PaperSection, resultants
+from octoplan.model.cross_section.of_scene import cross_section_of
 from octoplan.model.cross_section.sections import Sections, strains_of
 from octoplan.model.effects import Effect, Extension
 from octoplan.model.effects.base import Rules

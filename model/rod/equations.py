@@ -50,17 +50,21 @@ class Term:
         return int(self.unknowns.shape[1])
 
 
-class Equations:
-    """The sum of terms: residuals g (n_g,) of unknowns x (n_x,) and numbers p (n_p,).
+# Kernel name -> parameter name -> values (size, N) of its repetitions.
+ParameterValues = dict[str, dict[str, Array]]
 
-    The numbers are those of the terms, one after the other, each column by column. With
+
+class Equations:
+    """The sum of terms: residuals g (n_g,) of unknowns x (n_x,) and parameters p (n_p,).
+
+    The parameters are those of the terms, one after the other, each repetition by repetition. With
     `machine_code` the kernels are compiled; then nothing can be differentiated by CasADi.
 
     Attributes
     ----------
     value : AssembledValue
         Of (x, p): g.
-    jacobian, by_numbers : AssembledValue
+    jacobian, parameter_jacobian : AssembledValue
         Of (x, p): dg/dx and as a last column g (n_g, n_x + 1); dg/dp (n_g, n_p).
     hessian : AssembledValue
         Of (x, p, lam): the Hessian of lam . g in x (n_x, n_x), all of it.
@@ -68,34 +72,51 @@ class Equations:
 
     def __init__(self, n_x: int, n_g: int, terms: list[Term], machine_code: bool = False) -> None:
         self.machine_code = machine_code
-        self.n_x, self.n_g, self.terms = n_x, n_g, [term for term in terms if term.count]
+        self.n_x = n_x
+        self.n_g = n_g
+        self.terms = [term for term in terms if term.count]
         ends = np.cumsum([0, *(term.kernel.c.numel() * term.count for term in self.terms)])
         self.slices = [slice(a, b) for a, b in pairwise(ends.tolist())]
         self.n_p = int(ends[-1])
-        names = (term.kernel.name for term in self.terms)
-        self._numbers = dict(zip(names, self.slices, strict=True))
         self.value = AssembledValue(self, "value", (n_g, 1))
         self.jacobian = AssembledValue(self, "jacobian", (n_g, n_x + 1))
-        self.by_numbers = AssembledValue(self, "by_numbers", (n_g, self.n_p))
+        self.parameter_jacobian = AssembledValue(self, "parameter_jacobian", (n_g, self.n_p))
         self.hessian = AssembledValue(self, "hessian", (n_x, n_x))
 
-    def numbers_of(self, name: str) -> slice:
-        """Return where the numbers of a kernel, by its name, are among all."""
-        return self._numbers[name]
+    def vector(self, parameters: ParameterValues) -> Array:
+        """Return the parameters p (n_p,) by kernel and name, each (size, N)."""
+        p = np.empty(self.n_p)
+        for kernel, places in self.named(p).items():
+            for name, place in places.items():
+                place[:] = parameters[kernel][name]
+        return p
 
-    def in_numbers(self) -> Equations:
+    def named(self, p: Array) -> ParameterValues:
+        """Return views (size, N, ...) of the parameters p (n_p, ...), by kernel and name.
+
+        Or of changes of the parameters (n_p, K).
+        """
+        result: ParameterValues = {}
+        for term, places in zip(self.terms, self.slices, strict=True):
+            columns = p[places].reshape(term.count, -1, *p.shape[1:])
+            result[term.kernel.name] = {
+                name: columns[:, rows].swapaxes(0, 1) for name, rows in term.kernel.slices.items()
+            }
+        return result
+
+    def with_parameters_as_variables(self) -> Equations:
         """Return the same equations with the numbers among the unknowns, behind the others."""
         terms = []
         for term, of in zip(self.terms, self.slices, strict=True):
             values = np.arange(of.start, of.stop).reshape((-1, term.count), order="F")
             places = np.vstack([term.unknowns, self.n_x + values])
-            terms.append(Term(term.kernel.in_numbers(), places, term.rows))
+            terms.append(Term(term.kernel.with_parameters_as_variables(), places, term.rows))
         return Equations(self.n_x + self.n_p, self.n_g, terms)
 
-    def along_numbers(self, x: Array, p: Array, change: Array) -> Array:
+    def along_parameters(self, x: Array, p: Array, change: Array) -> Array:
         """Return the derivatives of residuals (n_g, K) along changes of the numbers (n_p, K)."""
-        nonzeros = self.by_numbers(x, p)
-        J = csr_array((nonzeros, self.by_numbers.triplet), (self.n_g, self.n_p))
+        nonzeros = self.parameter_jacobian(x, p)
+        J = csr_array((nonzeros, self.parameter_jacobian.triplet), (self.n_g, self.n_p))
         return np.asarray(J @ change)
 
 
@@ -127,7 +148,7 @@ class AssembledValue:
         for term, numbers in zip(of.terms, of.slices, strict=True):
             _, i, j = term.kernel.derivative(what)
             values = np.arange(numbers.start, numbers.stop).reshape((-1, term.count), order="F")
-            columns = (values if what == "by_numbers" else term.unknowns)[j]
+            columns = (values if what == "parameter_jacobian" else term.unknowns)[j]
             rows_of = (term.unknowns if what == "hessian" else term.rows)[i]
             keys.append((columns * height + rows_of).ravel("F"))
             if what == "jacobian":

@@ -1,11 +1,11 @@
-"""Where unknowns and equations of an arm's elements, anchorages and ends have their places.
+"""Places of the unknowns and equations of a rod on a mesh.
 
 The unknowns are the tensions, the load factor, then from base to tip each node and the stages of
-the element beyond it. A node has its pose q (4,), u (3,), moment M (3,), force F (3,), with
-friction the angle Theta that each tendon has turned, and of each contact its two unknowns; a stage
-has its strains, and with friction their rates; as far as the form has them. Where a force acts off
-the midline the moment is that on its base side, where the arm touches something the force is.
-Equations and states stand in the same order, so that the Jacobian is a narrow band.
+the element beyond it. A node has its pose q (4,), u (3,), moment M (3,) and force F (3,) if the
+structure has them, the states of the tendons, the node variables of the terms, and of each contact
+its unknowns; a stage has its strains and the stage variables of the terms. Where a term has a force
+or moment at a node, M and F are those on the base side. Equations and states have the same order,
+so that the Jacobian is a narrow band.
 At an anchorage pose, moment and force are those of one node, and the tendons that cross change:
 that is the interface condition between segments, across which the strains jump.
 """
@@ -13,28 +13,26 @@ that is the interface condition between segments, across which the strains jump.
 from __future__ import annotations
 
 from functools import cached_property, lru_cache
+from itertools import pairwise
 
 import numpy as np
 
 from octoplan.model.paths import Mask
-from octoplan.model.rod.element import (
-    Form,
-    at_zero,
-    body,
-    clamp,
-    element,
-    lever,
-    run,
-    tendon,
-    tip,
-)
+from octoplan.model.rod.element import element
 from octoplan.model.rod.equations import Equations, Term
-from octoplan.model.rod.friction import body_rates, idle_tendon, kink, sliding_tendon
 from octoplan.model.rod.kernels import Places
+from octoplan.model.rod.nodes import POSE, clamp, node, node_kernel_name, tip, zero
+from octoplan.model.rod.structure import NodeGroup, RodStructure
+from octoplan.model.rod.tendons import (
+    body,
+    idle_tendon,
+    tendon,
+    tendon_in_element,
+    tendon_jump,
+    tendon_length,
+)
 from octoplan.model.rod.touch import pressure, touch
 from octoplan.model.support.machine.functions import cached
-
-POSE = 7
 
 
 class Band:
@@ -79,17 +77,17 @@ class Band:
 class Layout:
     """The structure of an arm's equations on a mesh; numbers are no part of it.
 
-    Places are those among the states, of N elements with m stages each.
+    Places are places among the states, of N elements with m stages each.
 
     Attributes
     ----------
-    form : Form
+    structure : RodStructure
     ends : (n_tendons,)
         The element, counted from 1 at the base, at whose far node each tendon ends.
     elements : int
         N.
-    levers : tuple of int
-        The nodes at which forces act off the midline.
+    node_groups : tuple of NodeGroup
+        The terms that act at nodes.
     first : int
         Place of the first state among all unknowns, behind the tensions and the load factor.
     n_tendons, n_states, n_x : int
@@ -101,11 +99,15 @@ class Layout:
     nodes : (N + 1, node_size)
         Places of the nodes' unknowns.
     inside : (stage_size, N)
-        Places of all that the stages of each element have.
-    stages, rates : (N m, strains)
-        Places of the strains, from base to tip, and of their rates with friction.
-    turned : (N + 1, n_tendons)
-        Places of the angles that tendons have turned, with friction.
+        Places of all unknowns of the stages of each element.
+    stages : (N m, n_strains)
+        Places of the strains, from base to tip.
+    stage_variables : tuple of (N m, n)
+        Places of the stage variables of each term.
+    tendon_states : (N + 1, n_tendons, n_tendon_states)
+        Places of the states of the tendons.
+    node_variables : list of list of (N + 1, n)
+        Places of the node variables, by group and term.
     touches : (N + 1, contacts, 2)
         Places of the two unknowns of each contact; see touch.
     friction_forces, tractions : (N + 1, contacts, 3)
@@ -121,15 +123,25 @@ class Layout:
     """
 
     def __init__(
-        self, form: Form, ends: tuple[int, ...], elements: int, levers: tuple[int, ...] = ()
+        self,
+        structure: RodStructure,
+        ends: tuple[int, ...],
+        elements: int,
+        node_groups: tuple[NodeGroup, ...] = (),
     ) -> None:
-        self.form, self.ends, self.elements, self.levers = form, ends, elements, levers
-        self.n_tendons, self.first, K = len(ends), len(ends) + 1, form.contacts
-        self.touching = (2 + 6 * form.contact_friction) * K
-        turning = self.n_tendons * form.friction
-        self.node_size = POSE + form.wrench + turning + self.touching
-        n, m = form.strains, form.stages
-        self.stage_size = m * n * (1 + form.friction)
+        self.structure = structure
+        self.ends = ends
+        self.elements = elements
+        self.node_groups = node_groups
+        self.n_tendons = len(ends)
+        self.first = self.n_tendons + 1
+        m = structure.stages
+        K = structure.contacts
+        self.touching = (2 + 6 * structure.contact_friction) * K
+        n_tendon_states = self.n_tendons * structure.n_tendon_states
+        variables = sum(group.n_variables * len(group.nodes) for group in node_groups)
+        self.node_size = POSE + structure.n_wrench + n_tendon_states + variables + self.touching
+        self.stage_size = m * structure.n_stage
         self.stride = self.node_size + self.stage_size
         self.n_states = elements * self.stride + self.node_size
         self.n_x = self.first + self.n_states
@@ -137,20 +149,31 @@ class Layout:
         self.nodes: Places = start[:, None] + np.arange(self.node_size)
         self.inside: Places = start[:-1] + self.node_size + np.arange(self.stage_size)[:, None]
         by_stage: Places = self.inside.T.reshape(elements * m, -1)
-        self.stages, self.rates = by_stage[:, :n], by_stage[:, n:]
-        first = POSE + form.wrench
-        self.turned, touching = self.nodes[:, first : first + turning], first + turning
-        values = self.nodes[:, touching : touching + 2 * K]
+        self.stages: Places = by_stage[:, : structure.n_strains]
+        self.stage_variables = tuple(by_stage[:, part] for part in structure.variable_slices)
+        column = POSE + structure.n_wrench
+        states = self.nodes[:, column : column + n_tendon_states]
+        self.tendon_states: Places = states.reshape(elements + 1, self.n_tendons, -1)
+        column += n_tendon_states
+        self.node_variables = list[list[Places]]()
+        for group in node_groups:
+            ends_of = column + np.arange(len(group.nodes) + 1) * group.n_variables
+            self.node_variables.append([self.nodes[:, a:b] for a, b in pairwise(ends_of)])
+            column = int(ends_of[-1])
+        values = self.nodes[:, column : column + 2 * K]
         self.touches: Places = values.reshape(elements + 1, K, 2)
-        self._frictions: Places = self.nodes[:, touching + 2 * K :].reshape(elements + 1, -1, 6)
-        self.friction_forces, self.tractions = self._frictions[:, :, :3], self._frictions[:, :, 3:]
+        self._frictions: Places = self.nodes[:, column + 2 * K :].reshape(elements + 1, -1, 6)
+        self.friction_forces: Places = self._frictions[:, :, :3]
+        self.tractions: Places = self._frictions[:, :, 3:]
         self.passages = _pairs(np.arange(elements)[:, None] < np.array(ends))
-        self.crossings = stage, number = _pairs(
-            np.repeat(np.arange(elements), m)[:, None] < np.array(ends)
-        )
+        stage_elements = np.repeat(np.arange(elements), m)
+        self.crossings = _pairs(stage_elements[:, None] < np.array(ends))
+        stage, tendon_index = self.crossings
         crossed = self.first + self.stages[stage].T
-        term = Term(cached(run, form.law), crossed, number[None, :])
-        self.lengths = Equations(self.n_x, self.n_tendons, [term], form.machine_code)
+        term_of_lengths = Term(cached(tendon_length, structure.law), crossed, tendon_index[None, :])
+        self.lengths = Equations(
+            self.n_x, self.n_tendons, [term_of_lengths], structure.machine_code
+        )
         at = np.array(sorted({end for end in ends if end < elements}), dtype=np.int64)
         k, j = _pairs(at[:, None] < np.array(ends))
         self.kinks: tuple[Places, Places] = (at[k] - 1, j)
@@ -170,124 +193,138 @@ class Layout:
             *self.jumps(),
             *self.tip_condition(),
         ]
-        return Equations(self.n_x, self.n_states, terms, self.form.machine_code)
+        return Equations(self.n_x, self.n_states, terms, self.structure.machine_code)
 
     @property
     def _node_states(self) -> Places:
-        """Places of pose, moment and force of the nodes (N + 1, 7 + wrench)."""
-        return self.nodes[:, : POSE + self.form.wrench]
+        """Places of pose, moment and force of the nodes (N + 1, 7 + n_wrench)."""
+        return self.nodes[:, : POSE + self.structure.n_wrench]
 
     def base_condition(self) -> list[Term]:
-        """Return the clamped base; tendons have turned by 0 and nothing is touched there."""
-        at = self.first
+        """Return the clamped base; tendon states are 0 and nothing is touched there."""
         pose = self.nodes[:1, :POSE].T
-        terms = [Term(clamp(), at + pose, pose)]
-        if self.form.friction:
-            terms.append(Term(at_zero(), at + self.turned[:1], self.turned[:1]))
-        if self.form.contacts:
-            free = self.touches[0].reshape(1, -1)
-            if self.form.contact_friction:
-                free = np.hstack([free, self._frictions[0].reshape(1, -1)])
-            terms.append(Term(at_zero(), at + free, free))
+        terms = [Term(clamp(), self.first + pose, pose), self._zero(self.tendon_states[0])]
+        if self.structure.contacts:
+            terms.append(self._zero(self.touches[0]))
+            terms.append(self._zero(self._frictions[0]))
         return terms
 
     def dynamics(self) -> list[Term]:
         """Return the elements: x_{k+1} = F(x_k, v_k), and the local wrench of all stages."""
-        at, nodes = self.first, self._node_states
-        load = np.full((1, self.elements), self.n_tendons)[: int(self.form.loaded)]
+        at = self.first
+        nodes = self._node_states
+        load = np.full((1, self.elements), self.n_tendons)[: int(self.structure.has_moment)]
         values = at + np.vstack([nodes[:-1].T, self.inside])
         unknowns = np.vstack([load, values, at + nodes[1:].T])
         # The pose of a node is an equation of the element before, the wrench of the one beyond.
         rows = np.vstack([nodes[:-1, POSE:].T, self.inside, nodes[1:, :POSE].T])
-        return [Term(cached(element, self.form), unknowns, rows)]
+        return [Term(cached(element, self.structure), unknowns, rows)]
 
     def stage_equations(self) -> list[Term]:
         """Return body and tendons of the stages, which balance the local wrench."""
-        return self._sliding_tendons() if self.form.friction else self._tendons()
+        by_stage = np.vstack([self.stages.T, *(each.T for each in self.stage_variables)])
+        bodies = Term(cached(body, self.structure), self.first + by_stage, by_stage)
+        couples = self.structure.couples_stages
+        return [bodies, self._tendons_in_elements() if couples else self._tendons()]
 
     def jumps(self) -> list[Term]:
-        """Return the jumps at nodes: moments of forces off the midline, kinks, contact."""
-        terms = list[Term]()
-        if self.levers:
-            values = self._node_states[list(self.levers)].T
-            loads = np.full((1, len(self.levers)), self.n_tendons)
-            unknowns = np.vstack([loads, self.first + values[:4]])
-            terms.append(Term(lever(), unknowns, values[POSE : POSE + 3]))
-        terms += self._kinks() if self.form.friction else []
-        terms += self._contact() if self.form.contacts else []
+        """Return the jumps at nodes: forces and moments, tendon states, contact."""
+        terms = self._at_nodes() if self.structure.has_moment else []
+        terms += self._tendon_jumps() if self.structure.n_tendon_states else []
+        terms += self._contact() if self.structure.contacts else []
         return terms
 
     def tip_condition(self) -> list[Term]:
-        """Return M_N and F_N equal to the load on the tip; no equation without loads."""
-        if not self.form.loaded:
+        """Return M_N and F_N equal to 0 beyond the loads at the tip; no equation without loads."""
+        if not self.structure.has_moment:
             return []
-        at, last = self.first, self._node_states[-1]
-        ends = np.concatenate([[self.n_tendons], at + last[:4], at + last[POSE:]])
-        return [Term(tip(self.form), ends[:, None], last[POSE:, None])]
+        wrench = self._node_states[-1:, POSE:].T
+        return [Term(cached(tip, self.structure), self.first + wrench, wrench)]
+
+    def _zero(self, places: Places) -> Term:
+        """Return equations by which states are 0."""
+        flat = places.reshape(1, -1)
+        return Term(zero(), self.first + flat, flat)
+
+    def _at_nodes(self) -> list[Term]:
+        """Return forces, moments and variables of the terms at the nodes."""
+        terms = list[Term]()
+        wrench = slice(POSE, POSE + self.structure.n_wrench)
+        for i, group in enumerate(self.node_groups):
+            nodes = [k for each in group.nodes for k in each]
+            variables = self.node_variables[i]
+            pairs = zip(variables, group.nodes, strict=True)
+            here = np.vstack([places[list(each)] for places, each in pairs]).T
+            if nodes:
+                load = np.full((1, len(nodes)), self.n_tendons)
+                poses = self.nodes[nodes, :POSE].T
+                unknowns = np.vstack([load, self.first + poses, self.first + here])
+                rows = np.vstack([self.nodes[nodes, wrench].T, here])
+                name = node_kernel_name(i)
+                kernel = cached(node, name, group.structure, self.structure.n_wrench)
+                terms.append(Term(kernel, unknowns, rows))
+            unused = np.setdiff1d(np.concatenate([each.ravel() for each in variables]), here)
+            terms.append(self._zero(unused))
+        return terms
+
+    def _tendons(self) -> Term:
+        """Return the tendons of the stages, tensions the same all along."""
+        strains = self.stages.T
+        stage, number = self.crossings
+        unknowns = np.vstack([number, self.first + strains[:, stage]])
+        return Term(cached(tendon, self.structure.law), unknowns, strains[:, stage])
+
+    def _tendons_in_elements(self) -> Term:
+        """Return the tendons of the elements, with their states at the nodes."""
+        at = self.first
+        y = self.tendon_states
+        k, j = self.passages
+        inside = self.inside[:, k]
+        load = np.full((1, j.size), self.n_tendons)
+        unknowns = np.vstack([load, j[None], at + y[k, j].T, at + y[k + 1, j].T, at + inside])
+        rows = np.vstack([inside, y[k + 1, j].T])
+        return Term(cached(tendon_in_element, self.structure), unknowns, rows)
+
+    def _tendon_jumps(self) -> list[Term]:
+        """Return the jumps of tendon states at anchorages; states stay the same beyond its end."""
+        at = self.first
+        y = self.tendon_states
+        k, j = self.kinks
+        both = np.vstack([at + self.inside[:, k], at + self.inside[:, k + 1]])
+        k_idle, j_idle = np.nonzero(np.arange(self.elements)[:, None] >= np.array(self.ends))
+        before = y[k_idle, j_idle].reshape(1, -1)
+        after = y[k_idle + 1, j_idle].reshape(1, -1)
+        return [
+            Term(cached(tendon_jump, self.structure), both, y[k + 1, j].T),
+            Term(idle_tendon(), at + np.vstack([before, after]), after),
+        ]
 
     def _contact(self) -> list[Term]:
         """Return the contact of the nodes, each with all obstacles, and of the elements."""
-        form, at, touches, nodes = self.form, self.first, self.touches, self.nodes
-        law, m, K = form.law, form.stages, form.contacts
+        structure, at, touches, nodes = self.structure, self.first, self.touches, self.nodes
+        law, m, K = structure.law, structure.stages, structure.contacts
         inside = np.repeat(self.inside.T, K, axis=0)
         before, after = (np.repeat(part[:, :POSE], K, axis=0) for part in (nodes[:-1], nodes[1:]))
         wrench = np.repeat(nodes[:, POSE : POSE + 6], K, axis=0)
         here = touches[1:].reshape(self.elements * K, -1)
         unknowns, rows = [inside, after, here], [wrench[K:], here]
-        if form.contact_friction:
+        if structure.contact_friction:
             # No part begins at the tip, so that what is beyond it does not matter.
             beyond = [*range(2, self.elements + 1), -2]
             rubbed = np.concatenate([touches[:, :, 1:], self.tractions], axis=2)
             near = np.concatenate([rubbed[:-1], rubbed[beyond]], axis=2).reshape(-1, 8)
             Q = self._frictions[1:].reshape(-1, 6)
             unknowns, rows = [*unknowns, near, Q], [*rows, Q]
-        kernel = cached(touch, law, m, form.contact_friction)
+        kernel = cached(touch, law, m, structure.contact_friction)
         terms = [Term(kernel, at + np.hstack(unknowns).T, np.hstack(rows).T)]
-        if form.pressed:
+        if structure.pressed:
             both = np.stack([touches[:-1, :, 1], touches[1:, :, 1]], axis=2).reshape(-1, 2)
             rubbed = np.concatenate([self.tractions[:-1], self.tractions[1:]], axis=2)
             both = np.hstack([both, rubbed.reshape(len(both), -1)])
             values = at + np.hstack([before, inside, both]).T
-            kernel = cached(pressure, law, m, form.contact_friction)
+            kernel = cached(pressure, law, m, structure.contact_friction)
             terms.append(Term(kernel, values, np.hstack([wrench[:-K], inside]).T))
         return terms
-
-    def _tendons(self) -> list[Term]:
-        """Return the bodies and tendons of the stages, tensions the same all along."""
-        law, strains = self.form.law, self.stages.T
-        stage, number = self.crossings
-        unknowns = np.vstack([number, self.first + strains[:, stage]])
-        return [
-            Term(cached(body, law), self.first + strains, strains),
-            Term(cached(tendon, law), unknowns, strains[:, stage]),
-        ]
-
-    def _sliding_tendons(self) -> list[Term]:
-        """Return the bodies and tendons of the elements if tensions fall by friction."""
-        form, law, at, turned = self.form, self.form.law, self.first, self.turned
-        both = np.vstack([self.stages.T, self.rates.T])
-        k, j = self.passages
-        inside = self.inside[:, k]
-        unknowns = [np.full(j.size, self.n_tendons), j, at + turned[k, j], at + turned[k + 1, j]]
-        slides = Term(
-            cached(sliding_tendon, law, form.stages),
-            np.vstack([*unknowns, at + inside]),
-            np.vstack([inside, turned[k + 1, j]]),
-        )
-        return [Term(cached(body_rates, law), at + both, both), slides]
-
-    def _kinks(self) -> list[Term]:
-        """Return the turning of tendons at anchorages; beyond its end a tendon turns no further."""
-        at, turned = self.first, self.turned
-        k, j = self.kinks
-        bends = np.vstack([at + self.inside[:, k], at + self.inside[:, k + 1]])
-        kernel = cached(kink, self.form.law, self.form.stages)
-        k_idle, j_idle = np.nonzero(np.arange(self.elements)[:, None] >= np.array(self.ends))
-        held = np.vstack([at + turned[k_idle, j_idle], at + turned[k_idle + 1, j_idle]])
-        return [
-            Term(kernel, bends, turned[k + 1, j][None, :]),
-            Term(idle_tendon(), held, turned[k_idle + 1, j_idle][None, :]),
-        ]
 
 
 def _pairs(are: Mask) -> tuple[Places, Places]:

@@ -84,7 +84,7 @@ def touch(law: CrossSection, m: int, friction: bool = False) -> Kernel:
         unknowns += [ca.vec(near), Q, tau]
         force, lever = force + Q, lever + Q
     rows = [-shift * ca.cross(along, lever), -force, *rows]
-    return Kernel("touch", ca.vertcat(*unknowns), c, ca.vertcat(*rows))
+    return Kernel("touch", ca.vertcat(*unknowns), {"values": c}, ca.vertcat(*rows))
 
 
 def gap_along(law: CrossSection) -> ca.Function:
@@ -145,4 +145,4 @@ def pressure(law: CrossSection, m: int, friction: bool = False) -> Kernel:
     ]
     rows = [-h * weighted_sum(method.b, levers), -h * weighted_sum(method.b, f), *stages]
     unknowns = ca.vertcat(q, u, ca.vec(v), p, ca.vec(tau))
-    return Kernel("pressure", unknowns, c, ca.vertcat(*rows))
+    return Kernel("pressure", unknowns, {"values": c}, ca.vertcat(*rows))

@@ -67,7 +67,8 @@ def problem_size(arm: Arm, scene: Scene) -> ProblemSize:
         term.count * term.kernel.value.n_instructions() for term in layout.equations.terms
     )
     n = layout.n_states
-    return ProblemSize(layout.node_size + layout.form.strains, n, n, instructions)
+    carried = layout.node_size + layout.structure.n_strains
+    return ProblemSize(carried, n, n, instructions)
 
 
 @dataclass(frozen=True)

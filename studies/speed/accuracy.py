@@ -38,7 +38,7 @@ from octoplan.model.forward import REFINEMENTS, ForwardMap
 from octoplan.model.integrators import MAGNUS4, MAGNUS6
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
-from octoplan.model.rod.system import system
+from octoplan.model.rod.discrete_rod import system
 from octoplan.model.stiffness import jacobian_function
 from octoplan.model.unloaded.closed_form import ClosedForm
 from octoplan.planner import plan

@@ -33,13 +33,13 @@ from octoplan.model.effects import (
     Effect,
     ExactTendons,
     Extension,
-    Friction,
     NeoHookean,
     PointLoad,
     Shear,
     TipLoad,
     Weight,
 )
+from octoplan.model.extensions.friction import Friction
 from octoplan.model.paths import Array
 from octoplan.planner.frontends.effect_ablation import Switch, switch_effect
 from studies import draws

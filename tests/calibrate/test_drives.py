@@ -12,12 +12,12 @@ from octoplan.model.effects import (
     Buoyancy,
     ExactTendons,
     Extension,
-    Friction,
     PointLoad,
     PointMass,
     TipLoad,
     Weight,
 )
+from octoplan.model.extensions.friction import Friction
 from octoplan.model.tendons import rest_lengths
 from octoplan.planner import Measured, Unknown, calibrate
 from octoplan.planner.extensions.fit.calibration import Calibration

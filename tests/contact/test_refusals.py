@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from octoplan.model import Arm, Scene, settle
-from octoplan.model.effects import ExactTendons, Extension, Friction, Weight
+from octoplan.model.effects import ExactTendons, Extension, Weight
 from octoplan.model.extensions.contact.effects import Contact, SelfContact
+from octoplan.model.extensions.friction import Friction
 from octoplan.model.extensions.obstacles import Capsule, HalfSpace, Sphere
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.stiffness import stiffness

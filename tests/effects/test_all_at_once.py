@@ -14,13 +14,13 @@ from octoplan.model.effects import (
     Effect,
     ExactTendons,
     Extension,
-    Friction,
     NeoHookean,
     PointLoad,
     Shear,
     TipLoad,
     Weight,
 )
+from octoplan.model.extensions.friction import Friction
 from tests.collocation import collocated
 from tests.effects.cases import RODS, Array, fem_arm, fem_cases, name_of
 from tests.effects.spatial import LoadedRod, Loads

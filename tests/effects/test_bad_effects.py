@@ -19,7 +19,6 @@ from octoplan.model.effects import (
     Effect,
     ExactTendons,
     Extension,
-    Friction,
     NeoHookean,
     PointLoad,
     PointMass,
@@ -27,6 +26,7 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
+from octoplan.model.extensions.friction import Friction
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.planner import plan, switch_effects
 from octoplan.planner.targets import TipPosition

@@ -7,7 +7,7 @@ import pytest
 
 from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
 from octoplan.model.effects import Current, ExactTendons, Extension, Shear
-from octoplan.model.loads import growth
+from octoplan.model.loads import growth_rate
 from tests.effects.bars import NO_PULL, Bar, elastica
 from tests.effects.cases import Array
 
@@ -115,7 +115,7 @@ def test_places_beyond_the_tip_by_rounding_are_no_less_loaded() -> None:
     own = tuple(Anchorage(at, Linear(0.003, 0.002), (0.0, 2.0)) for at in (length, inner))
     arm = Arm(length, Linear(0.005, 0.004), own, Material(1e5, 0.5))
     last = np.array([np.nextafter(length, 1.0)])
-    assert growth(arm, Scene(Current((0.01, 0.02, 0.0), 1000.0)), last)[0] == 0.0
+    assert growth_rate(arm, Scene(Current((0.01, 0.02, 0.0), 1000.0)), last)[0] == 0.0
 
 
 @pytest.mark.parametrize("accuracy", [1e-5, 1e-6, 1e-7, 1e-8])

@@ -10,7 +10,8 @@ import pytest
 from numpy.polynomial import Chebyshev
 
 from octoplan.model import Anchorage, Arm, Linear, Scene, Shape, settle
-from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Friction, TipLoad, Weight
+from octoplan.model.effects import Buoyancy, ExactTendons, Extension, TipLoad, Weight
+from octoplan.model.extensions.friction import Friction
 from tests.effects.bars import capstan, one_tendon
 from tests.effects.cases import Array
 

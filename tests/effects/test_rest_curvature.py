@@ -24,12 +24,12 @@ from octoplan.model.effects import (
     Effect,
     ExactTendons,
     Extension,
-    Friction,
     NeoHookean,
     Shear,
     TipLoad,
     Weight,
 )
+from octoplan.model.extensions.friction import Friction
 from octoplan.model.tendons import rest_lengths
 from octoplan.planner import load_plan, plan, stiffness
 from octoplan.planner.targets import TipPosition

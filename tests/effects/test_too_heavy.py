@@ -18,10 +18,10 @@ from octoplan.model.effects import (
     Current,
     Effect,
     Extension,
-    Friction,
     TipLoad,
     Weight,
 )
+from octoplan.model.extensions.friction import Friction
 from octoplan.planner import Plan, plan
 from octoplan.planner.targets import TipPosition
 from tests.collocation import collocated

@@ -18,7 +18,8 @@ from octoplan.model import (
     settle,
     settle_many,
 )
-from octoplan.model.effects import Effect, ExactTendons, Extension, Friction, TipLoad, Weight
+from octoplan.model.effects import Effect, ExactTendons, Extension, TipLoad, Weight
+from octoplan.model.extensions.friction import Friction
 from octoplan.model.stations import stations, tendon_paths
 from octoplan.model.tendons import rest_lengths
 

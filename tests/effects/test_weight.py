@@ -16,13 +16,13 @@ from octoplan.model.effects import (
     Current,
     ExactTendons,
     Extension,
-    Friction,
     NeoHookean,
     PointLoad,
     PointMass,
     TipLoad,
     Weight,
 )
+from octoplan.model.extensions.friction import Friction
 from octoplan.planner import plan, stiffness
 from octoplan.planner.targets import TipPosition
 from tests.effects.bars import NO_PULL, Bar, elastica

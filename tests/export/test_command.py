@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from octoplan.model import InputError, Scene
-from octoplan.model.effects import ExactTendons, Extension, Friction, Shear, TipLoad, Weight
+from octoplan.model.effects import ExactTendons, Extension, Shear, TipLoad, Weight
+from octoplan.model.extensions.friction import Friction
 from octoplan.planner import export
 from octoplan.planner.frontends.cli import main
 from octoplan.planner.frontends.commands.scenes import c_name

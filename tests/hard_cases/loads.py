@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from octoplan.model import Scene, SnapError, settle
-from octoplan.model.effects import Extension, Friction, TipLoad
+from octoplan.model.effects import Extension, TipLoad
+from octoplan.model.extensions.friction import Friction
 from tests.effects.bars import (
     NO_PULL,
     Bar,

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from octoplan.model import Anchorage, Arm, CollapsedError, Linear, Scene, settle, settle_many
-from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Friction, Weight
-from octoplan.model.rod.system import system
+from octoplan.model.effects import Buoyancy, ExactTendons, Extension, Weight
+from octoplan.model.extensions.friction import Friction
+from octoplan.model.rod.discrete_rod import system
 from octoplan.model.support.errors import UnsettledSectionError
 from tests.collocation import collocated
 from tests.effects.bars import capstan, one_tendon

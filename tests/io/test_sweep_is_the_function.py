@@ -15,7 +15,6 @@ from octoplan.model.effects import (
     Effect,
     ExactTendons,
     Extension,
-    Friction,
     PointLoad,
     PointMass,
     Shear,
@@ -23,6 +22,7 @@ from octoplan.model.effects import (
     Weight,
 )
 from octoplan.model.extensions.contact.effects import Contact, SelfContact
+from octoplan.model.extensions.friction import Friction
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.model.support.errors import FileError
 from octoplan.planner import plan, stiffness, sweep

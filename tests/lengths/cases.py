@@ -10,13 +10,13 @@ from octoplan.model.effects import (
     Current,
     ExactTendons,
     Extension,
-    Friction,
     NeoHookean,
     PointLoad,
     Shear,
     TipLoad,
     Weight,
 )
+from octoplan.model.extensions.friction import Friction
 from octoplan.model.paths import Array
 from tests.model.cases import arm_of, random_rod
 

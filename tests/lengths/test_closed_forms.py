@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from octoplan.model import Anchorage, Arm, Linear, Material, Scene, settle
-from octoplan.model.effects import ExactTendons, Extension, Friction, TipLoad
+from octoplan.model.effects import ExactTendons, Extension, TipLoad
+from octoplan.model.extensions.friction import Friction
 from octoplan.model.tendons import rest_lengths
 from tests.lengths.cases import EXACT, check_complementary, cylinder
 

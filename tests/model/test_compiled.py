@@ -15,11 +15,11 @@ from octoplan.model.effects import (
     Effect,
     ExactTendons,
     Extension,
-    Friction,
     Shear,
     TipLoad,
     Weight,
 )
+from octoplan.model.extensions.friction import Friction
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.stiffness import stiffness
 from octoplan.model.support.errors import CompilerError

@@ -14,7 +14,7 @@ from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.extensions.printed import PrintedMap
 from octoplan.model.forward import ForwardMap
 from octoplan.model.integrators import MAGNUS4, MAGNUS6, RK6, RK8, Magnus, RungeKutta
-from octoplan.model.rod.system import system
+from octoplan.model.rod.discrete_rod import system
 from octoplan.model.unloaded.closed_form import ClosedForm
 from octoplan.model.unloaded.marched import Marched
 from tests.collocation import collocated

@@ -13,7 +13,6 @@ from octoplan.model.effects import (
     Effect,
     ExactTendons,
     Extension,
-    Friction,
     PointLoad,
     Shear,
     TipLoad,
@@ -21,7 +20,8 @@ from octoplan.model.effects import (
 )
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.verification import verified
-from octoplan.model.rod.system import DiscreteRod, system
+from octoplan.model.extensions.friction import Friction
+from octoplan.model.rod.discrete_rod import DiscreteRod, system
 from tests.differences import Array, check_rows, fourth_order
 from tests.planner.cases import moderate
 
@@ -57,12 +57,12 @@ def test_the_error_of_the_tip_falls_with_twice_the_number_of_stages(name: str, s
 
 def somewhere(here: DiscreteRod, seed: int) -> Array:
     """Unknowns of a bent arm off its equilibrium."""
-    rng, law = np.random.default_rng(seed), here.layout.form.law
+    rng, law = np.random.default_rng(seed), here.layout.structure.law
     v = 3.0 * rng.normal(size=here.layout.stages.shape)
     v[:, 3] = law.along_at_rest + 0.02 * v[:, 3]
     v[:, 4:] *= 0.02
     T = rng.uniform(0.1, 0.5, here.layout.n_tendons)
-    states = here.start(T, v, 1.0)
+    states = here.initial_states(T, v, 1.0)
     return here.x(T, 0.9, states * (1 + 1e-2 * rng.normal(size=states.size)))
 
 

@@ -15,13 +15,13 @@ from octoplan.model.effects import (
     Effect,
     ExactTendons,
     Extension,
-    Friction,
     NeoHookean,
     PointLoad,
     Shear,
     TipLoad,
     Weight,
 )
+from octoplan.model.extensions.friction import Friction
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.planner import Limits, NlpOptions, Problem, plan
 from octoplan.planner.planning_problem import PlanningProblem

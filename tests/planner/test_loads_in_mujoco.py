@@ -19,7 +19,6 @@ from octoplan.model.effects import (
     Effect,
     ExactTendons,
     Extension,
-    Friction,
     NeoHookean,
     PointLoad,
     PointMass,
@@ -28,6 +27,7 @@ from octoplan.model.effects import (
     Weight,
 )
 from octoplan.model.extensions.contact.effects import Contact, SelfContact
+from octoplan.model.extensions.friction import Friction
 from octoplan.model.extensions.obstacles import HalfSpace
 from octoplan.planner import ExportWarning, export, mjcf, urdf
 from octoplan.planner.frontends.cli import main

@@ -20,7 +20,6 @@ from octoplan.model.effects import (
     Effect,
     ExactTendons,
     Extension,
-    Friction,
     NeoHookean,
     PointLoad,
     PointMass,
@@ -28,6 +27,7 @@ from octoplan.model.effects import (
     TipLoad,
     Weight,
 )
+from octoplan.model.extensions.friction import Friction
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.support.errors import FileError

@@ -15,12 +15,12 @@ from octoplan.model.effects import (
     Effect,
     ExactTendons,
     Extension,
-    Friction,
     PointLoad,
     Shear,
     TipLoad,
     Weight,
 )
+from octoplan.model.extensions.friction import Friction
 from octoplan.model.loads import is_loaded
 from octoplan.planner import Plan, plan
 from octoplan.planner.targets import (

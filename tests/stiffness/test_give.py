@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from octoplan.model import Arm, Scene
-from octoplan.model.effects import Current, Effect, Extension, Friction, Shear, TipLoad
+from octoplan.model.effects import Current, Effect, Extension, Shear, TipLoad
+from octoplan.model.extensions.friction import Friction
 from octoplan.planner import Limits, NlpOptions
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import Problem

@@ -20,7 +20,7 @@ from octoplan.model.equilibrium.stability import (
 )
 from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Sphere
-from octoplan.model.rod.system import system
+from octoplan.model.rod.discrete_rod import system
 from octoplan.planner import stiffness
 from tests.stiffness.cases import STATICS, with_effects
 
@@ -142,7 +142,7 @@ def own_weight(share: float) -> Weight:
 def straight(*effects: Effect) -> Equilibrium:
     """The straight column, which is in equilibrium under axial loads whether or not it stands."""
     here = system(COLUMN, Scene(*effects), 3, 4)
-    x = here.x(SLACK, 1.0, here.start(SLACK, np.zeros(here.layout.stages.shape), 1.0))
+    x = here.x(SLACK, 1.0, here.initial_states(SLACK, np.zeros(here.layout.stages.shape), 1.0))
     return Equilibrium(here, x)
 
 

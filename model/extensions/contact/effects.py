@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from octoplan.model.effects.base import Effect, Rules
+from octoplan.model.effects.base import Effect, EffectSet, Rules
 from octoplan.model.extensions.obstacles.base import Convex, convex_parameters
 from octoplan.model.paths import Array
+from octoplan.model.rod.load_terms import ContactTerm
+from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.quantities import NotNegative
@@ -18,9 +20,6 @@ if TYPE_CHECKING:
     from octoplan.model.extensions.contact.forward import TouchingMap
     from octoplan.model.settle import SettlingProblem
     from octoplan.model.shape import Shape
-
-if TYPE_CHECKING:
-    pass
 
 _SLIDING = "Friction", "tendons that slide where contact bends them sharply are not stated"
 
@@ -73,18 +72,13 @@ class Contact(Effect):
         """See Effect."""
         return (_SLIDING,)
 
-    @property
-    def couples_sections(self) -> bool:
-        """See Effect."""
-        return True
+    def rod_term(self, scene: EffectSet) -> RodTerm:
+        """Return a term that couples the cross-sections by forces that depend on the shape."""
+        return ContactTerm(has_friction=self.friction > 0)
 
     def comparable(self) -> Contact:
         """See Effect: friction may differ between two shapes of a motion."""
         return replace(self, friction=0.0)
-
-    def convergence_order(self, scene: Scene, order: int, derivatives: bool) -> int:
-        """See Effect: friction of a part that conforms to an obstacle acts at nodes."""
-        return min(order, 2) if self.friction else order
 
     def check_supported(self, contact: bool) -> None:
         """See Effect."""

@@ -17,10 +17,10 @@ from octoplan.model.extensions.contact.gaps import check_outside
 from octoplan.model.extensions.contact.path import ContactEquilibrium, follow, retraced
 from octoplan.model.extensions.contact.sharp import Request, sharpened
 from octoplan.model.extensions.contact.touches import places_of
-from octoplan.model.loads import growth, places
+from octoplan.model.loads import growth_rate, required_arc_lengths
 from octoplan.model.mesh import Mesh, graded, landmarks
 from octoplan.model.paths import Array
-from octoplan.model.rod.system import DiscreteRod
+from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError, SnapError, UnsettledContactError
 from octoplan.model.support.progress import PATIENCE
@@ -46,10 +46,10 @@ class TouchingMap(Collocation):
         base = mesh_with_contact(arm, scene, refinement, at)
         self._mesh_options = refinement, at, machine_code
         super().__init__(DiscreteRod(arm, scene, base, STAGES, True, machine_code))
-        self._rubs = self.system.layout.form.contact_friction
+        self._rubs = self.system.layout.structure.contact_friction
         # Landmarks may be so near to each other that they are one node.
         self._fixed = base.s[
-            sorted({base.node(s) for s in landmarks(arm, (*places(arm, scene), *at))})
+            sorted({base.node(s) for s in landmarks(arm, (*required_arc_lengths(arm, scene), *at))})
         ]
         none = np.zeros(arm.n_tendons)
         x = self.system.x(none, 0.0, self.without_loads(none))
@@ -128,6 +128,8 @@ def mesh_with_contact(arm: Arm, scene: Scene, refinement: int, at: tuple[float, 
     def density(s: Array) -> Array:
         """Return how fast solutions may grow, or contact may change, at s (N,) [1/m]."""
         wide = np.maximum(small + arm.outer_radius(s)[0], _SHORTEST * arm.length)
-        return np.maximum(growth(arm, scene, s), 0.75 / np.minimum(wide, _LONGEST * arm.length))
+        return np.maximum(
+            growth_rate(arm, scene, s), 0.75 / np.minimum(wide, _LONGEST * arm.length)
+        )
 
-    return graded(arm, _FINER * refinement, (*at, *places(arm, scene)), density)
+    return graded(arm, _FINER * refinement, (*at, *required_arc_lengths(arm, scene)), density)

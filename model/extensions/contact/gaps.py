@@ -13,7 +13,7 @@ from octoplan.model.extensions.contact.touches import Place, Places
 from octoplan.model.extensions.obstacles import distances
 from octoplan.model.paths import SAME, Array
 from octoplan.model.rod.collocation import gauss
-from octoplan.model.rod.system import DiscreteRod
+from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.rod.touch import gap_along
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.machine.functions import BatchFunction, cached
@@ -33,12 +33,12 @@ def along(system: DiscreteRod, x: Array, s: Array, obstacles: Index) -> tuple[Ar
     """
     of, mesh = system.layout, system.mesh
     poses, v = poses_and_strains(system, x, s)
-    m, step = of.form.stages, np.clip(np.searchsorted(mesh.s, s) - 1, 0, mesh.steps - 1)
+    m, step = of.structure.stages, np.clip(np.searchsorted(mesh.s, s) - 1, 0, mesh.steps - 1)
     h, p = np.diff(mesh.s)[step], np.arange(1, m)
     weights = p * ((s - mesh.s[step]) / h)[:, None] ** (p - 1) @ gauss(m).powers[1:] / h[:, None]
-    stages = x[of.first + of.stages].reshape(-1, m, of.form.strains)[step]
+    stages = x[of.first + of.stages].reshape(-1, m, of.structure.n_strains)[step]
     rate = np.einsum("km,kmn->kn", weights, stages)
-    call = cached(BatchFunction, cached(gap_along, of.form.law), of.form.machine_code)
+    call = cached(BatchFunction, cached(gap_along, of.structure.law), of.structure.machine_code)
     radii = np.array(system.arm.outer_radius(s)).T
     gaps, _, tangents = call(poses, v, rate, bodies_of(system.scene)[obstacles], radii)
     return gaps, tangents

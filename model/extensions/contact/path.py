@@ -36,7 +36,7 @@ from octoplan.model.extensions.contact.touches import (
 from octoplan.model.extensions.lengths.least_energy import LeastEnergy
 from octoplan.model.extensions.obstacles import distances
 from octoplan.model.paths import Array
-from octoplan.model.rod.system import DiscreteRod
+from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.support.errors import SnapError, UnsettledContactError
 from octoplan.model.support.progress import check_time, report
 
@@ -123,7 +123,8 @@ def follow(end: Request, near: Equilibrium, jumps: bool = True) -> ContactEquili
         path = stepped(solve, near, _STEPS)
         return ContactEquilibrium.of(path[-1][0], tuple(snaps), tuple(path))
     strains = carried_strains(near.system, near.states[near.system.layout.stages], base)
-    free = Equilibrium(base, np.append(begin, base.start(begin[:-1], strains, float(begin[-1]))))
+    states = base.initial_states(begin[:-1], strains, float(begin[-1]))
+    free = Equilibrium(base, np.append(begin, states))
     rough, _ = stepped(solve, free, _STEPS)[-1]
     return ContactEquilibrium.of(_at_refined_places(end, rough), tuple(snaps))
 
@@ -262,9 +263,9 @@ def _contact_nodes(rough: Equilibrium) -> Places:
 
 def _with_friction(request: Request, near: Equilibrium) -> Equilibrium:
     """Return the equilibrium with friction near that which the arm without it snaps to."""
-    base, form = request.base, request.base.layout.form
+    base = request.base
     scene = without_friction(base.scene)
-    base = DiscreteRod(base.arm, scene, base.mesh, form.stages, True, form.machine_code)
+    base = base.on_mesh(base.mesh, scene)
     smooth = replace(request, base=base, before=None)
     rough = _least_energy(smooth, near)
     there = None if rough is None else sharpened(request, _at_refined_places(smooth, rough))

@@ -11,7 +11,7 @@ from octoplan.model.shape import Shape
 def contact_points(shape: Shape) -> tuple[ContactPoint, ...]:
     """Return the contact points of a shape from base to tip."""
     point = shape.equilibrium
-    if isinstance(point, Equilibrium) and point.system.layout.form.contacts:
+    if isinstance(point, Equilibrium) and point.system.layout.structure.contacts:
         before = point.before if isinstance(point, ContactEquilibrium) else None
         return equilibrium_contacts(point, before)
     return shape.self_contacts

@@ -34,7 +34,7 @@ from octoplan.model.extensions.contact.touches import (
 )
 from octoplan.model.extensions.obstacles.base import SIZE
 from octoplan.model.paths import SAME, Array
-from octoplan.model.rod.system import DiscreteRod
+from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.rod.touch import BEFORE
 from octoplan.model.support.checks import SMALLEST
 
@@ -73,9 +73,7 @@ class Request:
         base, mesh = self.base, mesh_with(self.base, self.fixed, places)
         if mesh is None:
             return None
-        form, pressed = base.layout.form, any(place.lies for place in places)
-        structure = form.stages, True, form.machine_code, pressed
-        system = DiscreteRod(base.arm, base.scene, mesh, *structure)
+        system = base.on_mesh(mesh, pressed=any(place.lies for place in places))
         if self.before is not None:
             were = self.before.at(mesh.s[1:])[0][:, 4:]
             kernel_numbers(system, "touch")[:, :, BEFORE] = were[:, None]
@@ -198,8 +196,8 @@ def _initial_states(
     apart, now, were = np.abs(before.mesh.s[:, None] - system.mesh.s), system.layout, before.layout
     pressed = np.zeros(touches.held.shape)
     np.add.at(pressed, apart.argmin(axis=1), resultants(before, states))
-    carried = system.start(of.tensions, strains, of.load, pressed[1:])
-    if now.form.contact_friction and were.form.contact_friction:
+    carried = system.initial_states(of.tensions, strains, of.load, pressed[1:])
+    if now.structure.contact_friction and were.structure.contact_friction:
         at, held, pressing = apart.argmin(axis=0), touches.held, touches.pressing
         carried[now.touches] = states[were.touches[at]] * np.stack([held, pressing], axis=2)
         carried[now.friction_forces] = states[were.friction_forces[at]] * held[:, :, None]

@@ -18,7 +18,7 @@ from octoplan.model.extensions.contact.effects import bodies_of, contacts
 from octoplan.model.extensions.obstacles.base import Convex, pair_distances
 from octoplan.model.mesh import Mesh, with_nodes
 from octoplan.model.paths import Array, Mask
-from octoplan.model.rod.system import DiscreteRod
+from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.rod.touch import FLAGS
 from octoplan.model.rotations import matrices
 from octoplan.model.support.checks import SMALLEST
@@ -89,15 +89,15 @@ class ContactFlags:
         """Return a system with these touches set."""
         changed = copy.copy(system)
         kernel_numbers(changed, "touch")[..., FLAGS] = self.flags[1:]
-        if system.layout.form.pressed:
+        if system.layout.structure.pressed:
             kernel_numbers(changed, "pressure")[:, :, -1] = self.lies[:-1]
         return changed
 
 
 def kernel_numbers(system: DiscreteRod, kernel: str) -> Array:
     """Return the numbers (N, K, n) of a kernel of contact, as a view of those of a system."""
-    numbers = system.p[system.layout.equations.numbers_of(kernel)]
-    return numbers.reshape(system.layout.elements, system.layout.form.contacts, -1)
+    values = system.parameters[kernel]["values"].T
+    return values.reshape(system.layout.elements, system.layout.structure.contacts, -1)
 
 
 def forces(system: DiscreteRod, states: Array) -> Array:
@@ -132,8 +132,8 @@ def frictions(system: DiscreteRod, states: Array) -> Array:
     Of the traction between nodes as much falls to each as of the pressure.
     """
     of, touches = system.layout, ContactFlags.of(system)
-    if not of.form.contact_friction:
-        return np.zeros((of.elements + 1, of.form.contacts, 3))
+    if not of.structure.contact_friction:
+        return np.zeros((of.elements + 1, of.structure.contacts, 3))
     p = second(system, states) * touches.pressing
     spread = resultants(system, states) - forces(system, states) * touches.held
     length = np.divide(spread, p, out=np.zeros_like(p), where=p > 0)

@@ -31,7 +31,7 @@ from octoplan.model.extensions.lengths.winches import ROUNDING, Winches, nonnega
 from octoplan.model.forward import ForwardMap, ForwardMaps
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import SAME, Array
-from octoplan.model.rod.system import DiscreteRod, system
+from octoplan.model.rod.discrete_rod import DiscreteRod, system
 from octoplan.model.support.errors import (
     CollapsedError,
     SnapError,
@@ -213,7 +213,7 @@ class GivenLengths:
                     yield forward.solve(T)
             else:
                 strains = carried_strains(coarse, v, forward.system)
-                start = Start(T, 1.0, forward.system.start(T, strains, 1.0))
+                start = Start(T, 1.0, forward.system.initial_states(T, strains, 1.0))
                 yield from newton(forward.system, [start])
         with suppress(SnapError, UnsettledContactError, UnsettledSectionError):
             yield forward.solve(winches.tensions)

@@ -30,18 +30,27 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.cross_section.energy import EnergySection, ExactSection
+from octoplan.model.cross_section.of_scene import body_numbers
 from octoplan.model.cross_section.sections import reported, strains_of
 from octoplan.model.extensions.contact.effects import bodies_of
 from octoplan.model.extensions.lengths.winches import Winches
-from octoplan.model.loads import beyond, is_conservative, levers
+from octoplan.model.loads import dead_resultant, is_conservative
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
-from octoplan.model.rod.element import Form
+from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.rod.energy import held_rows, potential_energy
 from octoplan.model.rod.equations import AssembledValue
-from octoplan.model.rod.layout import POSE, Layout, layout
-from octoplan.model.rod.system import DiscreteRod
-from octoplan.model.stations import base_pose, body_numbers, stations, tendon_paths
+from octoplan.model.rod.layout import Layout, layout
+from octoplan.model.rod.load_terms import (
+    ContactTerm,
+    CouplingTerm,
+    DeadTipTerm,
+    PointForceTerm,
+    WeightTerm,
+)
+from octoplan.model.rod.nodes import POSE
+from octoplan.model.rod.structure import RodStructure
+from octoplan.model.stations import base_pose, stations, tendon_paths
 from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.model.tendons import least_compliance
 
@@ -59,6 +68,8 @@ _IPOPT: dict[str, Any] = {
     # Multipliers of fixed variables would require another gradient in each step.
     "fixed_variable_treatment": "make_parameter_nodual",
 }
+# Terms whose potential is part of the energy; the forces of others are treated as nonconservative.
+_REPRESENTED = (ContactTerm, CouplingTerm, DeadTipTerm, PointForceTerm, WeightTerm)
 # Largest number of updates of the nonconservative forces.
 ROUNDS = 12
 # Change of a frame's quaternion at which the updates end.
@@ -104,14 +115,19 @@ class LeastEnergy:
 
     def __init__(self, system: DiscreteRod) -> None:
         self.system, arm, scene, mesh = system, system.arm, system.scene, system.mesh
-        form, m, L = system.layout.form, system.layout.form.stages, arm.length
-        law = form.law
+        structure = system.layout.structure
+        m = structure.stages
+        L = arm.length
+        law = structure.law
         if not isinstance(law, EnergySection):
             law = ExactSection(law.extension, law.torsion, law.shear, law.curved)
-        self.layout = of = layout(
-            Form(law, m, loaded=False), system.layout.ends, mesh.steps, system.layout.levers
-        )
-        self.conservative = law == form.law and is_conservative(scene)
+        kinematics = RodStructure(law, m, has_moment=False)
+        self.layout = of = layout(kinematics, system.layout.ends, mesh.steps)
+        levers = [each for each in scene.rod_terms if isinstance(each, PointForceTerm)]
+        levers = [each for each in levers if each.offset]
+        self._lever_nodes = tuple(node for each in levers for node in each.nodes(mesh))
+        represented = all(isinstance(each, _REPRESENTED) for each in scene.rod_terms)
+        self.conservative = law == structure.law and is_conservative(scene) and represented
         self.force_unit = F = arm.bending_force
         self._unit = np.ones(of.n_states)
         self._unit[of.nodes[:, 4:]] = L
@@ -126,13 +142,17 @@ class LeastEnergy:
         self._paths = tendon_paths(arm, at, self._stage, self._tendon) / np.array(
             [[L], [L], [1], [1]]
         )
-        dead = beyond(arm, scene, system.s, np.repeat(mesh.s[1:], m)).reshape(3, mesh.steps, m)
+        end = np.repeat(mesh.s[1:], m)
+        dead = dead_resultant(arm, scene, system.s, end).reshape(3, mesh.steps, m)
         self._dead = dead.transpose(2, 0, 1).reshape(-1, mesh.steps) / F
-        self._levers = levers(scene)[1].T / np.repeat([L, F], 3)[:, None]
+        offsets = np.array([each.offset for each in levers]).reshape(-1, 3)
+        rows = np.hstack([offsets, np.array([each.force for each in levers]).reshape(-1, 3)])
+        self._levers = rows.T / np.repeat([L, F], 3)[:, None]
 
     def at_rest(self) -> Minimum:
         """Return the arm without tensions and loads, as initial guess."""
-        law, v = self.layout.form.law, np.zeros((self.system.s.size, self.layout.form.strains))
+        law = self.layout.structure.law
+        v = np.zeros(self.layout.stages.shape)
         i = 2 + law.torsion
         v[:, i : i + 1] = law.along_at_rest
         if law.curved:
@@ -141,7 +161,7 @@ class LeastEnergy:
 
     def near(self, tensions: Array, strains: Array) -> Minimum:
         """Return the initial guess for strains of the equations' law (N stages, strains)."""
-        law, values = self.layout.form.law, self.system.layout.form.law
+        law, values = self.layout.structure.law, self.system.layout.structure.law
         return self._at(
             strains if law == values else strains_of(law, reported(values, strains)), tensions
         )
@@ -149,7 +169,8 @@ class LeastEnergy:
     def _at(self, v: Array, tensions: Array) -> Minimum:
         """Return the initial guess for strains of the energy's law (N stages, strains)."""
         x = np.zeros(self.layout.n_states)
-        x[self.layout.stages], x[self.layout.nodes] = v, self.system.marched(self._of_system(v))
+        x[self.layout.stages] = v
+        x[self.layout.nodes] = self.system.integrate_poses(self._of_system(v))
         forces = np.zeros((self.system.mesh.steps, len(self._bodies)))
         return Minimum(np.append(x / self._unit, 0 * tensions), tensions, forces, 0 * v)
 
@@ -162,12 +183,12 @@ class LeastEnergy:
         return self._of_system(self._states(point)[self.layout.stages])
 
     def _of_system(self, v: Array) -> Array:
-        law, values = self.layout.form.law, self.system.layout.form.law
+        law, values = self.layout.structure.law, self.system.layout.structure.law
         return v if law == values else strains_of(values, reported(law, v))
 
     def states(self, point: Minimum, load: float = 1.0) -> Array:
         """Return the states of the equilibrium equations (n_states,)."""
-        return self.system.start(point.tensions, self.strains(point), load, point.forces)
+        return self.system.initial_states(point.tensions, self.strains(point), load, point.forces)
 
     def lengths(self, point: Minimum) -> Array:
         """Return the lengths of the tendons (n_tendons,) [m]."""
@@ -235,7 +256,7 @@ class LeastEnergy:
         low[:POSE] = high[:POSE] = base_pose(self.system.arm) / self._unit[:POSE]
         low[n:], high[n:] = np.where(held, -inf, 0.0), np.where(held, inf, 0.0)
         lengths = np.full(nT, inf) if winches is None else np.where(held, winches.lengths / L, inf)
-        gaps, solver = np.zeros(of.elements * K), _solver(of, K)
+        gaps, solver = np.zeros(of.elements * K), _solver(of, K, self._lever_nodes)
         g_low = np.concatenate([np.zeros(poses), np.full(nT, -inf), gaps])
         g_high = np.concatenate([np.zeros(poses), lengths, gaps + inf])
         p = np.concatenate([np.ravel(part, "F") for part in (*energy, *rows)])
@@ -253,12 +274,12 @@ class LeastEnergy:
 
 
 @lru_cache(maxsize=32)
-def _solver(of: Layout, obstacles: int) -> BufferedFunction:
+def _solver(of: Layout, obstacles: int, levers: tuple[int, ...]) -> BufferedFunction:
     """Return ipopt for a structure, with arguments x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0.
 
     The parameters p belong to the energy and to the constraints.
     """
-    f, g = potential_energy(of), held_rows(of, obstacles)
+    f, g = potential_energy(of, levers), held_rows(of, obstacles)
     z, p, lam = (
         ca.MX.sym(*sized) for sized in (("z", f.n_x), ("p", f.n_p + g.n_p), ("lam", g.n_g))
     )

@@ -11,7 +11,7 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.centreline import Centreline, Counts
-from octoplan.model.cross_section import cross_section_of
+from octoplan.model.cross_section.of_scene import cross_section_of
 from octoplan.model.cross_section.sections import Sections, strains_of
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
@@ -22,7 +22,7 @@ from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.integrators import MAGNUS6
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
-from octoplan.model.rod.system import system
+from octoplan.model.rod.discrete_rod import system
 from octoplan.model.scene import Scene
 from octoplan.model.support.checks import SMALLEST
 from octoplan.model.support.errors import InputError, OctoplanError

@@ -26,7 +26,7 @@ from octoplan.model.mesh import graded
 from octoplan.model.paths import Array
 from octoplan.model.rod.equations import Equations, Term
 from octoplan.model.rod.kernels import Kernel
-from octoplan.model.rod.layout import POSE
+from octoplan.model.rod.nodes import POSE
 from octoplan.model.rotations import matrices, matrix
 from octoplan.model.stations import base_pose
 from octoplan.model.support.machine.functions import cached
@@ -233,14 +233,16 @@ def _weights(arm: Arm, place: Place) -> Array:
 def _from_body() -> Kernel:
     """Return the kernel of a place near a body: poses of both stations (14,); its numbers."""
     y, c = ca.SX.sym("y", 2 * POSE), ca.SX.sym("c", 7 + SIZE + 1)
-    return Kernel("from_body", y, c, signed_distance()(_point(y, c[:7]), c[7:-1])[0] - c[-1])
+    return Kernel(
+        "from_body", y, {"place": c}, signed_distance()(_point(y, c[:7]), c[7:-1])[0] - c[-1]
+    )
 
 
 def _from_place() -> Kernel:
     """Return the kernel of a place near another: poses of their stations (28,); their numbers."""
     y, c = ca.SX.sym("y", 4 * POSE), ca.SX.sym("c", 15)
     apart = _point(y[: 2 * POSE], c[:7]) - _point(y[2 * POSE :], c[7:14])
-    return Kernel("from_place", y, c, ca.sqrt(ca.sumsqr(apart)) - c[-1])
+    return Kernel("from_place", y, {"places": c}, ca.sqrt(ca.sumsqr(apart)) - c[-1])
 
 
 def _point(poses: ca.SX, numbers: ca.SX) -> ca.SX:

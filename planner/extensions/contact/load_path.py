@@ -129,9 +129,10 @@ def _by_history(before: Equilibrium, earlier: Array, point: Equilibrium, by_step
         now, then = (along(at.system, at.x, s[k], j)[1] for at in (point, before))
         were[k, :, n + np.arange(k.size)] = then - now
     change = np.zeros((of.equations.n_p, n + k.size))
-    rows = change[of.equations.numbers_of("touch")]
-    rows.reshape(of.elements, of.form.contacts, -1, n + k.size)[:, :, BEFORE] = were[1:, None]
-    by = -point.solve(of.equations.along_numbers(point.x, system.p, change))
+    rows = of.equations.named(change)["touch"]["values"][BEFORE]
+    rows = rows.reshape(3, of.elements, of.structure.contacts, n + k.size)
+    rows[:] = were[1:, None].transpose(2, 0, 1, 3)
+    by = -point.solve(of.equations.along_parameters(point.x, system.p, change))
     by_history, by_shift, shifts = by[:, :n], by[:, n:], of.touches[k, j, 1]
     shifted = np.linalg.solve(np.eye(k.size) - by_shift[shifts], (by_step + by_history)[shifts])
     return np.asarray(by_history + by_shift @ shifted)

@@ -28,7 +28,7 @@ from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.extensions.contact.forward import TouchingMap
 from octoplan.model.extensions.contact.touches import ContactFlags, forces, resultants, second
 from octoplan.model.paths import Array
-from octoplan.model.rod.layout import POSE
+from octoplan.model.rod.nodes import POSE
 from octoplan.model.support.errors import SnapError, UnsettledContactError
 from octoplan.model.support.progress import check_time
 from octoplan.planner.extensions.contact.grasp import COST, Cone, Grasp, conic_program

@@ -25,7 +25,7 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.paths import Array
-from octoplan.model.rod.system import DiscreteRod
+from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.progress import check_time
@@ -286,7 +286,7 @@ def _part(
     m = of.n_design_rows
     weights = weight * sigma, lam[:m]
     f, gradient, rows, rows_J, rows_H = of.design.call([x, p, *weights], True, False)
-    equations = of.equations.in_numbers()
+    equations = of.equations.with_parameters_as_variables()
     y = ca.vertcat(unit * x, parameters)
     none = ca.MX(0, 1)
     chain = ca.diagcat(ca.MX(ca.diag(unit)), by_z)

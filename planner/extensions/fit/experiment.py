@@ -23,12 +23,12 @@ from scipy.spatial.transform import Rotation
 from octoplan.model import InputError, OctoplanError, settle
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, check_stretch
 from octoplan.model.equilibrium.load_steps import Collocation
-from octoplan.model.equilibrium.sensitivities import ByNumbers
+from octoplan.model.equilibrium.sensitivities import ParameterSensitivities
 from octoplan.model.extensions.lengths.by_lengths import solve_lengths
 from octoplan.model.extensions.lengths.winches import Winches
 from octoplan.model.paths import Array
-from octoplan.model.rod.layout import POSE
-from octoplan.model.rod.system import DiscreteRod, system
+from octoplan.model.rod.discrete_rod import DiscreteRod, system
+from octoplan.model.rod.nodes import POSE
 from octoplan.model.tendons import rest_lengths
 from octoplan.planner.extensions.fit.measured import Measured
 from octoplan.planner.extensions.fit.unknowns import Parameters, neighbour
@@ -166,7 +166,7 @@ class Experiment:
         scale = setting.tension_scale
         return SessionParameters(
             p=equations.p,
-            lengths=equations.length_numbers,
+            lengths=equations.length_p,
             nodes=equations.mesh.s,
             s=s,
             offsets=offsets,
@@ -285,16 +285,18 @@ class SessionEquations:
             return np.array(shape.lengths)
         return np.asarray(self.parameters.rest - np.array(shape.strokes))
 
-    def differentiated(self, shape: Measured, equilibrium: Equilibrium) -> ByNumbers:
+    def differentiated(self, shape: Measured, equilibrium: Equilibrium) -> ParameterSensitivities:
         """Return the derivatives of a shape's equilibrium with respect to the unknowns."""
         by = self.derivatives
         if not shape.by_length:
             tensions = np.array(shape.tensions)[:, None] * by.scale
-            return ByNumbers(equilibrium, by.p, by.lengths, tensions)
+            return ParameterSensitivities(equilibrium, by.p, by.lengths, tensions)
         rest = by.rest if shape.strokes is not None else 0.0
-        constant_tensions = ByNumbers(equilibrium, by.p, by.lengths, np.zeros_like(by.scale))
+        constant_tensions = ParameterSensitivities(
+            equilibrium, by.p, by.lengths, np.zeros_like(by.scale)
+        )
         tensions = tensions_by_lengths(equilibrium) @ (rest - constant_tensions.lengths)
-        return ByNumbers(equilibrium, by.p, by.lengths, tensions)
+        return ParameterSensitivities(equilibrium, by.p, by.lengths, tensions)
 
 
 def tensions_by_lengths(equilibrium: Equilibrium) -> Array:

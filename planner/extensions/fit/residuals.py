@@ -20,7 +20,7 @@ from octoplan.model import OctoplanError
 from octoplan.model.equilibrium.linearised import Equilibrium, check_stretch
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import CLOSE, Start, newton
-from octoplan.model.equilibrium.sensitivities import ByNumbers, along
+from octoplan.model.equilibrium.sensitivities import ParameterSensitivities, along
 from octoplan.model.paths import Array
 from octoplan.model.rotations import conjugate, multiply, rotate
 from octoplan.model.support.machine.functions import BatchFunction, cached
@@ -219,7 +219,7 @@ class Evaluation:
         return self.at[self.experiment.session[i]]
 
     @cached_property
-    def parameter_sensitivities(self) -> dict[int, ByNumbers]:
+    def parameter_sensitivities(self) -> dict[int, ParameterSensitivities]:
         """Derivatives of the equilibria with respect to the unknowns, by index of the shape."""
         shapes = self.experiment.shapes
         return {

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octoplan.model import Arm, InputError, Scene
-from octoplan.model.loads import places
+from octoplan.model.loads import required_arc_lengths
 from octoplan.model.mesh import Mesh, landmarks
 from octoplan.model.paths import SAME, Array
-from octoplan.model.rod.system import DiscreteRod
+from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.support.checks import kind
 from octoplan.model.support.value import Rule, value
 from octoplan.planner.frontends.io.varied import Setting
@@ -256,11 +256,10 @@ def neighbour(
     Nodes at arc lengths `before` move to `after` [m]. Raises InputError if coincident places
     separate or if places pass each other.
     """
-    form = system.layout.form
-    now = (*places(arm, scene), *after)
-    old = landmarks(system.arm, (*places(system.arm, system.scene), *before))
+    now = *required_arc_lengths(arm, scene), *after
+    old = landmarks(system.arm, (*required_arc_lengths(system.arm, system.scene), *before))
     mesh = _stretched_mesh(system.mesh, old, landmarks(arm, now))
-    result = DiscreteRod(arm, scene, mesh, form.stages, form.loaded, form.machine_code)
+    result = system.on_mesh(mesh, scene, arm)
     # A quaternion and its negative are the same rotation: keep the sign of the other arm.
     if result.base[:4] @ system.base[:4] < 0:
         result.base[:4] *= -1

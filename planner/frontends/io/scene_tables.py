@@ -13,9 +13,8 @@ import msgspec
 from msgspec import Meta, structs
 
 import octoplan.model.effects
-import octoplan.model.extensions.contact
-import octoplan.model.extensions.printed
 from octoplan.model.effects import Effect
+from octoplan.model.extensions import public_extensions
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError
@@ -51,13 +50,9 @@ _SILICONE = "effects of a silicone arm: extension, exact_tendons and neo_hookean
 _EFFECTS: list[type[Effect]] = sorted(
     (
         kind
-        for module in (
-            octoplan.model.effects,
-            octoplan.model.extensions.contact,
-            octoplan.model.extensions.printed,
-        )
+        for module in (octoplan.model.effects, *public_extensions())
         for kind in public(module)
-        if kind is not Effect
+        if issubclass(kind, Effect) and kind is not Effect
     ),
     key=lambda kind: kind.__name__,
 )

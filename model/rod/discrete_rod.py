@@ -1,0 +1,326 @@
+"""The equilibrium of one arm in one scene on one mesh: its equations and their parameters.
+
+States S are an arm's unknowns except tensions and load factor; see octoplan.model.rod.layout.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache, partial
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.sparse import csr_array
+
+from octoplan.model.arm import Arm
+from octoplan.model.cross_section.energy import RubberSection
+from octoplan.model.cross_section.of_scene import cross_section_of
+from octoplan.model.cross_section.sections import Sections, kinematics
+from octoplan.model.extensions.contact.effects import contacts
+from octoplan.model.loads import growth_rate, is_loaded, required_arc_lengths
+from octoplan.model.mesh import Mesh, graded
+from octoplan.model.paths import Array
+from octoplan.model.rod.collocation import gauss
+from octoplan.model.rod.element import element
+from octoplan.model.rod.equations import ParameterValues
+from octoplan.model.rod.layout import layout
+from octoplan.model.rod.nodes import POSE, node_kernel_name
+from octoplan.model.rod.parameters import rod_parameters
+from octoplan.model.rod.rod_term import RodTerm
+from octoplan.model.rod.structure import (
+    RodStructure,
+    TermStructure,
+    group_node_terms,
+    section_terms,
+)
+from octoplan.model.rotations import cross
+from octoplan.model.scene import Scene
+from octoplan.model.support.machine.compiled import kernel
+from octoplan.model.support.machine.functions import BatchFunction, BufferedFunction, cached
+
+
+class DiscreteRod:
+    """The equations of an arm in a scene on a mesh.
+
+    Attributes
+    ----------
+    mesh : Mesh
+    layout : Layout
+    p : (n_p,)
+        Parameters of the equations; see `parameters`.
+    length_p : (n,)
+        Parameters of the tendons' lengths.
+    s : (N stages,)
+        Arc lengths of the stages [m].
+    sections : Sections
+        The cross-sections there; tendons cross them in the order of the layout's crossings.
+    node_terms : list of list of RodTerm
+        The terms of each node group of the layout.
+    units : (strains,)
+        Sizes of strains below which these are small: 1 / L of curvatures [1/m], 1 of others.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        scene: Scene,
+        mesh: Mesh,
+        stages: int,
+        loaded: bool = True,
+        machine_code: bool = False,
+        pressed: bool = False,
+    ) -> None:
+        self.arm = arm
+        self.scene = scene
+        self.mesh = mesh
+        self.loaded = loaded
+        self.pressed = pressed
+        touched = contacts(scene) if loaded else ()
+        terms = scene.rod_terms
+        structure = RodStructure(
+            law=cross_section_of(scene, arm.is_curved, twisted=loaded),
+            stages=stages,
+            has_moment=loaded,
+            has_force=any(term.depends_on_shape for term in terms),
+            term_structures=tuple(TermStructure(term) for term in section_terms(terms)),
+            machine_code=machine_code,
+            contacts=len(touched),
+            pressed=pressed,
+            contact_friction=any(contact.friction for contact in touched),
+        )
+        at = [mesh.node(section.at) for section in arm.sections]
+        ends = tuple(at[i] for i, _ in arm.tendons)
+        groups, self.node_terms = group_node_terms(terms, mesh)
+        self.layout = layout(structure, ends, mesh.steps, groups)
+        self.s, weights, active = mesh.points(stages)
+        self.sections = Sections(arm, scene, structure.law, self.s, active, machine_code)
+        curvatures = np.arange(structure.n_strains) < 2 + structure.law.torsion
+        self.units = np.where(curvatures, 1 / arm.length, 1.0)
+        values = rod_parameters(arm, scene, mesh, self.layout, self.sections, self.node_terms)
+        self.p = self.layout.equations.vector(values)
+        lengths = {"path": self.sections.paths, "weight": weights[None, self.sections.place]}
+        self.length_p = self.layout.lengths.vector({"tendon_length": lengths})
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        structure = self.layout.structure
+        options = structure.stages, self.loaded, structure.machine_code, self.pressed
+        return _restored, (self.arm, self.scene, self.mesh, *options, self.p)
+
+    def __copy__(self) -> DiscreteRod:
+        result = object.__new__(DiscreteRod)
+        vars(result).update(vars(self), p=self.p.copy())
+        return result
+
+    def on_mesh(
+        self, mesh: Mesh, scene: Scene | None = None, arm: Arm | None = None, pressed: bool = False
+    ) -> DiscreteRod:
+        """Return the equations on another mesh with the same stages, of another scene or arm."""
+        structure = self.layout.structure
+        return DiscreteRod(
+            arm or self.arm,
+            self.scene if scene is None else scene,
+            mesh,
+            structure.stages,
+            self.loaded,
+            structure.machine_code,
+            pressed,
+        )
+
+    @property
+    def section_terms(self) -> tuple[RodTerm, ...]:
+        """The terms with expressions of cross-sections or tendons, in the structure's order."""
+        return section_terms(self.scene.rod_terms)
+
+    @property
+    def parameters(self) -> ParameterValues:
+        """Views of the parameters: kernel name -> parameter name -> values (size, N)."""
+        return self.layout.equations.named(self.p)
+
+    @property
+    def base(self) -> Array:
+        """The pose (7,) at which the base is clamped."""
+        return self.parameters["clamp"]["pose"][:, 0]
+
+    def x(self, tensions: Array, load: float, states: Array) -> Array:
+        """Return all unknowns (..., n_x): tensions (..., n_tendons), load factor, states."""
+        factor = [load] if tensions.ndim == 1 else np.full((len(tensions), 1), load)
+        return np.concatenate([tensions, factor, states], axis=-1)
+
+    def residual(self, x: Array) -> Array:
+        """Return the residuals of equilibrium (..., n_states)."""
+        return np.asarray(self.layout.equations.value(x, self.p))
+
+    def lengths(self, x: Array) -> Array:
+        """Return the length of each tendon (n_tendons,) [m]."""
+        return np.asarray(self.layout.lengths.value(x, self.length_p))
+
+    def length_jacobian(self, x: Array) -> Array:
+        """Return the derivatives of the lengths against the states (n_tendons, n_states)."""
+        of = self.layout
+        lengths = of.lengths
+        nonzeros = lengths.jacobian(x, self.length_p)
+        whole = csr_array((nonzeros, lengths.jacobian.triplet), (of.n_tendons, of.n_x + 1))
+        return np.asarray(whole.toarray()[:, of.first : -1])
+
+    def by_wrench(self, x: Array, node: int) -> Array:
+        """Return the changes of the residuals by a dead force and moment at a node (n_states, 6).
+
+        Force and moment are parameters of the elements on the base side of the node, and of the
+        node at the tip.
+        """
+        change = np.zeros((self.p.size, 6))
+        parameters = self.layout.equations.named(change)
+        parameters["element"]["force"][:, :node, :3] = np.eye(3)[:, None]
+        if node < self.mesh.steps:
+            parameters["element"]["moment"][:, node - 1, 3:] = np.eye(3)
+        else:
+            parameters["tip"]["moment"][:, 0, 3:] = np.eye(3)
+        values = [self.layout.equations.value(x, self.p + each) for each in change.T]
+        return np.stack(values, axis=1) - self.residual(x)[:, None]
+
+    def poses(self, states: Array) -> Array:
+        """Return the poses at the nodes (N + 1, 7), from base to tip."""
+        return states[self.layout.nodes[:, :POSE]]
+
+    def wrenches_beyond(self, x: Array) -> Array:
+        """Return moments and forces on the tip side of the nodes (N + 1, n_wrench)."""
+        layout = self.layout
+        states = x[layout.first :].copy()
+        names = {node_kernel_name(i) for i in range(len(layout.node_groups))} | {"touch"}
+        for term in layout.equations.terms:
+            if term.kernel.name in names:
+                # Each wrench row has the index of the wrench state that it balances.
+                np.add.at(states, term.rows, self.rows_of(term.kernel.name, x).T)
+        return states[layout.nodes[:, POSE : POSE + layout.structure.n_wrench]]
+
+    def rows_of(self, name: str, x: Array) -> Array:
+        """Return the residuals (N, n_r) of all that a kernel is repeated for, by its name."""
+        (term,) = [term for term in self.layout.equations.terms if term.kernel.name == name]
+        c = self.p[self.layout.equations.slices[self.layout.equations.terms.index(term)]]
+        c = c.reshape(term.count, -1)
+        return cached(BatchFunction, term.kernel.value, self.layout.structure.machine_code)(
+            x[term.unknowns].T, c
+        )[0]
+
+    def stretch_beside(self, strains: Array) -> tuple[Array, Array]:
+        """Return the stretch (N,) on the base and on the tip side of the nodes but the base.
+
+        By strains (N stages, strains).
+        """
+        method = gauss(self.layout.structure.stages)
+        _, nu = kinematics(self.layout.structure.law, strains)
+        stretch = nu[:, 0].reshape(self.mesh.steps, -1)
+        before = stretch @ method.at(1.0)
+        beyond = np.roll(stretch @ method.at(0.0), -1)
+        beyond[-1] = before[-1]
+        return before, beyond
+
+    def outer_radii(self, strains: Array) -> Array:
+        """Return the larger of the arm's outer radii (N,) on both sides of the nodes but the base.
+
+        Strains (N stages, strains) may jump there, and with them the radius of a body that keeps
+        its volume, which swells by lambda^(-1/2) where it is shortened to lambda [m].
+        """
+        radii = self.arm.outer_radius(self.mesh.s[1:])[0]
+        if not isinstance(self.layout.structure.law, RubberSection):
+            return radii
+        return np.asarray(radii / np.sqrt(np.minimum(*self.stretch_beside(strains))))
+
+    def integrate_poses(self, strains: Array) -> Array:
+        """Return the poses at the nodes (N + 1, 7) of strains at the stages (N stages, strains)."""
+        structure = self.layout.structure
+        kinematics = RodStructure(
+            structure.law, structure.stages, has_moment=False, machine_code=structure.machine_code
+        )
+        (result,) = cached(_integrator, kinematics, self.mesh.steps)(
+            self.base, strains.ravel(), np.diff(self.mesh.s)
+        )
+        return np.vstack([self.base, result])
+
+    def initial_states(
+        self, tensions: Array, strains: Array, load: float = 0.0, pressed: Array | None = None
+    ) -> Array:
+        """Return the states (..., n_states) of strains at the stages (..., N stages, strains).
+
+        Of an arm or of many, tensions (..., n_tendons). Poses are integrated from the base, forces
+        and moments from the tip; with the forces `pressed` (N, contacts) of obstacles on the nodes
+        except the base, if given [N].
+        """
+        layout = self.layout
+        structure = layout.structure
+        batch = tensions.shape[:-1]
+        x = self.x(tensions, load, np.zeros((*batch, layout.n_states)))
+        states = x[..., layout.first :]
+        states[..., layout.stages] = strains
+        by_arm = strains.reshape(-1, *strains.shape[-2:])
+        poses = np.array([self.integrate_poses(each) for each in by_arm])
+        states[..., layout.nodes[:, :POSE]] = poses.reshape(*batch, *poses.shape[1:])
+        if pressed is not None:
+            states[..., layout.touches[1:, :, 0]] = pressed
+        h = np.diff(self.mesh.s)
+        by_stage = strains.reshape(*batch, h.size, structure.stages, -1)
+        for term, places in zip(self.section_terms, layout.stage_variables, strict=True):
+            variables = term.initial_stage_variables(by_stage, h)
+            states[..., places] = variables.reshape(*batch, *places.shape)
+        for group, members, each in zip(
+            layout.node_groups, self.node_terms, layout.node_variables, strict=True
+        ):
+            for term, nodes, places in zip(members, group.nodes, each, strict=True):
+                states[..., places[list(nodes)]] = term.initial_node_variables(self.arm)
+        if not structure.has_moment:
+            return states
+        missing = -self.residual(x)
+        states[..., layout.tendon_states] = np.cumsum(missing[..., layout.tendon_states], axis=-3)
+        moments, forces, u = (layout.nodes[:, k : k + 3] for k in (POSE, POSE + 3, 4))
+        if structure.has_force:
+            states[..., forces] = _from_tip(missing[..., forces])
+            # The residuals are those without forces beyond the elements.
+            along = np.diff(states[..., u], axis=-2)
+            missing[..., moments[:-1]] += cross(along, states[..., forces[1:]])
+        states[..., moments] = _from_tip(missing[..., moments])
+        return states
+
+
+def _from_tip(steps: Array) -> Array:
+    """Return the sums (..., N + 1, 3) from the tip on of what is added at each node."""
+    return np.asarray(np.cumsum(steps[..., ::-1, :], axis=-2)[..., ::-1, :])
+
+
+def _restored(*value: Any) -> DiscreteRod:
+    """Return equations with numbers of their own: the last that is given."""
+    result = DiscreteRod(*value[:-1])
+    result.p = value[-1]
+    return result
+
+
+@lru_cache(maxsize=32)
+def system(
+    arm: Arm,
+    scene: Scene,
+    stages: int,
+    refinement: int,
+    at: tuple[float, ...] = (),
+    loaded: bool = True,
+    machine_code: bool = False,
+    steps_per_unit: float = 2.0,
+) -> DiscreteRod:
+    """Return the equations on a mesh of a refinement that has the arc lengths `at` as nodes.
+
+    Unless the rod is `loaded`, forces and moments are left out; with `machine_code` the kernels are
+    compiled. Of `steps_per_unit` see octoplan.model.mesh.graded.
+    """
+    rate = partial(growth_rate, arm, scene) if is_loaded(scene) else None
+    nodes = *at, *required_arc_lengths(arm, scene)
+    mesh = graded(arm, refinement, nodes, rate, steps_per_unit=steps_per_unit)
+    return DiscreteRod(arm, scene, mesh, stages, loaded, machine_code)
+
+
+def _integrator(structure: RodStructure, N: int) -> BufferedFunction:
+    """Return (pose, strains of each of N elements, h (1, N)) -> pose at the end of each."""
+    values = cached(element, structure)
+    pose = ca.SX.sym("g", POSE)
+    v = ca.SX.sym("v", structure.stages * structure.n_strains)
+    h = ca.SX.sym("h")
+    after = -values.value(ca.vertcat(pose, v, ca.SX.zeros(POSE)), h)[-POSE:]
+    step = ca.Function("integrator", [pose, v, h], [after], {"cse": True})
+    return BufferedFunction(kernel(step, structure.machine_code).mapaccum(N))

@@ -1,0 +1,284 @@
+"""Rod terms of the loads: weight, forces at places along the arm, followers and currents."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+
+from octoplan.model.arm import Arm
+from octoplan.model.mesh import Mesh
+from octoplan.model.paths import SAME, Array
+from octoplan.model.rod.rod_term import NodeView, RodPoints, RodTerm, SectionView, Sizes, Values
+from octoplan.model.rotations import norm
+from octoplan.model.stations import Counts, volume
+from octoplan.model.support.checks import LARGEST
+
+Vector = tuple[float, ...]
+# Number of arc lengths at which the largest radius is sought.
+_RADIUS_SAMPLES = 65
+
+
+@dataclass(frozen=True)
+class CouplingTerm(RodTerm):
+    """Couples and twists the cross-sections without a load; the law of the sections needs it."""
+
+    is_load = True
+
+
+@dataclass(frozen=True)
+class WeightTerm(RodTerm):
+    """Weight of the arm minus that of the displaced fluid, (rho - rho_fluid) A g.
+
+    Attributes
+    ----------
+    g : (3,)
+        Acceleration of gravity [m/s2].
+    fluid_density : float
+        [kg/m3], 0 in air.
+    """
+
+    g: Vector
+    fluid_density: float
+    is_load = True
+    bends = True
+
+    def specific_weight(self, arm: Arm) -> Array:
+        """Return the weight of a volume of the body minus that of the fluid (3,) [N/m3]."""
+        return (arm.material.density - self.fluid_density) * np.array(self.g)
+
+    def dead_resultant(self, arm: Arm, s: Array, end: Array) -> Array:
+        """Return the weight of the arm between s and the tip."""
+        specific_weight = self.specific_weight(arm)
+        if not specific_weight.any():
+            return np.zeros((3, s.size))
+        return np.outer(specific_weight, volume(arm, s))
+
+    def dead_load_per_length(self, arm: Arm, s: Array) -> Array:
+        """Return the weight per length."""
+        radius = arm.radius.evaluate(s, arm.length)[0]
+        return np.outer(self.specific_weight(arm), np.pi * radius**2)
+
+    def force_bound(self, arm: Arm, s: Array) -> Array:
+        """Return the size of the weight between s and the tip."""
+        return _capped_norm(self.specific_weight(arm)) * volume(arm, s)
+
+
+@dataclass(frozen=True)
+class DeadTipTerm(RodTerm):
+    """A force [N] and a moment [N m] on the tip, constant in the base frame."""
+
+    force: Vector
+    moment: Vector
+    is_load = True
+    bends = True
+    node_parameters: ClassVar[Sizes] = {"moment": 3}
+
+    @property
+    def is_conservative(self) -> bool:
+        """Whether there is no moment: a dead moment has no potential."""
+        return not any(self.moment)
+
+    def nodes(self, mesh: Mesh) -> tuple[int, ...]:
+        """Return the tip."""
+        return (mesh.steps,)
+
+    def dead_resultant(self, arm: Arm, s: Array, end: Array) -> Array:
+        """Return the force, everywhere."""
+        return np.outer(self.force, np.ones(s.size))
+
+    def node_moment(self, node: NodeView) -> ca.SX:
+        """Return the moment."""
+        return node.parameters["moment"]
+
+    def node_values(self, arm: Arm, mesh: Mesh, nodes: Counts) -> Values:
+        """Return the moment."""
+        return {"moment": np.array(self.moment)[:, None]}
+
+    def force_bound(self, arm: Arm, s: Array) -> Array:
+        """Return the size of the force."""
+        return np.full(s.size, _capped_norm(self.force))
+
+    def turning_bounds(self, arm: Arm) -> tuple[tuple[float, float], ...]:
+        """Return half of the size of the moment, at the tip."""
+        return ((arm.length, 0.5 * _capped_norm(self.moment)),)
+
+
+@dataclass(frozen=True)
+class FollowerTerm(RodTerm):
+    """A force [N] and a moment [N m] on the tip, constant in the frame of the tip."""
+
+    force: Vector
+    moment: Vector
+    is_load = True
+    depends_on_shape = True
+    bends = True
+    node_parameters: ClassVar[Sizes] = {"force": 3, "moment": 3}
+
+    @property
+    def is_conservative(self) -> bool:
+        """No: the work depends on the way."""
+        return False
+
+    def nodes(self, mesh: Mesh) -> tuple[int, ...]:
+        """Return the tip."""
+        return (mesh.steps,)
+
+    def node_force(self, node: NodeView) -> ca.SX:
+        """Return R force."""
+        return node.frame @ node.parameters["force"]
+
+    def node_moment(self, node: NodeView) -> ca.SX:
+        """Return R moment."""
+        return node.frame @ node.parameters["moment"]
+
+    def node_values(self, arm: Arm, mesh: Mesh, nodes: Counts) -> Values:
+        """Return force and moment in the frame of the tip."""
+        return {"force": np.array(self.force)[:, None], "moment": np.array(self.moment)[:, None]}
+
+    def force_bound(self, arm: Arm, s: Array) -> Array:
+        """Return the size of the force."""
+        return np.full(s.size, _capped_norm(self.force))
+
+    def turning_bounds(self, arm: Arm) -> tuple[tuple[float, float], ...]:
+        """Return 1.5 of the size of the moment, and that of the force at the base, at the tip."""
+        moment = 1.5 * _capped_norm(self.moment) + _capped_norm(self.force) * arm.length
+        return ((arm.length, moment),)
+
+
+@dataclass(frozen=True)
+class PointForceTerm(RodTerm):
+    """A dead force on a cross-section.
+
+    The internal force jumps by the force, and the internal moment by (R offset) x force.
+
+    Attributes
+    ----------
+    s : float
+        Arc length [m].
+    force : (3,)
+        In the base frame [N].
+    offset : (3,) or None
+        From the midline in the local frame [m].
+    """
+
+    s: float
+    force: Vector
+    offset: Vector | None
+    is_load = True
+    bends = True
+    node_parameters: ClassVar[Sizes] = {"offset": 3, "force": 3}
+
+    def required_arc_lengths(self, arm: Arm) -> tuple[float, ...]:
+        """Return the place of the force."""
+        return (self.s,) if 0 < self.s < arm.length else ()
+
+    def nodes(self, mesh: Mesh) -> tuple[int, ...]:
+        """Return the node of a force off the midline."""
+        return (mesh.node(self.s),) if self.offset else ()
+
+    def dead_resultant(self, arm: Arm, s: Array, end: Array) -> Array:
+        """Return the force on its base side."""
+        return np.outer(self.force, self.s >= end - SAME * arm.length)
+
+    def node_moment(self, node: NodeView) -> ca.SX:
+        """Return (R offset) x force."""
+        return ca.cross(node.frame @ node.parameters["offset"], node.parameters["force"])
+
+    def node_values(self, arm: Arm, mesh: Mesh, nodes: Counts) -> Values:
+        """Return offset and force."""
+        offset = np.array(self.offset or (0.0, 0.0, 0.0))
+        return {"offset": offset[:, None], "force": np.array(self.force)[:, None]}
+
+    def force_bound(self, arm: Arm, s: Array) -> Array:
+        """Return the size of the force on its base side."""
+        return np.where(s <= self.s, _capped_norm(self.force), 0.0)
+
+    def turning_bounds(self, arm: Arm) -> tuple[tuple[float, float], ...]:
+        """Return the moment of a force off the midline."""
+        if not self.offset:
+            return ()
+        return ((self.s, float(np.linalg.norm(self.offset)) * _capped_norm(self.force)),)
+
+
+@dataclass(frozen=True)
+class DragTerm(RodTerm):
+    """Drag of a steady current, rho C R |v_n| v_n per unit deformed length, v_n normal to t.
+
+    Attributes
+    ----------
+    velocity : (3,)
+        Of the fluid, in the base frame [m/s].
+    density, coefficient : float
+        rho of the fluid [kg/m3], and C [-].
+    """
+
+    velocity: Vector
+    density: float
+    coefficient: float
+    is_load = True
+    depends_on_shape = True
+    bends = True
+    uniform_parameters: ClassVar[Sizes] = {"velocity": 3}
+    section_parameters: ClassVar[Sizes] = {"drag": 1}
+
+    @property
+    def is_conservative(self) -> bool:
+        """No: the work depends on the way."""
+        return False
+
+    def convergence_order(self, order: int, derivatives: bool, is_bent: bool) -> int:
+        """Return 3: |v_n| v_n has a kink in its derivative where the current runs along the arm."""
+        return min(order, 1 if derivatives else 3)
+
+    def load_per_length(self, section: SectionView) -> ca.SX:
+        """Return rho C R |v_n| v_n times the stretch."""
+        velocity = section.from_base(section.parameters["velocity"])
+        t = section.frame[:, 0]
+        normal = velocity - t * ca.dot(t, velocity)
+        return section.parameters["drag"] * section.nu[0] * norm(normal) * normal
+
+    def uniform_values(self, arm: Arm) -> Values:
+        """Return the velocity."""
+        return {"velocity": np.array(self.velocity)}
+
+    def section_values(self, points: RodPoints) -> Values:
+        """Return rho C R."""
+        return {"drag": self.density * self.coefficient * points.stations.radius[None]}
+
+    def force_bound(self, arm: Arm, s: Array) -> Array:
+        """Return the drag per length across the current times the length beyond s."""
+        # Rounding may put the last arc length beyond the tip.
+        return self._load_bound(arm) * np.maximum(arm.length - s, 0.0)
+
+    def turning_bounds(self, arm: Arm) -> tuple[tuple[float, float], ...]:
+        """Return the drag per length times L^2, at the tip."""
+        return ((arm.length, self._load_bound(arm) * arm.length**2),)
+
+    def _load_bound(self, arm: Arm) -> float:
+        """Return a bound of the load per length [N/m]."""
+        s = np.linspace(0.0, arm.length, _RADIUS_SAMPLES)
+        radius = arm.radius.evaluate(s, arm.length)[0]
+        drag = min(self.density * self.coefficient * radius.max(), LARGEST)
+        return float(drag * _capped_norm(self.velocity) ** 2)
+
+
+@dataclass(frozen=True)
+class ContactTerm(RodTerm):
+    """Contact with an obstacle; its kernels are those of octoplan.model.rod.touch."""
+
+    has_friction: bool
+    is_load = True
+    depends_on_shape = True
+    bends = True
+
+    def convergence_order(self, order: int, derivatives: bool, is_bent: bool) -> int:
+        """Return 2 with friction, which acts at nodes where a part lies on the obstacle."""
+        return min(order, 2) if self.has_friction else order
+
+
+def _capped_norm(vector: Any) -> float:
+    """Return the size of a vector, capped where its square would overflow."""
+    return float(np.linalg.norm(np.clip(vector, -LARGEST, LARGEST)))

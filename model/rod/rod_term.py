@@ -1,0 +1,379 @@
+"""The interface by which an effect extends the rod: a rod term.
+
+A rod has one law of its cross-sections and any number of rod terms. The members of a term that
+return SX expressions are evaluated once for each structure, and the members that return arrays for
+each arm and mesh. A term depends neither on the mesh, nor on the order of the unknowns, nor on the
+solver. The default of each member contributes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from octoplan.model.arm import Arm
+from octoplan.model.cross_section.law import CrossSection
+from octoplan.model.mesh import Mesh
+from octoplan.model.paths import Array
+from octoplan.model.stations import Counts, Stations
+
+# Sizes of parameters, and their symbols or values, by name.
+Sizes = dict[str, int]
+Symbols = dict[str, ca.SX]
+Values = dict[str, Array]
+
+
+def _undefined(rows: int, columns: int = 1) -> Callable[[], ca.SX]:
+    """Return a default of NaN for quantities that a kernel does not provide: any use is seen."""
+    return partial(ca.SX.nan, rows, columns)
+
+
+@dataclass(frozen=True)
+class SectionView:
+    """Symbols of the cross-section at a stage of an element, for one term.
+
+    Vectors of three components without further remark are in the frame of the element's first
+    node, in which the kernels are evaluated; `from_base` rotates vectors of the base frame there.
+
+    Attributes
+    ----------
+    strains : (n_strains,)
+    variables : (n,)
+        Additional stage variables of the term.
+    parameters : dict of (size,)
+        Section parameters and uniform parameters of the term, by name.
+    load_factor : scalar
+        Factor of all loads: 0 without loads, 1 with all of their strength.
+    body, body_rate : (n,)
+        Numbers of the body that the law takes, and their derivatives along s; defined in
+        `body_equations` alone, in which all later attributes are undefined.
+    frame : (3, 3)
+        Columns t, n, b.
+    kappa, nu : (3,)
+        Curvature [1/m] and tangent [-] in local components.
+    from_base : callable
+        Rotates a vector (3,) of the base frame.
+    moment, force : (3,)
+        Internal moment [N m] and force [N] in local components; defined in `section_equations`.
+    load : (3,)
+        Sum of the shape-dependent loads [N/m]; defined in `section_equations`.
+    """
+
+    strains: ca.SX
+    variables: ca.SX
+    parameters: Symbols
+    load_factor: ca.SX = field(default_factory=_undefined(1))
+    body: ca.SX = field(default_factory=_undefined(6))
+    body_rate: ca.SX = field(default_factory=_undefined(6))
+    frame: ca.SX = field(default_factory=_undefined(3, 3))
+    kappa: ca.SX = field(default_factory=_undefined(3))
+    nu: ca.SX = field(default_factory=_undefined(3))
+    from_base: Callable[[ca.SX], ca.SX] = lambda vector: ca.SX.nan(3)
+    moment: ca.SX = field(default_factory=_undefined(3))
+    force: ca.SX = field(default_factory=_undefined(3))
+    load: ca.SX = field(default_factory=_undefined(3))
+
+
+@dataclass(frozen=True)
+class TendonView:
+    """Symbols of a tendon in the cross-section at a stage, for one term.
+
+    Attributes
+    ----------
+    strains, variables
+        See SectionView.
+    path : (4,)
+        Offset along n and b [m], and its derivative along s [-].
+    parameters : dict of (size,)
+        Tendon parameters of the term, by name.
+    load_factor : scalar
+        See SectionView.
+    states, state_rates : (n_tendon_states,)
+        States of the tendon that belong to the term, and their derivatives along s; defined in
+        `tension_ratio` (the states alone) and `tendon_equations`.
+    wrench : (n_strains,)
+        Wrench of the tendon per newton of its tension; defined in `tendon_equations`.
+    """
+
+    strains: ca.SX
+    variables: ca.SX
+    path: ca.SX
+    parameters: Symbols
+    load_factor: ca.SX = field(default_factory=_undefined(1))
+    states: ca.SX = field(default_factory=_undefined(1))
+    state_rates: ca.SX = field(default_factory=_undefined(1))
+    wrench: ca.SX = field(default_factory=_undefined(6))
+
+
+@dataclass(frozen=True)
+class NodeView:
+    """Symbols of a node, for one term.
+
+    Attributes
+    ----------
+    frame : (3, 3)
+        Columns t, n, b in the base frame.
+    position : (3,)
+        Position in the base frame [m].
+    variables : (n_node_variables,)
+        Node variables of the term.
+    parameters : dict of (size,)
+        Node parameters of the term, by name.
+    """
+
+    frame: ca.SX
+    position: ca.SX
+    variables: ca.SX
+    parameters: Symbols
+
+
+@dataclass(frozen=True, eq=False)
+class RodPoints:
+    """Cross-sections of an arm in numbers, for the values of section and tendon parameters.
+
+    Attributes
+    ----------
+    arm : Arm
+    stations : Stations
+        Geometry of the n cross-sections.
+    terms : tuple of RodTerm
+        All terms of the rod.
+    """
+
+    arm: Arm
+    stations: Stations
+    terms: tuple[RodTerm, ...]
+
+    @cached_property
+    def dead_load(self) -> Array:
+        """The dead loads (3, n) of all terms per unit reference length [N/m]."""
+        result = np.zeros((3, self.stations.s.size))
+        for term in self.terms:
+            result += term.dead_load_per_length(self.arm, self.stations.s)
+        return result
+
+
+class RodTerm:
+    """Contribution of an effect to the rod. The default of each member contributes nothing.
+
+    Attributes
+    ----------
+    is_load : bool
+        Whether the effect couples or twists the cross-sections, so that the moment is a state of
+        the nodes and torsion a strain.
+    depends_on_shape : bool
+        Whether some of its force depends on the shape, so that the force is a state of the nodes.
+    bends : bool
+        Whether it may bend an arm to the other side than the tendons do.
+    n_tendon_states : int
+        Number of states of each tendon at each node.
+    n_node_variables : int
+        Number of variables at each node.
+    uniform_parameters, section_parameters, tendon_parameters, node_parameters : dict of int
+        Sizes of the parameters in the expressions, by name: of the parameters that are the same
+        all along the rod, that vary with the cross-section, with cross-section and tendon, and with
+        the node.
+    """
+
+    is_load: bool = False
+    depends_on_shape: bool = False
+    bends: bool = False
+    n_tendon_states: int = 0
+    n_node_variables: int = 0
+    uniform_parameters: ClassVar[Sizes] = {}
+    section_parameters: ClassVar[Sizes] = {}
+    tendon_parameters: ClassVar[Sizes] = {}
+    node_parameters: ClassVar[Sizes] = {}
+
+    @property
+    def is_conservative(self) -> bool:
+        """Whether the load has a potential."""
+        return True
+
+    # Structure
+
+    def structure(self) -> Hashable:
+        """Return all values in the expressions that are no parameters; None if there are none."""
+        return None
+
+    def n_stage_variables(self, law: CrossSection) -> int:
+        """Return the number of additional variables at each stage."""
+        return 0
+
+    def required_arc_lengths(self, arm: Arm) -> tuple[float, ...]:
+        """Return the arc lengths inside the arm [m] at which the mesh must have a node."""
+        return ()
+
+    def nodes(self, mesh: Mesh) -> tuple[int, ...]:
+        """Return the nodes at which the term has forces, moments and free variables."""
+        return ()
+
+    def convergence_order(self, order: int, derivatives: bool, is_bent: bool) -> int:
+        """Return the order at which errors decrease.
+
+        Parameters
+        ----------
+        order : int
+            The order of smooth solutions.
+        derivatives : bool
+            Whether the order of derivatives of the equilibrium is asked for.
+        is_bent : bool
+            Whether a term of the scene `bends` the arm.
+        """
+        return order
+
+    # Loads. The rod multiplies all of them by the load factor.
+
+    def dead_resultant(self, arm: Arm, s: Array, end: Array) -> Array:
+        """Return the resultant (3, n) [N] of the dead forces between s (n,) and the tip.
+
+        A force at a node counts from its node on: at `end` (n,), the far nodes of the elements that
+        s lie in, or farther. In the base frame.
+        """
+        return np.zeros((3, s.size))
+
+    def dead_load_per_length(self, arm: Arm, s: Array) -> Array:
+        """Return the dead loads (3, n) per unit reference length [N/m] at s (n,), base frame."""
+        return np.zeros((3, s.size))
+
+    def load_per_length(self, section: SectionView) -> ca.SX:
+        """Return the shape-dependent load (3,) per unit reference length [N/m].
+
+        In the frame of the element's first node; see SectionView.
+        """
+        return ca.SX(3, 1)
+
+    def node_force(self, node: NodeView) -> ca.SX:
+        """Return the shape-dependent force (3,) [N] on a node, in the base frame."""
+        return ca.SX(3, 1)
+
+    def node_moment(self, node: NodeView) -> ca.SX:
+        """Return the moment (3,) [N m] on a node, in the base frame."""
+        return ca.SX(3, 1)
+
+    def force_bound(self, arm: Arm, s: Array) -> Array:
+        """Return a bound of the resultant force (n,) [N] between s (n,) and the tip."""
+        return np.zeros(s.size)
+
+    def turning_bounds(self, arm: Arm) -> tuple[tuple[float, float], ...]:
+        """Return bounds of the moments per squared rotation of a cross-section.
+
+        Pairs of an arc length [m] and a moment [N m], for all loads that are no dead forces on the
+        midline. The bound of the rotations does not decrease from base to tip, so that a load that
+        changes with the shape is bounded by its lever arm to the base.
+        """
+        return ()
+
+    # Tendons
+
+    def tension_ratio(self, tendon: TendonView) -> ca.SX:
+        """Return the tension at a cross-section over the tension at the motor."""
+        return ca.SX(1)
+
+    def tendon_state_rate(self, law: CrossSection, tendon: TendonView) -> ca.SX:
+        """Return the derivatives (n_tendon_states,) of the tendon states along s.
+
+        They depend on strains, variables, path and parameters, not on the states.
+        """
+        return ca.SX(0, 1)
+
+    def tendon_jump(
+        self,
+        law: CrossSection,
+        before: Sequence[TendonView],
+        after: Sequence[TendonView],
+        h: ca.SX,
+    ) -> ca.SX:
+        """Return the jump (n_tendon_states,) of the states where other tendons end.
+
+        Parameters
+        ----------
+        before, after : sequence of TendonView
+            The tendon at the stages of the elements on the base side and on the tip side, each with
+            the path at the node between and without parameters.
+        h : (2,)
+            Lengths of these elements [m].
+        """
+        return ca.SX(0, 1)
+
+    # Equations of the stage variables, as the sum of three shares, and of the node variables
+
+    def section_equations(self, law: CrossSection, section: SectionView) -> ca.SX:
+        """Return the share (n_stage_variables,) that depends on frame, wrench and loads."""
+        return ca.SX(self.n_stage_variables(law), 1)
+
+    def body_equations(self, law: CrossSection, section: SectionView) -> ca.SX:
+        """Return the share (n_stage_variables,) of the body."""
+        return ca.SX(self.n_stage_variables(law), 1)
+
+    def tendon_equations(self, law: CrossSection, tendon: TendonView) -> ca.SX:
+        """Return the share (n_stage_variables,) of one tendon per newton of its tension."""
+        return ca.SX(self.n_stage_variables(law), 1)
+
+    def node_equations(self, node: NodeView) -> ca.SX:
+        """Return the equations (n_node_variables,) of the node variables."""
+        return ca.SX(self.n_node_variables, 1)
+
+    # Numbers
+
+    def uniform_values(self, arm: Arm) -> Values:
+        """Return the values (size,) of the uniform parameters."""
+        return {}
+
+    def section_values(self, points: RodPoints) -> Values:
+        """Return the values (size, n) of the section parameters at n cross-sections."""
+        return {}
+
+    def tendon_values(self, points: RodPoints, place: Counts, tendon: Counts) -> Values:
+        """Return the values (size, P) of the tendon parameters.
+
+        At P pairs of a cross-section's index among the points and a tendon.
+        """
+        return {}
+
+    def node_values(self, arm: Arm, mesh: Mesh, nodes: Counts) -> Values:
+        """Return the values (size, n) of the node parameters at n nodes."""
+        return {}
+
+    def stage_scales(self, arm: Arm, strain: Array, balance: Array) -> tuple[Array, Array]:
+        """Return the scales (n, n_stage_variables) of the stage variables and their equations.
+
+        By the scales (n, n_strains) of strains and balance equations.
+        """
+        return strain[:, :0], balance[:, :0]
+
+    def node_scales(self, arm: Arm) -> tuple[Array, Array]:
+        """Return the scales (n_node_variables,) of the node variables and their equations."""
+        return np.ones(self.n_node_variables), np.ones(self.n_node_variables)
+
+    def initial_stage_variables(self, strains: Array, h: Array) -> Array:
+        """Return initial values (..., N, m, n_stage_variables) of the stage variables.
+
+        By strains (..., N, m, n_strains) at the m stages of N elements of lengths h (N,) [m].
+        """
+        return strains[..., :0]
+
+    def initial_node_variables(self, arm: Arm) -> Array:
+        """Return initial values (n_node_variables,) of the node variables."""
+        return np.zeros(self.n_node_variables)
+
+    def interpolated_variables(
+        self, shares: Array, strains: Array, variables: Array, h: Array
+    ) -> Array:
+        """Return the stage variables (..., P, n_stage_variables) between the stages.
+
+        Parameters
+        ----------
+        shares : (..., P)
+            Places in P elements, from 0 to 1.
+        strains, variables : (P, m, n)
+            Values at the stages of these elements.
+        h : (P,)
+            Lengths of these elements [m].
+        """
+        return np.zeros((*shares.shape, 0))
