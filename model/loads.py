@@ -20,6 +20,11 @@ def is_loaded(scene: Scene) -> bool:
     return any(term.is_load for term in scene.rod_terms)
 
 
+def has_complementarity(scene: Scene) -> bool:
+    """Return whether equilibria depend on a set of active contacts."""
+    return any(effect.has_complementarity for effect in scene.effects)
+
+
 def is_conservative(scene: Scene) -> bool:
     """Return whether all loads of a scene have a potential."""
     return all(term.is_conservative for term in scene.rod_terms)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from octoplan.model.extensions.obstacles import *
     from octoplan.model.extensions.printed import *
     from octoplan.planner import *
+    from octoplan.planner.extensions.contact import *
     from octoplan.planner.frontends.plots import *
     from octoplan.planner.targets import *
 
@@ -35,6 +36,7 @@ _MODULES = (
     "octoplan.model.effects",
     "octoplan.model.extensions",
     "octoplan.planner",
+    "octoplan.planner.extensions.contact",
     "octoplan.planner.targets",
     "octoplan.planner.frontends.plots",
 )

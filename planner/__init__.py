@@ -24,9 +24,11 @@ from octoplan.planner.frontends.many import FailedPlan, plan_many
 from octoplan.planner.frontends.sweeps.sweep import sweep
 from octoplan.planner.limits import Limits
 from octoplan.planner.nlp_options import NlpOptions
-from octoplan.planner.plan import Plan, plan
+from octoplan.planner.plan import plan
+from octoplan.planner.plan_result import Plan
+from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import Problem
-from octoplan.planner.solution import Trial
+from octoplan.planner.solution import Solution, Trial
 
 __all__ = [
     "Calibration",
@@ -39,8 +41,10 @@ __all__ = [
     "Measured",
     "NlpOptions",
     "Plan",
+    "PlanningProblem",
     "Problem",
     "Reach",
+    "Solution",
     "Switch",
     "Trajectory",
     "Trial",

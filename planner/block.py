@@ -21,7 +21,7 @@ defect is added to rows, not to bounds of unknowns, and expressions of targets h
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Protocol
 
 import casadi as ca
 import numpy as np
@@ -185,3 +185,10 @@ class Block:
     def measurement_scales(self, arm: Arm) -> Array:
         """Return the change of each measurement that counts as 1 (n_measured,)."""
         return np.ones(self.n_measured)
+
+
+class Constraints(Protocol):
+    """Constraints of an extension, such as clearance, that the search adds to a program."""
+
+    def blocks(self, arm: Arm) -> tuple[Block, ...]:
+        """Return the blocks of the constraints."""

@@ -1,4 +1,4 @@
-"""The certificate of a plan: its check by another integrator than the one that found it."""
+"""Certificates: the check of a plan by another integrator than the integrator that found it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -21,31 +22,42 @@ from octoplan.model.equilibrium.load_steps import (
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.equilibrium.stability import stability
 from octoplan.model.equilibrium.verification import verified
-from octoplan.model.extensions.clearance import KINDS, Clearance, clearances
-from octoplan.model.extensions.contact.effects import bodies_of, contacts
-from octoplan.model.extensions.obstacles import distances
 from octoplan.model.forward import collocation_map
-from octoplan.model.loads import is_loaded
+from octoplan.model.loads import has_complementarity, is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import system
 from octoplan.model.shape import Shape, sharp, stretched
 from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, report
 from octoplan.model.support.text import HtmlRepr, to_text
-from octoplan.planner.extensions.avoidance.surroundings import NOTHING, Environment
-from octoplan.planner.extensions.contact.grasp import Grasp
+from octoplan.planner.entry_points import CERTIFICATE_CHECKS, load
 from octoplan.planner.limits import Limits
 from octoplan.planner.measure import strokes
 from octoplan.planner.nlp_solution import KKT_TOLERANCE, STABILITY_TOLERANCE
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.targets.hold import WRENCH, Hold
 
-# What is less stable under its loads, or yields at so little more of them, is on the brink.
+# An arm is on the brink if its stability, or the share of additional loads at which it yields, is
+# below BRINK.
 BRINK = 0.1
-# As many times its loads an arm is followed.
+# Name of the check that the extension for contact adds.
+COMPLEMENTARITY = "complementarity missed by"
+# Largest load factor up to which the arm is continued.
 MOST_LOADS = 3.0
-# Of gaps [m], forces [N] and their products [N m].
-COMPLEMENTARY = 1e-8
+
+
+@dataclass(frozen=True)
+class Check:
+    """A quantity that an extension verifies.
+
+    Attributes
+    ----------
+    value : float
+    allowed : float
+        Largest value that passes.
+    """
+
+    value: float
+    allowed: float
 
 
 @dataclass(frozen=True)
@@ -58,8 +70,6 @@ class Certificate(HtmlRepr):
     soft_residual : size of each thing that was to be made as small as the limits allow
     inequality : least value of each thing that has to be 0 or above
     bounds : largest violation of a tension limit [N]
-    complementarity : by how much gap >= 0 [m], force >= 0 [N] and their product = 0 [N m] are
-        missed with contact, None without
     strokes : largest violation of a limit of strokes
     kkt : residual of the first-order conditions, scaled; their multipliers are the plan's
     agreement : distance of the settled tip from the check's, over L
@@ -76,6 +86,7 @@ class Certificate(HtmlRepr):
     load_factor : times its loads at which the arm yields, tensions held; infinite if that is more
         than MOST_LOADS, None without loads, in contact, and if the time limit was reached
     units : of these by name: "L" of lengths over the arm's, "rad"
+    checks : further quantities that extensions verify, by name
     bends : where the arm bends sharper than its own radius, in words
     stretches : where the arm is stretched beyond the law of its body, in words
     """
@@ -84,7 +95,7 @@ class Certificate(HtmlRepr):
     soft_residual: Mapping[str, float] = field(default_factory=dict)
     inequality: Mapping[str, float] = field(default_factory=dict)
     bounds: float = np.inf
-    kkt: float = np.inf
+    kkt: float = field(default=np.inf, compare=False)
     agreement: float = np.inf
     error: float = np.inf
     stability: float = np.inf
@@ -94,11 +105,11 @@ class Certificate(HtmlRepr):
     problem: str = ""
     gaps_asked: Mapping[str, float] = field(default_factory=dict)
     least_gaps: Mapping[str, float] = field(default_factory=dict)
-    clearances: Mapping[str, Clearance] = field(default_factory=dict, compare=False)
+    clearances: Mapping[str, Any] = field(default_factory=dict, compare=False)
     load_factor: float | None = field(default=None, compare=False)
     units: Mapping[str, str] = field(default_factory=dict)
     strokes: float = 0.0
-    complementarity: float | None = None
+    checks: Mapping[str, Check] = field(default_factory=dict)
     bends: str = ""
     stretches: str = ""
 
@@ -125,6 +136,15 @@ class Certificate(HtmlRepr):
         """By how much gaps fall short of the clearance required, by name [m]."""
         missing = {name: least - self.gaps_asked[name] for name, least in self.least_gaps.items()}
         return {name: distance for name, distance in missing.items() if distance > 0}
+
+    @property
+    def complementarity(self) -> float | None:
+        """The largest violation of gap >= 0 [m], force >= 0 [N] and gap times force = 0 [N m].
+
+        None without contact.
+        """
+        check = self.checks.get(COMPLEMENTARITY)
+        return None if check is None else check.value
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -169,7 +189,7 @@ class Certificate(HtmlRepr):
             (self.kkt, KKT_TOLERANCE, "optimality residual"),
             (self.agreement, self.tolerance, "integrators differ by"),
             (least - self.stability, STABILITY_TOLERANCE if least > 0 else 0.0, unstable),
-            (self.complementarity or 0.0, COMPLEMENTARY, "complementarity missed by"),
+            *((check.value, check.allowed, name) for name, check in self.checks.items()),
             *((1e3 * gap, 0.0, f"too near {name} by [mm]") for name, gap in self.too_near.items()),
         ]
         failed = [check for check in checks if not check[0] <= check[1]]
@@ -207,7 +227,7 @@ class Certificate(HtmlRepr):
             ("estimated tip error [L]", self.error, ""),
             ("stability [-]", self.stability, f"at least {self.stability_margin:g}; 1 at rest"),
             ("load factor [-]", load_factor, self.bears),
-            ("complementarity missed by", self.complementarity, ""),
+            *((name, check.value, "") for name, check in self.checks.items()),
             ("clearance [mm]", 1e3 * self.clearance, self.nearest or "can meet nothing"),
         ]
         known = ([name, _digits(x), allowed] for name, x, allowed in rows if x is not None)
@@ -223,22 +243,32 @@ def _digits(value: float) -> str:
 
 
 def certify(
-    task: PlanningProblem,
+    problem: PlanningProblem,
     tensions: Array,
     settled: Callable[[], Shape],
     kkt: Callable[[], float],
-    surroundings: Environment = NOTHING,
 ) -> Certificate:
-    """Verify the settled tensions by initial value integration, and evaluate targets and limits.
+    """Verify tensions by initial value integration; evaluate targets, limits and optimality.
 
-    `settled` returns the shape, ten times as accurate as the task; `kkt` the residual of the
-    first-order conditions of that shape. If the time limit is reached first, `problem` says so.
+    Parameters
+    ----------
+    problem : PlanningProblem
+    tensions : (n_tendons,)
+        [N].
+    settled : function
+        Returns the shape, more accurate than the problem asks for.
+    kkt : function
+        Returns the residual of the first-order conditions at this shape, scaled.
+
+    The certificate reports errors, and the end of the time limit, as its `problem`.
     """
     begun = Certificate(
-        bounds=tension_excess(tensions, task.limits), scheme=SCHEME.name, tolerance=task.accuracy
+        bounds=tension_excess(tensions, problem.limits),
+        scheme=SCHEME.name,
+        tolerance=problem.accuracy,
     )
     try:
-        return _checked(begun, task, settled(), kkt, surroundings)
+        return _checked(begun, problem, settled(), kkt)
     except OutOfTime:
         return replace(begun, problem=OUT_OF_TIME)
     except OctoplanError as reason:
@@ -246,35 +276,26 @@ def certify(
 
 
 def _checked(
-    begun: Certificate,
-    task: PlanningProblem,
-    shape: Shape,
-    kkt: Callable[[], float],
-    surroundings: Environment,
+    begun: Certificate, problem: PlanningProblem, shape: Shape, kkt: Callable[[], float]
 ) -> Certificate:
-    """Return a certificate with the checks of a shape; raise what integration does."""
-    arm, targets, limits = task.arm, task.target_set, task.limits
+    """Return a certificate with the checks of a shape; raises the errors of the integration."""
+    arm, targets, limits = problem.arm, problem.target_set, problem.limits
     report("verifying by initial value integration")
-    poses, tip, error, least, line = _integrated(shape, targets.stations, task.reference_accuracy)
-    least_gaps, obstacles = surroundings.least, surroundings.obstacles
-    gaps = clearances(line(), obstacles, least_gaps) if least_gaps else {}
+    poses, tip, error, least, line = _integrated(
+        shape, targets.stations, problem.reference_accuracy
+    )
     equality, soft_residual, inequality, _ = targets.values(poses, targets.compliances(shape))
-    # Inequalities that hold between stations too.
-    for target in task.targets:
-        for name, bound in target.least_along(line, task.accuracy).items():
+    for target in problem.targets:
+        for name, bound in target.least_along(line, problem.accuracy).items():
             inequality[name] = np.append(inequality[name], bound)
-    # What is left of the wrenches that are held, over their sizes.
-    holds = (target for target in task.targets if isinstance(target, Hold))
-    if grasps := [Grasp.of(arm, shape.contacts, hold).least for hold in holds]:
-        equality[WRENCH] = np.concatenate(grasps)
+        for name, residual in target.equilibrium_residuals(shape).items():
+            equality[name] = np.append(equality.get(name, np.zeros(0)), residual)
     over = 0.0
     if limits.strokes is not None:
         (low, high), taken = limits.strokes, strokes(shape, limits.stroke_zero)
         over = float(np.max([low - taken, taken - high], initial=0.0)) / arm.length
     report("verifying optimality")
     optimality = kkt()
-    report("verifying clearance")
-    others = [kind for kind in KINDS if kind not in gaps]
     checked = replace(
         begun,
         equality={name: float(np.linalg.norm(values)) for name, values in equality.items()},
@@ -286,20 +307,29 @@ def _checked(
         agreement=math.dist(tip, shape.tip) / arm.length,
         error=error,
         stability=least,
-        stability_margin=task.options.margin,
-        gaps_asked={name: clear.gap for name, clear in gaps.items()},
-        least_gaps=least_gaps,
-        clearances={**gaps, **clearances(line(), obstacles, others)},
+        stability_margin=problem.options.margin,
         units=targets.terms.units,
         strokes=over,
-        complementarity=_violation(shape, line()) if contacts(task.scene) else None,
         bends=sharp(shape),
         stretches=stretched(shape),
+        **_extension_fields(problem, shape, line),
     )
-    # How much more the arm bears is no part of the verdict.
+    # The load factor is no part of the verdict.
     with suppress(OutOfTime):
         return replace(checked, load_factor=_load_factor(shape))
     return checked
+
+
+def _extension_fields(
+    problem: PlanningProblem, shape: Shape, line: Callable[[], Centreline]
+) -> dict[str, Any]:
+    """Return the fields of a certificate that extensions compute: clearances, further checks."""
+    named = sorted({effect.plan_strategy for effect in problem.scene.effects} | {""})
+    fields: dict[str, Any] = {}
+    for name in named:
+        if name in CERTIFICATE_CHECKS:
+            fields |= load(CERTIFICATE_CHECKS[name])(problem, shape, line)
+    return fields
 
 
 def tension_excess(tensions: Array, limits: Limits) -> float:
@@ -319,7 +349,7 @@ def _integrated(
     Where that leaves the tip's pose farther off than ten times its accuracy, from that of the
     shape.
     """
-    arm, scene, touching = shape.arm, shape.scene, bool(contacts(shape.scene))
+    arm, scene, touching = shape.arm, shape.scene, has_complementarity(shape.scene)
     coarser = min(shape.refinement, max(2, shape.refinement // 2))
     meshes = {shape.refinement} if touching else {coarser, shape.refinement}
     scale = np.repeat([1.0, arm.length], [4, 3])
@@ -338,25 +368,12 @@ def _integrated(
     return poses[places], poses[-1, 4:], error, least, line
 
 
-def _violation(shape: Shape, line: Centreline) -> float:
-    """Return by how much gap >= 0 [m], force >= 0 [N] and their product = 0 [N m] are missed."""
-    bodies = bodies_of(shape.scene)
-    s = np.linspace(0.0, shape.arm.length, 2001)[1:]
-    places, radii = line.at(s)
-    worst = float((radii[:, None] - distances(bodies, places)[0]).max(initial=-np.inf))
-    for touch in shape.contacts:
-        out = shape.position(touch.s) - touch.point
-        force = float(touch.force @ out) / float(np.linalg.norm(out))
-        worst = max(worst, -force, abs(force * touch.gap))
-    return max(worst, 0.0)
-
-
 def _load_factor(shape: Shape) -> float | None:
     """Return how many times its loads an arm bears, infinite if more than it is followed.
 
     None without loads, and of an arm in contact.
     """
-    if not is_loaded(shape.scene) or contacts(shape.scene):
+    if not is_loaded(shape.scene) or has_complementarity(shape.scene):
         return None
     mesh = STAGES, 1, (), True, shape.machine_code
     coarsest = Collocation(system(shape.arm, shape.scene, *mesh))

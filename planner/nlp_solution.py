@@ -139,5 +139,6 @@ class NlpSolution(SolverResult):
             tuple(self.lam_g[: program.n_design_rows].tolist()),
             tuple(trials),
             iterations=self.iterations,
+            optimum=None if self.defect is None else self,
             **more,
         )

@@ -22,6 +22,7 @@ from octoplan.model.scene import Scene
 from octoplan.model.settle import checked_scene, settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError
+from octoplan.planner.environment import NOTHING, Environment
 from octoplan.planner.limits import Limits
 from octoplan.planner.nlp_options import Mode, NlpOptions, Norm
 from octoplan.planner.targets.base import Target
@@ -31,7 +32,7 @@ from octoplan.planner.targets.target_set import TargetSet
 MAX_GUESSES = 14
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class PlanningProblem:
     """A planning problem: find the least tensions that give an arm a wanted shape.
 
@@ -43,9 +44,11 @@ class PlanningProblem:
     limits : Limits
         Limits of all tendons. `allowed` fixes the tendons that a target excludes.
     options : NlpOptions
-        The search replaces mode and mesh.
+        The search replaces mode, mesh and margin. The problem of a plan has the last options.
     accuracy : float
         Tolerance of residuals over the arm's length, of angles in rad.
+    environment : Environment
+        The bodies that the arm keeps clear of.
     machine_code : bool
         Whether to use compiled kernels.
     guesses : int or None
@@ -63,6 +66,7 @@ class PlanningProblem:
     limits: Limits
     options: NlpOptions
     accuracy: float
+    environment: Environment = NOTHING
     machine_code: bool = field(default=False, kw_only=True, compare=False)
     guesses: int | None = field(default=None, kw_only=True, compare=False)
     best_margin: bool = field(default=False, kw_only=True, compare=False)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
 
 from octoplan.model.paths import Array
 from octoplan.model.support.quantities import Count
-from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints
+from octoplan.planner.block import Constraints
 from octoplan.planner.nlp_options import NlpOptions
 
 
@@ -61,12 +64,15 @@ class Solution:
         Tensions [N] that lead an arm in contact to its shape. From rest, tensions and loads grow in
         proportion to the first; then tensions change in straight lines to the next, and to those of
         the solution. Empty if the arm comes to its shape from rest.
-    avoidance : ClearanceConstraints or None
+    avoidance : Constraints or None
         Inequalities of the last program that keep the arm clear of obstacles.
     sampled : int
         Number of shapes that were sampled for further guesses; 0 if the first guesses sufficed.
     iterations : int
         Iterations of the last program.
+    optimum : NlpSolution or None
+        The refined optimum as a point of its program, in the result of a search. A plan stores this
+        point apart from its solution: the point is not saved.
     """
 
     options: NlpOptions
@@ -80,9 +86,24 @@ class Solution:
     in_the_way: str = ""
     unstable: bool = False
     load_path: tuple[tuple[float, ...], ...] = ()
-    avoidance: ClearanceConstraints | None = None
+    avoidance: Constraints | None = None
     sampled: Count = 0
     iterations: Count = 0
+    optimum: Any = field(default=None, repr=False, kw_only=True)
+
+    @property
+    def n_equal_optima(self) -> int:
+        """The number of initial guesses that lead to the best objective."""
+        return n_equal_optima(self.starts)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Solution):
+            return NotImplemented
+        names = [f.name for f in fields(self) if f.name not in ("tensions", "optimum")]
+        same = all(getattr(self, name) == getattr(other, name) for name in names)
+        return same and np.array_equal(self.tensions, other.tensions)
+
+    __hash__ = None  # type: ignore[assignment]
 
 
 def n_equal_optima(trials: Sequence[Trial]) -> int:

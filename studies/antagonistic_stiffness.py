@@ -131,7 +131,8 @@ def contracted(
         for statics, scene in scenes.items():
             arm = Arm.from_paper(name)
             unwound = plan(arm, target, scene, np.repeat(UNWOUND, 4))
-            first = replace(unwound, limits=Limits.of(arm, MAXIMUM))
+            problem = replace(unwound.problem, limits=Limits.of(arm, MAXIMUM))
+            first = replace(unwound, problem=problem)
             plans = [p for level in levels if (p := first.co_contract(level)).certificate.passed]
             table[shape][statics] = {
                 hold: [(float(np.sum(p.tensions)), softest(p, hold)) for p in plans]

@@ -37,8 +37,8 @@ from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Capsule
 from octoplan.model.paths import Array
 from octoplan.planner import Plan, plan
+from octoplan.planner.extensions.contact import Wrap
 from octoplan.planner.extensions.contact.remarks import curvature_along
-from octoplan.planner.targets import Wrap
 from studies.reporting import asked, lettered
 
 ARM, STATICS = Arm.from_paper("table-4"), Scene.silicone()

@@ -160,7 +160,7 @@ def run(job: tuple[int, int, int, Sequence[str]]) -> Case:
         error = np.inf
     near = max(result.certificate.soft_residual.values(), default=0.0) <= _NEAR
     cost = max(float(result.effort / np.linalg.norm(T)), _over_best(result, scene, best_of, rng))
-    done = (passed and near, error, cost, seconds, len(result.starts), outcome)
+    done = (passed and near, error, cost, seconds, len(result.solution.starts), outcome)
     return Case(**case, **dict(zip(_RESULTS, done, strict=True)))
 
 
@@ -171,8 +171,8 @@ def _solved(
     result: Plan, scene: Scene, options: NlpOptions, count: int, rng: np.random.Generator
 ) -> list[NlpSolution]:
     """Return what random starts of a plan's problem lead to, on the mesh of the search."""
-    limits = result.limits
-    task = PlanningProblem(ARM, result.targets, scene, limits, options, result.accuracy)
+    limits = result.problem.limits
+    task = PlanningProblem(ARM, result.targets, scene, limits, options, result.problem.accuracy)
     coarse = Problem(task, task.coarse(result.mode))
     scale = np.minimum(np.repeat([0.6, 5.0, 15.0], 4), limits.upper)
     guesses = (rng.uniform() * rng.uniform(size=12) * scale for _ in range(count))
@@ -185,7 +185,7 @@ def _over_best(result: Plan, scene: Scene, count: int, rng: np.random.Generator)
     heavy = is_loaded(scene) or scene.has(ExactTendons)
     if heavy or not count or result.mode != "exact":
         return 0.0
-    options = NlpOptions(norm=result.options.norm)
+    options = NlpOptions(norm=result.problem.options.norm)
     solutions = _solved(result, scene, options, count, rng)
     best = min((np.linalg.norm(each.tensions) for each in solutions), default=np.inf)
     return float(result.effort / best) if 0 < best < np.inf else 0.0
@@ -360,7 +360,7 @@ def run_limited(number: int, seed: int, kind: str) -> Case:
     result = plan(limited.arm, target, limited.scene, np.array(limited.maxima))
     seconds = time.process_time() - begin
     case = Case(number, kind, kind, target, np.array(limited.maxima), seconds=seconds)
-    case = replace(case, starts=len(result.starts), outcome=result.outcome)
+    case = replace(case, starts=len(result.solution.starts), outcome=result.outcome)
     miss = float(np.linalg.norm(tip_of(limited, np.ravel(result.tensions), 1e-8) - place))
     if result.reached:
         return replace(case, reached=True, error=miss / L)
@@ -383,14 +383,14 @@ def run_beyond(job: tuple[int, int, int, Sequence[str]]) -> Case:
     case = Case(number, kind, name, target, np.array(maxima))
     begin = time.process_time()
     result = plan(ARM, target, scene, maxima)
-    case = replace(case, seconds=time.process_time() - begin, starts=len(result.starts))
+    case = replace(case, seconds=time.process_time() - begin, starts=len(result.solution.starts))
     case = replace(case, outcome=result.outcome)
     if result.reached and max(result.certificate.soft_residual.values(), default=0.0) <= _NEAR:
         error = off(settle(ARM, result.tensions, scene, 1e-9), target)
         return replace(case, reached=True, error=error)
     solutions = _solved(result, scene, NlpOptions(), best_of, rng)
     best = min((s.f for s in solutions), default=np.inf)
-    values = min((s.objective for s in result.starts if s.met), default=np.inf)
+    values = min((s.objective for s in result.solution.starts if s.met), default=np.inf)
     return replace(case, cost=float(np.sqrt(values / best)) if values < np.inf else np.inf)
 
 

@@ -86,6 +86,40 @@ def test_every_module_has_a_layer() -> None:
             assert _name(path) in layers, path
 
 
+@cache
+def _at_import(path: Path) -> frozenset[str]:
+    """Modules that a file imports when it is imported itself."""
+    found: set[str] = set()
+    nodes: list[ast.AST] = list(ast.parse(path.read_text()).body)
+    while nodes:
+        node = nodes.pop()
+        if isinstance(node, ast.ImportFrom) and node.module:
+            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        elif isinstance(node, ast.If) and "TYPE_CHECKING" not in ast.unparse(node.test):
+            nodes += [*node.body, *node.orelse]
+        elif isinstance(node, ast.Try | ast.With | ast.ClassDef):
+            nodes += node.body
+    return frozenset(found)
+
+
+def _closure(start: str) -> set[str]:
+    """Modules that are imported with a module, packages aside."""
+    paths = {_name(path): path for path in FILES}
+    found, left = set[str](), [start]
+    while left:
+        name = left.pop()
+        if name not in found:
+            found.add(name)
+            left += [other for other in _at_import(paths[name]) if other in paths]
+    return found
+
+
+# Largest numbers of modules that are imported with plan and settle. To be lowered.
+@pytest.mark.parametrize(("module", "most"), [("planner.plan", 95), ("model.settle", 60)])
+def test_the_core_imports_few_modules(module: str, most: int) -> None:
+    assert len(_closure(f"octoplan.{module}")) <= most
+
+
 def test_no_imports_run_in_circles() -> None:
     names = {_name(path) for path in FILES}
     graph = {_name(path): _at_module_level(path) & names for path in FILES}

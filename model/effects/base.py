@@ -35,6 +35,11 @@ class Effect:
     effect of an extension.
     """
 
+    # Name of the planning strategy for scenes with the effect; see octoplan.planner.entry_points.
+    plan_strategy = ""
+    # Whether equilibria depend on a set of active contacts.
+    has_complementarity = False
+
     @property
     def place(self) -> tuple[Any, ...]:
         """The place of the effect. A scene may contain several effects of a kind at other places.

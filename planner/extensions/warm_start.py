@@ -15,9 +15,9 @@ import numpy as np
 
 from octoplan.model.paths import Array
 from octoplan.model.support.progress import OutOfTime, check_time
-from octoplan.planner.answer import Answer
 from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints
 from octoplan.planner.nlp_solution import STABILITY_TOLERANCE, NlpSolution
+from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import Problem
 from octoplan.planner.solution import Solution, Trial
@@ -30,7 +30,7 @@ _LEAST_STEP = 1 / 64
 
 
 def warm_start(
-    near: Answer, task: PlanningProblem, avoidance: ClearanceConstraints | None = None
+    near: Plan, task: PlanningProblem, avoidance: ClearanceConstraints | None = None
 ) -> Solution | None:
     """Return the optimum that a plan leads to, None where it cannot be followed.
 
@@ -39,13 +39,13 @@ def warm_start(
     optimum is less stable than it has to be.
     """
     arm, limits, margin = task.arm, task.limits, task.options.margin
-    before, after = near.target_set, task.target_set
+    before, after = near.problem.target_set, task.target_set
     is_alike = (
-        near.options.mode == "exact"
-        and near.options.norm == task.options.norm
-        and near.options.margin == margin
-        and replace(near.limits, lower=limits.lower) == limits
-        and near.avoidance == avoidance
+        near.problem.options.mode == "exact"
+        and near.problem.options.norm == task.options.norm
+        and near.problem.options.margin == margin
+        and replace(near.problem.limits, lower=limits.lower) == limits
+        and near.solution.avoidance == avoidance
         and before.stations == after.stations
         and before.terms == after.terms
         and before.tendons == after.tendons
@@ -66,7 +66,7 @@ def warm_start(
         return fine.result(trials, jump=apart, avoidance=avoidance)
     except OutOfTime:
         T = np.clip(np.ravel(near.tensions), limits.lower, limits.upper)
-        return Solution(near.options, arm.by_section(T), (), (), (), stopped=True)
+        return Solution(near.problem.options, arm.by_section(T), (), (), (), stopped=True)
 
 
 def jump(before: Array, after: Array, *others: Array) -> float:
@@ -80,14 +80,14 @@ def jump(before: Array, after: Array, *others: Array) -> float:
 
 
 def _continued(
-    near: Answer, task: PlanningProblem, avoidance: ClearanceConstraints | None
+    near: Plan, task: PlanningProblem, avoidance: ClearanceConstraints | None
 ) -> tuple[NlpSolution, float] | None:
     """Return the optimum for a task, by steps in target numbers and minima from one nearby.
 
     By the defect of that; and by how much the tensions jump, 0 where they change little by little.
     """
     blocks = avoidance.blocks(task.arm) if avoidance else ()
-    origin, problem = near.optimum, Problem(task, near.options, blocks)
+    origin, problem = near.optimum, Problem(task, near.problem.options, blocks)
     n = task.arm.n_tendons
     if origin is None:
         return None
@@ -95,7 +95,7 @@ def _continued(
     first, last = (of.parameters(defect=origin.defect) for of in (origin.problem, problem))
     lbx, ubx, lbg, ubg = problem.bounds
     rise = np.zeros(lbx.size)
-    rise[:n] = (np.array(problem.limits.lower) - near.limits.lower) / problem.unit
+    rise[:n] = (np.array(problem.limits.lower) - near.problem.limits.lower) / problem.unit
     fraction, step, left = 0.0, 1.0, False
     while fraction < 1:
         check_time()

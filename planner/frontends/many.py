@@ -19,7 +19,8 @@ from octoplan.model.support.progress import OutOfTime
 from octoplan.planner.certificate import Certificate
 from octoplan.planner.limits import checked_limits
 from octoplan.planner.nlp_options import NlpOptions
-from octoplan.planner.plan import Plan, plan
+from octoplan.planner.plan import plan
+from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import PlanningProblem, planned_scene
 from octoplan.planner.solution import Solution
 from octoplan.planner.targets.base import Target
@@ -59,7 +60,7 @@ class FailedPlan(Plan):
     @property
     def certificate(self) -> Certificate:
         """A failed certificate with the reason."""
-        return Certificate(problem=self.reason, tolerance=self.accuracy)
+        return Certificate(problem=self.reason, tolerance=self.problem.accuracy)
 
 
 def plan_many(

@@ -27,7 +27,7 @@ from octoplan.planner.extensions.trajectory.result import Trajectory
 from octoplan.planner.frontends.effect_ablation import Switch
 from octoplan.planner.frontends.many import FailedPlan
 from octoplan.planner.measure import length_error, strokes
-from octoplan.planner.plan import Plan
+from octoplan.planner.plan_result import Plan
 
 # Text and tables
 
@@ -39,7 +39,7 @@ def _plan(plan: Plan) -> Iterator[Part]:
     """Yield outcome, tendons and tip of a plan, then the certificate."""
     arm = plan.arm
     T = np.ravel(plan.tensions)
-    upper = np.array(plan.limits.upper)
+    upper = np.array(plan.problem.limits.upper)
     table = tendon_table("tensions [N]", arm.tendons_by_section, T)
     if np.any(np.isfinite(upper)):
         at = np.flatnonzero((upper > 0) & np.isclose(T, upper, 1e-9, 0.0))
@@ -48,7 +48,7 @@ def _plan(plan: Plan) -> Iterator[Part]:
     tables = [plan.outcome, table]
     # A plan without equilibrium has no shape.
     with suppress(OctoplanError, OutOfTime):
-        tables += _winches(plan.shape, plan.limits.stroke_zero)
+        tables += _winches(plan.shape, plan.problem.limits.stroke_zero)
         tables.append("tip [mm]  " + "  ".join(f"{1e3 * x:.3f}" for x in plan.shape.tip))
     yield "\n\n".join(tables)
     yield ""

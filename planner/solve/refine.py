@@ -64,7 +64,7 @@ def refine(optimum: NlpSolution) -> NlpSolution | None:
             if corrected is None:
                 return None
             if change <= tolerance:
-                last, problem = optimum, optimum.problem
+                last, problem = corrected, corrected.problem
                 # The defect enters the gradient of least squares, and of stiffnesses.
                 has_objective = problem.target_set.terms.names[3]
                 is_effort = problem.options.mode == "exact" and not has_objective

@@ -4,10 +4,8 @@ from octoplan.planner.targets.backbone import Backbone
 from octoplan.planner.targets.base import Target, Terms, View
 from octoplan.planner.targets.bending_plane import BendingPlane
 from octoplan.planner.targets.fetch import Bend, Fetch, FetchReach
-from octoplan.planner.targets.hold import Hold
 from octoplan.planner.targets.stiffness import MinimumStiffness, Softest, Stiffest
 from octoplan.planner.targets.tip import TipPointing, TipPose, TipPosition
-from octoplan.planner.targets.wrap import Wrap
 
 __all__ = [
     "Backbone",
@@ -15,7 +13,6 @@ __all__ = [
     "BendingPlane",
     "Fetch",
     "FetchReach",
-    "Hold",
     "MinimumStiffness",
     "Softest",
     "Stiffest",
@@ -25,5 +22,4 @@ __all__ = [
     "TipPose",
     "TipPosition",
     "View",
-    "Wrap",
 ]

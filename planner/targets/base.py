@@ -14,10 +14,12 @@ from octoplan.model.arm import Arm
 from octoplan.model.centreline import Centreline
 from octoplan.model.paths import Array
 from octoplan.model.rotations import conjugate, matrix, multiply
+from octoplan.model.shape import Shape
 from octoplan.model.stiffness import Hold
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.machine.functions import cached
 from octoplan.model.support.units import DISTANCE, warn_unusual
+from octoplan.planner.limits import Limits
 
 # End of the name of an inequality that is relative to the wanted value.
 OVER_WANTED = " over that wanted, less 1"
@@ -154,6 +156,9 @@ class Target:
     program; each new value requires another program, which takes longer to build.
     """
 
+    # Name of the strategy that plans the target; see octoplan.planner.entry_points.
+    plan_strategy = ""
+
     def check(self, arm: Arm) -> None:
         """Raise InputError if the target is unsuitable for the arm."""
 
@@ -184,6 +189,28 @@ class Target:
         itself.
         """
         return self
+
+    def equilibrium_residuals(self, shape: Shape) -> Mapping[str, Array]:
+        """Return residuals that depend on the forces of a settled shape, by name.
+
+        Certificates add these residuals to the equalities of `terms`.
+        """
+        return {}
+
+    def remark(self, shape: Shape, limits: Limits, missed: bool, accuracy: float) -> str:
+        """Return a sentence for the outcome of a plan; empty for none.
+
+        Parameters
+        ----------
+        shape : Shape
+            The shape of the plan.
+        limits : Limits
+        missed : bool
+            Whether a completed search missed the targets.
+        accuracy : float
+            The accuracy of the plan.
+        """
+        return ""
 
     def tendons(self, arm: Arm) -> frozenset[int]:
         """Return the indices of the tendons that may pull."""

@@ -27,7 +27,7 @@ import numpy as np
 from octoplan.model import Arm, Scene, settle
 from octoplan.model.paths import Array
 from octoplan.planner import plan
-from octoplan.planner.plan import Plan
+from octoplan.planner.plan_result import Plan
 from octoplan.planner.targets import TipPosition
 from studies.draws import MAXIMUM, SCENES
 from studies.reporting import asked
@@ -83,7 +83,7 @@ def walk(name: str, steps: int, rng: np.random.Generator) -> None:
         p, planned, checked = timed_plan(arm, scene, tip, p)
         plans.append(planned)
         checks.append(checked)
-        jumps += p.jump > 0
+        jumps += p.solution.jump > 0
         kept.append(p.tensions)
         if p.reached:
             worst = max(worst, p.certificate.residual)

@@ -14,6 +14,7 @@ from octoplan.model.paths import Linear
 from octoplan.planner import Plan, plan, trajectory
 from octoplan.planner.targets import TipPosition
 from tests.contact.cases import bar, distance
+from tests.planner.cases import changed
 
 ARM = bar(0.3, 0.006, 2e7)
 FLOOR = HalfSpace((0, 0, -0.03), (0, 0, 1))
@@ -47,7 +48,7 @@ def test_a_force_across_a_gap_is_no_contact(first: Plan, monkeypatch: pytest.Mon
     touches = tuple(replace(touch, gap=1e-3) for touch in first.shape.contacts)
     monkeypatch.setattr(Shape, "contacts", touches)
     pressed = max(float(np.linalg.norm(touch.force)) for touch in touches)
-    spoilt = replace(first, starts=first.starts).certificate
+    spoilt = changed(first, starts=first.solution.starts).certificate
     assert spoilt.complementarity == pytest.approx(1e-3 * pressed)
     assert not spoilt.passed
 
@@ -132,11 +133,11 @@ def test_an_optimum_at_its_margin_that_the_arm_does_not_come_to_from_rest_has_a_
     tip = TipPosition((0.033076796, 0.070428727, -0.0064174371))
     found = plan(arm, tip, scene, 0.1952019, stability_margin=0.0)
     assert found.reached, str(found.certificate)
-    assert found.load_path
+    assert found.solution.load_path
     assert found.effort < 0.0456
     assert found.shape.stability == pytest.approx(0.01, rel=1e-3)
     steady = plan(arm, tip, scene, 0.1952019)
-    assert steady.reached and not steady.load_path
+    assert steady.reached and not steady.solution.load_path
     assert steady.shape.stability == pytest.approx(0.1, rel=1e-3)
     assert found.effort < steady.effort < 1.05 * found.effort
     rested = settle(arm, found.tensions, scene)

@@ -9,13 +9,14 @@ from octoplan.model import Scene, settle
 from octoplan.model.effects import ExactTendons, Extension
 from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Capsule
+from octoplan.planner.extensions.contact import Hold
 from octoplan.planner.extensions.contact.optimum import steered
 from octoplan.planner.extensions.contact.program import TensionProgram
 from octoplan.planner.extensions.contact.search import FINE
 from octoplan.planner.limits import Limits
 from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.targets import Hold, TipPosition
+from octoplan.planner.targets import TipPosition
 from tests.contact.cases import bar
 
 ARM = bar(0.3, 0.006, 2e5)

@@ -17,7 +17,8 @@ from octoplan.model.extensions.obstacles import Capsule, HalfSpace, Sphere
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.stiffness import stiffness
 from octoplan.planner import plan, trajectory
-from octoplan.planner.targets import Hold, TipPosition, Wrap
+from octoplan.planner.extensions.contact import Hold, Wrap
+from octoplan.planner.targets import TipPosition
 from tests.contact.cases import bar
 from tests.refusals import Refused, check_refusal
 

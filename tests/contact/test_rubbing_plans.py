@@ -82,6 +82,6 @@ def test_a_motion_that_takes_longer_than_it_may_says_so() -> None:
 def test_a_plan_that_ends_before_it_begins_to_slip_is_checked_where_the_arm_is() -> None:
     """Its load path was empty: the certificate raised "not enough values to unpack"."""
     stopped = plan(ARM, TipPosition((0.2, 0.1, 0.1)), RUBBING, 30.0, time_limit=1e-9)
-    assert stopped.stopped
+    assert stopped.solution.stopped
     assert stopped.outcome.startswith("Stopped at the time limit")
     assert not stopped.tensions.any()

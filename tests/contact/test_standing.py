@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,9 @@ from octoplan.model.effects import ExactTendons, Extension, TipLoad
 from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Sphere
 from octoplan.planner import Plan, load_plan, plan
-from octoplan.planner.targets import Hold, TipPosition
+from octoplan.planner.extensions.contact import Hold
+from octoplan.planner.targets import TipPosition
+from tests.planner.cases import changed
 
 ANGLES = (0.0, 2 * np.pi / 3, 4 * np.pi / 3)
 ARM = Arm(
@@ -37,7 +38,7 @@ def plans() -> tuple[Plan, Plan]:
     """Plans for a tip without a margin, and with one, from where the arm leans on the ball."""
     target = TipPosition(tuple(settle(ARM, T, SCENE).tip.tolist()))
     clear = plan(ARM, target, SCENE, 20.0, starts=1, time_limit=1e-9)
-    leaning = replace(clear, tensions=ARM.by_section(T))
+    leaning = changed(clear, tensions=ARM.by_section(T))
     free, held = (
         plan(ARM, target, SCENE, 20.0, near=leaning, stability_margin=margin)
         for margin in (0.0, ASKED)

@@ -14,9 +14,9 @@ from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Capsule
 from octoplan.model.paths import Array
 from octoplan.planner import load_plan, plan
+from octoplan.planner.extensions.contact import Wrap
+from octoplan.planner.extensions.contact.wrap import NEAR
 from octoplan.planner.limits import natural_tensions
-from octoplan.planner.targets import Wrap
-from octoplan.planner.targets.wrap import NEAR
 from tests.contact.cases import bar, stiffness
 
 L, R, E = 0.3, 0.006, 2e5
@@ -86,10 +86,10 @@ def test_wraps_hold_their_nearness_between_places(seed: int) -> None:
     assert isinstance(wrap.obstacle, Capsule)
     radius = arm.outer_radius(s)[0]
     excess = capsule_distance(p.shape.position(s), wrap.obstacle) - (1 + wrap.tolerance) * radius
-    assert excess.max() <= p.accuracy * arm.length
+    assert excess.max() <= p.problem.accuracy * arm.length
     least = p.certificate.inequality[NEAR]
     assert least <= -excess.max() / arm.length + 1e-9
-    assert least == pytest.approx(-excess.max() / arm.length, abs=p.accuracy / 2)
+    assert least == pytest.approx(-excess.max() / arm.length, abs=p.problem.accuracy / 2)
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -115,8 +115,8 @@ def test_certificate_refuses_a_gap_between_places(monkeypatch: pytest.MonkeyPatc
     s = np.linspace(*wrap.part(arm), 17)
     near = (1 + wrap.tolerance) * arm.outer_radius(s)[0]
     excess = wrap.obstacle.distance(p.shape.position(s)) - near
-    assert excess.max() <= p.accuracy * arm.length
-    assert p.certificate.inequality[NEAR] < -2 * p.accuracy
+    assert excess.max() <= p.problem.accuracy * arm.length
+    assert p.certificate.inequality[NEAR] < -2 * p.problem.accuracy
     assert not p.reached
 
 
@@ -159,7 +159,7 @@ def test_an_arm_that_need_not_lean_keeps_clear_and_says_so(tmp_path: Path) -> No
     assert again.outcome == p.outcome
     nearer = plan(ARM, Wrap(ROD, length=0.2, tolerance=0.2), p.scene, 50.0, near=p)
     assert nearer.reached, nearer.outcome
-    assert len(nearer.starts) == 1
+    assert len(nearer.solution.starts) == 1
     tight = p.co_contract(0.05)
     assert tight.reached, tight.outcome
     assert np.min(tight.tensions) >= 0.05
@@ -212,7 +212,7 @@ def test_a_shape_beside_the_obstacle_does_not_settle_otherwise_than_alone() -> N
 def test_a_time_limit_is_one_for_all_the_plans_that_turns_take(scene: str) -> None:
     """Each of them had a limit of its own."""
     p = plan(ARM, Wrap(ROD, turns=0.25), SCENES[scene], 50.0, time_limit=1e-9)
-    assert p.stopped
+    assert p.solution.stopped
     assert p.targets[0].turns == 0.25
     # Of a search that was not at its end that was told all the same.
     assert "too tight" not in p.outcome

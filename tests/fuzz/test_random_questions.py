@@ -159,7 +159,7 @@ def ending(seed: int) -> str:
     found = plan(asked.arm, asked.target, asked.scene, time_limit=20.0)
     if found.reached and gap(asked, found) > 1e-4:
         return "wrong"
-    return "reached" if found.reached else "stopped" if found.stopped else "not reached"
+    return "reached" if found.reached else "stopped" if found.solution.stopped else "not reached"
 
 
 def test_a_few_random_questions_are_answered_rightly() -> None:

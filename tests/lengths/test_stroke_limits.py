@@ -12,10 +12,11 @@ import pytest
 from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import ExactTendons, Extension
 from octoplan.planner import Plan, load_plan, plan
-from octoplan.planner.answer import sentence
 from octoplan.planner.frontends.io.scene_file import read
+from octoplan.planner.outcome import verdict
 from octoplan.planner.targets import BendingPlane, TipPosition
 from tests.lengths.cases import EXACT, cylinder
+from tests.planner.cases import changed
 
 ARM = Arm.from_paper("table-4")
 T = np.array([0.1, 0.3, 0, 0, 0, 1.2, 0, 0.5, 3.0, 0, 0, 1.5])
@@ -47,11 +48,11 @@ def test_the_certificate_finds_out_strokes_beyond_their_limits_by_how_far() -> N
     taken, paid = float(free.strokes.max()), float(free.strokes.min())
     for least, most in ((-1.0, taken - 1e-3), (paid + 1e-3, 1.0)):
         strokes = (least,) * ARM.n_tendons, (most,) * ARM.n_tendons
-        tight = replace(free, limits=replace(free.limits, strokes=strokes))
+        tight = changed(free, limits=replace(free.problem.limits, strokes=strokes))
         assert tight.certificate.strokes == pytest.approx(1e-3 / ARM.length, rel=1e-6)
         assert any("stroke limit" in failure for failure in tight.certificate.failures)
     total = float(free.tensions.sum()) - 1e-3
-    pulled = replace(free, limits=replace(free.limits, total=total))
+    pulled = changed(free, limits=replace(free.problem.limits, total=total))
     assert pulled.certificate.bounds == pytest.approx(1e-3, rel=1e-5)
 
 
@@ -87,7 +88,9 @@ def test_how_far_winches_pay_out_is_a_limit_of_its_own() -> None:
 def test_plans_with_limits_of_strokes_are_saved_and_followed(tmp_path: Path) -> None:
     held = asked(PAPER, stroke_max=0.9 * float(np.abs(asked(PAPER).strokes).max()))
     assert load_plan(held.save(tmp_path / "held.json")) == held
-    again = plan(ARM, held.targets, PAPER, 20.0, near=held, stroke_max=held.limits.strokes[1])  # type: ignore[index]
+    again = plan(
+        ARM, held.targets, PAPER, 20.0, near=held, stroke_max=held.problem.limits.strokes[1]
+    )  # type: ignore[index]
     assert again.tensions == pytest.approx(held.tensions, abs=1e-6 * held.tensions.max())
 
 
@@ -105,7 +108,7 @@ def test_a_shape_beyond_stroke_limits_is_not_called_the_nearest() -> None:
     arm, target = cylinder((0.2,)), BendingPlane(angle=0.0, bend=0.5, section=1)
     tight = plan(arm, target, Scene(ExactTendons()), 20.0, stroke_max=1.9e-3)
     object.__setattr__(tight, "certificate", replace(tight.certificate, strokes=0.05))
-    told = sentence(tight)
+    told = verdict(tight)
     assert "no shape within the limits of strokes is found" in told
     assert "passes them by 10 mm" in told
     assert "nearest shape found" not in told

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import shutil
 from typing import Any
 
@@ -25,6 +24,7 @@ from octoplan.model.stiffness import stiffness
 from octoplan.model.support.errors import CompilerError
 from octoplan.planner import plan
 from octoplan.planner.targets import TipPosition
+from tests.planner.cases import changed
 
 ARM = Arm.from_paper("table-4")
 SETS = np.random.default_rng(0).uniform(size=(20, 3, 4)) * np.array([0.1, 1.0, 4.0])[:, None]
@@ -88,7 +88,7 @@ def test_compiled_plans_have_the_digits_of_interpreted_ones(scene: Scene) -> Non
     near = TipPosition(settle(ARM, 1.05 * T, scene).tip)
     after = [plan(ARM, near, scene, near=fast, compile=how, **options) for how in (False, True)]
     assert after[0] == after[1]
-    assert [p.machine_code for p in after] == [False, True]
+    assert [p.problem.machine_code for p in after] == [False, True]
 
 
 def no_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -119,13 +119,13 @@ def test_without_a_compiler_auto_goes_on_and_warns(monkeypatch: pytest.MonkeyPat
     no_compiler(monkeypatch)
     with pytest.warns(RuntimeWarning, match="not compiled: no C compiler"):
         found = settle(ARM, T, Scene(*FEW), 1e-4, compile="auto")
-    assert not found.machine_code
+    assert not found.problem.machine_code
     assert np.array_equal(found.states, settle(ARM, T, Scene(*FEW), 1e-4).states)
 
 
 @needs_compiler
 def test_a_changed_answer_is_still_found_by_compiled_kernels() -> None:
     found = plan(ARM, TipPosition((0.3, 0.02, -0.05)), Scene(Extension()), 20.0, compile=True)
-    other = dataclasses.replace(found, tensions=1.01 * found.tensions)
+    other = changed(found, tensions=1.01 * found.tensions)
     assert other.shape.machine_code
     assert other != found

@@ -174,4 +174,4 @@ def test_scene_files_and_plans_hold_meshes(tmp_path: Path) -> None:
     assert isinstance(found, Mesh)
     p = plan(ARM, TARGET, SCENE, 20.0, obstacles=[found], clearance=0.002)
     p.save(tmp_path / "plan.json")
-    assert load_plan(tmp_path / "plan.json").surroundings.obstacles == (found,)
+    assert load_plan(tmp_path / "plan.json").problem.environment.obstacles == (found,)

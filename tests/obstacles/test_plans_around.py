@@ -16,15 +16,17 @@ from octoplan.model.extensions.obstacles import Box, Capsule, HalfSpace, Obstacl
 from octoplan.model.rotations import matrices
 from octoplan.model.shape import Shape
 from octoplan.planner import Plan, load_plan, plan
+from octoplan.planner.environment import Environment
 from octoplan.planner.extensions.avoidance.around import line_of
 from octoplan.planner.extensions.avoidance.rows import avoiding, cubic, element_of, grid
-from octoplan.planner.extensions.avoidance.surroundings import Environment
 from octoplan.planner.frontends.io.scene_file import read
 from octoplan.planner.limits import Limits
 from octoplan.planner.nlp_options import NlpOptions
+from octoplan.planner.outcome import verdict
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.targets import BendingPlane, TipPosition
 from tests.oracles import Array
+from tests.planner.cases import changed
 
 ARM, SCENE = Arm.from_paper("table-4"), Scene(Extension())
 TARGET = TipPosition((0.3, 0.12, -0.12))
@@ -49,13 +51,15 @@ def around(free: Plan) -> Plan:
 
 
 def _check(free: Plan, p: Plan) -> None:
-    (obstacle,) = p.surroundings.obstacles
+    (obstacle,) = p.problem.environment.obstacles
     assert _gap(free.shape, obstacle) < 0
     assert p.certificate.passed, p.outcome
-    assert p.surroundings.clearance <= p.certificate.clearance <= _gap(p.shape, obstacle) + 1e-9
+    assert (
+        p.problem.environment.clearance <= p.certificate.clearance <= _gap(p.shape, obstacle) + 1e-9
+    )
     assert p.effort > free.effort
     # No more is kept than has to be.
-    assert _gap(p.shape, obstacle) < p.surroundings.clearance + 1e-3
+    assert _gap(p.shape, obstacle) < p.problem.environment.clearance + 1e-3
 
 
 def test_a_plan_leads_around_a_ball(free: Plan, around: Plan) -> None:
@@ -78,15 +82,15 @@ def test_a_plan_leads_around_other_bodies(free: Plan, make: Callable[[Array], Ob
 def test_an_obstacle_out_of_the_way_changes_nothing(free: Plan) -> None:
     p = plan(ARM, TARGET, SCENE, 20.0, obstacles=[Sphere((0.0, -0.4, 0.0), 0.05)])
     np.testing.assert_array_equal(p.tensions, free.tensions)
-    assert p.avoidance is None
+    assert p.solution.avoidance is None
 
 
 def test_a_plan_around_is_followed_by_its_own_inequalities(free: Plan, around: Plan) -> None:
     target = TipPosition((0.3, 0.121, -0.119))
-    asked = {"obstacles": around.surroundings.obstacles, "clearance": 0.003}
+    asked = {"obstacles": around.problem.environment.obstacles, "clearance": 0.003}
     p = plan(ARM, target, SCENE, 20.0, near=around, **asked)
     _check(free, p)
-    assert p.avoidance == around.avoidance
+    assert p.solution.avoidance == around.solution.avoidance
     # The target was in a plane of symmetry, beside which one of the two images costs less.
     assert np.abs(p.tensions - around.tensions).max() < 0.05 * around.tensions.max()
     searched = plan(ARM, target, SCENE, 20.0, **asked)
@@ -170,7 +174,7 @@ def test_the_outcome_tells_what_was_to_be_kept_clear_of() -> None:
         least_gaps={"obstacles": 0.0},
         clearances=nearer,
     )
-    assert p.outcome.startswith(f"Not clear: {ball};")
+    assert verdict(p).startswith(f"Not clear: {ball};")
 
 
 BEHIND = np.zeros((3, 4))
@@ -211,7 +215,7 @@ def test_places_are_read_off_the_stations_of_the_settled_arm() -> None:
 def test_an_arm_that_passes_through_itself_says_so(free: Plan) -> None:
     T = np.array(free.tensions)
     T[0, 0] = 3.0
-    coiled = replace(free, tensions=T)
+    coiled = changed(free, tensions=T)
     assert coiled.certificate.gaps["itself"] < 0
     assert "the arm passes through itself" in coiled.outcome
     assert "beware" in str(coiled.certificate)

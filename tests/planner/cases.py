@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import astuple
+from dataclasses import astuple, fields, replace
 from itertools import pairwise
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from octoplan.model import Anchorage, Arm, Linear, Sampled, Scene, Shape, settle
 from octoplan.model.effects import Extension
+from octoplan.planner.plan_result import Plan
 from octoplan.planner.targets import (
     Backbone,
     Bend,
@@ -23,6 +24,15 @@ from octoplan.planner.targets import (
 from tests.oracles import Array
 
 PAPER = Scene(Extension())
+
+
+def changed(plan: Plan, **changes: Any) -> Plan:
+    """Return a plan with other values of its problem and its solution."""
+    names = {field.name for field in fields(plan.problem)}
+    asked = {name: value for name, value in changes.items() if name in names}
+    found = {name: value for name, value in changes.items() if name not in names}
+    problem, solution = replace(plan.problem, **asked), replace(plan.solution, **found)
+    return replace(plan, problem=problem, solution=solution)
 
 
 def figure_15() -> Array:

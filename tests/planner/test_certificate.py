@@ -8,9 +8,10 @@ import pytest
 
 from octoplan.model import Arm, OctoplanError, Shape, settle
 from octoplan.planner import Limits, plan
-from octoplan.planner.certificate import certify
+from octoplan.planner.certificate import COMPLEMENTARITY, Check, certify
+from octoplan.planner.extensions.contact.checks import COMPLEMENTARY
 from octoplan.planner.targets import TipPosition
-from tests.planner.cases import PAPER, moderate, paper_tip
+from tests.planner.cases import PAPER, changed, moderate, paper_tip
 
 ARM = Arm.from_paper("table-4")
 PLAN = plan(ARM, TipPosition(paper_tip(ARM, moderate())), PAPER, 20.0)
@@ -32,7 +33,7 @@ def test_a_good_plan_passes_by_an_integrator_that_did_not_make_it() -> None:
 def test_a_tension_changed_by_a_thousandth_fails(j: int) -> None:
     T = PLAN.tensions.ravel().copy()
     T[j] += 1e-3 * max(T[j], 0.05)
-    spoilt = replace(PLAN, tensions=T.reshape(3, 4))
+    spoilt = changed(PLAN, tensions=T.reshape(3, 4))
     assert not spoilt.certificate.passed
     assert not spoilt.reached
     assert "Not certified" in spoilt.outcome
@@ -48,25 +49,25 @@ def test_a_tension_changed_by_a_thousandth_fails(j: int) -> None:
     ids=["above a maximum", "below a minimum", "above the total"],
 )
 def test_tensions_outside_of_their_limits_fail(limits: Limits) -> None:
-    tight = replace(PLAN, limits=limits)
+    tight = changed(PLAN, limits=limits)
     assert any("tension limit violated" in failure for failure in tight.certificate.failures)
 
 
 def test_a_plan_that_meets_its_target_with_needless_effort_fails_as_not_optimal() -> None:
     wasteful = plan(ARM, PLAN.targets, PAPER, 20.0, tension_min=0.05)
     assert wasteful.certificate.passed
-    loosened = replace(wasteful, limits=PLAN.limits)
-    assert loosened.certificate.residual <= wasteful.accuracy / 10
+    loosened = changed(wasteful, limits=PLAN.problem.limits)
+    assert loosened.certificate.residual <= wasteful.problem.accuracy / 10
     assert any("optimality" in failure for failure in loosened.certificate.failures)
 
 
 def test_multipliers_of_the_wrong_sign_fail() -> None:
-    flipped = replace(PLAN, lam_x=tuple(-v for v in PLAN.lam_x))
+    flipped = changed(PLAN, lam_x=tuple(-v for v in PLAN.solution.lam_x))
     assert not flipped.certificate.passed
 
 
 def test_tensions_that_crush_the_arm_fail_with_the_reason() -> None:
-    crushed = replace(PLAN, tensions=np.full((3, 4), 19.0))
+    crushed = changed(PLAN, tensions=np.full((3, 4), 19.0))
     assert not crushed.certificate.passed
     assert "crushed" in crushed.outcome
 
@@ -76,7 +77,7 @@ def test_a_plan_travels_by_pickle_and_stays_equal() -> None:
     assert copy == PLAN
     assert copy.certificate == PLAN.certificate
     assert copy.certificate.gaps == PLAN.certificate.gaps
-    assert copy != replace(PLAN, tensions=PLAN.tensions * 1.1)
+    assert copy != changed(PLAN, tensions=PLAN.tensions * 1.1)
 
 
 SOUND = replace(PLAN.certificate, clearances={}, load_factor=None)
@@ -86,7 +87,7 @@ EACH_CHECK = {
     "stroke": lambda v: {"strokes": v * 1e-6},
     "optimality": lambda v: {"kkt": v * 1e-6},
     "integrators": lambda v: {"agreement": v * 1e-6},
-    "complementarity": lambda v: {"complementarity": v * 1e-8},
+    "complementarity": lambda v: {"checks": {COMPLEMENTARITY: Check(v * 1e-8, COMPLEMENTARY)}},
     "stability below its margin": lambda v: {
         "stability_margin": 0.1,
         "stability": 0.1 - v * 1e-4,
@@ -139,7 +140,7 @@ def test_tensions_that_settle_to_no_shape_are_settled_once() -> None:
         asked.append("optimality")
         return 0.0
 
-    found = certify(PLAN, PLAN.tensions.ravel(), settled, kkt)
+    found = certify(PLAN.problem, PLAN.tensions.ravel(), settled, kkt)
     assert found.problem == "no shape"
     assert asked == ["a shape"]
 
@@ -147,7 +148,7 @@ def test_tensions_that_settle_to_no_shape_are_settled_once() -> None:
 def test_the_tip_of_a_shape_is_held_against_that_of_the_check() -> None:
     tensions = 2 * PLAN.tensions
     rough, sharp = (settle(ARM, tensions, PAPER, own) for own in (1e-2, 1e-11))
-    found = certify(PLAN, tensions.ravel(), lambda: rough, float)
+    found = certify(PLAN.problem, tensions.ravel(), lambda: rough, float)
     apart = np.linalg.norm(rough.tip - sharp.tip) / ARM.length
     assert apart > 1e-6
     assert found.agreement == pytest.approx(apart, rel=1e-2)

@@ -81,7 +81,7 @@ def test_how_near_a_target_is_had_does_not_depend_on_the_norm_of_effort() -> Non
         found = plan(arm, target, Scene(Extension()), norm=norm, obstacles=[ball], **limits)
         missed.append(found.certificate.residual)
         assert found.optimum is not None
-        problem, x = found.problem, found.optimum.x
+        problem, x = found.program(), found.optimum.x
         x = x + 1e-2 * np.random.default_rng(5).normal(size=x.size)
         check_derivatives(whole(problem, problem.parameters()), x, 1e-4)
     assert missed[1] == pytest.approx(missed[0], rel=1e-3)

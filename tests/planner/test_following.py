@@ -38,8 +38,8 @@ def test_a_followed_plan_is_the_optimum_that_a_search_finds() -> None:
 def test_plans_along_a_path_need_no_search_and_tendons_go_slack_on_the_way() -> None:
     along = followed(12)
     assert all(found.reached for found in along)
-    assert len(along[0].starts) > 1
-    assert [len(found.starts) for found in along[1:]] == [1] * 11
+    assert len(along[0].solution.starts) > 1
+    assert [len(found.solution.starts) for found in along[1:]] == [1] * 11
     assert len({tuple(np.ravel(found.tensions) == 0) for found in along}) > 1
 
 
@@ -63,7 +63,7 @@ def test_co_contraction_follows_the_plan_and_keeps_to_its_way(target: Target, sc
     levels = [first, *(first.co_contract(level) for level in (0.01, 0.05, 0.1))]
     for found, least in zip(levels[1:], (0.01, 0.05, 0.1), strict=True):
         assert found.certificate.passed, found.outcome
-        assert len(found.starts) == 1
+        assert len(found.solution.starts) == 1
         assert found.tensions.min() == least
     middles = np.array([found.shape.position(0.5 * ARM.length) for found in levels])
     assert np.linalg.norm(np.diff(middles, axis=0), axis=1).max() < 0.15 * ARM.length
@@ -76,23 +76,24 @@ def test_a_target_beyond_the_axis_makes_the_plan_leave_its_branch_and_it_says_so
     above = plan(ARM, TipPosition((0.44, 0.01, 0.0)), PAPER, 20.0)
     below = plan(ARM, TipPosition((0.44, -0.01, 0.0)), PAPER, 20.0, near=above)
     assert below.reached
-    assert 0.25 < below.jump < 2
-    assert f"left the branch of the plan before: tensions jump by {100 * below.jump:.0f} %" in (
-        below.outcome
+    assert 0.25 < below.solution.jump < 2
+    assert (
+        f"left the branch of the plan before: tensions jump by {100 * below.solution.jump:.0f} %"
+        in (below.outcome)
     )
 
 
 def test_a_plan_that_is_stopped_while_it_follows_is_the_one_before() -> None:
     near = followed(12)[0]
     stopped = plan(ARM, path(12)[-1], PAPER, 20.0, near=near, time_limit=1e-9)
-    assert stopped.stopped
+    assert stopped.solution.stopped
     assert np.array_equal(stopped.tensions, near.tensions)
     assert "time limit" in stopped.outcome
 
 
 def test_a_plan_with_other_maxima_is_searched_for_afresh() -> None:
     near = followed(12)[0]
-    assert len(plan(ARM, path(12)[0], PAPER, 15.0, near=near).starts) > 1
+    assert len(plan(ARM, path(12)[0], PAPER, 15.0, near=near).solution.starts) > 1
 
 
 @pytest.mark.slow
@@ -124,7 +125,7 @@ def test_loaded_arms_are_followed() -> None:
     tips = [TipPosition(settle(ARM, FIRST + u * (LAST - FIRST), water).tip) for u in (0.3, 0.4)]
     first, second = plan_many(ARM, tips, water, 20.0)
     assert second.reached
-    assert len(second.starts) == 1
+    assert len(second.solution.starts) == 1
     assert second.effort == pytest.approx(plan(ARM, tips[1], water, 20.0).effort, rel=1e-6)
     assert first.reached
 
@@ -141,13 +142,13 @@ def test_plans_are_as_accurate_as_asked(accuracy: float) -> None:
 def test_a_long_step_on_one_branch_is_no_jump() -> None:
     near = plan(ARM, path(12)[0], PAPER, 20.0)
     far = plan(ARM, path(12)[-1], PAPER, 20.0, near=near)
-    assert far.jump == 0
+    assert far.solution.jump == 0
     assert "branch" not in far.outcome
 
 
 def test_without_a_path_every_plan_is_searched_for() -> None:
     alone = plan_many(ARM, path(12)[:2], PAPER, 20.0, path=False)
-    assert min(len(found.starts) for found in alone) > 1
+    assert min(len(found.solution.starts) for found in alone) > 1
 
 
 def test_no_targets_give_no_plans() -> None:
@@ -194,5 +195,5 @@ def test_a_plan_of_another_norm_is_not_followed() -> None:
     (target,) = path(1)
     near = plan(ARM, target, PAPER, 20.0)
     found = plan(ARM, target, PAPER, 20.0, norm="inf", near=near)
-    assert found.options.norm == "inf"
+    assert found.problem.options.norm == "inf"
     assert found.tensions.max() < 0.99 * near.tensions.max()

@@ -36,9 +36,9 @@ ABSURD = pytest.param("an absurd payload", marks=pytest.mark.slow)
 @pytest.mark.parametrize("name", ["paper", "silicone", "water", ABSURD])
 def test_at_the_time_limit_there_is_a_plan_that_says_so(name: str) -> None:
     stopped = plan(ARM, TARGET, SCENES[name], 20.0, time_limit=1e-3)
-    assert stopped.stopped
+    assert stopped.solution.stopped
     assert "time limit" in stopped.outcome
-    assert np.all(np.isfinite(stopped.tensions)) and stopped.limits.lower[0] == 0
+    assert np.all(np.isfinite(stopped.tensions)) and stopped.problem.limits.lower[0] == 0
     assert np.all((stopped.tensions >= 0) & (stopped.tensions <= 20))
 
 
@@ -47,7 +47,7 @@ def test_a_plan_stopped_after_an_optimum_is_that_optimum() -> None:
     for limit in (0.3, 0.6, 1.2):
         part = plan(ARM, TARGET, SCENES["silicone"], 20.0, time_limit=limit)
         assert part.effort >= whole.effort * (1 - 1e-3) or not part.reached
-    assert not whole.stopped
+    assert not whole.solution.stopped
 
 
 def test_a_limit_that_is_not_reached_changes_no_digit() -> None:
@@ -112,7 +112,7 @@ def test_stopped_before_anything_was_solved_there_is_the_nearest_guess(name: str
     stopped = plan(ARM, TARGET, SCENES[name], 20.0, time_limit=1e-9).certify()
     rest = settle(ARM, np.zeros(12), SCENES[name]).tip
     gap = [np.linalg.norm(tip - np.array(TARGET.position)) for tip in (stopped.shape.tip, rest)]
-    assert stopped.starts == ()
+    assert stopped.solution.starts == ()
     assert gap[0] < 0.5 * gap[1]
 
 

@@ -73,9 +73,9 @@ def test_maxima_that_do_nothing_hold_everything_back(most: float) -> None:
 
 def test_starts_are_counted_and_their_agreement_too() -> None:
     found = plan(ARM, TARGET, PAPER, 20.0)
-    assert 1 <= found.n_equal_optima <= len(found.starts) <= 8
+    assert 1 <= found.solution.n_equal_optima <= len(found.solution.starts) <= 8
     for count in (1, 8, 11):
-        assert len(plan(ARM, TARGET, PAPER, 20.0, starts=count).starts) == count
+        assert len(plan(ARM, TARGET, PAPER, 20.0, starts=count).solution.starts) == count
 
 
 def test_a_tension_limit_that_holds_is_named() -> None:

@@ -70,9 +70,10 @@ def test_nearest_tip_of_a_helical_arm_is_as_near_as_a_grid() -> None:
     assert off <= _least_of_grid(HELICAL, PLACE, SHEAR, MAXIMA, 3) + 1e-6
     assert "the nearest shape found is off in tip position by 102 mm" in found.outcome
     assert (
-        f"{len(found.starts)} initial guesses and {found.sampled} sampled shapes" in found.outcome
+        f"{len(found.solution.starts)} initial guesses and {found.solution.sampled} sampled shapes"
+        in found.outcome
     )
-    assert found.sampled > 100
+    assert found.solution.sampled > 100
 
 
 @pytest.mark.parametrize("place", [(-0.1, 0.2, 0.1), (0.05, -0.12, 0.0)])
@@ -154,8 +155,8 @@ def test_agreement_alone_does_not_end_a_search_that_misses() -> None:
     """Guesses agreed on the nearest shape before any shape over the limits was looked at."""
     far = plan(THIN, TipPosition((0.9, 0.0, 0.1)), EXACT, 0.35)
     assert not far.reached
-    assert len(far.starts) > N_SAMPLED and far.sampled > 100
+    assert len(far.solution.starts) > N_SAMPLED and far.solution.sampled > 100
     few = plan(THIN, TipPosition((0.9, 0.0, 0.1)), EXACT, 0.35, starts=4)
-    assert len(few.starts) <= 4
+    assert len(few.solution.starts) <= 4
     met = plan(THIN, TipPosition(tuple(settle(THIN, [0.1, 0.03, 0], EXACT).tip)), EXACT, 0.35)
-    assert met.reached and met.sampled == 0 and "sampled" not in met.outcome
+    assert met.reached and met.solution.sampled == 0 and "sampled" not in met.outcome

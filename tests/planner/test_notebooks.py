@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from octoplan.model import Arm, Scene, settle
 from octoplan.model.effects import Extension
 from octoplan.planner import Measured, Unknown, calibrate, plan, stiffness, trajectory
 from octoplan.planner.targets import TipPosition
+from tests.planner.cases import changed
 
 ARM = Arm.from_paper("table-4")
 SCENE = Scene(Extension())
@@ -65,7 +65,7 @@ def test_every_line_of_a_certificate_has_a_unit() -> None:
 
 
 def test_a_plan_that_does_not_settle_is_still_shown() -> None:
-    crushed = replace(PLAN, tensions=np.full((3, 4), 1e4))
+    crushed = changed(PLAN, tensions=np.full((3, 4), 1e4))
     assert "Not certified" in repr(crushed)
 
 

@@ -316,13 +316,13 @@ def test_a_cheaper_optimum_that_is_lost_on_finer_meshes_is_told(
     best = plan(ARM, target, PAPER, 20.0)
 
     def losing(coarse: NlpSolution) -> NlpSolution | None:
-        same = abs(coarse.f / min(s.objective for s in best.starts) - 1) < 1e-3
+        same = abs(coarse.f / min(s.objective for s in best.solution.starts) - 1) < 1e-3
         return None if same else refine(coarse)
 
     monkeypatch.setattr(search, "refine", losing)
     found = plan(ARM, target, PAPER, 20.0, starts=8)
     assert found.reached
-    assert found.lost == pytest.approx(1 - best.effort / found.effort, rel=0.02)
+    assert found.solution.lost == pytest.approx(1 - best.effort / found.effort, rel=0.02)
     assert "cheaper on the coarse mesh was lost" in found.outcome
     assert "lost" not in best.outcome
     found.save(tmp_path / "plan.json")

@@ -155,8 +155,8 @@ def test_a_program_of_another_target_is_not_certified(monkeypatch: pytest.Monkey
 def test_targets_of_equal_expressions_share_a_program() -> None:
     p = plan(ARM, TipPosition(tuple(SHAPE.tip)), PAPER)
     q = plan(ARM, TipPosition(tuple(SHAPE.tip + 0.01)), PAPER)
-    same = p.options
-    assert Problem(p, same).program is Problem(q, same).program
+    same = p.problem.options
+    assert Problem(p.problem, same).program is Problem(q.problem, same).program
     one, two = (TargetSet(ARM, (Frozen(z),)) for z in (0.1, 0.1))
     assert one.terms == two.terms
     assert one.terms != TargetSet(ARM, (Frozen(0.2),)).terms

@@ -34,6 +34,7 @@ from octoplan.planner import Plan, load_plan, plan, save_shape
 from octoplan.planner.frontends.commands.files import schema_of
 from octoplan.planner.frontends.io.csv_files import shape_csv
 from octoplan.planner.targets import BendingPlane, TipPosition
+from tests.planner.cases import changed
 
 OWN = Arm(
     0.3,
@@ -65,7 +66,7 @@ def stopped(after: float) -> Plan:
 @pytest.fixture(scope="module")
 def elsewhere(reached: Plan) -> Plan:
     """One that left the branch of the plan before."""
-    return replace(reached, jump=1.13)
+    return changed(reached, jump=1.13)
 
 
 @pytest.mark.parametrize("which", ["reached", "unlimited", 1e-9, 0.3, "elsewhere"])
@@ -78,7 +79,7 @@ def test_a_plan_is_loaded_equal_and_certified_anew(
     jsonschema.validate(json.loads(path.read_text()), schema_of("plan"))
     loaded = load_plan(path)
     assert loaded == p
-    assert loaded.limits == p.limits
+    assert loaded.problem.limits == p.problem.limits
     assert loaded.certificate == p.certificate
     assert loaded.outcome == p.outcome
     assert ("tensions jump by 113 %" in loaded.outcome) == (which == "elsewhere")
@@ -86,7 +87,7 @@ def test_a_plan_is_loaded_equal_and_certified_anew(
 
 
 def test_a_plan_that_does_not_settle_is_saved_as_well(reached: Plan, tmp_path: Path) -> None:
-    crushing = replace(reached, tensions=np.full((3, 4), 500.0))
+    crushing = changed(reached, tensions=np.full((3, 4), 500.0))
     assert not crushing.certificate.passed
     path = crushing.save(tmp_path / "crushed.json")
     assert json.loads(path.read_text())["tip_m"] is None
@@ -94,7 +95,7 @@ def test_a_plan_that_does_not_settle_is_saved_as_well(reached: Plan, tmp_path: P
 
 
 def test_multipliers_of_another_problem_leave_the_outcome_a_sentence(reached: Plan) -> None:
-    other = replace(reached, lam_g=reached.lam_g[:-1])
+    other = changed(reached, lam_g=reached.solution.lam_g[:-1])
     assert not other.certificate.passed
     assert "optimality residual" in other.outcome
 
@@ -218,7 +219,7 @@ def test_what_could_not_be_read_back_is_not_saved(reached: Plan, tmp_path: Path)
 
     arm = replace(reached.arm, radius=Narrower(0.015, 0.0065))
     with pytest.raises(InputError, match="to save"):
-        replace(reached, arm=arm).save(tmp_path / "plan.json")
+        changed(reached, arm=arm).save(tmp_path / "plan.json")
     assert list(tmp_path.iterdir()) == []
 
 

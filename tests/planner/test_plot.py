@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from octoplan.model.extensions.clearance import clearance
 from octoplan.model.extensions.contact.effects import Contact
 from octoplan.model.extensions.obstacles import Capsule
 from octoplan.planner import Plan, plan, plan_many
-from octoplan.planner.certificate import COMPLEMENTARY
+from octoplan.planner.extensions.contact.checks import COMPLEMENTARY
 from octoplan.planner.frontends.plots.arm import draw_arm
 from octoplan.planner.frontends.plots.motion import plot_motion, save_motion
 from octoplan.planner.frontends.plots.plan import plot_plan, plot_shape, plot_strains, save
@@ -31,7 +30,7 @@ from octoplan.planner.targets import (
     TipPose,
     TipPosition,
 )
-from tests.planner.cases import PAPER, barrel_arm, figure_15
+from tests.planner.cases import PAPER, barrel_arm, changed, figure_15
 
 MARKED = {
     "position": "target of the tip",
@@ -121,7 +120,7 @@ def test_the_title_says_the_outcome_and_the_effort(fetch: Plan) -> None:
     figure = plot_plan(fetch)
     assert figure.get_suptitle().startswith("Reached")
     assert f"{fetch.effort:.3g} N" in figure.get_suptitle()
-    off = replace(fetch, tensions=1.1 * fetch.tensions)
+    off = changed(fetch, tensions=1.1 * fetch.tensions)
     assert plot_plan(off).get_suptitle().startswith("Not certified")
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,6 +30,7 @@ from octoplan.planner.targets import (
     TipPose,
     TipPosition,
 )
+from tests.planner.cases import changed
 from tests.refusals import Refused, check_refusal
 
 ARM, LONG, ONE_SECTION = map(Arm.from_paper, ("table-2", "table-4", "section-5.1"))
@@ -261,7 +261,7 @@ FIGURES: Refused = {
     "a plan from no file": (lambda: load_plan(None), "path", "the name of a file"),  # type: ignore[arg-type]
     "code into no folder": (lambda: export(ARM, PAPER, 3, SHAPE.tensions), "to", "file or folder"),  # type: ignore[arg-type]
     "a motion between scenes": (
-        lambda: plot_motion([PLAN, replace(PLAN, scene=Scene())]),
+        lambda: plot_motion([PLAN, changed(PLAN, scene=Scene())]),
         "plans[1]",
         "",
     ),

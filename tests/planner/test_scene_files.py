@@ -32,6 +32,7 @@ from octoplan.model.extensions.obstacles import Sphere
 from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.support.errors import FileError
 from octoplan.planner import plan
+from octoplan.planner.extensions.contact import Hold
 from octoplan.planner.frontends.commands.files import schema_of
 from octoplan.planner.frontends.io.object_tables import ArmTable
 from octoplan.planner.frontends.io.scene_file import load, read
@@ -41,7 +42,6 @@ from octoplan.planner.targets import (
     Bend,
     BendingPlane,
     Fetch,
-    Hold,
     MinimumStiffness,
     Softest,
     Stiffest,

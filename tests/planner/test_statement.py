@@ -14,9 +14,9 @@ from octoplan.model.effects import Extension, Weight
 from octoplan.model.extensions.obstacles import Box
 from octoplan.model.support.machine.functions import BufferedFunction
 from octoplan.planner import plan, trajectory
-from octoplan.planner.answer import sentence
-from octoplan.planner.certificate import Certificate
+from octoplan.planner.certificate import COMPLEMENTARITY, Certificate, Check
 from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints
+from octoplan.planner.outcome import verdict
 from octoplan.planner.program import Program
 from octoplan.planner.solve import ipopt
 from octoplan.planner.targets import BendingPlane, TipPosition
@@ -95,7 +95,7 @@ def test_guesses_agree_on_the_nearest_shape_under_loads(place: tuple[float, floa
     """Least squares of what is missed outweighed equilibrium: of 14 guesses one came to an end."""
     found = plan(ARM, TipPosition(place), Scene.silicone(Weight()), 20.0)
     assert found.outcome.startswith("Not reached: the nearest shape found is off in tip")
-    assert len(found.starts) == found.n_equal_optima == 3
+    assert len(found.solution.starts) == found.solution.n_equal_optima == 3
 
 
 MISSED = Certificate({"tip position": 0.01}, {}, {}, 0.0)
@@ -104,7 +104,7 @@ SENTENCES: dict[str, tuple[dict[str, Any], str]] = {
     "no limit": ({}, "no limit is active; move the target, or ask for more starts"),
     "samples": ({"sampled": 512}, "3 initial guesses and 512 sampled shapes tried, 2 led to"),
     "in contact": (
-        {"certificate": replace(MISSED, complementarity=0.0)},
+        {"certificate": replace(MISSED, checks={COMPLEMENTARITY: Check(0.0, 1e-8)})},
         "no limit is active; move the target, or ask for more starts",
     ),
     "limits": (
@@ -146,13 +146,15 @@ SENTENCES: dict[str, tuple[dict[str, Any], str]] = {
 def test_what_is_not_reached_is_said_to_be_held_by_what_holds_it(
     facts: dict[str, Any], told: str
 ) -> None:
-    plan = SimpleNamespace(
-        certificate=MISSED, mode="nearest", effort=1.0, starts=(0, 0, 0), n_equal_optima=2, arm=ARM
+    solution = {"starts": (0, 0, 0), "n_equal_optima": 2, "sampled": 0, "stopped": False}
+    solution |= {"in_the_way": "", "unstable": False, "avoidance": None}
+    plan = {"certificate": MISSED, "mode": "nearest", "effort": 1.0, "holding": list}
+    plan |= {name: fact for name, fact in facts.items() if name in plan}
+    solution |= {name: fact for name, fact in facts.items() if name not in plan}
+    problem = SimpleNamespace(arm=ARM)
+    assert told in verdict(
+        SimpleNamespace(problem=problem, solution=SimpleNamespace(**solution), **plan)
     )
-    limits = {"stopped": False, "in_the_way": "", "unstable": False, "avoidance": None}
-    limits["sampled"] = 0
-    limits["holding"] = list
-    assert told in sentence(SimpleNamespace(**vars(plan) | limits | facts))
 
 
 class Rounding:

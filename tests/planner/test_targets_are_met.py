@@ -79,7 +79,7 @@ def check_met(
     found = plan(arm, target, scene, most)
     assert found.certificate.passed, found.outcome
     assert found.reached and found.outcome.startswith("Reached")
-    assert found.iterations > 0
+    assert found.solution.iterations > 0
     stages, refinement = (2, 64) if is_loaded(scene) else (3, 32)
     other = collocated(arm, found.tensions, scene, stages, refinement)
     assert off(other, target, kind) < 2e-6

@@ -28,12 +28,12 @@ from octoplan.model.support.progress import (
     time_limit,
 )
 from octoplan.planner import Plan, load_plan, plan
-from octoplan.planner.answer import Answer
+from octoplan.planner.extensions.contact import Wrap
 from octoplan.planner.extensions.fit.calibrate import calibrate
 from octoplan.planner.extensions.fit.measured import Measured
 from octoplan.planner.extensions.fit.unknowns import Unknown
 from octoplan.planner.extensions.trajectory.motion import trajectory
-from octoplan.planner.targets import BendingPlane, TipPosition, Wrap
+from octoplan.planner.targets import BendingPlane, TipPosition
 from tests.contact.cases import bar
 
 ARM = Arm.from_paper("table-4")
@@ -132,15 +132,17 @@ def test_a_limit_holds_until_all_is_read(name: str, seconds: int, clock: SimpleN
     assert inside == reading(p)
 
 
-@pytest.mark.parametrize("what", ["_integrated", "clearances"])
+@pytest.mark.parametrize(
+    "what", ["planner.certificate._integrated", "planner.extensions.avoidance.checks.clearances"]
+)
 def test_a_slow_certificate_is_told_as_not_certified(
     what: str, monkeypatch: pytest.MonkeyPatch, clock: SimpleNamespace
 ) -> None:
     with monkeypatch.context() as patched:
-        patched.setattr(f"octoplan.planner.certificate.{what}", endless)
+        patched.setattr(f"octoplan.{what}", endless)
         p = plan(ARM, TIP, PAPER, 20.0, time_limit=1e4)
     assert clock.seconds <= 1e4 + GRACE + 20
-    assert not p.stopped and not p.reached
+    assert not p.solution.stopped and not p.reached
     assert p.certificate.problem == OUT_OF_TIME
     assert p.outcome.startswith("Not certified: the time limit was reached")
     assert "certificate: FAILED" in str(p)
@@ -163,7 +165,7 @@ def test_a_shape_that_is_not_settled_in_time_is_an_error(
     monkeypatch: pytest.MonkeyPatch, clock: SimpleNamespace, tmp_path: Path
 ) -> None:
     with monkeypatch.context() as patched:
-        patched.setattr(Answer, "_settle", endless)
+        patched.setattr(Plan, "_settle", endless)
         p = plan(ARM, TIP, PAPER, 20.0, time_limit=1e4)
     for each in (p, pickle.loads(pickle.dumps(p))):
         with pytest.raises(UncertifiedError, match="time limit"):
@@ -194,13 +196,13 @@ def test_a_plan_in_contact_leaves_time_for_its_certificate(
 ) -> None:
     """The search took all of the limit, and the certificate the same time again."""
     left = list[float]()
-    complete = Answer.complete
+    complete = Plan.complete
 
-    def looked(self: Answer) -> None:
+    def looked(self: Plan) -> None:
         left.append(seconds_left())
         complete(self)
 
-    monkeypatch.setattr(Answer, "complete", looked)
+    monkeypatch.setattr(Plan, "complete", looked)
     monkeypatch.setattr("octoplan.planner.extensions.contact.search.optimum", endless)
     leaning(time_limit=1000)
     assert left[0] >= 200
@@ -220,8 +222,8 @@ def test_time_is_reserved_of_the_innermost_limit_only() -> None:
 
 def test_plans_without_certificates_have_none_until_read(monkeypatch: pytest.MonkeyPatch) -> None:
     certified = list[object]()
-    certify = Answer.complete
-    monkeypatch.setattr(Answer, "complete", lambda self: certified.append(self) or certify(self))
+    certify = Plan.complete
+    monkeypatch.setattr(Plan, "complete", lambda self: certified.append(self) or certify(self))
     p = plan(ARM, TIP, PAPER, 20.0, certify=False)
     assert not certified
     assert p.reached

@@ -59,6 +59,9 @@ class Contact(Effect):
         Coulomb's coefficient mu between arm and obstacle.
     """
 
+    plan_strategy = "contact"
+    has_complementarity = True
+
     obstacle: Convex
     friction: NotNegative = 0.0
 

@@ -26,7 +26,7 @@ from octoplan.model.support.errors import OctoplanError
 from octoplan.model.support.progress import OutOfTime, report
 from octoplan.planner.extensions.avoidance.lines import Lines
 from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints, avoiding, grid
-from octoplan.planner.extensions.avoidance.surroundings import Environment
+from octoplan.planner.extensions.avoidance.surroundings import allows, in_the_way
 from octoplan.planner.nlp_options import Mode
 from octoplan.planner.nlp_solution import NlpSolution
 from octoplan.planner.planning_problem import PlanningProblem
@@ -62,8 +62,8 @@ def _lines_of(task: PlanningProblem) -> Lines:
 class ObstacleSearch:
     """A planning question with surroundings; `searched` tells whether all guesses were tried."""
 
-    def __init__(self, task: PlanningProblem, surroundings: Environment) -> None:
-        self.task, self.surroundings = task, surroundings
+    def __init__(self, task: PlanningProblem) -> None:
+        self.task, self.surroundings = task, task.environment
         self.trials, self.searched, self.sampled = list[Trial](), False, 0
         self._lines = _lines_of(task)
 
@@ -82,15 +82,15 @@ class ObstacleSearch:
                     return led[1]
             search, self.searched = Search(self.task), True
             result = search.run()
-            in_the_way = None if result.stopped else self._in_the_way(result)
-            if in_the_way is None:
+            body = None if result.stopped else self._in_the_way(result)
+            if body is None:
                 return result
             self.task = search.task
             self._lines = _lines_of(self.task)
             best = self._detour(search, result)
             best = replace(best, sampled=max(self.sampled, result.sampled))
             reached = result.options.mode == "exact" and best.options.mode != "exact"
-            return replace(best, in_the_way=in_the_way) if reached else best
+            return replace(best, in_the_way=body) if reached else best
         if result is None:
             raise OutOfTime
         return replace(result, stopped=True)
@@ -108,7 +108,7 @@ class ObstacleSearch:
     def _in_the_way(self, result: Solution) -> str | None:
         """Return what a plan comes nearest to in words, None where it keeps clear."""
         line = line_of(self.task, np.ravel(result.tensions))
-        return "" if line is None else self.surroundings.in_the_way(line) or None
+        return "" if line is None else in_the_way(self.surroundings, line) or None
 
     def _detour(self, search: Search, result: Solution) -> Solution:
         """Return the best of what is led around, the plan without surroundings if nothing is.
@@ -123,7 +123,7 @@ class ObstacleSearch:
         drawn = islice(self._clear(islice(drawn_arms(self.task), _LOOKED_AT)), _MOST)
         clear, again = tee((0.0, arm) for arm in drawn)
         wide, wide_again = tee((0.0, arm) for arm in islice(self._clear_fits(), N_SAMPLED))
-        possible = mode == "nearest" or self.surroundings.allows(self.task.arm, self.task.targets)
+        possible = mode == "nearest" or allows(self.surroundings, self.task.arm, self.task.targets)
         best = self._best(mode, optima, others, clear, wide) if possible else None
         if best is None and mode != "nearest":
             best = self._best("nearest", chain(again, [(0.0, T)], wide_again))
@@ -189,7 +189,7 @@ class ObstacleSearch:
                 line = None if fine is None else line_of(task, fine.tensions)
                 if fine is None or line is None:
                     return None
-                if not self.surroundings.in_the_way(line):
+                if not in_the_way(self.surroundings, line):
                     constraints = kept if kept and kept.rows else None
                     return optimum.f, fine.result(self.trials, avoidance=constraints)
                 avoidance, _ = avoiding(line, self.surroundings, avoidance)

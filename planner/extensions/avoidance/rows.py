@@ -31,7 +31,8 @@ from octoplan.model.rotations import matrices, matrix
 from octoplan.model.stations import base_pose
 from octoplan.model.support.machine.functions import cached
 from octoplan.planner.block import Block, Parts, ProgramView, Rows
-from octoplan.planner.extensions.avoidance.surroundings import Environment
+from octoplan.planner.environment import Environment
+from octoplan.planner.extensions.avoidance.surroundings import spare
 
 # Kind of the rows of a program.
 CLEAR = "clear"
@@ -325,7 +326,7 @@ def _row(
 ) -> ClearanceRow:
     """Return the inequality of a place and a body, or of two places."""
     place, radius = _place(line, s)
-    keep = radius + surroundings.clearance + surroundings.spare(line.arm)
+    keep = radius + surroundings.clearance + spare(surroundings, line.arm)
     if isinstance(other, tuple):
         return ClearanceRow(place, other, keep, is_part)
     second, other_radius = _place(line, other)

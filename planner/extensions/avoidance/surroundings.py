@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,79 +11,43 @@ from octoplan.model.arm import Arm
 from octoplan.model.centreline import Centreline
 from octoplan.model.extensions.clearance import clearances
 from octoplan.model.extensions.clearance.nearest import BASE, ITSELF, OBSTACLES
-from octoplan.model.extensions.obstacles import Moving, Obstacle, check_obstacles
+from octoplan.model.extensions.obstacles import Moving, check_obstacles
 from octoplan.model.extensions.obstacles.base import distances_from
 from octoplan.model.paths import Array
 from octoplan.model.support.checks import not_negative
 from octoplan.model.support.errors import InputError
+from octoplan.planner.environment import Environment
 from octoplan.planner.targets.base import Target
 
 # What plans keep besides, over L and over the clearance: the bounds of a check are so close.
 _SPARE = (1e-4, 2e-2)
 
 
-@dataclass(frozen=True)
-class Environment:
-    """What an arm is to keep clear of.
-
-    Attributes
-    ----------
-    obstacles : tuple of Obstacle
-    clearance : float
-        The least distance of its surface from them [m].
-    of_itself : bool
-        Whether it is to keep so clear of itself and of the far side of its base plane, too.
-    moving : tuple of Moving
-        Other obstacles, of motions.
-    """
-
-    obstacles: tuple[Obstacle, ...] = ()
-    clearance: float = 0.0
-    of_itself: bool = False
-    moving: tuple[Moving, ...] = ()
-
-    def __bool__(self) -> bool:
-        return bool(self.obstacles) or self.of_itself or bool(self.moving)
-
-    def at(self, t: float) -> Environment:
-        """Return the surroundings at a time [s], where nothing moves."""
-        placed = tuple(obstacle.at(t) for obstacle in self.moving)
-        return replace(self, obstacles=self.obstacles + placed, moving=())
-
-    @property
-    def keywords(self) -> dict[str, Any]:
-        """What stands still of it, as keywords of `plan`."""
-        return {
-            "obstacles": self.obstacles,
-            "clearance": self.clearance if self.obstacles or self.of_itself else 0.0,
-            "self_clearance": self.of_itself,
-        }
-
-    @property
-    def least(self) -> Mapping[str, float]:
-        """The least distance asked for, by what it is from [m]."""
-        kinds = [OBSTACLES] * bool(self.obstacles) + [BASE, ITSELF] * self.of_itself
-        return dict.fromkeys(kinds, self.clearance)
-
-    def spare(self, arm: Arm) -> float:
-        """Return what plans keep besides the clearance [m]."""
-        return _SPARE[0] * arm.length + _SPARE[1] * self.clearance
-
-    def allows(self, arm: Arm, targets: tuple[Target, ...]) -> bool:
-        """Return whether the places that targets prescribe for the tip are off the base plane."""
-        least = _radius(arm, arm.length) + self.clearance
-        normal = np.array(arm.base_frame)[:, 0]
-        heights = [(place - arm.base_position) @ normal for place in _tips(arm, targets)]
-        return not self.of_itself or min(heights, default=np.inf) >= least
-
-    def in_the_way(self, line: Centreline) -> str:
-        """Return the nearest to an arm that does not keep clear, in words; "" of one that does."""
-        gaps = clearances(line, self.obstacles, self.least, self.clearance)
-        keeps = all(gaps[name].gap >= gap for name, gap in self.least.items())
-        return "" if keeps else str(min(gaps.values(), key=lambda clear: clear.gap))
+def required_gaps(environment: Environment) -> Mapping[str, float]:
+    """Return the required distances [m] by the kind of body; see octoplan.model.extensions."""
+    kinds = [OBSTACLES] * bool(environment.obstacles) + [BASE, ITSELF] * environment.of_itself
+    return dict.fromkeys(kinds, environment.clearance)
 
 
-NOTHING = Environment()
+def spare(environment: Environment, arm: Arm) -> float:
+    """Return the distance that plans keep in addition to the clearance [m]."""
+    return _SPARE[0] * arm.length + _SPARE[1] * environment.clearance
+
+
+def allows(environment: Environment, arm: Arm, targets: tuple[Target, ...]) -> bool:
+    """Return whether the tip positions that targets prescribe are off the base plane."""
+    least = _radius(arm, arm.length) + environment.clearance
+    normal = np.array(arm.base_frame)[:, 0]
+    heights = [(place - arm.base_position) @ normal for place in _tips(arm, targets)]
+    return not environment.of_itself or min(heights, default=np.inf) >= least
+
+
+def in_the_way(environment: Environment, line: Centreline) -> str:
+    """Return a description of the body nearest to an arm that is too near; "" if it is clear."""
+    required = required_gaps(environment)
+    gaps = clearances(line, environment.obstacles, required, environment.clearance)
+    keeps = all(gaps[name].gap >= gap for name, gap in required.items())
+    return "" if keeps else str(min(gaps.values(), key=lambda clear: clear.gap))
 
 
 def surroundings(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import clarabel
 import numpy as np
@@ -17,13 +17,33 @@ from octoplan.model.extensions.contact.touches import ContactPoint
 from octoplan.model.extensions.obstacles.base import Convex
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
-from octoplan.planner.targets.hold import LEVER, Hold
 
+# Lever arm by which moments are divided to compare them with forces, over the arm's length.
+LEVER = 0.1
 # What tangential forces cost, so that those that nothing determines are small; how far cones are
 # kept from their edges.
 COST, _SHARP = 1e-9, 1e-11
 # A kind of cone, and rows and numbers of unknowns x, of which rows @ x + numbers is in it.
 Cone = tuple[Any, Array, Array]
+
+
+class HeldObject(Protocol):
+    """An object that the arm holds; see Hold."""
+
+    @property
+    def obstacle(self) -> Convex:
+        """The object."""
+
+    @property
+    def wrench(self) -> tuple[float, ...]:
+        """The wrench on the object: a force [N], or force and moment [N, N m]."""
+
+    @property
+    def friction(self) -> float:
+        """The coefficient of friction between arm and object."""
+
+    def size(self, arm: Arm) -> float:
+        """Return the norm of the wrench [N]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +87,7 @@ class Grasp:
     most: Array
 
     @classmethod
-    def of(cls, arm: Arm, contacts: Iterable[ContactPoint], hold: Hold) -> Grasp:
+    def of(cls, arm: Arm, contacts: Iterable[ContactPoint], hold: HeldObject) -> Grasp:
         """Return that of what a settled arm leans on."""
         touches = [touch for touch in contacts if touch.obstacle == hold.obstacle]
         points, normals, forces = (
@@ -77,7 +97,7 @@ class Grasp:
         return cls.at(arm, hold, points, normals, (forces * normals).sum(axis=1))
 
     @classmethod
-    def at(cls, arm: Arm, hold: Hold, points: Array, normals: Array, forces: Array) -> Grasp:
+    def at(cls, arm: Arm, hold: HeldObject, points: Array, normals: Array, forces: Array) -> Grasp:
         """Return that of points (k, 3) [m], normals out of the object, and forces (k,) [N] there.
 
         Moments are over a tenth of the arm's length.
@@ -160,7 +180,7 @@ def conic_program(H: Array, cost: Array, cones: Sequence[Cone]) -> tuple[Array, 
     return (np.array(solution.x), np.array(solution.z)) if solved else None
 
 
-def grips_of(shape: Shape, hold: Hold) -> tuple[Grip, ...]:
+def grips_of(shape: Shape, hold: HeldObject) -> tuple[Grip, ...]:
     """Return the forces on an object that leave least of the wrench, from base to tip."""
     grasp, size = Grasp.of(shape.arm, shape.contacts, hold), hold.size(shape.arm)
     tangential = size * np.einsum("kij,kj->ki", grasp.bases, grasp.best.reshape(-1, 2))

@@ -32,10 +32,10 @@ from octoplan.model.rod.nodes import POSE
 from octoplan.model.support.errors import SnapError, UnsettledContactError
 from octoplan.model.support.progress import check_time
 from octoplan.planner.extensions.contact.grasp import COST, Cone, Grasp, conic_program
+from octoplan.planner.extensions.contact.hold import Hold
 from octoplan.planner.extensions.contact.load_path import LoadPath, path_sensitivities, rubs
 from octoplan.planner.limits import natural_tensions
 from octoplan.planner.planning_problem import PlanningProblem
-from octoplan.planner.targets.hold import Hold
 
 # Steps of differences in scaled tensions: of states, and of shapes settled anew.
 _STEP, _CHANGE = 1e-6, 1e-5

@@ -1,9 +1,9 @@
-"""What is said of wraps and holds that cannot be had: where curvatures differ, what is left."""
+"""Curvatures along an obstacle: the reason that a part of the arm does not lie along it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,16 +12,13 @@ from scipy.ndimage import find_objects, label
 from octoplan.model.arm import Arm
 from octoplan.model.effects import Extension
 from octoplan.model.extensions.obstacles import Obstacle
+from octoplan.model.extensions.obstacles.base import Convex
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError
-from octoplan.planner.extensions.contact.grasp import Grasp
 from octoplan.planner.limits import Limits, natural_tensions
-from octoplan.planner.targets.base import Target
-from octoplan.planner.targets.hold import LEVER, Hold
-from octoplan.planner.targets.wrap import Wrap
 
 # Where a part is looked at; the step of differences [m], and over the arm's length what is close.
 LOOKS, _STEP = 201, 1e-6
@@ -29,25 +26,26 @@ LOOKS, _STEP = 201, 1e-6
 _STRONG = 20.0
 
 
-def remarks(
-    targets: Sequence[Target], shape: Shape, limits: Limits, missed: bool, accuracy: float
-) -> str:
-    """Return sentences about the wraps that are missed, and about holds; empty if there are none.
+class ObstaclePart(Protocol):
+    """A part of the arm along an obstacle; see Wrap."""
 
-    Each begins with a space. `missed` says whether a search that came to its end missed targets:
-    of what is merely not certified, or not found in time, curvatures tell nothing.
-    """
-    wraps = [target for target in targets if isinstance(target, Wrap) and missed]
-    sentences = [_curvatures(wrap, shape, limits) for wrap in wraps]
-    sentences += [_grip(hold, shape, accuracy) for hold in targets if isinstance(hold, Hold)]
-    return "".join(f" {sentence}" for sentence in sentences if sentence)
+    @property
+    def obstacle(self) -> Convex:
+        """The obstacle."""
+
+    @property
+    def tolerance(self) -> float:
+        """The largest gap over the arm's radius."""
+
+    def part(self, arm: Arm) -> tuple[float, float]:
+        """Return the arc lengths at which the part begins and ends [m]."""
 
 
-def _curvatures(wrap: Wrap, shape: Shape, limits: Limits) -> str:
-    """Return where the arm is farthest from the obstacle, whether curvature is why, and what lies.
+def curvature_remark(wrap: ObstaclePart, shape: Shape, limits: Limits) -> str:
+    """Return the place of the largest gap, the curvatures there, and the part that is close.
 
-    Too tight is an obstacle that asks for more curvature all along the part than the limits allow,
-    where the tolerance does not make up for it.
+    An obstacle is too tight if all of the part needs more curvature than the limits allow, and the
+    tolerance does not suffice for the difference.
     """
     arm, (start, end) = shape.arm, wrap.part(shape.arm)
     s = np.linspace(max(start, 1e-3 * arm.length), end, LOOKS)
@@ -74,7 +72,7 @@ def _curvatures(wrap: Wrap, shape: Shape, limits: Limits) -> str:
     return f"{said}. {_part_along(wrap, shape, s, along)}"
 
 
-def _part_along(wrap: Wrap, shape: Shape, s: Array, near: NDArray[np.bool_]) -> str:
+def _part_along(wrap: ObstaclePart, shape: Shape, s: Array, near: NDArray[np.bool_]) -> str:
     """Return which part of the wrap lies along the obstacle in a shape: it can be had alone."""
     parts = [s[part] for (part,) in find_objects(label(near)[0])]
     longest = max(parts, key=len, default=s[:0])
@@ -97,7 +95,7 @@ def turned(shape: Shape, obstacle: Obstacle, s: Array) -> Array:
     return np.append(0.0, np.cumsum(np.arcsin(np.minimum(half, 1.0)) / np.pi))
 
 
-def curvature_along(wrap: Wrap, shape: Shape, s: Array, gap: float = 0.0) -> Array:
+def curvature_along(wrap: ObstaclePart, shape: Shape, s: Array, gap: float = 0.0) -> Array:
     """Return the curvature that the midline has where it lies along the obstacle (k,) [1/m].
 
     That of the surface at the midline's distance from it, along the arm's tangent: t . H t with the
@@ -140,16 +138,3 @@ def attainable_curvature(arm: Arm, scene: Scene, limits: Limits, s: Array) -> tu
             curvatures.append(np.hypot(strains[:, 1], strains[:, 2]))
     is_most = limits.total is None and bool((np.array(limits.upper) <= strong).all())
     return np.max(curvatures, axis=0), is_most and len(curvatures) > len(sides)
-
-
-def _grip(hold: Hold, shape: Shape, accuracy: float) -> str:
-    """Return what friction a hold takes, or which wrench is left."""
-    grasp, size = Grasp.of(shape.arm, shape.contacts, hold), hold.size(shape.arm)
-    if np.linalg.norm(grasp.least) <= 10 * accuracy:
-        needed = hold.friction * grasp.needed_friction(10 * accuracy)
-        return f"The wrench is held with friction from {needed:.3g} on, {hold.friction:g} given."
-    units = np.repeat([size, size * LEVER * shape.arm.length], 3)[: grasp.least.size]
-    left = [f"{component:.3g}" for component in units * grasp.least]
-    more = f" and a moment ({', '.join(left[3:])}) N m" if left[3:] else ""
-    left_over = f"a force ({', '.join(left[:3])}) N{more} is left"
-    return f"Of the wrench {left_over}; more friction or tension may hold it."

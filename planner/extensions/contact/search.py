@@ -18,6 +18,7 @@ from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError, OctoplanError, UnsettledContactError
 from octoplan.model.support.progress import OutOfTime, check_time, report, reserve
+from octoplan.planner.extensions.contact.hold import Hold
 from octoplan.planner.extensions.contact.load_path import (
     ON_THE_PATH,
     LoadPath,
@@ -27,13 +28,12 @@ from octoplan.planner.extensions.contact.load_path import (
 )
 from octoplan.planner.extensions.contact.optimum import ContactOptimum, conditions, optimum
 from octoplan.planner.extensions.contact.program import TensionProgram
+from octoplan.planner.extensions.contact.wrap import Wrap
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.solution import Solution, Trial, n_equal_optima
 from octoplan.planner.solve.guesses import BendCoordinates, initial_guesses, many_places
 from octoplan.planner.solve.search import N_EQUAL_OPTIMA, RelaxationStage
 from octoplan.planner.targets.backbone import Backbone
-from octoplan.planner.targets.hold import Hold
-from octoplan.planner.targets.wrap import Wrap
 
 # The meshes of searches and of plans.
 COARSE = 1
@@ -50,7 +50,7 @@ _SLID = (1.0, 1.5, 2.5)
 _DRAWN, _NEAREST, _SPREAD = 3000, 150, 0.3
 
 
-def check_contact(task: PlanningProblem, avoids: bool) -> None:
+def check_contact(task: PlanningProblem) -> None:
     """Raise InputError for what is not stated in scenes with contact, and what is held without."""
     bodies = [contact.obstacle for contact in contacts(task.scene)]
     for target in task.targets:
@@ -69,7 +69,12 @@ def check_contact(task: PlanningProblem, avoids: bool) -> None:
         (bool(task.target_set.requests), "target", "a stiffness", shapes),
         (task.options.norm != "2", "norm", task.options.norm, '"2", in a scene with contact'),
         (rubs(task.scene) and holds, "Contact.friction", "above 0", alone),
-        (avoids, "obstacles", "given", f"{none} with contact: there they are effects"),
+        (
+            bool(task.environment),
+            "obstacles",
+            "given",
+            f"{none} with contact: there they are effects",
+        ),
         (task.limits.strokes is not None, "stroke_max", "given", f"{none} with contact"),
     ]
     for is_given, name, value, allowed in refused:

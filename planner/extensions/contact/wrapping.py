@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -15,17 +14,16 @@ from octoplan.model.extensions.obstacles import Obstacle
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.progress import OutOfTime
-from octoplan.planner.answer import Answer
-from octoplan.planner.extensions.avoidance.surroundings import Environment
+from octoplan.planner.environment import Environment
+from octoplan.planner.extensions.contact.hold import Hold
 from octoplan.planner.extensions.contact.remarks import LOOKS, turned
+from octoplan.planner.extensions.contact.wrap import Wrap
+from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.targets.base import Target
-from octoplan.planner.targets.hold import Hold
-from octoplan.planner.targets.wrap import Wrap
 
 # Plans from which a part's length follows, and how much longer than estimated they make it.
 _ROUNDS, _SPARE = 4, 0.01
-P = TypeVar("P", bound=Answer)
 
 
 def beside(targets: Iterable[Target], scene: Scene) -> tuple[Obstacle, ...]:
@@ -42,16 +40,17 @@ def beside(targets: Iterable[Target], scene: Scene) -> tuple[Obstacle, ...]:
     return free
 
 
-def beside_contacts(task: PlanningProblem) -> tuple[PlanningProblem, Environment] | None:
-    """Return the task of an arm that keeps clear of what it may lean on, and that as surroundings.
+def beside_contacts(problem: PlanningProblem) -> PlanningProblem | None:
+    """Return the problem of an arm that keeps clear of the bodies that it may lean on.
 
-    None where nothing says that the arm lies along something, or where something is to be held.
+    None if no target lies along an obstacle, and if an object is to be held.
     """
-    kinds = [type(target) for target in task.targets]
+    kinds = [type(target) for target in problem.targets]
     if Wrap not in kinds or Hold in kinds:
         return None
-    bodies = tuple(contact.obstacle for contact in contacts(task.scene))
-    return replace(task, scene=without_contacts(task.scene)), Environment(bodies)
+    bodies = tuple(contact.obstacle for contact in contacts(problem.scene))
+    scene = without_contacts(problem.scene)
+    return replace(problem, scene=scene, environment=Environment(bodies))
 
 
 def open_wrap(targets: Iterable[Target]) -> Wrap | None:
@@ -86,8 +85,8 @@ def with_turns(
     arm: Arm,
     targets: tuple[Target, ...],
     wrap: Wrap,
-    planned: Callable[[tuple[Target, ...], P | None], P],
-) -> P:
+    planned: Callable[[tuple[Target, ...], Plan | None], Plan],
+) -> Plan:
     """Return the plan for a wrap of so many turns: its part is as long as they take.
 
     By plans for parts of given length, each near the one before, until one goes round as often;
@@ -98,12 +97,13 @@ def with_turns(
         return tuple(part if target is wrap else target for target in targets)
 
     assert wrap.turns is not None
-    start, before = wrap.part(arm)[0], None
+    start = wrap.part(arm)[0]
+    before: Plan | None = None
     with suppress(OutOfTime):
         for _ in range(_ROUNDS):
             length = min((arm.length - start) * (1 + _SPARE), arm.length)
             before = planned(stated(replace(wrap, turns=None, length=length)), before)
-            if before.mode != "exact" or before.stopped:
+            if before.mode != "exact" or before.solution.stopped:
                 break
             s = np.linspace(arm.length - length, arm.length, LOOKS)
             turns = turned(before.shape, wrap.obstacle, s)

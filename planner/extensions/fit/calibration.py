@@ -39,7 +39,8 @@ from octoplan.planner.extensions.fit.residuals import (
 from octoplan.planner.frontends.io.files import to_json, write_named
 from octoplan.planner.frontends.io.records import record
 from octoplan.planner.frontends.io.saved_records import CalibrationRecord
-from octoplan.planner.plan import Plan, plan
+from octoplan.planner.plan import plan
+from octoplan.planner.plan_result import Plan
 
 # Eigenvalues of I - H_ii below which only this shape determines a combination of its data.
 _ALONE = 1e-3
@@ -66,14 +67,13 @@ class CalibratedPlan(Plan):
     measured_std: float
     evidence: str
 
-    @property
-    def outcome(self) -> str:
-        """Result of the plan, and the uncertainty of the tip."""
+    def _compose_outcome(self) -> str:
+        plan = super()._compose_outcome()
         if not np.isfinite(self.tip_std):
-            return f"{super().outcome} By the calibration: {self.evidence}"
+            return f"{plan} By the calibration: {self.evidence}"
         sure = f"tip sure to {1e3 * self.tip_std:.2g} mm (one standard deviation)"
         missed = f"{1e3 * self.measured_std:.2g} mm with what the model misses of measured shapes"
-        said = f"{super().outcome} By the calibration, {sure}, {missed}."
+        said = f"{plan} By the calibration, {sure}, {missed}."
         return f"{said} {self.evidence}".rstrip()
 
 
@@ -213,12 +213,15 @@ class Calibration(TextRepr, Fitted):
         planned = plan(self.arm, targets, self.scene, **options)
         predicted = self.predict(planned.tensions)
         measured = float(np.sqrt(np.trace(predicted.covariance[0])))
-        return planned.converted(
-            CalibratedPlan,
+        result = CalibratedPlan(
+            planned.problem,
+            planned.solution,
             tip_std=predicted.tip_std,
             measured_std=measured,
             evidence=self.evidence,
         )
+        result.copy_results(planned)
+        return result
 
     def next(self, candidates: Sequence[Any], session: str = "") -> tuple[Candidate, ...]:
         """Rank sets of tensions by the information gain of a measurement, best first.

@@ -34,7 +34,8 @@ from octoplan.planner.extensions.fit.manufacturing import (
 )
 from octoplan.planner.extensions.fit.unknowns import Parameters, Unknown
 from octoplan.planner.limits import Limits
-from octoplan.planner.plan import Plan, plan
+from octoplan.planner.plan import plan
+from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import check_targets
 from octoplan.planner.targets.target_set import TargetSet
 

@@ -14,7 +14,7 @@ from octoplan.model.support.text import TextRepr, counted
 from octoplan.planner.extensions.fit.design_program import DesignProgram
 from octoplan.planner.extensions.fit.manufacturing import ManufacturingLimits, Objective, Reach
 from octoplan.planner.extensions.fit.unknowns import AT_BOUND, WORSE, Parameters, Unknown
-from octoplan.planner.plan import Plan
+from octoplan.planner.plan_result import Plan
 from octoplan.planner.targets import Softest, Stiffest
 
 
@@ -106,7 +106,7 @@ class Design(TextRepr):
         if not self.feasible:
             raise InputError("design", "tasks that are not met", "a design that meets all tasks")
         tasks = [plan.targets for plan in self.plans]
-        limits = self.plans[0].limits
+        limits = self.plans[0].problem.limits
         program = DesignProgram(self.parameters, tasks, limits, self.manufacturing)
         T = np.array([np.ravel(plan.tensions) for plan in self.plans])
         return program.sensitivity(self.array, T) / self.effort
@@ -118,7 +118,7 @@ class Design(TextRepr):
         for i, each in enumerate(self.plans):
             if not each.certificate.passed:
                 T = np.ravel(each.tensions)
-                upper = np.array(each.limits.upper)
+                upper = np.array(each.problem.limits.upper)
                 at_limit = np.flatnonzero(upper * (1 - AT_BOUND) <= T)
                 names = ", ".join(each.arm.tendon_name(int(j)) for j in at_limit)
                 held = f" At the tension limit: {names}." if names else ""

@@ -20,9 +20,10 @@ from octoplan.model.extensions.obstacles import convex_parameters
 from octoplan.model.extensions.obstacles.base import Convex
 from octoplan.model.paths import Array
 from octoplan.model.support.errors import ConvergenceError, InputError
+from octoplan.planner.environment import Environment
 from octoplan.planner.extensions.avoidance.lines import Lines, Moving
-from octoplan.planner.extensions.avoidance.rows import Place, avoiding
-from octoplan.planner.extensions.avoidance.surroundings import Environment
+from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints, Place, avoiding
+from octoplan.planner.extensions.avoidance.surroundings import in_the_way
 from octoplan.planner.extensions.trajectory.question import Question, Waypoint
 from octoplan.planner.extensions.trajectory.time_law import INSTANTS, Stretch, Timed
 from octoplan.planner.extensions.trajectory.waypoints import Waypoints
@@ -43,7 +44,7 @@ def cleared(question: Question) -> list[Waypoint]:
         return Waypoints(question).waypoints
     lines = question.lines()
     line = lines(question.start) if question.surroundings else None
-    nearest = "" if line is None else question.surroundings.at(0.0).in_the_way(line)
+    nearest = "" if line is None else in_the_way(question.surroundings.at(0.0), line)
     if nearest:
         distance = 1e3 * question.surroundings.clearance
         kept = f"{distance:g} mm of clearance" if distance else "clear"
@@ -94,8 +95,9 @@ def _updated(question: Question, lines: Lines, waypoint: Waypoint, t: float) -> 
     line = lines(waypoint.tensions)
     surroundings = question.wider.at(t)
     before = waypoint.avoidance
+    assert before is None or isinstance(before, ClearanceConstraints)
     is_stated = bool(waypoint.targets or waypoint.avoidance)
-    if line is None or (is_stated and not surroundings.in_the_way(line)):
+    if line is None or (is_stated and not in_the_way(surroundings, line)):
         return waypoint
     if before is not None and question.wider.moving:
         convex = [one for one in surroundings.obstacles if isinstance(one, Convex)]

@@ -15,6 +15,7 @@ from octoplan.model.support.progress import GRACE, limited, seconds_left, with_p
 from octoplan.model.support.progress import time_limit as limited_to
 from octoplan.planner.extensions.avoidance.surroundings import surroundings
 from octoplan.planner.extensions.contact.load_path import is_same
+from octoplan.planner.extensions.contact.plan import ContactPlan
 from octoplan.planner.extensions.trajectory.clear import cleared
 from octoplan.planner.extensions.trajectory.question import (
     Question,
@@ -27,7 +28,7 @@ from octoplan.planner.extensions.trajectory.result import Trajectory
 from octoplan.planner.extensions.trajectory.time_law import Timed
 from octoplan.planner.extensions.trajectory.waypoints import planned_touching
 from octoplan.planner.limits import checked_limits
-from octoplan.planner.plan import ContactPlan, Plan
+from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import planned_scene
 
 

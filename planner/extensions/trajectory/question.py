@@ -21,14 +21,16 @@ from octoplan.model.support.checks import finite_array, kind, positive
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.progress import OutOfTime
 from octoplan.model.support.units import STROKE, warn_unusual
-from octoplan.planner.block import Block
+from octoplan.planner.block import Block, Constraints
+from octoplan.planner.environment import Environment
 from octoplan.planner.extensions.avoidance.lines import Lines
-from octoplan.planner.extensions.avoidance.rows import ClearanceConstraints, grid
-from octoplan.planner.extensions.avoidance.surroundings import Environment
+from octoplan.planner.extensions.avoidance.rows import grid
 from octoplan.planner.extensions.contact.load_path import settled_along
+from octoplan.planner.extensions.contact.plan import ContactPlan
 from octoplan.planner.frontends.io.csv_files import load_waypoints
 from octoplan.planner.limits import Limits, each_tendon
-from octoplan.planner.plan import ContactPlan, Plan, plan
+from octoplan.planner.plan import plan
+from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import check_targets
 from octoplan.planner.targets import TipPosition
 from octoplan.planner.targets.base import Target
@@ -124,7 +126,7 @@ class Waypoint:
         Targets at the waypoint, if any.
     tensions : (n_tendons,)
         [N].
-    avoidance : ClearanceConstraints or None
+    avoidance : Constraints or None
         Clearance inequalities.
     fraction : float
         Fraction of the duration between two targets that the arm takes from the previous waypoint.
@@ -132,7 +134,7 @@ class Waypoint:
 
     targets: tuple[Target, ...]
     tensions: Array
-    avoidance: ClearanceConstraints | None = None
+    avoidance: Constraints | None = None
     fraction: float = 1.0
 
     def blocks(self, arm: Arm) -> tuple[Block, ...]:
@@ -215,7 +217,7 @@ class Question:
         for k in range(i, len(self.targets) if near is None else i + 1):
             with of_target(k):
                 result = plan(self.arm, self.targets[k], self.scene, near=near, **options)
-            if result.stopped:
+            if result.solution.stopped:
                 raise OutOfTime
             # The nearest shape in the least squares sense may meet the targets, too.
             if result.mode == "exact" or result.reached:
@@ -234,7 +236,7 @@ class Question:
         """
         fine = max(self.accuracy / 10, FINEST_ACCURACY)
         if near is None:
-            path = self.begin.load_path if self.begin else ()
+            path = self.begin.solution.load_path if self.begin else ()
             return settled_along(self.arm, path, T, self.scene, fine, self.machine_code)
         return settle(self.arm, T, self.scene, fine, compile=self.machine_code, near=near)
 

@@ -29,11 +29,12 @@ from octoplan.model.shape import Shape
 from octoplan.model.support.errors import CollapsedError, InputError, OctoplanError
 from octoplan.model.support.progress import report, track
 from octoplan.planner.extensions.contact.load_path import from_rest, rubs
+from octoplan.planner.extensions.contact.plan import ContactPlan
 from octoplan.planner.extensions.trajectory.program import MotionProgram
 from octoplan.planner.extensions.trajectory.question import Question, Waypoint
 from octoplan.planner.nlp_options import NlpOptions
 from octoplan.planner.nlp_solution import NlpSolution
-from octoplan.planner.plan import ContactPlan, Plan
+from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.problem import Problem
 from octoplan.planner.solve.ipopt import solve
@@ -48,7 +49,7 @@ class Waypoints:
         self.question = question
         self.waypoints = list[Waypoint]()
         first = question.planned(0)
-        self.options = first.options.replace(
+        self.options = first.problem.options.replace(
             mode="exact",
             refinement=1 if question.scene.has(Extension) else 2,
         )
@@ -148,7 +149,7 @@ class Waypoints:
         last target.
         """
         begin, *others = self.question.targets
-        waypoint = Waypoint(begin, np.ravel(first.tensions), first.avoidance)
+        waypoint = Waypoint(begin, np.ravel(first.tensions), first.solution.avoidance)
         waypoints = [waypoint]
         optimum: NlpSolution | None = None
         for targets in others:
@@ -181,7 +182,7 @@ class Waypoints:
         for targets, each in zip(question.targets, plans, strict=True):
             images = [each.tensions, *(T for _, T in each.mirror_images())]
             before = min(map(np.ravel, images), key=partial(_largest_change, before))
-            alone.append(Waypoint(targets, before, each.avoidance))
+            alone.append(Waypoint(targets, before, each.solution.avoidance))
         return alone
 
 
@@ -218,12 +219,17 @@ def planned_touching(question: Question) -> list[Waypoint]:
     near = question.begin
     waypoints = list[Waypoint]()
     for k, targets in enumerate(track("waypoints", list(question.targets))):
-        before = () if near is None else (*near.load_path, tuple(np.ravel(near.tensions).tolist()))
+        before = (
+            ()
+            if near is None
+            else (*near.solution.load_path, tuple(np.ravel(near.tensions).tolist()))
+        )
         planned = question.planned(k, near)
         assert isinstance(planned, ContactPlan)
-        follows = planned.load_path[: len(before)] == before
+        path = planned.solution.load_path
+        follows = path[: len(before)] == before
         near = planned
-        new = [*planned.load_path[len(before) * follows :], np.ravel(planned.tensions)]
+        new = [*path[len(before) * follows :], np.ravel(planned.tensions)]
         each = [Waypoint((), np.array(T), fraction=1 / len(new)) for T in new]
         waypoints += [*each[:-1], replace(each[-1], targets=targets)]
     return waypoints

@@ -28,7 +28,7 @@ from octoplan.planner.frontends.c_code.inverse import check_inverse, inverse_val
 from octoplan.planner.frontends.c_code.maps import steps_source, whole_source
 from octoplan.planner.frontends.c_code.source import CSource, Precision, numbers
 from octoplan.planner.frontends.io.files import path_of, versions, write_together
-from octoplan.planner.plan import Plan
+from octoplan.planner.plan_result import Plan
 
 _TEMPLATES = {
     "@NAME@.h": "map.h",

@@ -10,7 +10,8 @@ from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError
 from octoplan.planner.frontends.c_code.source import Precision, numbers
-from octoplan.planner.plan import Plan, plan
+from octoplan.planner.plan import plan
+from octoplan.planner.plan_result import Plan
 from octoplan.planner.problem import tension_scales
 from octoplan.planner.targets import TipPosition
 
@@ -37,9 +38,9 @@ def check_inverse(p: Plan) -> None:
     is_tip = len(p.targets) == 1 and type(p.targets[0]) is TipPosition
     checks: list[tuple[bool, str, object, str]] = [
         (not is_tip, "target", p.targets, "one TipPosition"),
-        (p.limits.total is not None, "total_pull", p.limits.total, "omitted"),
-        (p.options.norm != "2", "norm", p.options.norm, "2"),
-        (bool(p.surroundings), "obstacles", p.surroundings, "omitted"),
+        (p.problem.limits.total is not None, "total_pull", p.problem.limits.total, "omitted"),
+        (p.problem.options.norm != "2", "norm", p.problem.options.norm, "2"),
+        (bool(p.problem.environment), "obstacles", p.problem.environment, "omitted"),
     ]
     for wrong, field, value, allowed in checks:
         if wrong:
@@ -52,8 +53,8 @@ def inverse_values(p: Plan, shape: Shape, precision: Precision) -> dict[str, str
     """Return the texts for the placeholders in the files of the inverse."""
     arm = p.arm
     n = arm.n_tendons
-    unit = tension_scales(arm, p.limits)
-    upper = np.minimum(p.limits.upper, _NO_LIMIT * unit)
+    unit = tension_scales(arm, p.problem.limits)
+    upper = np.minimum(p.problem.limits.upper, _NO_LIMIT * unit)
     met, level, soft, rounding = _SETTINGS[precision]
     targets, tensions = _followed(p)
     off, apart = _ROUNDED[precision]
@@ -64,7 +65,7 @@ def inverse_values(p: Plan, shape: Shape, precision: Precision) -> dict[str, str
         "LEVEL": level,
         "SOFT": soft,
         "ROUNDING": rounding,
-        "TENSION_MIN": p.limits.lower,
+        "TENSION_MIN": p.problem.limits.lower,
         "TENSION_MAX": upper,
         "FIRST_TARGET": p.targets[0].parameters(arm),
         "FIRST_TENSION": p.tensions,
@@ -72,7 +73,7 @@ def inverse_values(p: Plan, shape: Shape, precision: Precision) -> dict[str, str
         "TEST_TARGET": targets,
         "TEST_FOUND": tensions,
         "TEST_MET": off,
-        "TEST_ALIKE": apart + _LEVER * max(shape.error, p.accuracy),
+        "TEST_ALIKE": apart + _LEVER * max(shape.error, p.problem.accuracy),
     }
     static = 14 + 11 * n + 2 * n * n + 4 * n
     return {
@@ -91,15 +92,18 @@ def _followed(p: Plan) -> tuple[Array, Array]:
     start = p.targets[0].parameters(p.arm)
     results: list[Array] = []
     targets: list[Array] = []
-    options: dict[str, Any] = {"tension_min": p.limits.lower, "accuracy": p.accuracy}
+    options: dict[str, Any] = {
+        "tension_min": p.problem.limits.lower,
+        "accuracy": p.problem.accuracy,
+    }
     options["certify"] = False
-    upper = p.limits.upper
+    upper = p.problem.limits.upper
     near = p
     for move in _MOVES:
         place = start + _MOVED * p.arm.length * np.array(move)
         target = TipPosition(tuple(place.tolist()))
         moved = plan(p.arm, target, p.scene, upper, near=near, **options)
-        if moved.mode != "exact" or moved.jump:
+        if moved.mode != "exact" or moved.solution.jump:
             continue
         near = moved
         targets.append(place)

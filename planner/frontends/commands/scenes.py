@@ -44,8 +44,8 @@ from octoplan.planner.frontends.live.handles import handle_of
 from octoplan.planner.frontends.live.page import Page
 from octoplan.planner.frontends.live.session import Session
 from octoplan.planner.frontends.report import figure, switch_table
-from octoplan.planner.plan import Plan
 from octoplan.planner.plan import plan as make_plan
+from octoplan.planner.plan_result import Plan
 
 _DEFAULT = SceneOptions()
 

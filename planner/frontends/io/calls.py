@@ -14,7 +14,8 @@ from octoplan.planner.frontends.io.codec import names_of
 from octoplan.planner.frontends.io.mistakes import error_context
 from octoplan.planner.frontends.io.scene_file import SceneFile
 from octoplan.planner.frontends.io.scene_tables import MotionTable
-from octoplan.planner.plan import Plan, plan
+from octoplan.planner.plan import plan
+from octoplan.planner.plan_result import Plan
 
 R = TypeVar("R")
 _EXAMPLES = {

@@ -247,7 +247,7 @@ def _read_path(value: Any, key: str, unit: str | None) -> Path:
 
 def read_exact(kind: Any, table: Any) -> Any:
     """Return the value of a class from a table in the exact form."""
-    present = {name: getattr(table, name) for name in arguments(kind)}
+    present = {name: getattr(table, name, UNSET) for name in arguments(kind)}
     values = {
         key: read(hints_of(kind)[key], x, unit=None) for key, x in present.items() if x is not UNSET
     }

@@ -20,6 +20,7 @@ from octoplan.model.extensions.obstacles import Box, Mesh, Moving, Obstacle
 from octoplan.model.extensions.obstacles.base import Convex
 from octoplan.model.support.errors import FileError, InputError
 from octoplan.model.support.quantities import Vector
+from octoplan.planner.extensions.contact import Hold, Wrap
 from octoplan.planner.frontends.io.codec import (
     READ,
     WRITE,
@@ -38,7 +39,7 @@ from octoplan.planner.frontends.io.codec import (
     unit_of_type,
 )
 from octoplan.planner.frontends.io.tables import TABLES, fields_of, struct, table, type_in_file
-from octoplan.planner.targets import Hold, MinimumStiffness, Softest, Stiffest, Target, TipPose
+from octoplan.planner.targets import MinimumStiffness, Softest, Stiffest, Target, TipPose
 
 Frame = tuple[tuple[float, ...], ...]
 Numbers = tuple[float, ...]
@@ -302,7 +303,7 @@ _TARGET_FORMS: dict[Any, dict[str, Any]] = {
 }
 _TABLES = {
     kind: table(kind, tag=tag_of(kind), **_TARGET_FORMS.get(kind, {}))
-    for kind in public(octoplan.planner.targets)
+    for kind in (*public(octoplan.planner.targets), Hold, Wrap)
     if hasattr(kind, "terms") and kind is not Target
 }
 TARGETS = tuple(_TABLES)

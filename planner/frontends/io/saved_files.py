@@ -17,6 +17,7 @@ from octoplan.model.support.errors import FileError
 from octoplan.model.support.progress import time_limit as limited_to
 from octoplan.model.support.progress import with_progress
 from octoplan.planner.extensions.avoidance.surroundings import surroundings
+from octoplan.planner.extensions.contact.plan import ContactPlan
 from octoplan.planner.extensions.fit.calibration import Calibration
 from octoplan.planner.frontends.io.codec import read, value_of
 from octoplan.planner.frontends.io.files import path_of, read_json
@@ -31,7 +32,7 @@ from octoplan.planner.frontends.io.saved_records import (
     QuestionRecord,
 )
 from octoplan.planner.limits import checked_limits
-from octoplan.planner.plan import ContactPlan, Plan
+from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import PlanningProblem, check_targets, planned_scene
 
 
@@ -79,7 +80,7 @@ def load_plan(
     at = "question.obstacles"
     around = build_at(name, at, surroundings, task.arm, task.targets, obstacles, *clear)
     kind = ContactPlan if contacts(task.scene) else Plan
-    plan: Plan = kind.of(task, result, surroundings=around)
+    plan: Plan = kind.of(replace(task, environment=around), result)
     _check_multipliers(plan, name)
     with limited_to(None if time_limit is None else positive("time_limit", time_limit)):
         plan.complete()
@@ -102,16 +103,17 @@ def _task(name: str, question: QuestionRecord, answer: Any) -> PlanningProblem:
 
 def _check_multipliers(plan: Plan, name: str) -> None:
     """Raise FileError for multipliers that are not finite or of the wrong number."""
-    sizes = len(plan.lam_x), len(plan.lam_g)
+    lam_x, lam_g = plan.solution.lam_x, plan.solution.lam_g
+    sizes = len(lam_x), len(lam_g)
     if any(sizes) and isinstance(plan, ContactPlan) and not plan.beside:
         wanted = plan.arm.n_tendons, sizes[1]
     elif any(sizes):
-        problem = plan.problem
-        wanted = problem.program.n_decision, problem.program.n_design_rows
+        program = plan.program().program
+        wanted = program.n_decision, program.n_design_rows
     if any(sizes) and sizes != wanted:
         rule = "must be empty or have {} and {} numbers, not {} and {}".format(*wanted, *sizes)
         raise FileError(name, "answer.lam_x and answer.lam_g", rule)
-    for where, lam in (("answer.lam_x", plan.lam_x), ("answer.lam_g", plan.lam_g)):
+    for where, lam in (("answer.lam_x", lam_x), ("answer.lam_g", lam_g)):
         if not np.all(np.isfinite(lam)):
             raise FileError(name, where, "must be finite numbers")
 

@@ -5,11 +5,12 @@ derived.
 """
 
 from operator import attrgetter
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
-from msgspec import Meta
+from msgspec import UNSET, Meta, UnsetType
 
 from octoplan.model.arm import Arm
 from octoplan.model.extensions.obstacles import Moving, Obstacle
@@ -21,12 +22,15 @@ from octoplan.planner.extensions.fit.measured import Measured
 from octoplan.planner.extensions.fit.residuals import Residual
 from octoplan.planner.extensions.fit.unknowns import Unknown
 from octoplan.planner.frontends.io.codec import (
+    READ,
     WRITE,
     arguments,
     attributes_of,
     choice,
     encode_exact,
+    read_exact,
 )
+from octoplan.planner.frontends.io.files import to_json, write_named
 from octoplan.planner.frontends.io.object_tables import TARGETS
 from octoplan.planner.frontends.io.records import (
     Floats,
@@ -40,7 +44,7 @@ from octoplan.planner.frontends.io.records import (
     record,
     records,
 )
-from octoplan.planner.frontends.io.tables import Number, exact, exact_choices, struct
+from octoplan.planner.frontends.io.tables import Number, exact, exact_choices, struct, type_in_file
 from octoplan.planner.limits import Limits
 from octoplan.planner.solution import Solution
 
@@ -60,24 +64,35 @@ class QuestionRecord(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     arm: Annotated[ArmKind, about(of=lambda plan: encode_exact(plan.arm))]
     scene: Annotated[SceneKind, about(of=lambda plan: encode_exact(plan.scene))]
     targets: Annotated[list[TargetKind], about(of=lambda plan: encode_exact(plan.targets))]
-    limits: Annotated[LimitsKind, about(of=lambda plan: encode_exact(plan.limits))]
-    accuracy: float
+    limits: Annotated[LimitsKind, about(of=lambda plan: encode_exact(plan.problem.limits))]
+    accuracy: Annotated[float, about(of=attrgetter("problem.accuracy"))]
     obstacles: Annotated[
-        list[ObstacleKind], about(of=lambda plan: encode_exact(plan.surroundings.obstacles))
+        list[ObstacleKind], about(of=lambda plan: encode_exact(plan.problem.environment.obstacles))
     ] = []
-    clearance: Annotated[float, about(of=attrgetter("surroundings.clearance"))] = 0.0
-    self_clearance: Annotated[bool, about(of=attrgetter("surroundings.of_itself"))] = False
+    clearance: Annotated[float, about(of=attrgetter("problem.environment.clearance"))] = 0.0
+    self_clearance: Annotated[bool, about(of=attrgetter("problem.environment.of_itself"))] = False
 
 
-AnswerRecord: Any = exact(Solution, placed=True)
+_SOLUTION = tuple(name for name in arguments(Solution) if name != "optimum")
+_AVOIDANCE: Any = type_in_file(ClearanceConstraints | None, None)
+AnswerRecord: Any = struct(
+    "AnswerRecord",
+    [("avoidance", _AVOIDANCE | UnsetType, UNSET)],
+    base=exact(
+        Solution, placed=True, names=tuple(name for name in _SOLUTION if name != "avoidance")
+    ),
+)
+READ[AnswerRecord] = lambda table: read_exact(Solution, table)
 
 CertificateRecord: Any = derived(
     Certificate,
     "clearances",
     "load_factor",
     "gaps_asked",
+    "checks",
     passed=bool,
     clearance=float | None,
+    complementarity=float | None,
     gaps=dict[str, float | None],
     nearest=str,
     load_factor=float | None,
@@ -85,7 +100,7 @@ CertificateRecord: Any = derived(
 
 
 def _answer(plan: Any) -> dict[str, Any]:
-    result = attributes_of(plan, arguments(Solution))
+    result = attributes_of(plan.solution, _SOLUTION)
     return result | {"tensions": encode_exact(np.ravel(plan.tensions))}
 
 
@@ -113,6 +128,11 @@ class PlanRecord(Record, kw_only=True):
     ]
     question: Annotated[QuestionRecord, about(of=lambda plan: record(QuestionRecord, plan))]
     answer: Annotated[AnswerRecord, about(of=_answer)]
+
+
+def save_plan(plan: Any, path: str | Path) -> Path:
+    """Write the record of a Plan to a .json file; see Plan.save."""
+    return write_named(path, ".json", to_json(plan_record(plan)))
 
 
 def plan_record(plan: Any) -> PlanRecord:

@@ -19,7 +19,7 @@ from octoplan.planner.frontends.bodies.surface import (
     surface,
     tendon_lines,
 )
-from octoplan.planner.plan import Plan
+from octoplan.planner.plan_result import Plan
 
 Colour = tuple[int, int, int]
 

@@ -20,7 +20,8 @@ from octoplan.planner.frontends.live.follower import ACCURACY, Follower
 from octoplan.planner.frontends.live.handles import Goal, Handle, goal_of
 from octoplan.planner.limits import checked_limits
 from octoplan.planner.measure import strokes
-from octoplan.planner.plan import Plan, plan
+from octoplan.planner.plan import plan
+from octoplan.planner.plan_result import Plan
 from octoplan.planner.targets import BendingPlane, TipPose, TipPosition
 
 # Computing time between two pictures of the moving arm [s].
@@ -106,7 +107,7 @@ class Session:
         now = ((self.target,), self.scene, self.there)
         if last is None or self.shape is not last.shape:
             return False
-        return (last.targets, last.scene, last.surroundings.obstacles) == now
+        return (last.targets, last.scene, last.problem.environment.obstacles) == now
 
     def step(self) -> bool:
         """Move the arm towards the target for at most a picture's time; return whether to continue.
@@ -145,7 +146,7 @@ class Session:
 
     def ellipsoid(self, p: Plan) -> tuple[Array, Array]:
         """Return the half axes (3,) of a plan's compliance at the tip [m/N], and directions."""
-        by = p.machine_code
+        by = p.problem.machine_code
         k = stiffness(self.arm, p.tensions, p.scene, accuracy=ACCURACY, compile=by)
         return k.ellipsoid()
 
@@ -192,4 +193,6 @@ class Session:
         if shape is last.shape:
             return last
         tensions = self.arm.by_section(shape.tensions)
-        return replace(last, tensions=tensions, targets=(self.target,), lam_x=(), lam_g=())
+        problem = replace(last.problem, targets=(self.target,))
+        solution = replace(last.solution, tensions=tensions, lam_x=(), lam_g=())
+        return replace(last, problem=problem, solution=solution)

@@ -22,7 +22,7 @@ from octoplan.model.extensions.contact.effects import SelfContact, contacts
 from octoplan.model.extensions.obstacles import HalfSpace, Obstacle
 from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
-from octoplan.planner.certificate import COMPLEMENTARY
+from octoplan.planner.extensions.contact.checks import COMPLEMENTARY
 from octoplan.planner.frontends.bodies.surface import along, outline, rings, tendon_lines
 from octoplan.planner.frontends.plots.style import (
     INK,

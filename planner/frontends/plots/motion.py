@@ -36,7 +36,7 @@ from octoplan.planner.frontends.plots.style import (
     pulling,
     several,
 )
-from octoplan.planner.plan import Plan
+from octoplan.planner.plan_result import Plan
 
 # Accuracy of the shapes of frames, over the arm length: invisible.
 _SEEN = 1e-4
@@ -215,7 +215,7 @@ def _steps(arm: Arm, scene: Scene, plans: Sequence[Plan], frames: int) -> list[_
     """Return the frames: the arm without tension, then `frames` to each plan, slow near plans."""
     pulls: list[Array] = [np.zeros(arm.n_tendons), *(plan.shape.tensions for plan in plans)]
     shares = (1 - np.cos(np.pi * np.arange(1, frames + 1) / frames)) / 2
-    things = [(plan.targets, plan.surroundings.obstacles) for plan in plans]
+    things = [(plan.targets, plan.problem.environment.obstacles) for plan in plans]
     results = [_Step(settle(arm, pulls[0], scene, _SEEN), 1, *things[0])]
     for i, (start, end) in enumerate(pairwise(pulls)):
         for share in shares:

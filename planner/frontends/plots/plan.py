@@ -31,7 +31,7 @@ from octoplan.planner.frontends.plots.style import (
     labelled,
     pull_norm,
 )
-from octoplan.planner.plan import Plan
+from octoplan.planner.plan_result import Plan
 
 _CURVATURES = (("τ", "#8a8f98"), ("ξ", "#1f6fb4"), ("k", "#d1495b"))
 _STRETCH = "#2a8c6e"
@@ -55,7 +55,7 @@ def plot_plan(plan: Plan, ax: Any = None) -> Figure | Axes:
     finish(ax, shape, draw_plan(plan, ax))
     plot_strains(shape, figure.add_axes((0.618, 0.515, 0.30, 0.36)))
     bars = figure.add_axes((0.618, 0.09, 0.30, 0.27))
-    plot_tensions(shape.arm, shape.tensions, np.array(plan.limits.upper), bars)
+    plot_tensions(shape.arm, shape.tensions, np.array(plan.problem.limits.upper), bars)
     title = f"{plan.outcome.split(':')[0]}; effort {plan.effort:.3g} N"
     figure.suptitle(title, fontsize=SIZE + 2, y=0.975)
     return figure
@@ -84,7 +84,7 @@ def draw_plan(plan: Plan, ax: Any) -> Array:
     """Draw the arm of a plan, targets and obstacles; return points (N, 3) [m]."""
     result = plan.certificate.clearances.values()
     nearest = min(result, key=lambda clear: clear.gap, default=None)
-    return draw_arm(plan.shape, ax, plan.targets, plan.surroundings.obstacles, nearest)
+    return draw_arm(plan.shape, ax, plan.targets, plan.problem.environment.obstacles, nearest)
 
 
 def save(figure: Figure, path: str | Path) -> Path:

@@ -15,10 +15,13 @@ from octoplan.model.extensions.clearance.farthest import largest_excess, maxima
 from octoplan.model.extensions.obstacles import HalfSpace
 from octoplan.model.extensions.obstacles.base import SIZE, Convex, signed_distance
 from octoplan.model.paths import Array
+from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.quantities import ArcLength, Length, Positive
 from octoplan.model.support.units import length_text
 from octoplan.model.support.value import value
+from octoplan.planner.extensions.contact.remarks import curvature_remark
+from octoplan.planner.limits import Limits
 from octoplan.planner.targets.base import OVER_WANTED, Target, Terms, View
 
 NEAR = "nearness along the obstacle"
@@ -72,6 +75,8 @@ class Wrap(Target):
     places : tuple of float
         Additional arc lengths at which a plan constrains the part [m]; determined by the plan.
     """
+
+    plan_strategy = "contact"
 
     obstacle: Convex
     turns: Positive | None = None
@@ -174,6 +179,10 @@ class Wrap(Target):
         if not news.size:
             return self
         return replace(self, places=tuple(np.sort(np.append(known[far], news)).tolist()))
+
+    def remark(self, shape: Shape, limits: Limits, missed: bool, accuracy: float) -> str:
+        """See Target.remark: the curvatures of a wrap that was missed."""
+        return curvature_remark(self, shape, limits) if missed else ""
 
     def parameters(self, arm: Arm) -> Array:
         """See Target.parameters: the obstacle's parameters, tolerance, turns, radii at stations."""

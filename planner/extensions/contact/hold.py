@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.extensions.obstacles.base import Convex
+from octoplan.model.paths import Array
+from octoplan.model.shape import Shape
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.quantities import NotNegative
 from octoplan.model.support.value import value
+from octoplan.planner.extensions.contact.grasp import LEVER, Grasp
+from octoplan.planner.limits import Limits
 from octoplan.planner.targets.base import Target
 
 WRENCH = "balance of the held wrench"
-# Lever arm by which moments are divided to compare them with forces, over the arm's length.
-LEVER = 0.1
 
 
 @value
@@ -37,6 +41,8 @@ class Hold(Target):
         Coulomb's coefficient between arm and object.
     """
 
+    plan_strategy = "contact"
+
     obstacle: Convex
     wrench: tuple[float, ...]
     friction: NotNegative = 0.0
@@ -53,3 +59,21 @@ class Hold(Target):
         scaled = np.array(self.wrench)
         scaled[3:] /= LEVER * arm.length
         return float(np.linalg.norm(scaled))
+
+    def equilibrium_residuals(self, shape: Shape) -> Mapping[str, Array]:
+        """See Target.equilibrium_residuals: the wrench that remains, over its size."""
+        return {WRENCH: Grasp.of(shape.arm, shape.contacts, self).least}
+
+    def remark(self, shape: Shape, limits: Limits, missed: bool, accuracy: float) -> str:
+        """See Target.remark: the friction that the grasp needs, or the wrench that remains."""
+        grasp, size = Grasp.of(shape.arm, shape.contacts, self), self.size(shape.arm)
+        if np.linalg.norm(grasp.least) <= 10 * accuracy:
+            needed = self.friction * grasp.needed_friction(10 * accuracy)
+            return (
+                f"The wrench is held with friction from {needed:.3g} on, {self.friction:g} given."
+            )
+        units = np.repeat([size, size * LEVER * shape.arm.length], 3)[: grasp.least.size]
+        left = [f"{component:.3g}" for component in units * grasp.least]
+        more = f" and a moment ({', '.join(left[3:])}) N m" if left[3:] else ""
+        left_over = f"a force ({', '.join(left[:3])}) N{more} is left"
+        return f"Of the wrench {left_over}; more friction or tension may hold it."

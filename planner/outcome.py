@@ -1,0 +1,200 @@
+"""Outcomes: the result of a plan, the limits that are active, and a remedy, as sentences."""
+
+from __future__ import annotations
+
+import math
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+
+from octoplan.model.support.progress import OUT_OF_TIME
+from octoplan.planner.blocks import STABILITY, STRETCH, STROKES
+from octoplan.planner.certificate import Certificate
+from octoplan.planner.measure import remark_on_slack
+from octoplan.planner.nlp_solution import STABILITY_TOLERANCE
+from octoplan.planner.problem import RESOLVED, tension_scales
+from octoplan.planner.targets.base import OVER_WANTED
+
+# Functions of this file take a Plan; its class imports this file.
+
+
+def outcome(plan: Any) -> str:
+    """Return the outcome of a plan: verdict, warnings, and remarks."""
+    solution, text = plan.solution, verdict(plan)
+    if solution.jump:
+        text = text.removesuffix(".") + "; left the branch of the plan before: "
+        text += f"tensions jump by {100 * solution.jump:.0f} %."
+    if solution.lost:
+        text += f" An optimum {100 * solution.lost:.0f} % cheaper on the coarse mesh was lost on "
+        text += "finer ones: ask for more starts."
+    text += plan.remarks
+    if not plan.scene.effects:
+        text += " Statics: bending alone, as in Scene()."
+    return f"Stopped at the time limit, the best so far. {text}" if solution.stopped else text
+
+
+def remarks(plan: Any) -> str:
+    """Return sentences about mirror images, targets and slack tendons, each after a space."""
+    certificate, problem, solution = plan.certificate, plan.problem, plan.solution
+    if certificate.problem:
+        return ""
+    text = ""
+    if images := plan.mirror_images():
+        planes = ", ".join(f"{math.degrees(angle):.3g} deg" for angle, _ in images)
+        text = f" Its mirror image across the plane at {planes} from n costs the same."
+    missed = not certificate.attained and not solution.stopped
+    for target in problem.targets:
+        remark = target.remark(plan.shape, problem.limits, missed, problem.accuracy)
+        text += f" {remark}" if remark else ""
+    return text + remark_on_slack(problem.target_set, plan.shape)
+
+
+def holding(plan: Any) -> list[str]:
+    """Return the names of the limits that are active, by decreasing multiplier."""
+    problem, solution = plan.problem, plan.solution
+    if not solution.lam_x:
+        return []
+    arm, limits, allowed = problem.arm, problem.limits, problem.allowed
+    T, lam = np.ravel(solution.tensions), np.array(solution.lam_x)
+    near, lam = 1e-6 * tension_scales(arm, limits), lam[: T.size]
+    upper, lower = np.array(limits.upper), np.array(limits.lower)
+    at_most = (np.array(allowed.upper) == upper) & (upper - near <= T) & (lam > 1e-9)
+    # A minimum of 0 is no limit: tendons cannot push.
+    at_least = (lower > 0) & (lower + near >= T) & (lam < -1e-9)
+    active = [
+        (abs(lam[j]), f"{arm.tendon_name(j)} at its {name} of {bounds[j]:g} N")
+        for name, bounds, holds in (("maximum", upper, at_most), ("minimum", lower, at_least))
+        for j in np.flatnonzero(holds).tolist()
+    ]
+    kinds = (
+        (STRETCH, np.inf, "the body, which would be crushed (1 + q at its least)"),
+        (STABILITY, np.inf, f"stability, at its margin of {problem.options.stability_bound:g}"),
+        ("clear", 0.0, "what the arm is to keep clear of"),
+    )
+    for kind, weight, name in kinds:
+        if plan.multipliers(kind).min(initial=0.0) < -1e-9:
+            active.append((weight, name))
+    lam, ends = plan.multipliers(STROKES), np.array(limits.strokes)
+    for j in np.flatnonzero(np.abs(lam) > 1e-9).tolist():
+        end = 1e3 * ends[int(lam[j] < 0), j]
+        active.append((abs(lam[j]), f"the stroke of {arm.tendon_name(j)}, at {end:g} mm"))
+    total = limits.total
+    if total is not None and T.sum() >= total * (1 - 1e-6):
+        active.append((np.inf, f"the total pull at its maximum of {total:g} N"))
+    return [name for _, name in sorted(active, key=lambda item: -item[0])]
+
+
+def verdict(plan: Any) -> str:
+    """Return whether the plan reaches its target, and the warnings of its certificate."""
+    certificate = plan.certificate
+    beware = "".join(f" Beware: {warning}." for warning in certificate.warnings)
+    return f"{_verdict(plan, certificate)}.{beware}"
+
+
+def _verdict(plan: Any, certificate: Certificate) -> str:
+    solution, length = plan.solution, plan.problem.arm.length
+    if certificate.problem:
+        more = "; raise time_limit, or certify the plan" * (certificate.problem == OUT_OF_TIME)
+        return f"Not certified: {certificate.problem}{more}"
+    count = len(solution.starts)
+    guesses = "initial guess" if count == 1 else "initial guesses"
+    samples = f" and {solution.sampled} sampled shapes" if solution.sampled else ""
+    equal = solution.n_equal_optima
+    tried = f"{count} {guesses}{samples} tried, {equal} led to the best optimum"
+    if certificate.passed:
+        bears = f"stability {certificate.stability:.3g}, {certificate.bears}; "
+        cost = f"effort {plan.effort:.4g} N; {bears if certificate.bears else ''}"
+        return f"Reached{_success(plan)}; {cost}{tried}"
+    if certificate.strokes > certificate.tolerance:
+        over = _size(certificate.strokes, length)
+        return (
+            "Not reached: no shape within the limits of strokes is found; the nearest one found "
+            f"passes them by {over}; {tried}"
+        )
+    if plan.mode != "exact" and not certificate.attained:
+        missed = f"the nearest shape found is off in {_gaps(certificate, length)}"
+        return f"Not reached: {missed}; {_reason(plan)}; {tried}"
+    if certificate.too_near:
+        passed = (certificate.clearances[name] for name in certificate.too_near)
+        nearest = min(passed, key=attrgetter("gap"))
+        return (
+            f"Not clear: {nearest}; no way around it was found: move it or the target, "
+            f"raise the limits or ask for less clearance ({tried})"
+        )
+    least = certificate.stability_margin
+    if 0 <= certificate.stability < least - STABILITY_TOLERANCE:
+        return (
+            f"Not stable enough: stability {certificate.stability:.3g}, asked {least:g}; "
+            f"raise the limits or ask for a lower margin ({tried})"
+        )
+    failures = "; ".join(certificate.failures)
+    return f"Not certified: {failures}; ask for a finer accuracy or more starts ({tried})"
+
+
+def _success(plan: Any) -> str:
+    certificate = plan.certificate
+    soft, tolerance = certificate.soft_residual, certificate.tolerance
+    met = max([certificate.residual, *soft.values()])
+    if met <= tolerance:
+        return f": every target met to {met:.1e} (asked {tolerance:.0e})"
+    length = plan.problem.arm.length
+    gaps = ", ".join(f"{name} {_size(value, length)}" for name, value in soft.items())
+    return f", as near as found: {gaps} ({_reason(plan)})"
+
+
+def _gaps(certificate: Certificate, length: float) -> str:
+    """Return the residuals of missed equalities and violated inequalities."""
+    gaps = [
+        f"{name} by {_size(value, length, certificate.units.get(name, ''))}"
+        for name, value in certificate.equality.items()
+        if value > certificate.tolerance
+    ]
+    for name, value in certificate.inequality.items():
+        if value < -certificate.tolerance:
+            share = f"{1 + value:.4g} times what is wanted found, "
+            ratio = share if name.endswith(OVER_WANTED) else ""
+            gaps.append(f"{name.removesuffix(OVER_WANTED)} ({ratio}short by {-value:.3g})")
+    return ", ".join(gaps)
+
+
+def _size(value: float, length: float, unit: str = "L") -> str:
+    """Return a residual in mm if it is a length over the arm's, in degrees if it is an angle."""
+    if unit == "L":
+        return f"{1e3 * value * length:.3g} mm"
+    return f"{math.degrees(value):.3g} deg" if unit == "rad" else f"{value:.3g}"
+
+
+def _reason(plan: Any) -> str:
+    """Return the first reason that keeps a plan from its targets, and a remedy."""
+    certificate, solution = plan.certificate, plan.solution
+    least, holders = certificate.stability_margin, ", ".join(plan.holding()[:3])
+    how_unstable = (
+        f"less stable than the margin of {least:g}" if least else "unstable under the loads"
+    )
+    violated = -min(certificate.inequality.values(), default=0.0)
+    missed = max(certificate.residual, violated, *certificate.soft_residual.values())
+    reasons = (
+        (
+            solution.stopped,
+            "the search was not at its end, a longer time limit may bring it nearer",
+        ),
+        (
+            missed <= RESOLVED,
+            f"least squares of targets tell no less than {RESOLVED:.0e} of the arm's length, so "
+            "that it may be met all the same; ask for less accuracy",
+        ),
+        (
+            solution.in_the_way,
+            "not reached clear of the obstacles: the plan without them meets it, and "
+            f"{solution.in_the_way}; move them or the target, ask for less clearance or more "
+            "starts",
+        ),
+        (
+            solution.unstable,
+            f"what meets it is {how_unstable}; stiffen the arm, lower the loads or move the target",
+        ),
+        (holders, f"held by {holders}; widen these limits or move the target"),
+    )
+    no_limit = "no limit is active; move the target, or ask for more starts"
+    return next((text for is_so, text in reasons if is_so), no_limit)
