@@ -72,6 +72,7 @@ def continue_branches(
     looser: float = 1.0,
     on_the_way: float = 1.0,
     first_step: float = 1.0,
+    passed: list[Equilibrium] | None = None,
 ) -> list[BranchEnd]:
     """Follow branches of equilibria of one system along lines of tensions and load factor.
 
@@ -89,6 +90,8 @@ def continue_branches(
         Whether the tensions at the end of a line crush the arm without loads: a reason to stop.
     looser, on_the_way : float
         Factors of the tolerance of Newton's method, at the end of the line and before; see Start.
+    passed : list of Equilibrium
+        Receives the equilibrium of each step on any of the branches.
     """
     system = starts[0].point.system
     begins, ends_at = lines
@@ -142,6 +145,9 @@ def continue_branches(
                 steps[i], levels[i] = (fractions[i] - ends[i].fraction) / 2, 1.0
             else:
                 ends[i], steps[i] = BranchEnd(there, fractions[i]), 2 * steps[i]
+                if passed is not None:
+                    # Without factors, of which a hundred equilibria have many megabytes.
+                    passed.append(Equilibrium(system, there.x, history=there.history))
     return ends
 
 
@@ -264,15 +270,34 @@ class Collocation:
 
         The place where the branch ends is located roughly.
         """
-        if not self._loads_first:
+        if not self.loads_first:
             return self.solve(tensions)
         lines = self._line(0 * tensions[None], 1.0), self._line(tensions[None], 1.0)
         begin = BranchEnd(self._under_loads.point, 0.0)
         (end,) = continue_branches([begin], lines, ROUGH_STEP, on_the_way=ROUGHEST)
         return end.point
 
+    def passed(self, tensions: Array) -> list[Equilibrium]:
+        """Return the equilibria on the lines from rest to sets of tensions (M, n_tendons).
+
+        These are the equilibria of all steps, as far as the branches lead; only those at the ends
+        of the lines unless the loads act before the tensions and the history matters.
+        """
+        if not self.loads_first:
+            return [end for end in self.many(tensions) if isinstance(end, Equilibrium)]
+        points = list[Equilibrium]()
+        continue_branches(
+            [BranchEnd(self._under_loads.point, 0.0)] * len(tensions),
+            (self._line(0 * tensions, 1.0), self._line(tensions, 1.0)),
+            ROUGH_STEP,
+            looser=ROUGHEST,
+            on_the_way=ROUGHEST,
+            passed=points,
+        )
+        return points
+
     @cached_property
-    def _loads_first(self) -> bool:
+    def loads_first(self) -> bool:
         """Whether the history matters, and the arm bears its loads without tension."""
         if not self._loaded or has_unique_equilibrium(self.system.arm, self.system.scene):
             return False
@@ -280,7 +305,7 @@ class Collocation:
 
     def _from_rest(self, tensions: Array, looser: float) -> list[Equilibrium | OctoplanError]:
         """Return the equilibria that the arm reaches from rest under sets (M, n_tendons)."""
-        if self._loads_first:
+        if self.loads_first:
             return self._pulled(self._under_loads.point, tensions, looser)
         return self._loaded_last(tensions, looser)
 

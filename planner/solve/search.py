@@ -25,6 +25,7 @@ from operator import attrgetter, itemgetter
 
 import numpy as np
 
+from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
@@ -40,6 +41,7 @@ from octoplan.planner.solve.guesses import POINT, beside, drawn_arms, initial_gu
 from octoplan.planner.solve.ipopt import Purpose, solve
 from octoplan.planner.solve.refine import COARSE_RTOL, CORRECTIONS, on_mesh, refine
 from octoplan.planner.solve.samples import Samples, sample
+from octoplan.planner.solve.stable_descent import descend
 from octoplan.planner.targets.target_set import LOW_PRIORITY
 
 # Number of equal optima after which a multistart ends; one more for relaxed targets, and for exact
@@ -62,6 +64,8 @@ N_SAMPLED = 8
 STABILITY_FLOORS = (0.3, 0.5)
 # Largest number of optima that are solved again with a lower bound on their stability.
 MAX_ENFORCED = 4
+# Largest number of stable shapes to descend from if optima that meet the targets are unstable.
+MAX_DESCENTS = 4
 _PHASES: dict[Mode, str] = {
     "exact": "trials that meet the targets",
     "closest": "trials for the nearest shape, equalities met",
@@ -100,6 +104,12 @@ class RelaxationStage:
         Other optima.
     rejected : list of NlpSolution
         Optima that finer meshes do not have.
+    below_margin : list of NlpSolution
+        Unstable optima without an optimum near them that has the required stability.
+    starts : list of Equilibrium
+        Stable shapes on the coarse mesh to descend from, in place of unstable optima.
+    descended : list of NlpSolution
+        Stable optima from these shapes.
     last : NlpSolution or None
         Solution from the last guess.
     corrected : NlpSolution or None
@@ -117,6 +127,9 @@ class RelaxationStage:
     stable: list[NlpSolution] = field(default_factory=list)
     unstable: list[NlpSolution] = field(default_factory=list)
     rejected: list[NlpSolution] = field(default_factory=list)
+    below_margin: list[NlpSolution] = field(default_factory=list)
+    starts: list[Equilibrium] = field(default_factory=list)
+    descended: list[NlpSolution] = field(default_factory=list)
     last: NlpSolution | None = None
     corrected: NlpSolution | None = None
     refined: NlpSolution | None = None
@@ -165,10 +178,13 @@ class RelaxationStage:
         """Return whether enough optima are equal, or enough guesses did not improve the best one.
 
         The latter counts if guesses come in the order of their effort and the targets are met: the
-        distance of a nearest shape does not depend on this order.
+        distance of a nearest shape does not depend on this order. One unstable optimum that nearly
+        meets the targets is enough if there are stable shapes to descend from.
         """
         if self.task.guesses is not None:
             return False
+        if self.starts and self.is_nearly_met:
+            return True
         trials, mode, n_conditions = self.trials, self.mode, self.task.target_set.conditions
         objectives = [trial.objective if trial.met else np.inf for trial in trials]
         best = min(objectives, default=np.inf)
@@ -261,6 +277,8 @@ class RelaxationStage:
         """
         lost, unstable = np.inf, {float(f"{each.f:.3g}"): each for each in self.unstable}
         streams = [self._enforce_margin(unstable[f]) for f in sorted(unstable)[:MAX_ENFORCED]]
+        if self.starts and unstable:
+            streams = [self._descend(min(unstable))]
         stable = sorted(((each.f, each) for each in self.stable), key=itemgetter(0))
         for f, optimum in merge(stable, *streams, key=itemgetter(0)):
             if f > limit:
@@ -284,12 +302,30 @@ class RelaxationStage:
         if has_unique_equilibrium(self.task.arm, self.task.scene):
             return None
         for floor in STABILITY_FLOORS:
-            for optimum in self.optima[:MAX_ENFORCED]:
+            optima = [each for each in self.optima[:MAX_ENFORCED] if each not in self.below_margin]
+            for optimum in optima:
                 for _, stable in self._enforce_margin(optimum, floor):
                     refined = None if stable is None else refine(stable)
                     if refined is not None:
                         return refined.result(self.trials)
         return None
+
+    def _descend(self, bound: float) -> Iterator[tuple[float, NlpSolution | None]]:
+        """Yield a lower bound of the objective with None, then stable optima from the starts.
+
+        Descents end after a number of equal optima.
+        """
+        yield bound, None
+        problem = self._problem().replace(modes=1)
+        for start in self.starts:
+            optimum = descend(problem, start)
+            self.descended += [] if optimum is None else [optimum]
+            best = min((each.f for each in self.descended), default=np.inf)
+            n_equal = sum(each.f <= (1 + COARSE_RTOL) * best for each in self.descended)
+            if n_equal >= N_EQUAL_OPTIMA:
+                break
+        for optimum in sorted(self.descended, key=attrgetter("f")):
+            yield optimum.f, optimum
 
     def _enforce_margin(
         self, optimum: NlpSolution, floor: float = 0.0
@@ -311,10 +347,11 @@ class RelaxationStage:
                 near = solve(problem, x, problem.parameters(SEARCH_WEIGHT))
                 check_time()
                 if not near.converged:
-                    return
+                    break
                 if problem.is_stable(near.x, bound - COARSE_RTOL * bound):
                     yield near.f, near
                     return
+        self.below_margin.append(optimum)
 
 
 def _is_same(one: NlpSolution, other: NlpSolution) -> bool:
@@ -374,7 +411,8 @@ class Search:
             if stage.is_missed and self._n_sampled:
                 stage = self.stage = self._with_samples(stage)
             stages = [stage]
-            if quick_stage is not None and stage.is_nearly_met:
+            unstable |= stage.is_missed and stage.is_nearly_met
+            if quick_stage is not None and stage.is_nearly_met and not stage.starts:
                 quick_stage.task = stage.task
                 nearest = stage.optima[0].tensions
                 quick_stage.guesses = chain([nearest], quick_stage.guesses)
@@ -417,7 +455,8 @@ class Search:
         """
         if self.samples is None:
             self.samples = sample(self.task, self._n_sampled)
-        guesses: Iterator[Array] = islice(self.samples.distinct(), self._n_sampled)
+        distinct = islice(self.samples.distinct(), self._n_sampled)
+        guesses: Iterator[Array] = (point.tensions for point in distinct)
         if self.samples.task is not self.task:
             self.task = self.samples.task
             trials = [replace(trial, met=False) for trial in stage.trials]
@@ -425,6 +464,8 @@ class Search:
             guesses = chain((each.tensions for each in best), guesses)
             stage = RelaxationStage(self.task, stage.mode, trials=trials, last=stage.last)
         stage.guesses = guesses
+        if stage.mode == "nearest":
+            stage.starts = self.samples.stable(MAX_DESCENTS, self.task.options.stability_bound)
         stage.multistart(until_met=True, until_equal=False)
         return stage
 
@@ -457,7 +498,11 @@ class Search:
         """Return the best refined optimum that is stable, without the default margin."""
         options = self.task.options.replace(margin=0.0)
         self.task = replace(self.task, options=options, best_margin=False)
-        self.stage = replace(stage, task=self.task, stable=[], unstable=[])
+        starts = stage.starts
+        if stage.descended:
+            best = min(stage.descended, key=attrgetter("f"))
+            starts = [best.problem.linearised(best.x)]
+        self.stage = replace(stage, task=self.task, stable=[], unstable=[], starts=starts)
         for optimum in stage.optima:
             problem = optimum.problem.replace(margin=0.0)
             self.stage.classify(replace(optimum, problem=problem))
@@ -482,6 +527,10 @@ class Search:
                 guesses = chain([refined.tensions], beside(corrected), self.guesses())
                 limited = islice(guesses, task.max_guesses)
                 exact = RelaxationStage(task, "exact", limited, corrected=corrected)
+                if stage.starts:
+                    forward = Problem(task, task.coarse("exact")).forward
+                    known = task.settled(refined.tensions).known
+                    exact.starts = [forward.solve(refined.tensions, known)]
                 exact.multistart()
                 return exact.best() or result
         except OutOfTime:
@@ -507,9 +556,16 @@ class Search:
         yield from before[1:]
 
     def _best_so_far(self, stopped: bool = True) -> Solution:
-        """Return the optimum of least effort so far, else the last solution, else a drawn arm."""
+        """Return the optimum of least effort so far, or the nearest sample if there is none.
+
+        Without samples, the last solution, or a drawn arm.
+        """
         optima = [*self.stage.stable, *self.stage.rejected]
         best = min(optima, key=attrgetter("f"), default=self.stage.last)
+        if not optima and self.samples and self.samples.points:
+            options = self.task.coarse("nearest")
+            T = self.task.arm.by_section(self.samples.points[0].tensions)
+            return Solution(options, T, (), (), tuple(self.stage.trials), stopped)
         if best is None:
             *_, T = islice(drawn_arms(self.task), 2)
             options = self.task.coarse("nearest")

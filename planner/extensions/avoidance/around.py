@@ -143,7 +143,7 @@ class ObstacleSearch:
         """
         samples = sample(self.task, N_SAMPLED)
         self.sampled = samples.count
-        near = np.array([*islice(samples.distinct(), _FITTED)])
+        near = np.array([each.tensions for each in islice(samples.distinct(), _FITTED)])
         self.task = fine_enough(samples.task, near)
         self._lines = _lines_of(self.task)
         tensions, misses = fitted(self.task, near)
