@@ -80,7 +80,7 @@ def _print_help() -> bool:
 
 def _end(number: int, _: object) -> None:
     """End the process at once; remove incomplete files, and report those that are complete."""
-    end = getattr(sys.modules.get("octoplan.planner.frontends.io.files"), "end", None)
+    end = getattr(sys.modules.get("octoplan.planner.frontends.io.files"), "discard_staged", None)
     kept = "nothing was written" if end is None else end()
     try:
         os.write(2, f"octoplan: {_ENDINGS[signal.Signals(number)]}; {kept}\n".encode())

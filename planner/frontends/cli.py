@@ -35,7 +35,7 @@ from octoplan.model.support.progress import (
     tighten_limit,
     time_limit,
 )
-from octoplan.planner.frontends.io.files import to_json, why, write_together
+from octoplan.planner.frontends.io.files import system_message, to_json, write_together
 from octoplan.planner.frontends.io.scene_file import SceneFile, load
 
 
@@ -76,7 +76,7 @@ def _check_folder(_: Any, folder: Path | None) -> None:
         if folder is not None and folder.exists() and not folder.is_dir():
             raise ValueError("Must be a folder, existing or new.")
     except OSError as reason:
-        raise ValueError(f"Must be a folder, existing or new: {why(reason)}.") from None
+        raise ValueError(f"Must be a folder, existing or new: {system_message(reason)}.") from None
 
 
 ScenePath = Annotated[Path, Parameter(help="Scene file, SCENE.toml.")]
@@ -275,7 +275,7 @@ def deliver(output: Output, options: Options) -> None:
         if output.draw is not None:
             kind = options.figure or "png"
             # Load matplotlib for figures only.
-            drawn = import_module("octoplan.planner.frontends.plots.plan").drawn
+            drawn = import_module("octoplan.planner.frontends.plots.plan").render
             files[f"{output.name}.{kind}"] = drawn(output.draw(), kind)
         write_together(options.out, files)
     text = to_json(output.record).decode() if options.json else output.text()
@@ -289,4 +289,4 @@ def deliver(output: Output, options: Options) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if isinstance(reason, BrokenPipeError):
             raise
-        raise OutputError(why(reason)) from None
+        raise OutputError(system_message(reason)) from None

@@ -18,7 +18,7 @@ from octoplan.planner import plan, sweep
 from octoplan.planner.frontends.cli import main
 from octoplan.planner.frontends.commands.files import Kind
 from octoplan.planner.frontends.io.csv_files import plan_csv
-from octoplan.planner.frontends.io.scene_file import filled, load, question_of, scene_table
+from octoplan.planner.frontends.io.scene_file import fill_defaults, load, question_of, scene_table
 from octoplan.planner.frontends.sweeps.definition import load_sweep
 from octoplan.planner.targets import TipPosition
 
@@ -64,7 +64,7 @@ def test_a_mesh_of_a_swept_scene_is_found_from_its_folder_and_identifies_the_swe
 
 def test_obstacles_are_given_to_sweeps_as_objects() -> None:
     bodies = [Sphere((0.2, 0.2, 0.2), 0.02), Box((0.3, 0.3, 0.0), (0.01, 0.02, 0.03)), TETRAHEDRON]
-    table = filled(scene_table(ARM, Scene(), obstacles=bodies, clearance_mm=2.0), "scene")
+    table = fill_defaults(scene_table(ARM, Scene(), obstacles=bodies, clearance_mm=2.0), "scene")
     asked = question_of(table).options
     assert [type(own) for own in asked["obstacles"]] == [Sphere, Box, Mesh]
     assert asked["clearance"] == pytest.approx(2e-3)

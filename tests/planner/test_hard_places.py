@@ -18,7 +18,7 @@ from octoplan.model.effects import Extension
 from octoplan.model.support.errors import FileError
 from octoplan.planner import export, load_plan
 from octoplan.planner.frontends.cli import main
-from octoplan.planner.frontends.io.files import staged, write_named, write_together
+from octoplan.planner.frontends.io.files import staging_folder, write_named, write_together
 from octoplan.planner.frontends.io.scene_file import load, read
 from octoplan.planner.frontends.sweeps.definition import load_sweep
 
@@ -189,8 +189,8 @@ def test_files_are_readable_for_those_whom_the_umask_lets(mask: int, mode: int) 
 KILLED = """
 import os, signal
 from pathlib import Path
-from octoplan.planner.frontends.io.files import staged
-with staged(Path()) as folder:
+from octoplan.planner.frontends.io.files import staging_folder
+with staging_folder(Path()) as folder:
     (folder / "half.png").write_text("half")
     os.kill(os.getpid(), signal.SIGKILL)
 """
@@ -201,6 +201,6 @@ def test_what_a_killed_run_has_left_goes_with_the_next() -> None:
     there = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     subprocess.run([sys.executable, "-c", KILLED], env=there, check=False)
     assert len(list(Path().iterdir())) == 2
-    with staged(Path()):
+    with staging_folder(Path()):
         write_named("a.png", ".png", b"whole")
     assert sorted(path.name for path in Path().iterdir()) == ["a.png", "scene.toml"]

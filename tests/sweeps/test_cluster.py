@@ -16,8 +16,8 @@ from octoplan.planner.frontends.sweeps.definition import load_sweep
 from octoplan.planner.frontends.sweeps.sweep import (
     VersionsError,
     WorkersLostError,
-    _one,
-    on_cluster,
+    _run_chunk,
+    run_on_cluster,
 )
 from tests.sweeps.cases import DRAWN, GRID, STIFFNESS, written
 
@@ -55,16 +55,16 @@ def _dask(what: str) -> list[str]:
 def test_a_worker_with_other_versions_is_refused(tmp_path: Path) -> None:
     asked = load_sweep(written(tmp_path, GRID))
     with pytest.raises(VersionsError, match="install the same versions"):
-        _one(asked.job, 0, asked.points(0), math.inf, {"octoplan": "0"})
+        _run_chunk(asked.job, 0, asked.points(0), math.inf, {"octoplan": "0"})
 
 
 def _killing(
     process: "subprocess.Popen[bytes]", found: list[int], after: int = 10
 ) -> Callable[..., Iterator]:
-    """Return on_cluster, which kills a process when so many chunks are found."""
+    """Return run_on_cluster, which kills a process when so many chunks are found."""
 
     def watched(*asked: object) -> Iterator:
-        for chunk, rows in on_cluster(*asked):
+        for chunk, rows in run_on_cluster(*asked):
             found.append(chunk)
             if len(found) == after:
                 os.kill(process.pid, signal.SIGKILL)
@@ -85,7 +85,9 @@ def test_a_cluster_finds_what_one_process_finds_though_a_worker_is_killed(
 ) -> None:
     address, (_, first, second) = cluster
     path, found = written(tmp_path, AXES, "stiffness", more), []
-    monkeypatch.setattr(planner.frontends.sweeps.sweep, "on_cluster", _killing(first, found, after))
+    monkeypatch.setattr(
+        planner.frontends.sweeps.sweep, "run_on_cluster", _killing(first, found, after)
+    )
     data = planner.sweep(path, scheduler=address)
     assert sorted(found) == list(range(chunks))
     assert first.wait() == -signal.SIGKILL
@@ -99,7 +101,9 @@ def test_a_cluster_that_loses_its_scheduler_is_told_and_the_sweep_goes_on_withou
 ) -> None:
     address, (scheduler, *_) = cluster
     path, out, found = written(tmp_path, AXES, "stiffness", MORE), tmp_path / "out.nc", []
-    monkeypatch.setattr(planner.frontends.sweeps.sweep, "on_cluster", _killing(scheduler, found))
+    monkeypatch.setattr(
+        planner.frontends.sweeps.sweep, "run_on_cluster", _killing(scheduler, found)
+    )
     with pytest.raises(WorkersLostError, match="inished chunks are kept"):
         planner.sweep(path, out, scheduler=address)
     assert 10 <= len(found) < 64

@@ -137,11 +137,12 @@ def test_what_is_finished_is_not_found_again_and_resumes_no_other_sweep(
     assert _finished(out) == finished
     assert not out.exists()
     scene.write_text(text)
-    computed, chunks = planner.frontends.sweeps.sweep.computed, []
+    compute_points = planner.frontends.sweeps.sweep.compute_points
+    chunks = []
     monkeypatch.setattr(
         planner.frontends.sweeps.sweep,
-        "computed",
-        lambda *asked: chunks.append(1) or computed(*asked),
+        "compute_points",
+        lambda *asked: chunks.append(1) or compute_points(*asked),
     )
     planner.sweep(path, out)
     assert len(chunks) == 30 - finished

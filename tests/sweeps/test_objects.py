@@ -79,7 +79,7 @@ def test_a_finished_sweep_is_not_run_again_and_says_so(
         raise AssertionError("run again")
 
     with monkeypatch.context() as patch:
-        patch.setattr("octoplan.planner.frontends.sweeps.sweep.computed", never)
+        patch.setattr("octoplan.planner.frontends.sweeps.sweep.compute_points", never)
         assert main(argv) == 0
         assert json.loads(capsys.readouterr().out) == first | {"earlier": True}
         assert main(argv[:-1]) == 0

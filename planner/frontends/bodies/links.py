@@ -91,7 +91,7 @@ class Chain:
         return dict(zip(names[1:], self.moved.ravel().tolist()[1:], strict=True))
 
 
-def chain_of(shape: Shape, links: int) -> Chain:
+def build_chain(shape: Shape, links: int) -> Chain:
     """Return the chain of a number of links that follows a shape; raise InputError if invalid."""
     kind("shape", shape, Shape, "a Shape, as settle returns it")
     within("links", links, 1, MOST_LINKS)
@@ -159,7 +159,7 @@ def urdf(shape: Shape, links: int = 30, name: str = "arm") -> str:
 
     Raises InputError if the number of links is not 1 to 1000.
     """
-    chain = chain_of(shape, links)
+    chain = build_chain(shape, links)
     remarks = left_out_of_urdf(shape)
     warn_of(remarks)
     root = ET.Element("robot", name=name)
@@ -169,22 +169,22 @@ def urdf(shape: Shape, links: int = 30, name: str = "arm") -> str:
     for i in range(links + 1):
         if i:
             place, along = (chain.chords[i - 1], 0, 0), (1, 0, 0)
-            parent = _jointed(root, parent, f"slide_{i}", "prismatic", along, xyz=place)
+            parent = _add_link(root, parent, f"slide_{i}", "prismatic", along, xyz=place)
         turned = Rotation.from_matrix(chain.rest[i]).as_euler("xyz")
         for letter, axis, rpy in zip("xyz", np.eye(3), [turned, _NOT, _NOT], strict=True):
-            parent = _jointed(root, parent, f"{letter}_{i}", "revolute", axis, rpy=rpy)
+            parent = _add_link(root, parent, f"{letter}_{i}", "revolute", axis, rpy=rpy)
         bodies.append(parent)
         if i < links:
-            _solid(parent, chain, i)
+            _add_body(parent, chain, i)
     for each in point_masses(shape, chain.bodies):
-        child = _jointed(root, bodies[each.body], each.name, "fixed", (1, 0, 0), xyz=each.place)
+        child = _add_link(root, bodies[each.body], each.name, "fixed", (1, 0, 0), xyz=each.place)
         inertial = child_of(child, "inertial")
         child_of(inertial, "mass", value=each.mass)
         child_of(inertial, "inertia", **dict.fromkeys(("ixx", "iyy", "izz"), 0), **_NO_PRODUCTS)
     return to_text(root)
 
 
-def _jointed(
+def _add_link(
     root: ET.Element,
     parent: ET.Element,
     joint: str,
@@ -206,7 +206,7 @@ def _jointed(
     return child_of(root, "link", name=child)
 
 
-def _solid(link: ET.Element, chain: Chain, i: int) -> None:
+def _add_body(link: ET.Element, chain: Chain, i: int) -> None:
     """Add body and mass to a link."""
     length, radius, mass = (float(x[i]) for x in (chain.chords, chain.radii, chain.masses))
     # Cylinders have axis z; the axis of the link is x.
@@ -230,7 +230,7 @@ def ros_messages(shape: Shape, links: int = 30) -> dict[str, Any]:
     of `urdf`, `path` a nav_msgs/Path of frames along the midline in the base frame, with x axes
     along the arm.
     """
-    joints = chain_of(shape, links).joints
+    joints = build_chain(shape, links).joints
     arm = shape.arm
     header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": BASE}
     # Frames along the midline, in the base frame.

@@ -24,7 +24,7 @@ from octoplan.planner.frontends.bodies.forces import (
     site_forces,
     warn_of,
 )
-from octoplan.planner.frontends.bodies.links import Chain, chain_of
+from octoplan.planner.frontends.bodies.links import Chain, build_chain
 from octoplan.planner.frontends.bodies.surface import offsets
 from octoplan.planner.frontends.bodies.xml import child_of, remark, to_text
 
@@ -111,7 +111,7 @@ def mjcf(shape: Shape, links: int = 30, name: str = "arm") -> str:
         For a current; for obstacles without contact, which are omitted; for links that rotate by
         more than 120 deg, which may be unstable.
     """
-    chain = chain_of(shape, links)
+    chain = build_chain(shape, links)
     arm = shape.arm
     remarks = left_out_of_mjcf(shape)
     if Rotation.from_euler("XYZ", chain.angles).magnitude().max() > _MAX_TURN:

@@ -36,7 +36,7 @@ from octoplan.planner.frontends.io.saved_records import CalibrationRecord, Desig
 from octoplan.planner.frontends.io.scene_tables import SceneTable
 from octoplan.planner.frontends.report import figure
 from octoplan.planner.frontends.sweeps.definition import load_sweep
-from octoplan.planner.frontends.sweeps.sweep import written
+from octoplan.planner.frontends.sweeps.sweep import write_sweep
 
 _DEFAULT = FileOptions()
 # Commented files of each kind, which run unchanged.
@@ -72,11 +72,10 @@ def new(
     if not path.parent.is_dir():
         raise InputError("FILE", str(path), "a file in an existing folder")
     write_together(path.parent, {name: text.encode() for name, text in contents.items()})
-    written = " and ".join(str(path.with_name(name)) for name in contents)
-    verb, more = "is" if len(contents) == 1 else "are", " --out out" * (kind != "sweep")
-    return Output(
-        lambda: f"{written} {verb} written; next: octoplan {kind} {quote(str(path))}{more}"
-    )
+    names = " and ".join(str(path.with_name(name)) for name in contents)
+    verb = "is" if len(contents) == 1 else "are"
+    more = " --out out" * (kind != "sweep")
+    return Output(lambda: f"{names} {verb} written; next: octoplan {kind} {quote(str(path))}{more}")
 
 
 def sweep(
@@ -105,7 +104,7 @@ def sweep(
     try:
         with time_limit(options.time_limit):
             wanted = load_sweep(file)
-            attributes, is_earlier = written(wanted, to, jobs=jobs, scheduler=scheduler)
+            attributes, is_earlier = write_sweep(wanted, to, jobs=jobs, scheduler=scheduler)
     except OutOfTime:
         kept = "finished chunks are kept: run the sweep again to compute the others"
         limit = f"the time limit of {options.time_limit:g} s was reached"

@@ -28,7 +28,13 @@ from octoplan.planner.frontends.cli import (
     ScenePath,
 )
 from octoplan.planner.frontends.effect_ablation import switch_effects
-from octoplan.planner.frontends.io.calls import check_complete, in_motion, planned, settled, stiff
+from octoplan.planner.frontends.io.calls import (
+    check_complete,
+    run_plan,
+    run_settle,
+    run_stiffness,
+    run_trajectory,
+)
 from octoplan.planner.frontends.io.csv_files import motion_csv, plan_csv, shape_csv
 from octoplan.planner.frontends.io.records import (
     EffectsRecord,
@@ -52,7 +58,7 @@ _DEFAULT = SceneOptions()
 
 def plan(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Output:
     """Find the tensions of least effort for the scene's target."""
-    result = planned(options.question(scene))
+    result = run_plan(options.question(scene))
     tables = {"plan.csv": lambda: plan_csv(result), "shape.csv": lambda: _shape_csv(result)}
     record, certificate = plan_record(result), result.certificate
     draw = None if certificate.problem else result.plot
@@ -68,7 +74,7 @@ def _shape_csv(result: Plan) -> bytes:
 
 def trajectory(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Output:
     """Find tensions over time through the waypoints of the scene."""
-    result = in_motion(options.question(scene))
+    result = run_trajectory(options.question(scene))
     return Output(
         lambda: to_text(result),
         record(TrajectoryRecord, result),
@@ -81,14 +87,14 @@ def trajectory(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Outp
 
 def settle(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Output:
     """Find the shape for the tensions or lengths of the scene."""
-    shape = settled(options.question(scene))
+    shape = run_settle(options.question(scene))
     tables = {"shape.csv": lambda: shape_csv(shape)}
     return Output(lambda: to_text(shape), record(ShapeRecord, shape), "shape", shape.plot, tables)
 
 
 def stiffness(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Output:
     """Find the compliance of the shape of the scene; see the [stiffness] table."""
-    k = stiff(options.question(scene))
+    k = run_stiffness(options.question(scene))
     return Output(lambda: repr(k), record(StiffnessRecord, k), "stiffness", lambda: plotted(k))
 
 
@@ -184,7 +190,7 @@ def export(
         else:
             # The plan is computed to the default accuracy or better.
             fine = question.but(accuracy=min(question.accuracy, ACCURACY))
-            result = export_plan(planned(fine), to, question.accuracy, precision, name)
+            result = export_plan(run_plan(fine), to, question.accuracy, precision, name)
         files, shape, static_bytes = result.files, result.shape, result.static_bytes
         more = (
             f"\n  {shape.s.size} nodes, tip error {shape.error:.1e} of the length at the "
@@ -194,7 +200,7 @@ def export(
     else:
         driven = question.tensions is not None or "lengths" in question.options
         by_plan = question.targets and not driven
-        shape = planned(question).shape if by_plan else settled(question)
+        shape = run_plan(question).shape if by_plan else run_settle(question)
         files = export_shape(shape, to, what, name, links)
     text = f"{', '.join(file.name for file in files)} in {to}{more}"
     names = list(map(str, files))

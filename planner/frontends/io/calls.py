@@ -49,7 +49,7 @@ def _tensions_example(question: SceneFile) -> str:
     return f"tensions = [{', '.join(rows)}] (N) {place}"
 
 
-def check_held(question: SceneFile) -> None:
+def check_drive(question: SceneFile) -> None:
     """Raise FileError if a scene file has neither tensions nor lengths."""
     if "lengths" not in question.options:
         check_complete(question, "tensions")
@@ -61,25 +61,25 @@ def _computed(question: SceneFile, function: Callable[..., R], argument: Any, **
         return function(question.arm, argument, question.scene, **question.of(function) | more)
 
 
-def settled(question: SceneFile) -> Shape:
+def run_settle(question: SceneFile) -> Shape:
     """Return the shape for the tensions or lengths of a scene file; FileError without both."""
-    check_held(question)
+    check_drive(question)
     return _computed(question, settle, question.tensions)
 
 
-def stiff(question: SceneFile) -> Stiffness:
+def run_stiffness(question: SceneFile) -> Stiffness:
     """Return the stiffness for a scene file; FileError without tensions and lengths."""
-    check_held(question)
+    check_drive(question)
     return _computed(question, stiffness, question.tensions, **question.stiffness)
 
 
-def planned(question: SceneFile) -> Plan:
+def run_plan(question: SceneFile) -> Plan:
     """Return the plan for a scene file; FileError without target or limits."""
     check_complete(question, "target", "limits")
     return _computed(question, plan, question.targets)
 
 
-def in_motion(question: SceneFile) -> Trajectory:
+def run_trajectory(question: SceneFile) -> Trajectory:
     """Return the trajectory for a scene file; FileError without waypoints, motion or limits."""
     check_complete(question, "waypoints", "motion", "limits")
     return _computed(question, trajectory, list(question.waypoints))

@@ -29,7 +29,7 @@ from octoplan.model.support.checks import kind, within
 from octoplan.model.support.errors import FileError
 from octoplan.planner.extensions.fit.measured import Measured
 from octoplan.planner.frontends.io.codec import in_si, number_in
-from octoplan.planner.frontends.io.files import bytes_of, write_named
+from octoplan.planner.frontends.io.files import read_bytes, write_named
 from octoplan.planner.frontends.io.mistakes import error_context
 from octoplan.planner.frontends.io.records import POINTS, of_shape
 from octoplan.planner.frontends.io.varied import MarkerTable
@@ -114,7 +114,7 @@ def motion_csv(motion: Any) -> bytes:
 
 def _read(path: Path, wanted: str) -> Iterator[tuple[str, list[str]]]:
     """Yield the line number as text and the cells of each line that is not empty; FileError."""
-    text = bytes_of(path, f"must be {wanted}").decode("utf-8-sig", errors="replace")
+    text = read_bytes(path, f"must be {wanted}").decode("utf-8-sig", errors="replace")
     for number, row in enumerate(csv.reader(text.splitlines()), 1):
         if any(row) or number == 1:
             yield f"line {number}", [cell.strip() for cell in row]

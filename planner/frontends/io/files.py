@@ -36,7 +36,7 @@ _written: deque[tuple[Path, str]] = deque(maxlen=9)
 
 
 @contextmanager
-def staged(folder: Path) -> Iterator[Path]:
+def staging_folder(folder: Path) -> Iterator[Path]:
     """Yield a new staging folder inside a folder; remove this one and orphaned ones afterwards."""
     machine = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
     for other in folder.glob(f"{_MARK}.{machine}.*"):
@@ -53,12 +53,12 @@ def staged(folder: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def whole(path: Path, within: Path | None = None) -> Iterator[Path]:
+def atomic_replace(path: Path, within: Path | None = None) -> Iterator[Path]:
     """Yield a path to write a file or a folder to; move the result to `path` at the end.
 
     The staging folder is inside `within`, or in the folder of `path` by default.
     """
-    with staged(within or path.parent) as here:
+    with staging_folder(within or path.parent) as here:
         part = here / path.name
         yield part
         path.parent.mkdir(exist_ok=True)
@@ -91,22 +91,24 @@ def atomic_write(path: Path, *suffixes: str) -> Iterator[Path]:
     if path.suffix.lower() not in suffixes:
         raise InputError("path", str(path), f"a file name that ends in {' or '.join(suffixes)}")
     try:
-        with whole(path) as part:
+        with atomic_replace(path) as part:
             yield part
         remember_written(path, f"{path} is written")
     except (OSError, ValueError) as reason:
         if isinstance(reason, InputError):
             raise
-        raise InputError("path", str(path), f"a file that can be written: {why(reason)}") from None
+        raise InputError(
+            "path", str(path), f"a file that can be written: {system_message(reason)}"
+        ) from None
 
 
 def remember_written(path: Path, text: str) -> None:
-    """Record a sentence that `end` returns as long as `path` exists."""
+    """Record a sentence that `discard_staged` returns as long as `path` exists."""
     if (path, text) not in _written:
         _written.append((path, text))
 
 
-def end() -> str:
+def discard_staged() -> str:
     """Remove all staging folders before the process exits; return which files were written."""
     for here in tuple(_staging):
         shutil.rmtree(here, ignore_errors=True)
@@ -121,7 +123,7 @@ def write_together(folder: Path, contents: dict[str, bytes]) -> None:
     """
     try:
         there = next(place for place in (folder, *folder.parents) if place.is_dir())
-        with staged(there) as here:
+        with staging_folder(there) as here:
             for name, content in contents.items():
                 if (folder / name).is_dir():
                     raise IsADirectoryError(errno.EISDIR, f"{name} in this folder is a folder")
@@ -131,7 +133,7 @@ def write_together(folder: Path, contents: dict[str, bytes]) -> None:
                 (here / name).replace(folder / name)
             remember_written(folder, f"{', '.join(contents)} in {folder} are written")
     except (OSError, ValueError) as reason:
-        text = f"no file was written in this folder: {why(reason)}"
+        text = f"no file was written in this folder: {system_message(reason)}"
         raise FileError(str(folder), "", text) from None
 
 
@@ -151,7 +153,7 @@ def write_named(path: str | Path, suffix: str, content: bytes) -> Path:
     return path
 
 
-def why(reason: OSError | ValueError) -> str:
+def system_message(reason: OSError | ValueError) -> str:
     """Return the message of the operating system for a file that cannot be read or written."""
     return (getattr(reason, "strerror", None) or str(reason)).lower()
 
@@ -190,7 +192,7 @@ _REMEDIES = (
 )
 
 
-def bytes_of(path: Path, wanted: str = "") -> bytes:
+def read_bytes(path: Path, wanted: str = "") -> bytes:
     """Return the contents of a file; raise FileError with a remedy if the file cannot be read.
 
     `wanted` is the remedy; the default names a scene file. Pipes are rejected: a pipe may never
@@ -201,16 +203,18 @@ def bytes_of(path: Path, wanted: str = "") -> bytes:
             raise OSError(errno.EINVAL, "this is no ordinary file")
         return path.read_bytes()
     except (OSError, ValueError) as reason:  # ValueError: the name is not valid for a file
-        raise FileError(str(path), "", f"{why(reason)}; {wanted or _instead(path)}") from None
+        raise FileError(
+            str(path), "", f"{system_message(reason)}; {wanted or _instead(path)}"
+        ) from None
 
 
 def read_toml(path: Path) -> tuple[dict[str, Any], str]:
     """Return the contents and the text of a TOML file; raise FileError."""
-    text = bytes_of(path)
+    text = read_bytes(path)
     if path.suffix.lower() != ".toml":
         wanted = "must be a scene file, a TOML file whose name ends in .toml"
         raise FileError(str(path), "", wanted)
-    return toml_of(text, str(path)), text.decode(errors="replace")
+    return parse_toml(text, str(path)), text.decode(errors="replace")
 
 
 def _instead(path: Path) -> str:
@@ -225,7 +229,7 @@ def _instead(path: Path) -> str:
     return "must be a scene file; `octoplan new FILE` writes one"
 
 
-def toml_of(text: bytes, name: str) -> dict[str, Any]:
+def parse_toml(text: bytes, name: str) -> dict[str, Any]:
     """Return the contents of a TOML text; raise FileError with the line of a syntax error."""
     try:
         return dict(msgspec.toml.decode(text))
@@ -248,7 +252,7 @@ def read_json(path: Path, wanted: str) -> dict[str, Any]:
     """
     name, what = str(path), wanted.split()[1]
     try:
-        table = msgspec.json.decode(bytes_of(path, f"must be a saved {what}"))
+        table = msgspec.json.decode(read_bytes(path, f"must be a saved {what}"))
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as reason:
         raise FileError(name, "", f"this is not valid JSON: {reason}") from None
     if not isinstance(table, dict):

@@ -19,7 +19,7 @@ from octoplan.planner.frontends.io.csv_files import MarkerColumns, load_shapes
 from octoplan.planner.frontends.io.files import path_of, read_toml
 from octoplan.planner.frontends.io.mistakes import build_at, checked, error_context
 from octoplan.planner.frontends.io.object_tables import ObjectiveTable, TargetTable
-from octoplan.planner.frontends.io.scene_file import SceneFile, scene_beside, written_question
+from octoplan.planner.frontends.io.scene_file import SceneFile, load_decoded, scene_beside
 from octoplan.planner.frontends.io.scene_tables import SceneKey
 from octoplan.planner.frontends.io.tables import Accuracy, table
 
@@ -104,6 +104,6 @@ def _read(path: Path, kind: Any, needed: str, command: str) -> tuple[Any, SceneF
     name = str(path)
     file = checked(read_toml(path)[0], kind, name, needed, command)
     with scene_beside(file.scene, path) as (scene, scene_name, _):
-        question = written_question(scene, scene_name)
+        question = load_decoded(scene, scene_name)
     tables = enumerate(file.unknowns)
     return file, question, [build_at(name, f"unknowns[{i}]", value_of, each) for i, each in tables]

@@ -203,7 +203,7 @@ _KINDS = [
 _SHAPES = {kind: table(kind, tag=tag_of(kind), **_OBSTACLE_FORMS.get(kind, {})) for kind in _KINDS}
 
 
-def inlined(value: Any, folder: Path) -> Any:
+def inline_mesh(value: Any, folder: Path) -> Any:
     """Return the table of an obstacle with the vertices of the mesh file, relative to a folder.
 
     Raises InputError if both a file and vertices are given, or neither, or the file is unreadable.

@@ -27,17 +27,17 @@ from octoplan.planner.frontends.io.codec import (
     table_of,
     value_of,
 )
-from octoplan.planner.frontends.io.files import path_of, read_toml, toml_of
+from octoplan.planner.frontends.io.files import parse_toml, path_of, read_toml
 from octoplan.planner.frontends.io.key_paths import steps, value_at
 from octoplan.planner.frontends.io.mistakes import build_at, check_modulus, checked, warn_of_slips
-from octoplan.planner.frontends.io.object_tables import arm_of, inlined
+from octoplan.planner.frontends.io.object_tables import arm_of, inline_mesh
 from octoplan.planner.frontends.io.scene_tables import (
     LimitsTable,
     OptionsTable,
     SceneTable,
     StiffnessTable,
     scene_of,
-    whole,
+    with_defaults,
 )
 from octoplan.planner.limits import Limits
 from octoplan.planner.planning_problem import check_targets
@@ -103,15 +103,15 @@ def load(path: str | Path) -> SceneFile:
     FileError
         With the file, the key path, the entry and the allowed values.
     """
-    return written_question(read_toml(path_of(path))[0], str(path))
+    return load_decoded(read_toml(path_of(path))[0], str(path))
 
 
 def read(text: bytes, name: str = "scene") -> SceneFile:
     """Return the contents of the text of a scene file; see load."""
-    return written_question(toml_of(text, name), name)
+    return load_decoded(parse_toml(text, name), name)
 
 
-def written_question(raw: dict[str, Any], name: str) -> SceneFile:
+def load_decoded(raw: dict[str, Any], name: str) -> SceneFile:
     """Return the contents of a decoded scene file; issue a UnitWarning for each likely slip."""
     question = question_of(raw, name)
     warn_of_slips(raw)
@@ -147,7 +147,7 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> SceneFile:
         build("targets", partial(check_targets, arm), targets)
     options = _without_none(arguments_of(table, OptionsTable)) | winches
     folder = Path(name).parent
-    obstacles = list(build_each("obstacles", lambda item: value_of(inlined(item, folder))))
+    obstacles = list(build_each("obstacles", lambda item: value_of(inline_mesh(item, folder))))
     clear = options["clearance"], options["self_clearance"]
     build(
         "obstacles" if obstacles else "clearance_mm",
@@ -298,10 +298,10 @@ def scene_table(
     return table
 
 
-def filled(raw: dict[str, Any], name: str) -> dict[str, Any]:
+def fill_defaults(raw: dict[str, Any], name: str) -> dict[str, Any]:
     """Return the contents of a scene file with all defaults and meshes as numbers.
 
     Raises FileError; issues a UnitWarning for each likely slip.
     """
     warn_of_slips(raw)
-    return whole(checked_table(raw, name), Path(name).parent)
+    return with_defaults(checked_table(raw, name), Path(name).parent)

@@ -31,7 +31,7 @@ from octoplan.planner.frontends.io.object_tables import (
     ArmTable,
     ObstacleTable,
     TargetTable,
-    inlined,
+    inline_mesh,
     public,
 )
 from octoplan.planner.frontends.io.tables import (
@@ -277,12 +277,12 @@ class SceneTable(OptionsTable, frozen=True, kw_only=True):
     stiffness: StiffnessTable = StiffnessTable()
 
 
-def whole(table: SceneTable, folder: Path) -> dict[str, Any]:
+def with_defaults(table: SceneTable, folder: Path) -> dict[str, Any]:
     """Return a scene as dicts, lists and values, including all defaults.
 
     Mesh files, relative to a folder, are replaced by vertices and faces.
     """
-    obstacles = tuple(inlined(item, folder) for item in table.obstacles)
+    obstacles = tuple(inline_mesh(item, folder) for item in table.obstacles)
     full = structs.replace(table, obstacles=obstacles)
     result: dict[str, Any] = msgspec.msgpack.decode(msgspec.msgpack.encode(full))
     return result

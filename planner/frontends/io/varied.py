@@ -33,7 +33,7 @@ from octoplan.planner.frontends.io.key_paths import (
 from octoplan.planner.frontends.io.mistakes import checked
 from octoplan.planner.frontends.io.object_tables import VECTOR, ArmTable, arm_of
 from octoplan.planner.frontends.io.scene_file import checked_table, scene_table
-from octoplan.planner.frontends.io.scene_tables import EffectsTable, scene_of, whole
+from octoplan.planner.frontends.io.scene_tables import EffectsTable, scene_of, with_defaults
 
 
 class MarkerTable(Table, frozen=True):
@@ -66,7 +66,7 @@ class Setting(NamedTuple):
     @classmethod
     def of(cls, arm: Arm, scene: Scene, points: Iterable[Any] = ()) -> Setting:
         """Return the setting of an arm, a scene and points with `s` and `offset` [m]."""
-        scene_file = whole(checked_table(scene_table(arm, scene), "scene"), Path())
+        scene_file = with_defaults(checked_table(scene_table(arm, scene), "scene"), Path())
         table = {key: scene_file[key] for key in ("arm", "effects")}
         table["points"] = [keys_of(point, MarkerTable) for point in points]
         return cls(table | {"tension_scale": [1.0] * arm.n_tendons}, arm, scene)

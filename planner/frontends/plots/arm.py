@@ -32,7 +32,7 @@ from octoplan.planner.frontends.plots.style import (
     SIZE,
     SLACK,
     pull_norm,
-    pulling,
+    taut_tendons,
 )
 from octoplan.planner.frontends.plots.targets import draw_target
 
@@ -75,7 +75,7 @@ def draw_arm(
     goals = [draw_target(target, ax, shape) for target in targets]
     mark_nearest(shape, obstacles, ax, nearest)
     _tendons(shape, ax, tendon_lines(shape.arm, s, poses))
-    fit(ax, np.vstack([skin, things, *goals]), fresh)
+    set_limits(ax, np.vstack([skin, things, *goals]), fresh)
     return np.vstack([poses[:, 4:], *goals])
 
 
@@ -126,13 +126,13 @@ def _mark(points: Array, label: str, colour: str, ax: Any, **style: Any) -> None
     ax.plot(*points.T, "o", ls="", label=label, color=colour, mew=1.8, zorder=9, **style)
 
 
-def look(ax: Any, shape: Shape, points: Array) -> None:
+def set_best_view(ax: Any, shape: Shape, points: Array) -> None:
     """Set the best view of points (N, 3) [m] in 3-D axes, and fill the panel."""
-    fit(ax, points, fresh=False)
-    fill(ax, *best_view(points, shape.frame(0.0)[:, 0]))
+    set_limits(ax, points, fresh=False)
+    fill_panel(ax, *best_view(points, shape.frame(0.0)[:, 0]))
 
 
-def fill(ax: Any, elevation: float, azimuth: float) -> None:
+def fill_panel(ax: Any, elevation: float, azimuth: float) -> None:
     """Set a view [deg] of 3-D axes, and zoom so that the box fills the panel."""
     ax.view_init(elevation, azimuth)
     sides = (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())
@@ -186,7 +186,7 @@ def _body(arm: Arm, ax: Any, s: Array, poses: Array) -> Array:
 
 def _tendons(shape: Shape, ax: Any, lines: list[Array]) -> None:
     """Draw the tendons (N_j, 3) [m]; taut ones in the colour of the tension."""
-    pulled = pulling(shape.tensions)
+    pulled = taut_tendons(shape.tensions)
     slack = [MM * line for line, on in zip(lines, pulled, strict=True) if not on]
     if slack:
         ax.add_collection3d(Line3DCollection(slack, colors=SLACK, lw=0.6, zorder=4))
@@ -207,7 +207,7 @@ def _tendons(shape: Shape, ax: Any, lines: list[Array]) -> None:
             each.set_norm(shared)
 
 
-def fit(ax: Any, points: Array, fresh: bool) -> None:
+def set_limits(ax: Any, points: Array, fresh: bool) -> None:
     """Set equal scales that contain points (N, 3) [m] and, unless `fresh`, earlier contents."""
     ax.auto_scale_xyz(*(MM * points).T, had_data=not fresh)
     held = [ax.xy_dataLim.intervalx, ax.xy_dataLim.intervaly, ax.zz_dataLim.intervalx]

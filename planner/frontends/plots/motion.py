@@ -22,7 +22,13 @@ from octoplan.model.shape import Shape
 from octoplan.model.support.checks import within
 from octoplan.model.support.errors import InputError
 from octoplan.planner.frontends.io.files import atomic_write, path_of
-from octoplan.planner.frontends.plots.arm import best_view, draw_arm, fill, fit, look
+from octoplan.planner.frontends.plots.arm import (
+    best_view,
+    draw_arm,
+    fill_panel,
+    set_best_view,
+    set_limits,
+)
 from octoplan.planner.frontends.plots.plan import add_scale
 from octoplan.planner.frontends.plots.style import (
     DPI,
@@ -30,11 +36,11 @@ from octoplan.planner.frontends.plots.style import (
     MM,
     PULL,
     SIZE,
-    axes_of,
-    labelled,
+    make_axes,
     pull_norm,
-    pulling,
+    set_labels,
     several,
+    taut_tendons,
 )
 from octoplan.planner.plan_result import Plan
 
@@ -76,12 +82,12 @@ def plot_trajectory(motion: Any) -> Figure:
     tips = np.array([motion.shape(t).tip for t in np.linspace(0, motion.times[-1], _SHOWN)])
     ax.plot(*(MM * tips).T, "-", color=INK, lw=1.0, label="path of the tip", zorder=8)
     seen = np.vstack([points, tips])
-    look(ax, last, seen)
+    set_best_view(ax, last, seen)
     ax.legend(loc="upper left", frameon=False, fontsize=SIZE)
     over = figure.add_axes((0.60, 0.14, 0.37, 0.74))
     most = float(motion.flat.max())
     upper = np.array(question.limits.upper)
-    for j in np.flatnonzero(pulling(motion.flat.max(axis=0))):
+    for j in np.flatnonzero(taut_tendons(motion.flat.max(axis=0))):
         section = last.arm.tendons[j][0]
         style = _STYLES[(j - last.arm.tendons_of(section + 1)[0]) % len(_STYLES)]
         name = last.arm.tendon_name(int(j))
@@ -89,7 +95,7 @@ def plot_trajectory(motion: Any) -> Figure:
         over.plot(motion.times, motion.flat[:, j], color=colour, ls=style, lw=1.4, label=name)
     for level in np.unique(upper[upper <= 3 * most]):
         over.axhline(level, color=INK, lw=0.8, ls="--")
-    labelled(over, "time [s]", "tension [N]")
+    set_labels(over, "time [s]", "tension [N]")
     over.legend(ncol=3, frameon=False, fontsize=SIZE - 2, loc="upper left")
     figure.suptitle(motion.outcome.split(":")[0], fontsize=SIZE + 2)
     return figure
@@ -162,7 +168,7 @@ def _animation(steps: list[_Step], titles: list[str], ax: Any, fps: float) -> Fu
         figure = Figure(figsize=(6, 5.6), dpi=DPI)
         ax = figure.add_axes((0.02, 0.13, 0.96, 0.80), projection="3d")
         add_scale(ax, ScalarMappable(norm, PULL))
-    axes_of(ax, form="3d")
+    make_axes(ax, form="3d")
     s = np.linspace(0.0, arm.length, 60)
     seen = [step.shape.position(s) for step in steps]
     last = {step.number: step for step in steps}.values()  # the frame at each plan
@@ -176,9 +182,9 @@ def _animation(steps: list[_Step], titles: list[str], ax: Any, fps: float) -> Fu
         step = steps[index]
         ax.clear()
         step.draw(ax)
-        fit(ax, box, True)
-        fill(ax, *view)
-        if pulling(step.shape.tensions).any():
+        set_limits(ax, box, True)
+        fill_panel(ax, *view)
+        if taut_tendons(step.shape.tensions).any():
             ax.collections[-1].set_norm(norm)
         ax.set_title(titles[index], fontsize=SIZE)
         return []

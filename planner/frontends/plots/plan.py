@@ -19,7 +19,7 @@ from octoplan.model.paths import Array
 from octoplan.model.shape import Shape
 from octoplan.model.support.checks import kind
 from octoplan.planner.frontends.io.files import atomic_write, path_of
-from octoplan.planner.frontends.plots.arm import draw_arm, look
+from octoplan.planner.frontends.plots.arm import draw_arm, set_best_view
 from octoplan.planner.frontends.plots.style import (
     DPI,
     INK,
@@ -27,9 +27,9 @@ from octoplan.planner.frontends.plots.style import (
     PULL,
     ROUND_STEPS,
     SIZE,
-    axes_of,
-    labelled,
+    make_axes,
     pull_norm,
+    set_labels,
 )
 from octoplan.planner.plan_result import Plan
 
@@ -47,7 +47,7 @@ def plot_plan(plan: Plan, ax: Any = None) -> Figure | Axes:
     """
     kind("plan", plan, Plan)
     if ax is not None:
-        draw_plan(plan, axes_of(ax, form="3d")[1])
+        draw_plan(plan, make_axes(ax, form="3d")[1])
         return ax  # type: ignore[no-any-return]
     figure = Figure(figsize=(10, 5.8), dpi=DPI)
     shape = plan.shape
@@ -73,7 +73,7 @@ def plot_shape(shape: Shape, ax: Any = None) -> Figure | Axes:
     """Draw the arm in 3-D; return a new Figure, or the given 3-D axes."""
     kind("shape", shape, Shape)
     if ax is not None:
-        draw_arm(shape, axes_of(ax, form="3d")[1])
+        draw_arm(shape, make_axes(ax, form="3d")[1])
         return ax  # type: ignore[no-any-return]
     figure, ax = _alone()
     finish(ax, shape, draw_arm(shape, ax))
@@ -91,11 +91,11 @@ def save(figure: Figure, path: str | Path) -> Path:
     """Write a figure as .png or .pdf, atomically."""
     path = path_of(path)
     with atomic_write(path, ".png", ".pdf") as part:
-        part.write_bytes(drawn(figure, path.suffix[1:].lower()))
+        part.write_bytes(render(figure, path.suffix[1:].lower()))
     return path
 
 
-def drawn(figure: Figure, kind: str) -> bytes:
+def render(figure: Figure, kind: str) -> bytes:
     """Return a figure as the contents of a "png" or "pdf" file."""
     file = io.BytesIO()
     figure.savefig(file, format=kind, dpi=DPI if kind == "png" else 2 * DPI)
@@ -109,7 +109,7 @@ def _alone() -> tuple[Figure, Any]:
 
 def finish(ax: Any, shape: Shape, points: Array) -> None:
     """Set the best view of points (N, 3) [m]; add the legend and the colour scale."""
-    look(ax, shape, points)
+    set_best_view(ax, shape, points)
     if shape.tensions.any():
         add_scale(ax, ax.collections[-1])
     if ax.get_legend_handles_labels()[0]:
@@ -133,7 +133,7 @@ def plot_strains(shape: Shape, ax: Axes | None = None) -> Figure | Axes:
     at the same height. Returns a new Figure, or the given axes.
     """
     kind("shape", shape, Shape)
-    shown, ax = axes_of(ax)
+    shown, ax = make_axes(ax)
     s, strain = broken_strains(shape)
     right: Any = ax.twinx()
     for column, (name, colour) in enumerate(_CURVATURES):
@@ -182,8 +182,8 @@ def _common_zero(left: Axes, right: Axes, strain: Array) -> None:
 
 def _label_strains(ax: Axes, right: Axes, length: float) -> None:
     ax.set_xlim(0, length * 1.01)
-    labelled(ax, "s [mm]", "curvature [1/m]")
-    labelled(right, y="longitudinal strain q [-]")
+    set_labels(ax, "s [mm]", "curvature [1/m]")
+    set_labels(right, y="longitudinal strain q [-]")
     right.yaxis.label.set_color(_STRETCH)
     right.tick_params(colors=_STRETCH)
     lines = [line for line in ax.get_lines() if not str(line.get_label()).startswith("_")]
@@ -220,7 +220,7 @@ def plot_tensions(arm: Arm, tensions: Array, upper: Array, ax: Axes) -> None:
     if not many:
         texts = [f"{each:.3g}" if each > 0.02 * top else "" for each in tensions]
         ax.bar_label(bars, texts, padding=2, rotation=90 * narrow, fontsize=SIZE - 1.5)
-    labelled(ax, y="tension [N]")
+    set_labels(ax, y="tension [N]")
     names = [f"$T_{{{name[2:]}}}$" for name in arm.tendon_names]
     ax.set_xticks(range(n), names, fontsize=SIZE - 2 * many, rotation=90 * many)
     ax.tick_params(axis="x", length=0)

@@ -13,8 +13,8 @@ from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from octoplan.model.paths import Array
 from octoplan.model.stiffness import Stiffness
 from octoplan.planner.frontends.effect_ablation import Switch
-from octoplan.planner.frontends.plots.arm import draw_arm, fit, look
-from octoplan.planner.frontends.plots.style import INK, MM, SIZE, axes_of, labelled, several
+from octoplan.planner.frontends.plots.arm import draw_arm, set_best_view, set_limits
+from octoplan.planner.frontends.plots.style import INK, MM, SIZE, make_axes, set_labels, several
 
 # Maximal number of shapes in a figure, evenly spread over the measurements.
 _SHAPES = 12
@@ -56,7 +56,7 @@ def _arms(result: Any, ax: Any) -> None:
             ax.plot(*line.T, color=f"C{k % 10}", lw=0.8)
         ax.plot(*(MM * places).T, "o", ms=3, color=f"C{k % 10}")
         seen += [midline, places]
-    fit(ax, np.vstack(seen), fresh=True)
+    set_limits(ax, np.vstack(seen), fresh=True)
     ax.set_title("measured markers over settled arms", fontsize=SIZE)
 
 
@@ -65,7 +65,7 @@ def plot_residuals(result: Any, ax: Axes | None = None) -> Figure | Axes:
 
     Markers are in the order of measurement. Returns a new Figure, or the given axes.
     """
-    shown, ax = axes_of(ax)
+    shown, ax = make_axes(ax)
     names = [shape.name for shape in result.measured]
     rows = [row for row in result.residuals if row.is_place]
     for what in dict.fromkeys(row.what for row in rows):
@@ -73,7 +73,7 @@ def plot_residuals(result: Any, ax: Axes | None = None) -> Figure | Axes:
         sizes = [MM * row.size for row in parts]
         ax.plot([names.index(row.shape) for row in parts], sizes, "o-", ms=4, lw=0.8, label=what)
     ax.set_xticks(range(len(names)), names, rotation=90, fontsize=SIZE)
-    labelled(
+    set_labels(
         ax, y="residual [mm]", title=f"mean residual {MM * result.mean_error:.3g} mm" * bool(rows)
     )
     if rows:
@@ -115,7 +115,7 @@ def plot_ellipsoids(
     Returns a new Figure, or the given axes; raises InputError for an empty sequence.
     """
     result = several("result", result, Stiffness)
-    shown, ax = axes_of(ax, (6.4, 4.8), "3d")
+    shown, ax = make_axes(ax, (6.4, 4.8), "3d")
     shape = result[0].shape
     points = [draw_arm(shape, ax)]
     for k in result:
@@ -124,7 +124,7 @@ def plot_ellipsoids(
         points.append(surface.reshape(3, -1).T)
     held = "constant tensions" if result[0].hold == "tension" else "constant lengths"
     ax.set_title(f"displacement by {1e3 * force:g} mN at {held}", fontsize=SIZE)
-    look(ax, shape, np.vstack(points))
+    set_best_view(ax, shape, np.vstack(points))
     return shown
 
 
@@ -173,5 +173,5 @@ def plot_effects(switches: tuple[Switch, ...], accuracy: float) -> Figure:
     labels = ((left, "tip change [L]"), (right, "run time of settle, with over without"))
     for ax, label in labels:
         ax.set_xscale("log")
-        labelled(ax, label, grid=True)
+        set_labels(ax, label, grid=True)
     return figure

@@ -30,7 +30,7 @@ GRID = "#e3e5e8"
 _ALLOWED = {"3d": 'axes made with projection="3d"', "rectilinear": "two-dimensional axes"}
 
 
-def axes_of(
+def make_axes(
     ax: Any, size: tuple[float, float] = (6.4, 4.0), form: str = "rectilinear"
 ) -> tuple[Any, Any]:
     """Return the result of a plot function and the axes: the given axes, or a new Figure.
@@ -52,7 +52,7 @@ def several(field: str, values: Any, wanted: type[V]) -> list[V]:
     return [kind(f"{field}[{i}]", value, wanted) for i, value in enumerate(values)]
 
 
-def labelled(ax: Axes, x: str = "", y: str = "", title: str = "", grid: bool = False) -> None:
+def set_labels(ax: Axes, x: str = "", y: str = "", title: str = "", grid: bool = False) -> None:
     """Set labels and title, and remove the upper and right frame; empty labels are omitted."""
     ax.set_xlabel(x, fontsize=SIZE)
     ax.set_ylabel(y, fontsize=SIZE)
@@ -69,6 +69,6 @@ def pull_norm(tensions: Array) -> Normalize:
     return Normalize(0.0, float(tensions.max(initial=0.0)) or 1.0)
 
 
-def pulling(tensions: Array) -> NDArray[np.bool_]:
+def taut_tendons(tensions: Array) -> NDArray[np.bool_]:
     """Return which tendons are taut: above a thousandth of the maximal tension."""
     return np.asarray(tensions > 1e-3 * tensions.max(initial=0.0))

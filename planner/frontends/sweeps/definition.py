@@ -24,14 +24,14 @@ from octoplan.model.loads import check_loads, is_loaded
 from octoplan.model.scene import Scene
 from octoplan.model.support.checks import kind
 from octoplan.model.support.errors import FileError
-from octoplan.planner.frontends.io.calls import check_complete, check_held
+from octoplan.planner.frontends.io.calls import check_complete, check_drive
 from octoplan.planner.frontends.io.codec import Table, encode, identity, unit_of_type
 from octoplan.planner.frontends.io.files import path_of, read_toml
 from octoplan.planner.frontends.io.key_paths import changed, checked_key, steps, type_at
 from octoplan.planner.frontends.io.mistakes import checked, error_context, warn_of_slip
 from octoplan.planner.frontends.io.scene_file import (
     SceneFile,
-    filled,
+    fill_defaults,
     question_of,
     scene_beside,
     scene_table,
@@ -160,12 +160,12 @@ def _sweep(
     name = str(path)
     file: SweepFile = checked(raw, SweepFile, name, "sweep", "sweep")
     with scene_beside(file.scene, path) as (held, scene_name, text):
-        scene = filled(held, scene_name)
+        scene = fill_defaults(held, scene_name)
         question = question_of(scene, scene_name)
         if file.sweep.compute == "plan":
             check_complete(question, "target", "limits")
         else:
-            check_held(question)
+            check_drive(question)
     texts |= {"scene": text} if text else {}
     scene |= {} if time_limit is None else {"time_limit_s": time_limit}
     with error_context(name, "sweep.compute"):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from octoplan.model import InputError, OctoplanError, settle_many
 from octoplan.model.scene import Scene
 from octoplan.model.support.progress import ProgressLine, check_time, limited
-from octoplan.planner.frontends.io.calls import planned, settled, stiff
+from octoplan.planner.frontends.io.calls import run_plan, run_settle, run_stiffness
 from octoplan.planner.frontends.io.codec import arguments
 from octoplan.planner.frontends.io.key_paths import changed
 from octoplan.planner.frontends.io.scene_file import SceneFile, question_of
@@ -162,14 +162,18 @@ def restore(original: Any, decoded: Any, new: Any) -> Any:
     return new
 
 
-def computed(job: Job, points: Sequence[Point]) -> Rows:
+def compute_points(job: Job, points: Sequence[Point]) -> Rows:
     """Return the results at points; a point that fails has the error as `outcome`."""
     with ProgressLine(False):
-        parts = [_together(job, points)] if job.together else [_row(job, p) for p in points]
+        parts = (
+            [_compute_batch(job, points)]
+            if job.together
+            else [_compute_point(job, p) for p in points]
+        )
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def _row(job: Job, point: Point) -> Rows:
+def _compute_point(job: Job, point: Point) -> Rows:
     """Return the result at a point; any error becomes the `outcome` of the point."""
     values: dict[str, Any] = {}
     try:
@@ -193,7 +197,7 @@ def _values(compute: Compute, question: SceneFile) -> dict[str, Any]:
     """Return the results for a scene, by name of variable."""
     names = ("tip", "tip_frame", "tensions", "error")
     if compute == "plan":
-        p = planned(question)
+        p = run_plan(question)
         values: dict[str, Any] = {"effort": p.effort, "reached": p.reached}
         # Without an equilibrium, the outcome has the reason.
         with suppress(OctoplanError):
@@ -201,16 +205,16 @@ def _values(compute: Compute, question: SceneFile) -> dict[str, Any]:
         return values | {"tensions": np.ravel(p.tensions), "outcome": p.outcome}
     values = {"settled": True, "outcome": SETTLED}
     if compute == "settle":
-        shape = settled(question)
+        shape = run_settle(question)
     else:
         with limited(question.time_limit):
-            k = stiff(question)
+            k = run_stiffness(question)
             values |= {"stable": k.stable, "compliance": k.compliance}
         shape = k.shape
     return values | {name: getattr(shape, name) for name in names}
 
 
-def _together(job: Job, points: Sequence[Point]) -> Rows:
+def _compute_batch(job: Job, points: Sequence[Point]) -> Rows:
     """Return the results at sets of tensions of one arm, settled as a batch."""
     question = job.question()
     flat, read = question.arm.flat(question.tensions), question.arm.flat
@@ -223,7 +227,7 @@ def _together(job: Job, points: Sequence[Point]) -> Rows:
     arguments = (question.arm, T, question.scene, question.accuracy)
     options = {"compile": question.options["compile"], "time_limit": question.time_limit}
     many = settle_many(*arguments, errors="nan", **options)
-    failed = {i: _row(job, points[i]) for i, text in enumerate(many.problems) if text}
+    failed = {i: _compute_point(job, points[i]) for i, text in enumerate(many.problems) if text}
     rows = blank(job.compute, len(job.tendons), len(points))
     shapes = {name: getattr(many, name) for name in ("tip", "tip_frame", "error")}
     rows |= shapes | {"tensions": T}

@@ -25,7 +25,12 @@ from numpy.typing import NDArray
 
 from octoplan.model.support.errors import InputError, OctoplanError, needed
 from octoplan.model.support.progress import check_time, report
-from octoplan.planner.frontends.io.files import remember_written, versions, whole, why
+from octoplan.planner.frontends.io.files import (
+    atomic_replace,
+    remember_written,
+    system_message,
+    versions,
+)
 from octoplan.planner.frontends.sweeps.definition import Sweep
 from octoplan.planner.frontends.sweeps.points import LABELS, VARIABLES, Rows, Variable
 
@@ -51,12 +56,12 @@ class FullDiskError(OctoplanError):
 
 
 @contextmanager
-def writable(path: Path) -> Iterator[None]:
+def disk_errors(path: Path) -> Iterator[None]:
     """Raise FullDiskError for an OSError of the block."""
     try:
         yield
     except OSError as reason:
-        raise FullDiskError(str(path), why(reason)) from None
+        raise FullDiskError(str(path), system_message(reason)) from None
 
 
 def folder_of(out: Path) -> Path:
@@ -103,7 +108,11 @@ class ChunkFiles:
         """Write a chunk to disk and flush the file; raise FullDiskError."""
         path = self._path(chunk)
         texts = {"outcome": rows["outcome"].astype(str)}
-        with writable(path), whole(path, self.folder.parent) as part, part.open("wb") as stream:
+        with (
+            disk_errors(path),
+            atomic_replace(path, self.folder.parent) as part,
+            part.open("wb") as stream,
+        ):
             np.savez(stream, allow_pickle=False, **rows | texts)
             stream.flush()
             os.fsync(stream.fileno())
@@ -137,7 +146,7 @@ _ENGINES = {".nc": "h5netcdf", ".zarr": "zarr"}
 _NUMBER = re.compile(r"-?\d[\d.]*(e[+-]?\d+)?")
 
 
-def gathered(sweep: Sweep, chunks: ChunkFiles) -> Any:
+def gather(sweep: Sweep, chunks: ChunkFiles) -> Any:
     """Return the Dataset of a sweep, lazily; all chunks are checked first."""
     xarray = needed("xarray", "sweep")
     summary, width = _summary(sweep, chunks)
@@ -185,8 +194,8 @@ def _array(sweep: Sweep, kept: ChunkFiles, name: str, each: Variable, width: int
 
 
 def save(data: Any, path: Path) -> None:
-    """Write a Dataset to a path, atomically; raise FullDiskError. Use inside in_order."""
-    with writable(path), whole(path) as part:
+    """Write a Dataset to a path, atomically; raise FullDiskError. Use inside sequential_dask."""
+    with disk_errors(path), atomic_replace(path) as part:
         if path.suffix.lower() == ".nc":
             data.to_netcdf(part, engine="h5netcdf")
         else:
@@ -195,7 +204,7 @@ def save(data: Any, path: Path) -> None:
 
 
 @contextmanager
-def in_order() -> Iterator[None]:
+def sequential_dask() -> Iterator[None]:
     """Make Dask compute block by block inside the block, so that memory holds a single one.
 
     Hide `distributed`, which xarray would import to detect a cluster.
@@ -222,7 +231,7 @@ def check_store(path: Path) -> None:
         needed(package, extra)
 
 
-def opened(path: Path) -> Any:
+def open_dataset(path: Path) -> Any:
     """Return a Dataset whose numbers are read from the file on demand."""
     xarray = needed("xarray", "sweep")
     return xarray.open_dataset(path, engine=_ENGINES[path.suffix.lower()])
@@ -231,7 +240,7 @@ def opened(path: Path) -> Any:
 def attributes_in(path: Path) -> dict[str, Any]:
     """Return the attributes of the Dataset at a path; empty if there is none."""
     if path.exists():
-        with suppress(OSError, ValueError, KeyError), opened(path) as data:
+        with suppress(OSError, ValueError, KeyError), open_dataset(path) as data:
             return dict(data.attrs)
     return {}
 

@@ -26,16 +26,16 @@ from octoplan.model.support.progress import end as end_of_limit
 from octoplan.model.support.progress import time_limit as within
 from octoplan.planner.frontends.io.files import path_of, versions
 from octoplan.planner.frontends.sweeps.definition import Sweep, load_sweep, sweep_of
-from octoplan.planner.frontends.sweeps.points import Job, Point, Rows, computed
+from octoplan.planner.frontends.sweeps.points import Job, Point, Rows, compute_points
 from octoplan.planner.frontends.sweeps.store import (
     ChunkFiles,
     attributes_in,
     check_store,
     folder_of,
-    gathered,
-    in_order,
-    opened,
+    gather,
+    open_dataset,
     save,
+    sequential_dask,
 )
 
 Computed = Iterator[tuple[int, Rows]]
@@ -82,18 +82,18 @@ class VersionsError(OctoplanError):
         )
 
 
-def on_machine(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Computed:
+def run_locally(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Computed:
     """Yield results of processes of this machine; of this process if jobs = 1. WorkersLostError."""
     joblib = needed("joblib", "sweep")
     broken = needed("joblib.externals.loky.process_executor", "sweep").BrokenProcessPool
     left = dict.fromkeys(chunks)
     more = (end_of_limit(), versions())
-    one = joblib.delayed(_one)
+    one = joblib.delayed(_run_chunk)
     work = (one(sweep.job, chunk, sweep.points(chunk), *more) for chunk in list(left))
     alone = {} if jobs == 1 else {"initializer": _end_with, "initargs": (os.getpid(),)}
     pool = joblib.Parallel(jobs, return_as="generator_unordered", batch_size=1, **alone)
     try:
-        with _undisturbed():
+        with _sigint_blocked():
             results = pool(work)
         for chunk, rows in results:
             del left[chunk]
@@ -103,7 +103,7 @@ def on_machine(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Computed:
 
 
 @contextmanager
-def _undisturbed() -> Iterator[None]:
+def _sigint_blocked() -> Iterator[None]:
     """Block SIGINT for processes that start inside the block; terminals send Ctrl-C to all.
 
     This process receives the signal after the block. Workers and joblib's resource tracker end with
@@ -120,7 +120,7 @@ def _undisturbed() -> Iterator[None]:
         yield
 
 
-def _one(
+def _run_chunk(
     job: Job, chunk: int, points: list[Point], end: float, wanted: dict[str, str]
 ) -> tuple[int, Rows]:
     """Return the number of a chunk and the results; raise OutOfTime at the time `end`.
@@ -130,7 +130,7 @@ def _one(
     if versions() != wanted:
         raise VersionsError(versions(), wanted)
     with within(end - time.monotonic()):
-        return chunk, computed(job, points)
+        return chunk, compute_points(job, points)
 
 
 def _end_with(parent: int) -> None:
@@ -144,7 +144,7 @@ def _end_with(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def on_cluster(sweep: Sweep, chunks: Iterable[int], scheduler: str) -> Computed:
+def run_on_cluster(sweep: Sweep, chunks: Iterable[int], scheduler: str) -> Computed:
     """Yield results of the workers of a Dask cluster; a limited number of chunks is in progress.
 
     Joblib's backend for Dask is not used, which waits forever for lost workers. The cluster
@@ -156,7 +156,7 @@ def on_cluster(sweep: Sweep, chunks: Iterable[int], scheduler: str) -> Computed:
     more = (math.inf, versions())
     with _client(scheduler) as client:
         tasks = (
-            client.submit(_one, sweep.job, chunk, sweep.points(chunk), *more, pure=False)
+            client.submit(_run_chunk, sweep.job, chunk, sweep.points(chunk), *more, pure=False)
             for chunk in list(left)
         )
         first = islice(tasks, _AHEAD * sum(client.nthreads().values()))
@@ -266,10 +266,10 @@ def sweep(
         wanted = load_sweep(request, seconds)
     if out is not None:
         out = path_of(out, "out")
-        _, is_earlier = written(wanted, out, jobs=jobs, scheduler=scheduler)
+        _, is_earlier = write_sweep(wanted, out, jobs=jobs, scheduler=scheduler)
         if is_earlier:
             _log.info("%s contains this sweep already; nothing is computed", out)
-        return opened(out)
+        return open_dataset(out)
     _check(jobs)
     with (
         TemporaryDirectory() as name,
@@ -278,7 +278,7 @@ def sweep(
         return data.load()
 
 
-def written(
+def write_sweep(
     wanted: Sweep, out: str | Path, *, jobs: int = 1, scheduler: str | None = None
 ) -> tuple[dict[str, Any], bool]:
     """Write the results of a sweep; return the attributes, and whether the file existed."""
@@ -313,12 +313,12 @@ def _computed(wanted: Sweep, folder: Path, jobs: int, scheduler: str | None) -> 
     left = chunks.left
     results: Computed = iter(())
     if left and scheduler is not None:
-        results = on_cluster(wanted, left, scheduler)
+        results = run_on_cluster(wanted, left, scheduler)
     elif left:
-        results = on_machine(wanted, left, jobs)
+        results = run_locally(wanted, left, jobs)
     for done, (chunk, rows) in enumerate(results, start=wanted.chunks - len(left) + 1):
         chunks.write(chunk, rows)
         check_time()
         report("points", done * wanted.size // wanted.chunks, wanted.size)
-    with in_order():
-        yield gathered(wanted, chunks)
+    with sequential_dask():
+        yield gather(wanted, chunks)
