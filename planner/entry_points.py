@@ -29,6 +29,10 @@ WARM_START = f"{_EXTENSIONS}.warm_start:warm_start"
 JUMP = f"{_EXTENSIONS}.warm_start:jump"
 MIRROR_IMAGES = f"{_EXTENSIONS}.mirror:mirror_images"
 SAVE_PLAN = f"{_FRONTENDS}.io.saved_records:save_plan"
+SAVE_CALIBRATION = f"{_FRONTENDS}.io.saved_records:save_calibration"
+PLOT_CALIBRATION = f"{_FRONTENDS}.plots.results:plot_calibration"
+SAVE_TRAJECTORY = f"{_FRONTENDS}.motion_files:save_trajectory"
+LOAD_WAYPOINTS = f"{_FRONTENDS}.io.csv_files:load_waypoints"
 PLAN = "octoplan.planner.plan:plan"
 
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.effects import Extension
-from octoplan.model.extensions.printed import PrintedStatics
 from octoplan.model.forward import FINEST_ACCURACY
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
@@ -128,11 +127,8 @@ def planned_scene(arm: Arm, scene: Scene | None) -> Scene:
     Raises InputError for scenes without plans.
     """
     scene = checked_scene(arm, scene, contact=True)
-    if scene.has(PrintedStatics):
-        allowed = (
-            "a scene whose statics are consistent, such as Scene(Extension()); settle takes it"
-        )
-        raise InputError("scene", "written as printed", allowed)
+    for effect in scene.effects:
+        effect.check_planned()
     return scene
 
 

@@ -79,6 +79,9 @@ class Effect:
         Functions that support contact with obstacles pass `contact=True`.
         """
 
+    def check_planned(self) -> None:
+        """Raise InputError if arms in scenes with this effect are not planned."""
+
     def check_responses(self) -> None:
         """Raise InputError if the response of the arm to loads is undefined with this effect."""
 

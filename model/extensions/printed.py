@@ -84,6 +84,13 @@ class PrintedStatics(Effect):
             allowed = "an arm that is straight at rest: eqs. (10) and (11) are written for that"
             raise InputError("Arm.rest_curvature", arm.rest_curvature, allowed)
 
+    def check_planned(self) -> None:
+        """See Effect."""
+        allowed = (
+            "a scene whose statics are consistent, such as Scene(Extension()); settle takes it"
+        )
+        raise InputError("scene", "written as printed", allowed)
+
     def check_responses(self) -> None:
         """See Effect."""
         raise InputError("scene", "as printed", "a scene whose equations hold under loads")

@@ -25,6 +25,7 @@ from octoplan.model.paths import Array
 from octoplan.model.support.checks import finite_array, kind
 from octoplan.model.support.progress import track
 from octoplan.model.support.text import TextRepr
+from octoplan.planner.entry_points import PLOT_CALIBRATION, SAVE_CALIBRATION, load
 from octoplan.planner.extensions.fit.fitted import Fitted, checked_level
 from octoplan.planner.extensions.fit.identifiability import UNIFORM
 from octoplan.planner.extensions.fit.least_squares import fit
@@ -36,9 +37,6 @@ from octoplan.planner.extensions.fit.residuals import (
     from_rest,
     mean_distance,
 )
-from octoplan.planner.frontends.io.files import to_json, write_named
-from octoplan.planner.frontends.io.records import record
-from octoplan.planner.frontends.io.saved_records import CalibrationRecord
 from octoplan.planner.plan import plan
 from octoplan.planner.plan_result import Plan
 
@@ -368,13 +366,12 @@ class Calibration(TextRepr, Fitted):
 
     def save(self, path: str | Path) -> Path:
         """Write the calibration to a .json file, which `load_calibration` reads."""
-        return write_named(path, ".json", to_json(record(CalibrationRecord, self)))
+        written: Path = load(SAVE_CALIBRATION)(self, path)
+        return written
 
     def plot(self, ax: Any = None) -> Any:
         """Draw markers and settled arms, residuals in measuring order, and standard errors.
 
         Draw the residuals alone in `ax` if given. Return the new Figure, or the axes.
         """
-        from octoplan.planner.frontends.plots.results import plot_calibration
-
-        return plot_calibration(self, ax=ax)
+        return load(PLOT_CALIBRATION)(self, ax=ax)

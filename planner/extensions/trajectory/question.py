@@ -22,12 +22,12 @@ from octoplan.model.support.errors import InputError
 from octoplan.model.support.progress import OutOfTime
 from octoplan.model.support.units import STROKE, warn_unusual
 from octoplan.planner.block import Block, Constraints
+from octoplan.planner.entry_points import LOAD_WAYPOINTS, load
 from octoplan.planner.environment import Environment
 from octoplan.planner.extensions.avoidance.lines import Lines
 from octoplan.planner.extensions.avoidance.rows import grid
 from octoplan.planner.extensions.contact.load_path import settled_along
 from octoplan.planner.extensions.contact.plan import ContactPlan
-from octoplan.planner.frontends.io.csv_files import load_waypoints
 from octoplan.planner.limits import Limits, each_tendon
 from octoplan.planner.plan import plan
 from octoplan.planner.plan_result import Plan
@@ -276,7 +276,7 @@ def waypoints_of(
     """
     times = None
     if isinstance(path, str | Path):
-        path, times = load_waypoints(Path(path))
+        path, times = load(LOAD_WAYPOINTS)(Path(path))
     elif callable(path):
         if isinstance(count, bool) or not isinstance(count, int) or count < 1:
             raise InputError("waypoints", count, "a whole number from 1")

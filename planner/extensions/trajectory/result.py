@@ -20,6 +20,7 @@ from octoplan.model.support.checks import finite_array
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.progress import OUT_OF_TIME, OutOfTime, track
 from octoplan.model.support.text import TextRepr, plotted
+from octoplan.planner.entry_points import SAVE_TRAJECTORY, load
 from octoplan.planner.extensions.trajectory.certificate import (
     SAMPLED,
     MotionCertificate,
@@ -27,8 +28,6 @@ from octoplan.planner.extensions.trajectory.certificate import (
 )
 from octoplan.planner.extensions.trajectory.question import GRAVITY, QUASI_STATIC, Question
 from octoplan.planner.extensions.trajectory.time_law import Timed
-from octoplan.planner.frontends.io.csv_files import motion_csv
-from octoplan.planner.frontends.io.files import path_of, write_named
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -206,17 +205,8 @@ class Trajectory(TextRepr):
         written completely or not at all. Raises InputError for another suffix, and if the file
         cannot be written.
         """
-        path = path_of(path)
-        if path.suffix.lower() in (".gif", ".mp4"):
-            from octoplan.planner.frontends.plots.motion import (
-                animate_trajectory,
-                save_motion,
-                writer_of,
-            )
-
-            writer_of(path)
-            return save_motion(animate_trajectory(self), path)
-        return write_named(path, ".csv", motion_csv(self))
+        written: Path = load(SAVE_TRAJECTORY)(self, path)
+        return written
 
     def plot(self) -> Any:
         """Draw the motion; see octoplan.planner.frontends.plots.motion."""

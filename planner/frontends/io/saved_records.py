@@ -251,3 +251,8 @@ class DesignRecord(Record, kw_only=True):
     plans: Annotated[
         list[PlanRecord], about(of=lambda design: list(map(plan_record, design.plans)))
     ]
+
+
+def save_calibration(fit: Any, path: str | Path) -> Path:
+    """Write the record of a Calibration to a .json file; see Calibration.save."""
+    return write_named(path, ".json", to_json(record(CalibrationRecord, fit)))
