@@ -1,4 +1,4 @@
-"""What an arm is put together from: its material, its curvature at rest, and where tendons end."""
+"""The parts of an arm: material, curvature at rest, and the anchorages of tendons."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ from octoplan.model.support.quantities import (
 from octoplan.model.support.units import ANGLE_AROUND, DENSITY, MODULUS, TURN, warn_unusual
 from octoplan.model.support.value import value
 
+# The angles of the paper's four tendons, along n, b, -n and -b [rad].
 QUARTERS = (0.0, np.pi / 2, np.pi, 3 * np.pi / 2)
 
 
 @value
 class Anchorage:
-    """A cross-section where tendons end, and the way that these take to it from the base.
+    """The cross-section at which tendons end, and the paths of these tendons from the base.
 
     Attributes
     ----------
@@ -36,11 +37,11 @@ class Anchorage:
     offset : Path, or a tuple with one for each tendon
         Distance y_i(s) of the tendons from the midline on [0, l_i] [m]; eq. (5) is `Linear(a, b)`.
     angles : tuple of float
-        One tendon for each: the angle phi of its side d = cos(phi) n + sin(phi) b [rad].
-        The paper's four tendons j = 1..4 (n, b, -n, -b) unless given.
+        Angle phi of each tendon, with the direction d = cos(phi) n + sin(phi) b [rad]. The default
+        is the paper's four tendons j = 1..4 along n, b, -n, -b.
     turn : Path, or a tuple with one for each tendon
-        What is added to these angles along the arm [rad]; 0 unless given. Tendons that turn
-        twist the arm, which scenes with loads can have.
+        Additional angle along the arm [rad], 0 by default. Tendons that turn twist the arm, and
+        require a scene with loads.
     """
 
     at: Length
@@ -64,13 +65,13 @@ class Anchorage:
         return self._each(self.offset)
 
     @property
-    def turns(self) -> tuple[Path | None, ...]:
-        """The turn of each tendon, None where there is none."""
+    def angle_paths(self) -> tuple[Path | None, ...]:
+        """The additional angle of each tendon; None for tendons that do not turn."""
         return (None,) * len(self.angles) if self.turn is None else self._each(self.turn)
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """All paths that were given, each once."""
+        """All given paths."""
         arguments = (self.offset, self.turn)
         rows = [each if isinstance(each, tuple) else (each,) for each in arguments]
         return tuple(path for row in rows for path in row if path is not None)
@@ -79,6 +80,7 @@ class Anchorage:
         return argument if isinstance(argument, tuple) else (argument,) * len(self.angles)
 
 
+# No curvature at rest.
 STRAIGHT = Linear(0.0, 0.0)
 
 
@@ -86,14 +88,14 @@ STRAIGHT = Linear(0.0, 0.0)
 class RestCurvature:
     """Curvature of the midline without tensions and loads, as functions of arc length.
 
-    The body resists what curvature differs from it by: K (omega - omega_0) in eq. (7). It turns no
-    frame about t, so that a curve in space is one whose curvature changes its direction.
+    The body resists the difference from this curvature, K (omega - omega_0) in eq. (7). There is no
+    torsion at rest: the direction of the curvature varies along a curve in space.
 
     Attributes
     ----------
     n, b : Path
-        About n and about b on [0, L] [1/m]; 0 unless given. An arm bent towards n alone has a
-        positive curvature about b, one bent towards b a negative one about n.
+        About n and about b on [0, L] [1/m], 0 by default. An arm that is bent towards n has a
+        positive curvature about b; an arm that is bent towards b has a negative curvature about n.
     """
 
     n: CurvaturePath = STRAIGHT

@@ -32,6 +32,7 @@ from octoplan.model.support.value import value
 
 Row = tuple[float, float, float]
 
+# The paper's arms: length [m], radii of base and tip [m], rows (l_i, a_i, b_i) from tip to base.
 PAPER_ARMS: dict[str, tuple[float, tuple[float, float], list[Row]]] = {
     "table-2": (
         0.310,
@@ -47,12 +48,12 @@ PAPER_ARMS: dict[str, tuple[float, tuple[float, float], list[Row]]] = {
     "section-5.2": (0.270, (15e-3, 7.4e-3), [(0.270, 5e-3, 2.5e-3)]),
 }
 
-
+# The paper's base frame by rows: t along x, n along -y, b along -z.
 PAPER_FRAME = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
 
 
 def _evaluated(field: str, path: Path, s: Array, span: float) -> Array:
-    """Return the values of a path of an arm (n,); InputError that names its field."""
+    """Return the values of a path of an arm (n,); raise InputError with the name of the field."""
     try:
         return path.evaluate(s, span)[0]
     except InputError as reason:
@@ -70,22 +71,22 @@ class Arm(HtmlRepr):
     radius : Path
         Radius R(s) of the round body on [0, L] [m]; eq. (7) is `Linear(R_max, R_min)`.
     sections : tuple of Anchorage
-        From the tip to the base, so that section 1 is the one nearest the tip.
+        From the tip to the base: section 1 is the section nearest to the tip.
     material : Material
     base_frame : 3x3 nested tuple
-        Columns t, n, b of the base; the paper's unless given.
+        Columns t, n, b of the base; the default is the paper's frame.
     base_position : tuple of three floats
         [m].
     hull : Path
-        Radius within which tendons run [m], where discs hold them outside of the body; the body's
-        radius unless given.
+        Radius within which tendons run [m], if discs guide the tendons outside of the body. The
+        default is the radius of the body.
     rest_curvature : RestCurvature
-        Of the arm without tensions and loads; straight unless given.
+        Curvature of the arm without tensions and loads. The default is a straight arm.
 
     Raises
     ------
     InputError
-        Naming the field, for anything that is not an arm of this kind.
+        If a field is not allowed; the message names the field.
     """
 
     length: Length
@@ -166,13 +167,13 @@ class Arm(HtmlRepr):
 
     @property
     def bending_force(self) -> float:
-        """What bends the straight arm by about 1 rad: E J / L^2 of its base [N]."""
+        """The force that bends the straight arm by about 1 rad: E J / L^2 of the base [N]."""
         return self.material.E * np.pi * self.base_radius**4 / 4 / self.length**2
 
     def outer_radius(self, s: Array) -> tuple[Array, Array, Array]:
-        """Return the radius of body or hull, whichever is wider, and two derivatives at s (N,).
+        """Return the larger radius of body and hull, and two derivatives, at s (N,) [m].
 
-        Raises InputError for what are no arc lengths.
+        Raises InputError if `s` are not arc lengths.
         """
         s = numbers("s", s, "arc lengths [m]")
         values = self.radius.evaluate(s, self.length)
@@ -189,14 +190,14 @@ class Arm(HtmlRepr):
 
     @property
     def offset_paths(self) -> tuple[tuple[int, Path], ...]:
-        """(section index from 0, offset) of each section, or of each tendon where these differ."""
+        """(section index from 0, offset) of each section, or of each tendon if offsets differ."""
         each = [(i, section.offset) for i, section in enumerate(self.sections)]
         rows = [(i, row if isinstance(row, tuple) else (row,)) for i, row in each]
         return tuple((i, path) for i, row in rows for path in row)
 
     @property
     def offset_of(self) -> tuple[int, ...]:
-        """Which of `offset_paths` each tendon has."""
+        """The index in `offset_paths` of each tendon."""
         steps = [
             1 if j == 0 or isinstance(section.offset, tuple) else 0
             for section in self.sections
@@ -205,9 +206,9 @@ class Arm(HtmlRepr):
         return tuple(number - 1 for number in accumulate(steps))
 
     @property
-    def turns(self) -> tuple[Path | None, ...]:
-        """By what the angle of each tendon turns along the arm, None where it does not."""
-        return tuple(path for section in self.sections for path in section.turns)
+    def angle_paths(self) -> tuple[Path | None, ...]:
+        """The additional angle of each tendon along the arm; None for a constant angle."""
+        return tuple(path for section in self.sections for path in section.angle_paths)
 
     @property
     def tendons_by_section(self) -> list[tuple[float, list[str]]]:
@@ -229,7 +230,7 @@ class Arm(HtmlRepr):
 
     @property
     def along(self) -> tuple[Path, ...]:
-        """All functions of arc length that the equations ask for."""
+        """All functions of arc length in the equations."""
         tendons = [path for section in self.sections for path in section.paths]
         rest = self.rest_curvature
         return (self.radius, *tendons, *((rest.n, rest.b) if rest else ()))
@@ -246,12 +247,12 @@ class Arm(HtmlRepr):
 
     @property
     def tendon_names(self) -> list[str]:
-        """The paper's names of all tendons, T_ij: section i and place j in it, both from 1."""
+        """The paper's names of all tendons, T_ij: section i and tendon j, both from 1."""
         counts = enumerate((len(section.angles) for section in self.sections), 1)
         return [f"T_{i}{',' * (j > 9)}{j}" for i, count in counts for j in range(1, count + 1)]
 
     def tendon_name(self, index: int) -> str:
-        """Return the name of a tendon, see tendon_names; InputError for an index that none has."""
+        """Return the name of a tendon, see tendon_names; raise InputError for a wrong index."""
         is_whole = isinstance(index, int | np.integer)
         if not is_whole or index not in range(self.n_tendons):
             raise InputError("index", index, f"a whole number from 0 to {self.n_tendons - 1}")
@@ -267,10 +268,10 @@ class Arm(HtmlRepr):
     def flat(self, values: Any, name: str = "tensions") -> Array:
         """Return one number per tendon in tendon order, from a flat vector or a row per section.
 
-        Raises InputError for a wrong shape and for NaN, infinite or negative numbers.
+        Raises InputError for a wrong shape, and for NaN, infinite or negative numbers.
         """
         array = np.zeros(0)
-        with suppress(TypeError, ValueError):  # of rows that are not as long as each other
+        with suppress(TypeError, ValueError):  # rows of different lengths
             array = np.asarray(values)
         are_numbers = array.dtype.kind in "iuf" and not np.ma.is_masked(values)
         if array.shape in self.shapes and are_numbers:
@@ -285,10 +286,8 @@ class Arm(HtmlRepr):
         rows = [numbers(name, row, allowed) for row in values]
         if any(row.ndim > 1 for row in rows):
             raise InputError(name, f"{len(rows)} rows of shape {rows[0].shape}", allowed)
-        flat, are_rows = (
-            np.concatenate([np.zeros(0), *map(np.atleast_1d, rows)]),
-            any(row.ndim for row in rows),
-        )
+        flat = np.concatenate([np.zeros(0), *map(np.atleast_1d, rows)])
+        are_rows = any(row.ndim for row in rows)
         is_flat = not are_rows and flat.size == self.n_tendons
         if not (is_flat or [row.size for row in rows] == counts):
             sizes = f" rows of {', '.join(str(row.size) for row in rows[:4])}"
@@ -302,15 +301,15 @@ class Arm(HtmlRepr):
 
     @cached_property
     def shapes(self) -> tuple[tuple[int, ...], ...]:
-        """The shapes of arrays with a number for each tendon: flat, a row a section if these agree.
+        """The shapes of arrays with one number per tendon: flat, and by section if sections agree.
 
-        The last is that of `by_section`.
+        The last is the shape of `by_section`.
         """
         by_section = [(len(self.sections), n) for n in {len(s.angles) for s in self.sections}]
         return ((self.n_tendons,), *(by_section if len(by_section) == 1 else ()))
 
     def by_section(self, flat: Sequence[float] | Array) -> Array:
-        """Return one row per section if all have as many tendons, else the flat vector."""
+        """Return one row per section if all have the same number of tendons, else the vector."""
         return finite_array("flat", flat, (self.n_tendons,)).reshape(self.shapes[-1])
 
 
@@ -320,7 +319,7 @@ def conical(
     anchorages: Sequence[tuple[float, float, float]],
     **others: Any,
 ) -> Arm:
-    """Return a conical arm with four tendons per section, in the way the paper tabulates them.
+    """Return a conical arm with four tendons per section, from the numbers of the paper's tables.
 
     Parameters
     ----------
@@ -333,10 +332,15 @@ def conical(
     **others
         Further fields of Arm.
 
-    Raises InputError for radii and rows of another shape, and as Arm does.
+    Raises
+    ------
+    InputError
+        If radii or rows have a wrong shape, and as Arm does.
     """
-    two, three = "two numbers, R_max and R_min", "rows of three numbers, l_i, a_i, b_i"
-    ends, rows = numbers("radii", radii, two), numbers("anchorages", anchorages, three)
+    two = "two numbers, R_max and R_min"
+    three = "rows of three numbers, l_i, a_i, b_i"
+    ends = numbers("radii", radii, two)
+    rows = numbers("anchorages", anchorages, three)
     if ends.shape != (2,):
         raise InputError("radii", radii, two)
     if rows.shape != (0,) and rows.shape[1:] != (3,):

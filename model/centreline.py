@@ -1,7 +1,7 @@
-"""The centreline between the nodes: where it is, how long, and how far it has turned.
+"""The centreline between the nodes: positions, lengths and turned angles.
 
-Inside an element the strains are the polynomial through its stages; a part of an element is an
-element itself, and its end is where the equations of octoplan.model.rod.element put it.
+Inside an element the strains are the polynomial through the stages. A part of an element is an
+element itself, with the kinematics of octoplan.model.rod.element.
 """
 
 from __future__ import annotations
@@ -32,28 +32,29 @@ Counts = NDArray[np.int64]
 
 @runtime_checkable
 class Settled(Protocol):
-    """What has a settled midline; see octoplan.model.shape.Shape."""
+    """A value with a settled centreline; see octoplan.model.shape.Shape."""
 
     def centreline(self) -> Centreline:
-        """Return it."""
+        """Return the centreline."""
 
 
 @dataclass(frozen=True, eq=False)
 class Centreline:
-    """The settled midline of an arm, as a polynomial of strains in each element of a mesh.
+    """The settled centreline of an arm: a polynomial of strains in each element of a mesh.
 
     Attributes
     ----------
-    arm, scene
+    arm : Arm
+    scene : Scene
     s : (N + 1,)
-        The nodes [m].
+        Arc lengths of the nodes [m].
     poses : (N + 1, 7)
-        Quaternion and position [m] there.
+        Quaternion and position [m] at the nodes.
     kappa, nu : (N, 3, 3)
         Curvature [1/m] and tangent [-] per unit reference length in (t, n, b), by element and
         stage.
     machine_code : bool
-        Whether its kernel is compiled.
+        Whether the kernel is compiled.
     """
 
     arm: Arm
@@ -66,43 +67,53 @@ class Centreline:
 
     @classmethod
     def at_states(cls, system: DiscreteRod, states: Array) -> Centreline:
-        """Return that of the states (n_states,) of a system with three stages to an element."""
-        at = (system.arm, system.scene, system.mesh.s, system.poses(states))
+        """Return the centreline of states (n_states,) with three stages per element."""
         structure = system.layout.structure
-        result = cls.at_strains(*at, structure.law, states[system.layout.stages])
+        result = cls.at_strains(
+            system.arm,
+            system.scene,
+            system.mesh.s,
+            system.poses(states),
+            structure.law,
+            states[system.layout.stages],
+        )
         return replace(result, machine_code=structure.machine_code)
 
     @classmethod
     def at_strains(
         cls, arm: Arm, scene: Scene, s: Array, poses: Array, law: CrossSection, v: Array
     ) -> Centreline:
-        """Return that of a law's strains at the stages (N stages, n) and poses at the nodes."""
+        """Return the centreline of strains v (N stages, n) of a law, and poses at the nodes."""
         kappa, nu = (values.reshape(-1, STAGES, 3) for values in kinematics(law, v))
         return cls(arm, scene, s, poses, kappa, nu)
 
     @classmethod
     def joined(cls, lines: Sequence[Centreline]) -> Centreline:
-        """Return centrelines of one arm and mesh one after another, N + 1 elements to each.
+        """Return the centrelines of one arm and mesh in one, with N + 1 elements for each.
 
-        The last of these leads from one arm to the next, and means nothing.
+        The last element of each centreline connects to the next centreline and has no meaning.
         """
         first = lines[0]
 
-        def together(parts: list[Array]) -> Array:
+        def padded(parts: list[Array]) -> Array:
             return np.concatenate([np.concatenate([part, part[-1:]]) for part in parts])
 
-        kappa, nu = together([line.kappa for line in lines]), together([line.nu for line in lines])
-        s, poses = np.tile(first.s, len(lines)), np.concatenate([line.poses for line in lines])
+        kappa = padded([line.kappa for line in lines])
+        nu = padded([line.nu for line in lines])
+        s = np.tile(first.s, len(lines))
+        poses = np.concatenate([line.poses for line in lines])
         return cls(first.arm, first.scene, s, poses, kappa, nu, first.machine_code)
 
     @cached_property
     def sizes(self) -> tuple[Array, Array]:
-        """The length [m] and turn [rad] of each element (N,)."""
-        weights, h = gauss(STAGES).b, np.diff(self.s)
-        kappa, nu = self.kappa[: h.size], self.nu[: h.size]
-        return h * (np.linalg.norm(nu, axis=2) @ weights), h * (
-            np.hypot(kappa[..., 1], kappa[..., 2]) @ weights
-        )
+        """The length [m] and turned angle [rad] of each element (N,)."""
+        weights = gauss(STAGES).b
+        h = np.diff(self.s)
+        kappa = self.kappa[: h.size]
+        nu = self.nu[: h.size]
+        lengths = h * (np.linalg.norm(nu, axis=2) @ weights)
+        angles = h * (np.hypot(kappa[..., 1], kappa[..., 2]) @ weights)
+        return lengths, angles
 
     def at(self, s: Array) -> tuple[Array, Array]:
         """Return positions (K, 3) and outer radii (K,) [m] at arc lengths (K,) [m]."""
@@ -110,7 +121,7 @@ class Centreline:
         return self.along(element, np.zeros(s.size), share)[0], self.radius(element, share)
 
     def turned(self, s: Array) -> Array:
-        """Return how far tangents have turned from the base to arc lengths (K,) [rad]."""
+        """Return the angle by which the tangent turns from the base to arc lengths (K,) [rad]."""
         element, share = self._shares(s)
         before = np.append(0.0, np.cumsum(self.sizes[1]))[element]
         return np.asarray(before + self.along(element, np.zeros(s.size), share)[2])
@@ -122,26 +133,28 @@ class Centreline:
         return float(self.along(inside, np.zeros(inside.size), np.ones(inside.size))[1].sum())
 
     def _shares(self, s: Array) -> tuple[Counts, Array]:
-        """Return the elements that arc lengths are in, and what share of them is before them."""
+        """Return the elements of arc lengths (K,), and the fractions of the elements before s."""
         element = np.clip(np.searchsorted(self.s, s, side="left") - 1, 0, self.s.size - 2)
         return element, (s - self.s[element]) / np.diff(self.s)[element]
 
     def along(self, element: Counts, start: Array, end: Array) -> tuple[Array, Array, Array]:
-        """Return positions (K, 3) [m] at `end`, lengths (K,) [m] and turns (K,) [rad] from `start`.
+        """Return positions (K, 3) [m] at `end`; lengths [m] and angles [rad] (K,) from `start`.
 
-        Both are shares, from 0 to 1, of the elements (K,).
+        `start` and `end` are fractions from 0 to 1 of the elements (K,).
         """
         if not element.size:
             return np.zeros((0, 3)), np.zeros(0), np.zeros(0)
         h = np.diff(self.s)[element]
-        arguments = (self.poses[element], self.kappa[element], self.nu[element], h, start, end)
-        position, length, turn = cached(_part, self.machine_code)(*arguments)
+        part = cached(_part, self.machine_code)
+        position, length, turn = part(
+            self.poses[element], self.kappa[element], self.nu[element], h, start, end
+        )
         return position, length[:, 0], turn[:, 0]
 
     def radius(self, element: Counts, share: Array) -> Array:
-        """Return the arm's outer radius (K,) [m] at shares of elements.
+        """Return the outer radius of the arm (K,) [m] at fractions of elements.
 
-        A body that keeps its volume swells by lambda^(-1/2) where it is shortened to lambda.
+        A body of constant volume and stretch lambda swells by lambda^(-1/2).
         """
         s = self.s[element] + share * np.diff(self.s)[element]
         outer = self.arm.outer_radius(s)[0]
@@ -152,10 +165,14 @@ class Centreline:
 
 
 def _part(machine_code: bool) -> BatchFunction:
-    """Return pose, kappa, nu by stage, h, shares a, b -> position at b; length, turn from a."""
-    g, h = ca.SX.sym("g", 7), ca.SX.sym("h")
-    kappa, nu = ca.SX.sym("kappa", 3, STAGES), ca.SX.sym("nu", 3, STAGES)
-    a, b, method = ca.SX.sym("a"), ca.SX.sym("b"), gauss(STAGES)
+    """Return pose, kappa, nu by stage, h, fractions a, b -> position at b; length, angle from a."""
+    g = ca.SX.sym("g", 7)
+    h = ca.SX.sym("h")
+    kappa = ca.SX.sym("kappa", 3, STAGES)
+    nu = ca.SX.sym("nu", 3, STAGES)
+    a = ca.SX.sym("a")
+    b = ca.SX.sym("b")
+    method = gauss(STAGES)
 
     def strains(share: ca.SX) -> tuple[ca.SX, ca.SX]:
         powers = ca.vertcat(*(share**p for p in range(STAGES)))
@@ -166,7 +183,8 @@ def _part(machine_code: bool) -> BatchFunction:
     turns = rotation_vectors([k for k, _ in inside], h * b)[:-1]
     frames = [unit_matrix(multiply(g[:4], half_turn(turn))) for turn in turns]
     position = g[4:]
-    length, turned = ca.SX(0), ca.SX(0)
+    length = ca.SX(0)
+    turned = ca.SX(0)
     for weight, c, R, (_, v) in zip(
         method.b.tolist(), method.c.tolist(), frames, inside, strict=True
     ):

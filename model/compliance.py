@@ -1,4 +1,4 @@
-"""Compliances of a settled shape on a mesh that is fine enough, and its response to lengths."""
+"""Compliance of a settled shape to a relative accuracy, and the response to tendon lengths."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from octoplan.model.unloaded.march_derivative import MarchDerivative
 from octoplan.model.unloaded.marched import ExplicitMap, Marched
 
 Response = Sensitivities | MarchDerivative
-# The estimate for a compliance over that for the tip: 4 for table 2, 80 for table 4, whose tip is
-# slender. Too little costs a third mesh, too much a finer one.
-_HARDER = 80.0
+# Expected ratio of the relative error of the compliance to that of the tip: 4 for table 2, 80 for
+# table 4 with its slender tip. A small value costs a third mesh, a large value a finer mesh.
+_ERROR_RATIO = 80.0
 
 
 def compliance_of(shape: Shape, at: float, accuracy: float) -> tuple[Response, int, float]:
-    """Return how a point at arc length `at` answers with tensions held, to a relative accuracy.
+    """Return the sensitivities at arc length `at`, the refinement of the mesh, and the error.
 
-    And the refinement of the mesh, and the estimated relative error of the compliance. Raises
+    Tensions are constant. The relative error of the compliance is at most `accuracy`. Raises
     ConvergenceError.
     """
     size = np.repeat([shape.arm.length, 1.0], 3)
@@ -38,8 +38,8 @@ def compliance_of(shape: Shape, at: float, accuracy: float) -> tuple[Response, i
         scaled = [point.pose_wrench / np.outer(size, size) for point in (now, before)]
         return float(np.abs(scaled[0] - scaled[1]).max() / np.abs(scaled[0]).max())
 
-    # The first refinements are that of the shape, and one by the error that it is left with.
-    harder = (_HARDER * shape.error / accuracy) ** (1 / ORDER)
+    # The first refinement is that of the shape; the second is chosen by the error of the shape.
+    harder = (_ERROR_RATIO * shape.error / accuracy) ** (1 / ORDER)
     coarse, fine = pair_for(shape.refinement * harder, FINEST / 2)
     pair = (shape.refinement if shape.refinement < fine else coarse), fine
     order = convergence_order(shape.scene, ORDER, derivatives=True)
@@ -56,7 +56,7 @@ def sensitivities(shape: Shape, at: float, refinement: int) -> Response:
     if places or refinement != shape.refinement or not is_same_kind:
         point = forward.solve(shape.tensions, shape.known)
     if isinstance(point, Equilibrium):
-        # Derivatives nearby have an error that no refinement shows.
+        # Derivatives at a nearby state have an error that is independent of the mesh.
         point = point.relinearised()
     return at_node(point, forward.mesh.node(at))
 
@@ -70,9 +70,10 @@ def at_node(point: AnyEquilibrium, node: int) -> Response:
 def section_stiffness(shape: Shape, s: Array) -> Array:
     """Return torsional, flexural about n and b, and axial stiffness (N, 4) at s (N,).
 
-    The diagonal of d(wrench) / d(strain), tensions held: moments per curvature [N m2], force per
-    stretch [N]; infinite without extension. Curvature is per unit deformed length with the paper's
-    tangent, per unit reference length with exact tendons. At an anchorage, those on its base side.
+    The result is the diagonal of d(wrench) / d(strain) at constant tensions: moments per curvature
+    [N m2] and force per stretch [N], infinite without extension. Curvature is per unit deformed
+    length with the paper's tangent, and per unit reference length with exact tendons. At an
+    anchorage the result is that on the base side.
     """
     law = cross_section_of(shape.scene, shape.arm.is_curved)
     active = np.array([sum(section.at >= place for section in shape.arm.sections) for place in s])
@@ -86,12 +87,12 @@ def section_stiffness(shape: Shape, s: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class LengthResponse:
-    """The derivatives of a shape by what winches leave of its tendons, the others held as they are.
+    """The derivatives of a shape by the lengths of its tendons.
 
     Attributes
     ----------
     taut : (n_tendons,)
-        Whether a winch holds the tendon, and it pulls: the others have columns of zeros.
+        Whether the tendon has a given length and is taut. Columns of other tendons are zero.
     tension : (n_tendons, n_tendons)
         Tensions per metre of each tendon that is paid out [N/m].
     tip : (3, n_tendons)
@@ -107,21 +108,29 @@ class LengthResponse:
 
 
 def length_response(shape: Shape) -> LengthResponse:
-    """Return how a shape changes with the lengths of its taut tendons.
+    """Return the derivatives of a shape by the lengths of its taut tendons.
 
-    By the implicit function theorem: with l(T) the lengths at equilibrium, taut tendons keep
-    length + stretch T - l(T) = 0. Of a shape by tensions all tendons that pull are taken as held.
-    Slack tendons stay slack and taut ones taut: it holds for changes that are small enough.
-    Raises InputError for what is no shape, and as printed.
+    With the lengths l(T) in equilibrium, taut tendons satisfy length + stretch T - l(T) = 0; the
+    implicit function theorem gives the derivatives. If the shape was settled under tensions, all
+    taut tendons count as having given lengths. The derivatives are valid for small changes, in
+    which slack tendons stay slack and taut tendons taut.
+
+    Raises
+    ------
+    InputError
+        If `shape` is not a shape, or its scene has the statics as printed.
     """
     kind("shape", shape, Shape, "a Shape, as settle returns it")
     check_responses(shape.scene)
-    result, T = sensitivities(shape, shape.arm.length, shape.refinement), shape.tensions
-    winches, taut = shape.winches, is_taut(shape.arm, shape.tensions)
+    result = sensitivities(shape, shape.arm.length, shape.refinement)
+    T = shape.tensions
+    winches = shape.winches
+    taut = is_taut(shape.arm, T)
     if winches is not None:
         taut &= winches.held
     longer = 1 + T / (np.inf if winches is None else winches.tendon_EA)
-    tension, ix = np.zeros((T.size, T.size)), np.flatnonzero(taut)
+    tension = np.zeros((T.size, T.size))
+    ix = np.flatnonzero(taut)
     tension[np.ix_(ix, ix)] = -by_lengths(shape, result, ix, np.diag(longer[ix]))
     pose = result.pose_tension @ tension
     return LengthResponse(taut, tension, pose[:3], pose[3:])
@@ -130,14 +139,16 @@ def length_response(shape: Shape) -> LengthResponse:
 def by_lengths(
     shape: Shape, point: Response, held: Index, longer: Array, EA: float = np.inf
 ) -> Array:
-    """Return what tensions (k, m) of tendons that are held by length take up where paths change.
+    """Return the changes of tensions (k, m) of tendons with given lengths.
 
     Parameters
     ----------
+    held : (k,)
+        The tendons with given lengths.
     longer : (k, m)
-        By how much their paths become longer [m], were tensions held.
+        Elongations of their paths at constant tensions [m].
     EA : float
-        Of the tendons [N], unless winches of the shape tell how they stretch.
+        Stiffness of the tendons [N]; without effect if the shape has winches.
     """
     stretch = point.lengths / (EA + shape.tensions)
     if shape.winches is not None:

@@ -1,9 +1,9 @@
-"""Steps along the arm: Magnus expansions for poses, explicit Runge-Kutta schemes for rates.
+"""Integrators along the arm: Magnus expansions for poses, explicit Runge-Kutta methods for rates.
 
-Magnus expansions give the pose across one step of a twist that varies along it. The twist is local,
-g' = g A(s), so brackets have the opposite sign of the textbook's Y' = A Y. Source: Blanes, Casas,
-Oteo, Ros, "The Magnus expansion and some of its applications", Physics Reports 470 (2009), section
-5, with Gauss-Legendre nodes. Frames stay rotations by construction.
+A Magnus expansion gives the pose after one step with a twist that varies along the step. The twist
+is local, g' = g A(s): brackets have the opposite sign of the textbook's Y' = A Y. Source: Blanes,
+Casas, Oteo, Ros, "The Magnus expansion and some of its applications", Physics Reports 470 (2009),
+section 5, with Gauss-Legendre nodes. Frames remain rotations by construction.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ X = TypeVar("X", ca.SX, Array)
 
 @dataclass(frozen=True)
 class Magnus:
-    """A scheme of order 2, 4 or 6.
+    """A Magnus expansion of order 4 or 6.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Magnus:
     def step(self, twists: list[ca.SX], h: ca.SX) -> ca.SX:
         """Return the pose (7,) across a step of length h [m].
 
-        `twists` are (kappa, nu) (6,) per unit reference length at the nodes of the step.
+        `twists` (6,) are (kappa, nu) per unit reference length at the nodes of the step.
         """
         omega = self.expansion(twists, h)
         return exponential(omega[:3], omega[3:])
@@ -53,32 +53,33 @@ class Magnus:
 
 
 def expansion(values: list[ca.SX], h: ca.SX, bracket: Bracket) -> ca.SX:
-    """Return the truncated expansion across a step, from values at 1, 2 or 3 Gauss nodes.
+    """Return the truncated expansion after a step, from values at 1, 2 or 3 Gauss nodes.
 
-    In the Lie algebra of the bracket, of order twice the number of nodes.
+    The values are in the Lie algebra of the bracket. The order is twice the number of nodes.
     """
-    first, last = values[0], values[-1]
-    omega: ca.SX = h * first
+    first = values[0]
+    last = values[-1]
+    if len(values) == 1:
+        return h * first
     if len(values) == 2:
-        omega = h / 2 * (first + last) - h**2 * (np.sqrt(3) / 12) * bracket(first, last)
-    if len(values) == 3:
-        # Products in place of quotients: a processor divides several times slower.
-        a = h * values[1]
-        b = h * (np.sqrt(15) / 3) * (last - first)
-        c = h * (10 / 3) * (first - 2 * values[1] + last)
-        ab = bracket(a, b)
-        inner = -20 * a - c + ab
-        outer = b - (1 / 60) * bracket(a, 2 * c + ab)
-        omega = a + (1 / 12) * c + (1 / 240) * bracket(inner, outer)
-    return omega
+        omega: ca.SX = h / 2 * (first + last) - h**2 * (np.sqrt(3) / 12) * bracket(first, last)
+        return omega
+    # Products are several times faster than quotients.
+    a = h * values[1]
+    b = h * (np.sqrt(15) / 3) * (last - first)
+    c = h * (10 / 3) * (first - 2 * values[1] + last)
+    ab = bracket(a, b)
+    inner = -20 * a - c + ab
+    outer = b - (1 / 60) * bracket(a, 2 * c + ab)
+    return a + (1 / 12) * c + (1 / 240) * bracket(inner, outer)
 
 
 def series(coefficients: list[ca.SX], h: ca.SX, bracket: Bracket, order: int) -> list[ca.SX]:
     """Return the coefficients of x, x^2, .. x^order in the expansion from 0 to x of a polynomial.
 
-    `coefficients` are those of 1, x, .. in the polynomial, with x in [0, 1] over a step h. By the
-    equation of the expansion, Omega' = sum_j B_j / j! ad_Omega^j A with Bernoulli's numbers B_j,
-    degree by degree: what is left out is of order h^(order + 1).
+    `coefficients` are those of 1, x, .. in the polynomial, with x in [0, 1] over a step h. The
+    equation of the expansion, Omega' = sum_j B_j / j! ad_Omega^j A with Bernoulli's numbers B_j, is
+    solved degree by degree. The remainder has order h^(order + 1).
     """
     zero = 0 * coefficients[0]
     rate = [h * coefficient for coefficient in coefficients][:order]
@@ -95,13 +96,13 @@ def series(coefficients: list[ca.SX], h: ca.SX, bracket: Bracket, order: int) ->
 
 
 def _bracket(a: ca.SX, b: ca.SX) -> ca.SX:
-    """Return the Lie bracket of se(3) with the sign that local twists call for."""
+    """Return the Lie bracket of se(3) with the sign of local twists."""
     turn = ca.cross(b[:3], a[:3])
     shift = ca.cross(b[:3], a[3:]) - ca.cross(a[:3], b[3:])
     return ca.vertcat(turn, shift)
 
 
-# Bernoulli's numbers over factorials, of what orders up to eight take.
+# Bernoulli's numbers B_j / j!, for orders up to eight.
 _BERNOULLI = (1.0, -1 / 2, 1 / 12, 0.0, -1 / 720, 0.0, 1 / 30240)
 
 
@@ -117,14 +118,14 @@ MAGNUS6 = _scheme(6)
 
 @dataclass(frozen=True)
 class RungeKutta:
-    """An explicit scheme of s stages.
+    """An explicit Runge-Kutta method of s stages.
 
     Attributes
     ----------
     name : str
     order : int
     nodes : (s,)
-        c_i; stages that share a node share the numbers of the cross-section there.
+        c_i; stages with the same node share the numbers of the cross-section.
     weights : (s,)
         b_i.
     rows : s tuples

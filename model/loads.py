@@ -49,7 +49,7 @@ def check_loads(arm: Arm, scene: Scene, contact: bool = False) -> None:
     for effect in scene.effects:
         effect.check_supported(contact)
         effect.check_arm(arm)
-    if any(arm.turns) and not is_loaded(scene):
+    if any(arm.angle_paths) and not is_loaded(scene):
         allowed = "none in a scene without loads; add a load, such as Weight, Friction or Shear"
         raise InputError("Anchorage.turn", "tendons that turn", allowed)
 

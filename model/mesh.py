@@ -13,11 +13,14 @@ from octoplan.model.paths import SAME, Array, Path
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.stations import Counts
 
-_FINE = 64
-# Growth, as an exponent, that costs half an element, and the most halves that a stretch may cost.
-_GROWTH, _MOST = 3.0, 0.5
+# Samples of the density of nodes between two landmarks.
+_SAMPLES = 64
+# Growth, as an exponent, in one unit of the graded sum.
+_GROWTH = 3.0
+# Largest contribution of growth to the graded sum between two samples.
+_MAX_GROWTH = 0.5
 # Angle by which a tendon turns around the midline in one unit of the graded sum [rad]. Strains vary
-# with this angle: three Gauss stages over 1.2 rad leave 1e-4 of the length, over 2.4 rad 5e-3.
+# with this angle: three Gauss stages over 1.2 rad leave an error of 1e-4 L, over 2.4 rad 5e-3 L.
 _TURN = 1.5
 
 
@@ -28,9 +31,9 @@ class Mesh:
     Attributes
     ----------
     s : (S + 1,)
-        The nodes, among them every anchorage and every station asked for [m].
+        Arc lengths of the nodes [m], including all anchorages and requested stations.
     active : (S,)
-        How many sections' tendons cross each step.
+        Number of anchorage sections whose tendons cross each step.
     """
 
     s: Array
@@ -42,20 +45,21 @@ class Mesh:
         return self.active.size
 
     def segment_ends(self) -> tuple[Array, Counts]:
-        """Return both ends of each anchorage segment, and how many sections cross there."""
+        """Return both ends of each segment, and the number of anchorage sections that cross it."""
         last = np.flatnonzero(np.diff(self.active, append=-1))
         first = np.concatenate([[0], last[:-1] + 1])
         ends = np.column_stack([self.s[first], self.s[last + 1]]).ravel()
         return ends, np.repeat(self.active[last], 2)
 
     def points(self, m: int) -> tuple[Array, Array, Counts]:
-        """Return m Gauss points a step: where they are (m S,), weights, how many sections cross."""
-        method, h = gauss(m), np.diff(self.s)
+        """Return arc lengths, weights and `active` of m Gauss points per step (m S,)."""
+        method = gauss(m)
+        h = np.diff(self.s)
         s = self.s[:-1, None] + h[:, None] * method.c
         return s.ravel(), np.outer(h, method.b).ravel(), np.repeat(self.active, m)
 
     def node(self, s: float) -> int:
-        """Return the index of the node at arc length s, which has to be one of the mesh's."""
+        """Return the index of the node at arc length s, which must be a node of the mesh."""
         return int(np.argmin(np.abs(self.s - s)))
 
 
@@ -70,35 +74,34 @@ def graded(
 ) -> Mesh:
     """Return a mesh whose steps are equal in log R(s) + s/L, refined by a whole number.
 
-    Strains of a slender tip change with R^-3 or so, so steps that are equal in log R spread the
-    error evenly; the second term keeps a cylinder's steps finite. Tendons that turn around the
-    midline shorten the steps in proportion. Doubling the refinement halves every step, so that
-    differences between the two estimate the error.
+    Strains of a slender tip vary about as R^-3: steps that are equal in log R distribute the error
+    evenly. The second term limits the steps of a cylinder. Tendons that turn around the midline
+    shorten the steps in proportion. Doubling the refinement halves each step, so that differences
+    of the two meshes estimate the error.
 
     Parameters
     ----------
     at : iterable of float
-        Arc lengths that have to be nodes [m].
+        Arc lengths of further nodes [m].
     growth_rate : callable
-        Arc lengths -> how fast the solution may grow or decay there [1/m]; steps are shorter where
-        it does.
+        Arc lengths -> bound of the growth or decay of the solution [1/m]; shortens the steps.
     taper : Path
-        What to grade for; the arm's radius unless given. Its size does not matter.
+        The function R(s), by default the radius of the arm. Only ratios matter.
     weights : (2,)
-        Of log R and of s/L.
+        Weights of log R and of s/L.
     steps_per_unit : float
-        Steps in which their sum grows by 1, with a refinement of 1.
+        Number of steps per unit of the sum, for a refinement of 1.
     """
     breaks = _breaks(arm, at)
-    fine = breaks[:-1, None] + np.diff(breaks)[:, None] * np.linspace(0, 1, _FINE + 1)
+    fine = breaks[:-1, None] + np.diff(breaks)[:, None] * np.linspace(0, 1, _SAMPLES + 1)
     R = (taper or arm.radius).evaluate(fine.ravel(), arm.length)[0].reshape(fine.shape)
     weight = weights[0] * np.abs(np.diff(np.log(R), axis=1))
     weight += weights[1] * np.diff(fine, axis=1) / arm.length
     weight += np.abs(np.diff(_turned(arm, fine), axis=2)).max(axis=0, initial=0.0) / _TURN
     if growth_rate is not None:
         rate = growth_rate(fine.ravel()).reshape(fine.shape)
-        turns = (rate[:, 1:] + rate[:, :-1]) / 2 * np.diff(fine, axis=1)
-        weight = weight + np.minimum(turns / _GROWTH, _MOST)
+        exponent = (rate[:, 1:] + rate[:, :-1]) / 2 * np.diff(fine, axis=1)
+        weight = weight + np.minimum(exponent / _GROWTH, _MAX_GROWTH)
     total = np.zeros(fine.shape)
     np.cumsum(weight, axis=1, out=total[:, 1:])
     nodes = [breaks[:1]]
@@ -111,28 +114,28 @@ def graded(
 
 
 def _turned(arm: Arm, s: Array) -> Array:
-    """Return the angle by which each tendon has turned at arc lengths (m, k): (n, m, k) [rad].
+    """Return the angle by which each turning tendon has turned at s (m, k): (n, m, k) [rad].
 
-    Only tendons that turn; a tendon turns no further beyond its anchorage.
+    The angle is constant beyond the anchorage of a tendon.
     """
     angles = [
         turn.evaluate(np.minimum(s, section.at), section.at)[0]
         for section in arm.sections
-        for turn in section.turns
+        for turn in section.angle_paths
         if turn is not None
     ]
     return np.array(angles).reshape(-1, *s.shape)
 
 
 def with_nodes(arm: Arm, s: Array) -> Mesh:
-    """Return the mesh of given nodes (S + 1,), every anchorage among them [m]."""
+    """Return the mesh of given nodes (S + 1,) [m], which include all anchorages."""
     ends = np.array([section.at for section in arm.sections])
     middle = (s[:-1] + s[1:]) / 2
     return Mesh(s, (ends[:, None] > middle).sum(axis=0))
 
 
 def _breaks(arm: Arm, at: Iterable[float]) -> Array:
-    """Return where the solution is not smooth, or is wanted: sorted and without near copies."""
+    """Return the landmarks in order, without duplicates [m]."""
     kept = list[float]()
     for s in landmarks(arm, at).tolist():
         if 0 <= s <= arm.length and all(abs(s - other) > SAME * arm.length for other in kept):
@@ -141,6 +144,6 @@ def _breaks(arm: Arm, at: Iterable[float]) -> Array:
 
 
 def landmarks(arm: Arm, at: Iterable[float] = ()) -> Array:
-    """Return the arc lengths that a mesh has nodes at [m], in an order that stays."""
+    """Return the arc lengths of required nodes [m]: ends, anchorages, knots of paths and `at`."""
     knots = [s for path in arm.along for s in path.knots() if 0 < s < arm.length]
     return np.array([0.0, arm.length, *arm.anchorages, *knots, *at])

@@ -17,7 +17,7 @@ from octoplan.model.support.value import value
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-# Arc lengths nearer to each other, over the arm's length, are one.
+# Tolerance of equal arc lengths, over the arm's length.
 SAME = 1e-9
 
 
@@ -32,7 +32,7 @@ class Path(Protocol):
         """Value [m], first [-] and second [1/m] derivative at s [m], each of the shape of s."""
 
     def knots(self) -> tuple[float, ...]:
-        """Return the arc lengths [m] where the function is less smooth than elsewhere."""
+        """Return the arc lengths [m] where the function is not smooth."""
 
 
 SUCH[Path] = "a Linear or a Sampled path"
@@ -82,7 +82,7 @@ class Sampled:
             raise InputError("Sampled.s", self.s, "strictly increasing arc lengths")
 
     def evaluate(self, s: Array, span: float) -> tuple[Array, Array, Array]:
-        """See Path.evaluate; raises InputError where the samples do not cover [0, span]."""
+        """See Path.evaluate. Raises InputError if the samples do not cover [0, span]."""
         if self.s[0] > 1e-12 * span or self.s[-1] < span * (1 - 1e-12):
             raise InputError(
                 "Sampled.s", (self.s[0], self.s[-1]), f"samples from 0 to {length_text(span)}"

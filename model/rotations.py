@@ -16,11 +16,14 @@ from scipy.spatial.transform import Rotation
 from octoplan.model.paths import Array
 from octoplan.model.support.checks import SMALLEST
 
-_DOUBLINGS, _TERMS = 3, 7
+# Number of doublings of the angle in half_angle.
+_DOUBLINGS = 3
+# Degree of the power series in half_angle, in the squared angle.
+_TERMS = 7
 
 
 def norm(v: ca.SX) -> ca.SX:
-    """Return the Euclidean norm of an expression, with derivatives where it vanishes too."""
+    """Return the Euclidean norm of an expression, differentiable at 0."""
     return ca.sqrt(ca.sumsqr(v) + SMALLEST)
 
 
@@ -31,7 +34,7 @@ def multiply(p: ca.SX, q: ca.SX) -> ca.SX:
 
 
 def conjugate(q: ca.SX) -> ca.SX:
-    """Return the quaternion (4,) that turns the other way, as long as q."""
+    """Return the conjugate quaternion (4,)."""
     return ca.vertcat(q[0], -q[1:])
 
 
@@ -66,8 +69,8 @@ def half_turn(w: ca.SX) -> ca.SX:
 def half_angle(x: ca.SX) -> ca.SX:
     """Return cos(angle / 2) and sin(angle / 2) / angle (2,) of the square x of an angle [rad2].
 
-    Power series at an eighth of the half, doubled three times: smooth everywhere without a branch,
-    and right to rounding up to two turns.
+    The power series at an eighth of the half angle is doubled three times. The result is smooth
+    without a branch, and accurate to rounding up to two turns.
     """
     versine, sinc, _ = _of_half(x)
     return ca.vertcat(1 - 0.25 * x * versine, 0.5 * sinc)
@@ -77,7 +80,7 @@ def _of_half(x: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Return (1 - cos b) / b^2, sin b / b and (b - sin b) / b^3 of half the angle, b = x^(1/2) / 2.
 
     See half_angle. The first and the last are sums over k of (-b^2)^k / (2 k + 2)! and (2 k + 3)!,
-    by Horner's rule. Products in place of quotients: a processor divides several times slower.
+    by Horner's rule. Products are several times faster than quotients.
     """
     square, versine, cubic = 0.25 ** (_DOUBLINGS + 1) * x, ca.SX(0), ca.SX(0)
     for k in reversed(range(_TERMS + 1)):
@@ -107,7 +110,7 @@ def _rows(w: Any, x: Any, y: Any, z: Any) -> list[list[Any]]:
 def exponential(w: ca.SX, v: ca.SX) -> ca.SX:
     """Return the pose reached by a constant local twist: rotation vector w, displacement v.
 
-    As smooth and right as half_angle.
+    The smoothness and the accuracy are those of half_angle.
     """
     x, turn = ca.sumsqr(w), ca.cross(w, v)
     versine, sinc, cubic = _of_half(x)
@@ -116,7 +119,7 @@ def exponential(w: ca.SX, v: ca.SX) -> ca.SX:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Return the cross products (..., 3) of vectors (..., 3), several times sooner than NumPy's."""
+    """Return the cross products (..., 3) of vectors (..., 3), several times faster than NumPy."""
     (x, y, z), (u, v, w) = ((part[..., 0], part[..., 1], part[..., 2]) for part in (a, b))
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 

@@ -14,21 +14,22 @@ from octoplan.model.support.text import HtmlRepr
 from octoplan.model.support.value import value
 
 E = TypeVar("E", bound=Effect)
-# Of a line, in characters.
+# Length of a line in repr [characters].
 _WIDTH = 88
 
 
 @value(init=False)
 class Scene(HtmlRepr):
-    """What is simulated: nothing but bending, and each effect that is named.
+    """The effects that are simulated, in addition to bending.
 
-    `Scene()` is the bare arm, `Scene(Extension())` the paper's, `Scene.as_printed()` the paper's to
-    the letter.
+    `Scene()` is the bare arm, `Scene(Extension())` the paper's scene, and `Scene.as_printed()` uses
+    the paper's equations to the letter.
 
     Raises
     ------
     InputError
-        For what is not an effect, and for an effect given twice.
+        If an argument is not an effect, if an effect occurs twice, or if effects exclude each
+        other.
     """
 
     effects: tuple[Effect, ...]
@@ -53,27 +54,27 @@ class Scene(HtmlRepr):
 
     @classmethod
     def as_printed(cls) -> Scene:
-        """Return the paper's scene to the letter: eqs. (10) and (11) as they stand."""
+        """Return the paper's scene to the letter: eqs. (10) and (11) as printed."""
         from octoplan.model.extensions.printed import PrintedStatics
 
         return cls(Extension(), PrintedStatics())
 
     @classmethod
     def silicone(cls, *more: Effect) -> Scene:
-        """Return what a real silicone arm calls for: extension, exact tendons, neo-Hookean.
+        """Return the scene of a silicone arm: extension, exact tendons, neo-Hookean body.
 
-        With further effects, such as its weight and the water's buoyancy:
-        `Scene.silicone(Weight(), Buoyancy())`. An effect of its own kinds that is given, such as
-        `NeoHookean(anticlastic=True)`, takes the place of the plain one.
+        Add further effects such as weight and buoyancy: `Scene.silicone(Weight(), Buoyancy())`. A
+        given effect of one of the three kinds, such as `NeoHookean(anticlastic=True)`, replaces the
+        default.
         """
         parts = (Extension(), ExactTendons(), NeoHookean())
         replaced = {type(effect) for effect in more}
         return cls(*(effect for effect in parts if type(effect) not in replaced), *more)
 
     def __add__(self, other: Effect | Scene) -> Scene:
-        """Return the scene with one more effect, or with all of another scene's.
+        """Return the scene with one more effect, or with the effects of another scene.
 
-        Raises InputError for an effect that it has already, as Scene does.
+        Raises InputError for an effect that occurs twice, as Scene does.
         """
         if isinstance(other, Scene):
             return Scene(*self.effects, *other.effects)
@@ -92,9 +93,9 @@ class Scene(HtmlRepr):
         return tuple(term for term in terms if term is not None)
 
     def find(self, kind: type[E] | tuple[type[E], ...]) -> E | None:
-        """Return the scene's effect of a kind, or the first of several; None if none is enabled.
+        """Return the first effect of a kind, or of several kinds; None if there is no such effect.
 
-        Raises InputError for what is no kind of effect, nor several.
+        Raises InputError if `kind` is no kind of effect and no tuple of kinds.
         """
         for each in kind if isinstance(kind, tuple) else (kind,):
             if not (isinstance(each, type) and issubclass(each, Effect)):
@@ -110,5 +111,5 @@ class Scene(HtmlRepr):
 
 
 def _place(effect: Effect) -> tuple[str, tuple[Any, ...]]:
-    """Return what no two effects of a scene share, and by which they are in order."""
+    """Return the key of an effect, which is unique in a scene and determines the order."""
     return type(effect).__name__, effect.place

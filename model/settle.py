@@ -130,8 +130,8 @@ def settle(
         tip.
     compile : bool or "auto"
         Whether to use compiled code, which has the same digits and is several times faster. A C
-        compiler builds the code of each kind of scene in seconds; the user's cache folder keeps
-        it. "auto" warns and uses interpreted code if no compiler works.
+        compiler builds the code of each kind of scene in seconds, once per user. "auto" warns and
+        uses interpreted code if no compiler works.
     lengths : (n_sections, n) or (n_tendons,)
         Length of each tendon between base and anchorage without tension, as its winch sets it [m];
         None or NaN for tendons with a given tension.
@@ -141,12 +141,11 @@ def settle(
         Length of each tendon between winch and base, which also stretches [m]. The stretch ignores
         friction in the arm.
     near : Shape
-        A shape of the same arm from which the arm moves: first the loads change linearly to those
-        of `scene`, then the tensions change linearly to `tensions`. Both scenes have the same
-        effects. Their loads may differ in strength, and the scene of `near` may lack loads, such
-        as a payload that the bent arm picks up. If the branch ends on the way, the arm settles
-        from rest (`Shape.history`). With contact, both scenes have the same loads, and their
-        friction may differ.
+        A shape of the same arm from which the arm moves: first the loads change linearly to the
+        loads of `scene`, then the tensions change linearly to `tensions`. Both scenes have the same
+        effects. Loads may differ in strength, and the scene of `near` may lack loads, such as a
+        payload that the bent arm picks up. If the branch ends on the way, the arm settles from rest
+        (`Shape.history`). With contact, both scenes have the same loads; friction may differ.
     time_limit : float
         Time limit [s]. With contact, the equilibrium on a mesh is also limited to 20 s.
     progress : bool
@@ -155,9 +154,8 @@ def settle(
     Raises
     ------
     InputError
-        If an argument is not allowed; if no shape has the lengths or the lengths crush the arm
-        (the message names a tendon); with friction of contact, if an arm without history touches
-        an obstacle.
+        If an argument is not allowed. If no shape has the lengths, or the lengths crush the arm;
+        the message names a tendon. If an arm without history touches an obstacle with friction.
     CollapsedError
         If 1 + q reaches 0.
     SnapError

@@ -66,8 +66,8 @@ class Shape(HtmlRepr):
     snaps : tuple of float
         With contact, fractions of tensions and loads at which the arm jumped on its way from rest.
     self_contacts : tuple of ContactPoint
-        Points at which the arm presses on itself, in pairs, from base to tip. The shape and its
-        stability are those of the scene with these forces as point loads.
+        Points at which the arm presses on itself, in pairs, from base to tip. Shape and stability
+        result from the scene with the contact forces as point loads.
     """
 
     arm: Arm
@@ -89,8 +89,8 @@ class Shape(HtmlRepr):
         """The order in which loads and tensions acted; see docs/theory.rst.
 
         "loads first": the loads acted, then the tensions grew in proportion. "tensions first": the
-        arm does not bear its loads without tension. "near": the tensions changed from those of
-        another shape. "together": loads and tensions grew in proportion, with contact.
+        arm does not bear its loads without tension. "near": the tensions changed from the tensions
+        of another shape. "together": loads and tensions grew in proportion, with contact.
         """
         point = self.known
         return "loads first" if point is None else point.history
@@ -152,8 +152,8 @@ class Shape(HtmlRepr):
     def folded(self) -> float | None:
         """The first arc length at which a tendon has no length left [m], otherwise None.
 
-        No arm bends so far: its body would fold into itself. Without loads, an arm with exact
-        tendons settles in this state; under loads, settle raises an error.
+        The body of such an arm would fold into the arm. Without loads, an arm with exact tendons
+        settles in this state; under loads, settle raises an error.
         """
         if is_loaded(self.scene) or not self.scene.has(ExactTendons):
             return None
@@ -172,7 +172,7 @@ class Shape(HtmlRepr):
 
         Reasons are: the arm passes through itself, bends sharper than its own radius, is stretched
         beyond the law of its body, or a tendon has no length left. The equations do not exclude
-        these states. `settle` warns of sharp bends and of stretch. With friction of contact,
+        such states. `settle` warns of sharp bends and of stretch. With friction of contact,
         `error` ignores the length of the load steps.
         """
         from octoplan.model.extensions.clearance.nearest import from_itself
@@ -257,8 +257,7 @@ class Shape(HtmlRepr):
     def tension(self, s: float) -> Array:
         """Return the tension of each tendon (n_tendons,) at arc length s, 0 beyond its end [N].
 
-        With friction, tensions vary along the arm. At an anchorage the tensions are those on the
-        base side.
+        With friction, tensions vary along the arm. At an anchorage the result is on the base side.
         """
         place = finite_array("s", self._places(s), (1,))
         ends = np.array([self.arm.sections[i].at for i, _ in self.arm.tendons])
@@ -322,7 +321,7 @@ class Shape(HtmlRepr):
     def _at(
         self, s: Any, evaluate: Callable[[Array], Array], at_nodes: Array | None = None
     ) -> Array:
-        """Return values at s, a scalar or (N,); those `at_nodes` if every s is a node."""
+        """Return values at s, a scalar or (N,): `at_nodes` if every s is a node."""
         places = self._places(s)
         nodes = self.equilibrium.mesh.s
         near = np.minimum(np.searchsorted(nodes, places), nodes.size - 1)

@@ -1,4 +1,4 @@
-"""Numbers at given arc lengths of an arm: what the equations need of body and tendons there."""
+"""Geometry and stiffness of an arm at given arc lengths: the numbers of the equations."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ class Stations:
     s : (N,)
         Arc lengths from the base [m].
     active : (N,)
-        How many anchorage sections' tendons cross each, counted from the tip: an anchorage is a
-        place with two sides, and this number says which is meant.
+        Number of anchorage sections whose tendons cross, counted from the tip. At an anchorage the
+        number selects one of the two sides.
     radius : (N,)
-        Of the body [m].
+        Radius of the body [m].
     area, area_rate : (2, N)
-        A [m2] and J [m4] of eq. (7), and their derivatives along s.
+        A [m2] and J [m4] of eq. (7), and the derivatives along s.
     y, y_rate, y_curve : (n_offsets, N)
-        Offset y_i(s) of each section's tendons, or of each tendon where these differ, and its first
-        two derivatives; eq. (5). Zero where the tendons do not cross.
+        Offset y_i(s) of eq. (5) for each section, or for each tendon if offsets differ, and the
+        first two derivatives. Zero beyond the end of the tendons.
     rest, rest_rate : (2, N) or (0, N)
-        Curvature about n and b at rest [1/m] and its derivative; none of a straight arm.
+        Curvature at rest about n and b [1/m], and the derivative; empty for a straight arm.
     """
 
     s: Array
@@ -53,7 +53,7 @@ class Stations:
 
 
 def stations(arm: Arm, s: Array, active: Counts) -> Stations:
-    """Return the numbers of the cross-sections at s (N,), crossed by `active` sections each."""
+    """Return the cross-sections at s (N,), each crossed by `active` anchorage sections."""
     R, slope, _ = arm.radius.evaluate(s, arm.length)
     area = np.array([np.pi * R**2, np.pi * R**4 / 4])
     area_rate = np.array([2 * np.pi * R * slope, np.pi * R**3 * slope])
@@ -68,16 +68,16 @@ def stations(arm: Arm, s: Array, active: Counts) -> Stations:
     return Stations(s, active, R, area, area_rate, *parts)
 
 
-def resists(material: Material, area: Array) -> Array:
-    """Return E A [N], E J [N m2], G I [N m2] (3, N) of A and J (2, N), or of their derivatives."""
+def body_stiffness(material: Material, area: Array) -> Array:
+    """Return E A [N], E J [N m2], G I [N m2] (3, N) from A and J (2, N), or their derivatives."""
     A, J = area
     return np.array([material.E * A, material.E * J, 2 * material.G * J])
 
 
-def sides(arm: Arm) -> tuple[Array, Array]:
-    """Return cosine and sine of the angle of each tendon, those of right angles exactly.
+def tendon_directions(arm: Arm) -> tuple[Array, Array]:
+    """Return cosine and sine of the angle of each tendon, exact for multiples of 90 degrees.
 
-    So planar pulls stay planar.
+    Tensions in a plane then bend the arm in this plane exactly.
     """
     phi = np.array([angle for _, angle in arm.tendons])
     values = np.array([np.cos(phi), np.sin(phi)])
@@ -87,28 +87,30 @@ def sides(arm: Arm) -> tuple[Array, Array]:
 
 
 def crossing(arm: Arm, at: Stations) -> Array:
-    """Return 1 where a tendon crosses a station, else 0: (N, n_tendons)."""
+    """Return 1 if a tendon crosses a station, otherwise 0 (N, n_tendons)."""
     section = np.array([i for i, _ in arm.tendons])
     return (at.active[:, None] > section).astype(float)
 
 
 def tendon_offsets(arm: Arm, at: Stations) -> Array:
-    """Return Y = y d along n and b, 0 beyond a tendon's end, and two derivatives (3, 2, N, n).
+    """Return Y = y d along n and b, 0 beyond the end of a tendon, and two derivatives (3, 2, N, n).
 
-    d' = phi' d_perp where tendons turn.
+    The direction of a tendon that turns has the derivative d' = phi' d_perp.
     """
     offset = np.array([at.y, at.y_rate, at.y_curve])[:, list(arm.offset_of)].transpose(0, 2, 1)
-    d, y = np.stack(sides(arm))[:, None], offset[:, None]
-    if not any(arm.turns):
+    d = np.stack(tendon_directions(arm))[:, None]
+    y = offset[:, None]
+    if not any(arm.angle_paths):
         return np.asarray(y * d)
     turned = np.zeros(offset.shape)
-    for j, turn in enumerate(arm.turns):
+    for j, turn in enumerate(arm.angle_paths):
         if turn is not None:
             end = arm.sections[arm.tendons[j][0]].at
             turned[..., j] = turn.evaluate(np.minimum(at.s, end), end)
     phi, phi_rate, phi_curve = turned
     d = np.stack([d[0] * np.cos(phi) - d[1] * np.sin(phi), d[0] * np.sin(phi) + d[1] * np.cos(phi)])
-    across, (y, rate, curve) = np.stack([-d[1], d[0]]), y
+    across = np.stack([-d[1], d[0]])
+    y, rate, curve = y
     twice = 2 * rate * phi_rate + y * phi_curve
     return np.stack(
         [y * d, rate * d + y * phi_rate * across, (curve - y * phi_rate**2) * d + twice * across]
@@ -120,8 +122,8 @@ def tendon_paths(
 ) -> Array:
     """Return the offset Y = y d along n and b, and its derivative (4, P), of tendons at stations.
 
-    Or the first derivatives along s of these. `place` (P,) are numbers of stations, `tendon` (P,)
-    those of the tendons there.
+    With `derivative=1` return the derivatives along s of these numbers. `place` (P,) and `tendon`
+    (P,) are indices of stations and tendons.
     """
     rows = slice(derivative, derivative + 2)
     return tendon_offsets(arm, at)[rows, :, place, tendon].reshape(4, -1)

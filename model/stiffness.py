@@ -1,4 +1,4 @@
-"""Stiffness of a settled arm, what a small force or moment does, and the Jacobian of its tip."""
+"""Stiffness of a settled arm: responses to forces, moments and tensions, and the tip Jacobian."""
 
 from __future__ import annotations
 
@@ -41,28 +41,28 @@ _RANK_TOL = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Stiffness(HtmlRepr):
-    """How a settled shape answers; always with what holds the tendons.
+    """The response of a settled shape to small forces and moments.
 
     Attributes
     ----------
     shape : Shape
-        What was settled.
     hold : "tension" or "length"
+        The quantity that the motors keep constant.
     at : float
-        Arc length of the point that is pushed and watched [m].
+        Arc length of the loaded point [m].
     compliance : (6, 6)
-        Displacement [m] and rotation [rad] of the midline there per force [N] and moment [N m] on
-        it, in the base frame.
+        Displacement [m] and rotation [rad] of the point per force [N] and moment [N m] on the
+        midline, in the base frame.
     tension_response : (n_tendons, 6)
-        Change of each tension per force and moment [N per N, N per N m]; zero where tension holds.
+        Change of each tension per force and moment [N per N, N per N m]; zero at constant tension.
     locked : tuple of int
-        Tendons whose length is held.
+        Tendons of constant length.
     slack : tuple of str
-        Tendons without tension: locked, they could only pull, not push; see `locked`.
+        Tendons without tension. A locked tendon could only pull, not push; see `locked`.
     refinement : int
-        Of the mesh on which all this was found.
+        Refinement of the mesh of the result.
     error : float
-        Estimated relative error of the compliance with tensions held.
+        Estimated relative error of the compliance at constant tensions.
     """
 
     shape: Shape
@@ -79,7 +79,7 @@ class Stiffness(HtmlRepr):
     def stiffness(self) -> Array:
         """Force [N] and moment [N m] per displacement [m] and rotation [rad] (6, 6).
 
-        Raises SingularError, naming the direction, where there is no compliance.
+        Raises SingularError with the direction if there is no compliance.
         """
         size = np.repeat([self.shape.arm.length, 1.0], 3)
         scaled = self.compliance / np.outer(size, size)
@@ -95,7 +95,7 @@ class Stiffness(HtmlRepr):
 
     @property
     def stable(self) -> bool:
-        """Whether the shape is at a minimum of its energy under tensions that are held."""
+        """Whether the shape is a minimum of the energy at constant tensions."""
         return self._response.stable
 
     @property
@@ -105,7 +105,7 @@ class Stiffness(HtmlRepr):
 
     @property
     def length_tension(self) -> Array:
-        """Length of each tendon per newton in each (n_tendons, n_tendons) [m/N], at the motors."""
+        """Length of each tendon per newton in each tendon (n_tendons, n_tendons) [m/N]."""
         return self._response.length_tension
 
     @property
@@ -116,8 +116,8 @@ class Stiffness(HtmlRepr):
     def section(self, s: Any) -> Array:
         """Flexural stiffness of the section about n and b (2,) or (N, 2) at s [N m2].
 
-        d(moment) / d(curvature) at held tensions: with the paper's tangent E J + sum of y^2 T, with
-        exact tendons the second derivatives of the section's energy.
+        The result is d(moment) / d(curvature) at constant tensions: E J + sum of y^2 T with the
+        paper's tangent, and the second derivatives of the energy with exact tendons.
         """
         return self._sections(s)[..., 1:3]
 
@@ -130,9 +130,9 @@ class Stiffness(HtmlRepr):
         return self._sections(s)[..., 3]
 
     def ellipsoid(self) -> tuple[Array, Array]:
-        """Return the half axes (3,) of the ellipsoid of displacements by 1 N, and their directions.
+        """Return half axes (3,) and directions (3, 3) of the ellipsoid of displacements by 1 N.
 
-        Axes in m/N, softest first; directions (3, 3) are columns in the base frame.
+        Half axes are in m/N, softest first. Directions are columns in the base frame.
         """
         directions, axes, _ = np.linalg.svd(self.compliance[:3, :3])
         return axes, directions
@@ -144,7 +144,8 @@ class Stiffness(HtmlRepr):
         rows = [["[mm/N]", "force x", "force y", "force z"]]
         for axis, row in zip("xyz", 1e3 * self.compliance[:3, :3], strict=True):
             rows.append([f"  {axis} moves by", *(f"{value:.4g}" for value in row)])
-        axes, (half, directions) = [["principal axes", "[mm/N]"]], self.ellipsoid()
+        axes = [["principal axes", "[mm/N]"]]
+        half, directions = self.ellipsoid()
         for i, name in enumerate(("softest", "between", "stiffest")):
             along = ", ".join(f"{x + 0.0:.3f}" for x in directions[:, i].round(3))
             axes.append([f"  {name}", f"{1e3 * half[i]:.4g}", f"along [{along}]"])
@@ -154,10 +155,10 @@ class Stiffness(HtmlRepr):
             "\n".join([head, *columns(rows), "", *columns(axes)]),
         ]
         if self.hold == "length" and self.slack:
-            what = "without tension, left slack (release=False locks them)"
+            remark = "without tension, left slack (release=False locks them)"
             if len(self.locked) + len(self.slack) > T.size:
-                what = "without tension and locked, though they could only pull"
-            parts.append(f"{what}: {', '.join(self.slack)}")
+                remark = "without tension and locked, though they could only pull"
+            parts.append(f"{remark}: {', '.join(self.slack)}")
         stable = "stable" if self.stable else "not stable"
         last = f"{stable} with tensions held; estimated relative error [-]  {self.error:.1e}"
         return "\n\n".join([*parts, last])
@@ -183,39 +184,39 @@ def stiffness(
     near: Shape | None = None,
     time_limit: float | None = None,
 ) -> Stiffness:
-    """Return how the shape that an arm takes under tensions answers to a small force and moment.
+    """Return the response of a settled arm to a small force and moment.
 
     Parameters
     ----------
     arm, tensions, scene
-        As settle takes them.
+        See settle.
     hold : "tension" or "length"
-        What the motors hold: tension unless given, or where `lengths` are. Locked lengths make the
-        tensions respond.
+        The quantity that the motors keep constant. The default is "length" if `lengths` are given,
+        otherwise "tension". At constant lengths the tensions respond.
     at : float or "tip"
-        Arc length of the point [m].
+        Arc length of the loaded point [m].
     accuracy : float
-        Relative error of the compliance that is accepted, and tip error over arm length.
+        Accepted relative error of the compliance, and accepted tip error over arm length.
     tendon_EA : float
-        Stiffness E A of the tendons themselves [N]; they do not stretch unless given. A tendon that
-        is as long as its path under its tension is shorter without, as settle has its length.
+        Stiffness E A of the tendons [N]. By default tendons are inextensible. As in settle, a
+        stretched tendon is as long as its path, and shorter without tension.
     release : bool
-        Whether tendons without tension count as slack where lengths are held: unless given, as
-        they could only pull, and resist one of two opposite displacements at most. False locks
-        them all, which is stiffer. By `lengths` what is slack stays so.
+        Whether tendons without tension are slack at constant lengths. They could only pull, and
+        resist one of two opposite displacements at most. False locks all tendons, which is stiffer.
+        With `lengths`, slack tendons stay slack in any case.
     compile : bool or "auto"
-        Whether to work by machine code, see settle.
+        Whether to use compiled code, see settle.
     lengths, tendon_outside
-        As settle takes them, with `tendon_EA`: then the tendons that are held by length are locked.
+        See settle, together with `tendon_EA`. Tendons with given lengths are locked.
     near : Shape
-        As settle takes it: where the arm came from, that friction of contacts acts against.
+        See settle: the shape from which the arm moves, for friction of contact.
     time_limit : float
-        How long it may take [s]; none unless given.
+        Time limit [s].
 
     Raises
     ------
     InputError
-        For what is not allowed, naming it.
+        If an argument is not allowed.
     CollapsedError, ConvergenceError, SnapError, CompilerError, TimeLimitError
         As settle does.
     """
@@ -224,15 +225,17 @@ def stiffness(
             hold = "tension" if lengths is None else "length"
         scene, place = _checked(arm, scene, hold, at, tendon_EA)
         kind("release", release, bool | np.bool_, "True or False")
-        held = {
-            "lengths": lengths,
-            "tendon_outside": tendon_outside,
-            "compile": compile,
-            "near": near,
-        }
-        if lengths is not None:
-            held["tendon_EA"] = tendon_EA
-        shape = settle(arm, tensions, scene, accuracy, **held)
+        shape = settle(
+            arm,
+            tensions,
+            scene,
+            accuracy,
+            compile,
+            lengths=lengths,
+            tendon_EA=None if lengths is None else tendon_EA,
+            tendon_outside=tendon_outside,
+            near=near,
+        )
         point, mesh, error = compliance_of(shape, place, accuracy)
         pulling = is_taut(arm, shape.tensions)
         slack = tuple(arm.tendon_name(int(j)) for j in np.flatnonzero(~pulling))
@@ -241,10 +244,19 @@ def stiffness(
             locked = np.flatnonzero(shape.winches.held & pulling)
         response = np.zeros((shape.tensions.size, 6))
         if locked.size:
-            EA, longer = tendon_EA or np.inf, point.length_wrench[locked]
-            response[locked] = by_lengths(shape, point, locked, longer, EA)
-        C, held_fast = point.pose_wrench + point.pose_tension @ response, tuple(locked.tolist())
-        return Stiffness(shape, hold, place, C, response, held_fast, slack, mesh, error)
+            longer = point.length_wrench[locked]
+            response[locked] = by_lengths(shape, point, locked, longer, tendon_EA or np.inf)
+        return Stiffness(
+            shape=shape,
+            hold=hold,
+            at=place,
+            compliance=point.pose_wrench + point.pose_tension @ response,
+            tension_response=response,
+            locked=tuple(locked.tolist()),
+            slack=slack,
+            refinement=mesh,
+            error=error,
+        )
 
 
 def _checked(
@@ -268,12 +280,16 @@ def tip_jacobian(
     accuracy: float = ACCURACY,
     compile: Compile = False,  # noqa: A002  (the name that scripts use)
 ) -> Array:
-    """Return how the tip moves [m/N] and rotates [rad/N] per tension (6, n_tendons), base frame.
+    """Return displacement [m/N] and rotation [rad/N] of the tip per tension (6, n_tendons).
 
-    Exact for the shape on the mesh that settles it to the accuracy. Under loads derivatives come
-    from the stiffness, whose mesh is refined until it is as accurate. `compile` is that of settle.
+    Components are in the base frame. Without loads, derivatives are exact for the mesh on which the
+    arm settles to the accuracy. Under loads, the mesh is refined to the same accuracy of the
+    derivatives. See settle for the parameters.
 
-    Raises as settle does, and CompilerError.
+    Raises
+    ------
+    InputError, CollapsedError, ConvergenceError, SnapError, CompilerError
+        As settle does.
     """
     scene = checked_scene(arm, scene)
     if is_loaded(scene):
@@ -299,7 +315,8 @@ def jacobian_function(forward: ExplicitMap) -> ca.Function:
     T = ca.MX.sym("T", arm.n_tendons)
     pose = forward.function(T)[0][:, -1]
     jacobian = ca.densify(ca.jacobian(pose, T))
-    q, change = ca.SX.sym("q", 4), ca.SX.sym("change", 4)
+    q = ca.SX.sym("q", 4)
+    change = ca.SX.sym("change", 4)
     rotation = 2 * multiply(change, conjugate(q) / ca.sumsqr(q))[1:]
     turned = ca.Function("turned", [q, change], [rotation]).map(arm.n_tendons)
     result = ca.vertcat(jacobian[4:, :], turned(pose[:4], jacobian[:4, :]))

@@ -1,4 +1,4 @@
-"""Laws from an energy: exact tendons, whose potential is tension times length, on a body."""
+"""Laws with an energy: exact tendons, whose potential is tension times length, and a body."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from octoplan.model.cross_section.law import (
     TINY,
     CrossSection,
     Name,
+    elastic_strains,
     join,
-    less_rest,
     offset,
     size,
     split,
@@ -24,8 +24,8 @@ from octoplan.model.cross_section.law import (
 class EnergySection(CrossSection):
     """Strains are kappa, lambda = 1 + q and shears, all per unit reference length.
 
-    The wrench is the gradient of `energy` plus that of the sum of T |c|; see CrossSection. A law of
-    this kind states its energy, and what its section and tendons do as it stretches.
+    The wrench is the gradient of `energy` plus the gradient of the sum of T |c|; see CrossSection.
+    A subclass defines the energy, and the width of the section as a function of the stretch.
     """
 
     along_at_rest: ClassVar[float] = 1.0
@@ -35,24 +35,25 @@ class EnergySection(CrossSection):
         """Return the energy of a body that is straight at rest, per unit reference length [N]."""
 
     def width(self, stretch: ca.SX) -> ca.SX:
-        """Return the width of a section over that at rest: 1, if it is rigid."""
+        """Return the width of a section relative to rest: 1 for a rigid section."""
         return ca.SX(1)
 
     def tangent(self, v: ca.SX, path: ca.SX) -> ca.SX:
-        """See CrossSection.tangent: c = nu + w (Y' + kappa x Y) of a section of width w."""
+        """See CrossSection.tangent: c = nu + w (Y' + kappa x Y) with the width w."""
         kappa, nu = self.twist(v)
         w = self.width(nu[0])
-        return self.drawn(w * kappa, nu, w, path)
+        return self.tangent_of_bend(w * kappa, nu, w, path)
 
-    def drawn(self, bend: ca.SX, nu: ca.SX, w: ca.SX, path: ca.SX) -> ca.SX:
-        """Return the tangent of a tendon from bend = w kappa (3,), in which it is linear."""
+    def tangent_of_bend(self, bend: ca.SX, nu: ca.SX, w: ca.SX, path: ca.SX) -> ca.SX:
+        """Return the tangent of a tendon, a linear function of bend = w kappa (3,)."""
         Y, Y_rate = offset(path)
         return nu + w * Y_rate + ca.cross(bend, Y)
 
     def twist(self, v: ca.SX) -> tuple[ca.SX, ca.SX]:
         """See CrossSection.twist."""
         kappa, stretch, slide = split(self, v)
-        return kappa, ca.vertcat(stretch if self.extension else ca.SX(1), slide)
+        along = stretch if self.extension else ca.SX(1)
+        return kappa, ca.vertcat(along, slide)
 
     def strains(self, kappa: ca.SX, nu: ca.SX) -> ca.SX:
         """See CrossSection.strains."""
@@ -62,13 +63,15 @@ class EnergySection(CrossSection):
         """See CrossSection.body: the gradient of the energy."""
         at = ca.SX.sym("v", size(self))
         gradient = ca.gradient(self.energy(at, body[:4]), at)
-        return ca.substitute([gradient], [at], [less_rest(self, v, body)])[0]
+        return ca.substitute([gradient], [at], [elastic_strains(self, v, body)])[0]
 
     def tendon(self, v: ca.SX, path: ca.SX, name: Name = ca.densify) -> ca.SX:
         """See CrossSection.tendon: the gradient of |c(v, w(v))|, (c_v + c_w w_v)^T c / |c|."""
-        at, w = ca.SX.sym("v", size(self)), ca.SX.sym("w")
+        at = ca.SX.sym("v", size(self))
+        w = ca.SX.sym("w")
         kappa, nu = self.twist(at)
-        width, c = self.width(nu[0]), self.drawn(w * kappa, nu, w, path)
+        width = self.width(nu[0])
+        c = self.tangent_of_bend(w * kappa, nu, w, path)
         jacobian = ca.jacobian(c, at) + ca.jacobian(c, w) @ ca.jacobian(width, at)
         here = [v, name(ca.substitute(width, at, v))]
         tangent, jacobian = (ca.substitute([f], [at, w], here)[0] for f in (c, jacobian))
@@ -95,12 +98,13 @@ class ExactSection(EnergySection):
 class RubberSection(EnergySection):
     """EA (l^2 + 2/l - 3) / 6 + EJ (1 + 2/l^3) / (6 l) kappa^2 + GI kappa_t^2 / (2 l), l = lambda.
 
-    The section and its tendons' offsets shrink by l^(-1/2): c = nu + l^(-1/2) (y' d + y kappa x d).
+    The section and the offsets of tendons shrink by l^(-1/2): c = nu + l^(-1/2) (y' d + y kappa x
+    d).
 
     Attributes
     ----------
     anticlastic : bool
-        Whether tendons shift with the section that swells on the inside of a bend.
+        Whether tendons shift with the section, which swells on the inside of a bend.
     """
 
     anticlastic: bool = field(default=False, kw_only=True)
@@ -119,9 +123,9 @@ class RubberSection(EnergySection):
         """See EnergySection.width: the volume is constant."""
         return 1 / ca.sqrt(stretch)
 
-    def drawn(self, bend: ca.SX, nu: ca.SX, w: ca.SX, path: ca.SX) -> ca.SX:
-        """See EnergySection.drawn."""
-        c = super().drawn(bend, nu, w, path)
+    def tangent_of_bend(self, bend: ca.SX, nu: ca.SX, w: ca.SX, path: ca.SX) -> ca.SX:
+        """See EnergySection.tangent_of_bend."""
+        c = super().tangent_of_bend(bend, nu, w, path)
         if self.anticlastic:
             Y, _ = offset(path)
             inward = bend[2] * Y[1] - bend[1] * Y[2]

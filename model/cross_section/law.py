@@ -1,10 +1,8 @@
-"""What the transcription asks of the law of a cross-section, and the paper's law.
+"""The interface of the law of a cross-section, and the paper's law, as SX expressions of strains.
 
-All are SX expressions of strains.
-
-Strains v are curvatures about t, n, b (torsion only where it can arise), then what extends and
-shears the section, where these effects are enabled. A wrench is the local moment, then the local
-forces that do work on the strains after the curvatures.
+Strains v are the curvatures about t, n, b, then stretch and shears. Torsion, stretch and shears are
+strains only if the scene enables them. A wrench is the local moment, then the local forces that do
+work on stretch and shears.
 """
 
 from __future__ import annotations
@@ -16,30 +14,34 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
-# Keeps the length of a tendon differentiable where it has none left, wide enough for the rounding
-# of its square (1e-16) to be small beside it.
+# Added to the squared length of a tendon, so that the length is differentiable at 0. The root is
+# large compared with the rounding of the square (1e-16).
 TINY = 1e-24
 
-# Names a quantity that an expression is computed by; see octoplan.model.rod.kernels.
+# Marks an intermediate of an expression; see octoplan.model.rod.kernels.
 Name = Callable[[ca.SX], ca.SX]
 
 
 @dataclass(frozen=True)
 class CrossSection(ABC):
-    """The law of a cross-section; a frozen value of structure alone, numbers are arguments.
+    """The law of a cross-section: a frozen value of its structure. Numbers are arguments.
 
-    `body` are E A [N], E J [N m2], G I [N m2], k_s G A [N], and of a section that is curved at rest
-    its curvature about n and b there [1/m]; `path` the offset Y = y d (2,) [m] of a tendon in the
-    cross-section, along n and b, and its derivative along s [-].
+    The argument `body` contains E A [N], E J [N m2], G I [N m2], k_s G A [N], and the curvature at
+    rest about n and b [1/m] of a section that is curved at rest. The argument `path` contains the
+    offset Y = y d (2,) [m] of a tendon along n and b, and its derivative along s [-].
 
     Attributes
     ----------
-    extension, torsion, shear : bool
-        Whether the stretch, curvature about t, and shears across n and b are strains.
+    extension : bool
+        Whether the stretch is a strain.
+    torsion : bool
+        Whether the curvature about t is a strain.
+    shear : bool
+        Whether the shears along n and b are strains.
     curved : bool
         Whether the section is curved at rest.
     along_at_rest : float
-        The strain that extends the section, where nothing does: q = 0 or lambda = 1.
+        The stretch strain at rest: q = 0 or lambda = 1.
     """
 
     extension: bool
@@ -67,13 +69,13 @@ class CrossSection(ABC):
 
     @abstractmethod
     def tendon(self, v: ca.SX, path: ca.SX, name: Name = ca.densify) -> ca.SX:
-        """Return the wrench of a tendon per newton of its tension; `name` its intermediates."""
+        """Return the wrench of a tendon per newton of tension; `name` marks intermediates."""
 
     @abstractmethod
     def tangent(self, v: ca.SX, path: ca.SX) -> ca.SX:
         """Return the tangent c (3,) along which a tendon pulls."""
 
-    def run(self, v: ca.SX, path: ca.SX) -> ca.SX:
+    def tendon_rate(self, v: ca.SX, path: ca.SX) -> ca.SX:
         """Return the derivative along s (3,) of the curve that a tendon runs along."""
         return self.tangent(v, path)
 
@@ -84,12 +86,12 @@ def size(law: CrossSection) -> int:
 
 
 def body_size(law: CrossSection) -> int:
-    """Return how many numbers a law takes of the body."""
+    """Return the size of `body`."""
     return 4 + 2 * law.curved
 
 
-def less_rest(law: CrossSection, v: ca.SX, body: ca.SX) -> ca.SX:
-    """Return by how much strains differ from those at rest, as far as these are curvatures."""
+def elastic_strains(law: CrossSection, v: ca.SX, body: ca.SX) -> ca.SX:
+    """Return the strains minus the curvature at rest."""
     if not law.curved:
         return v
     none = ca.SX(0)
@@ -97,22 +99,22 @@ def less_rest(law: CrossSection, v: ca.SX, body: ca.SX) -> ca.SX:
 
 
 def components(law: CrossSection) -> list[int]:
-    """Return which of the local moment and force (6,), or curvature, stretch and shears, it has.
+    """Return the indices of the strains among curvatures, stretch and shears (6,).
 
-    Those that do work on the strains, in their order.
+    The same indices select the components of local moment and force that do work on the strains.
     """
     return [0] * law.torsion + [1, 2] + [3] * law.extension + [4, 5] * law.shear
 
 
 def split(law: CrossSection, v: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Return curvatures (3,), what extends (a scalar, 0 if nothing does), and shears (2,)."""
+    """Return curvatures (3,), stretch strain (a scalar) and shears (2,), 0 without a strain."""
     parts = ca.SX.zeros(6)
     parts[components(law)] = v
     return parts[:3], parts[3], parts[4:]
 
 
 def join(law: CrossSection, curvature: ca.SX, along: ca.SX, shear: ca.SX) -> ca.SX:
-    """Return the strains of their parts; undoes split. A wrench is joined the same way."""
+    """Return the strains of their parts, the inverse of split. Wrenches are joined likewise."""
     return ca.vertcat(curvature, along, shear)[components(law)]
 
 
@@ -125,9 +127,9 @@ def offset(path: ca.SX) -> tuple[ca.SX, ca.SX]:
 class PaperSection(CrossSection):
     """Eqs. (8), (9) with (6): strains omega per unit deformed length, q, and shears.
 
-    K omega + sum T Y x c = M, E A q + sum T t . c = F_t, and with shear k_s G A nu_n + sum T n . c
-    = F_n, along the tangent c = t + Y' + omega x Y with Y = y d. This is linear in the strains, and
-    in the resultants of the tendons' tensions. See CrossSection.
+    The balance is K omega + sum T Y x c = M, E A q + sum T t . c = F_t, and with shear
+    k_s G A nu_n + sum T n . c = F_n, with the tangent c = t + Y' + omega x Y and Y = y d. The
+    balance is linear in the strains and in the resultants of the tensions. See CrossSection.
     """
 
     along_at_rest: ClassVar[float] = 0.0
@@ -147,7 +149,7 @@ class PaperSection(CrossSection):
 
     def body(self, v: ca.SX, body: ca.SX) -> ca.SX:
         """See CrossSection.body."""
-        omega, q, slide = split(self, less_rest(self, v, body))
+        omega, q, slide = split(self, elastic_strains(self, v, body))
         EA, EJ, GI, GA = ca.vertsplit(body[:4])
         return join(self, ca.vertcat(GI, EJ, EJ) * omega, EA * q, GA * slide)
 
@@ -157,9 +159,9 @@ class PaperSection(CrossSection):
         return join(self, moment, force[0], force[1:])
 
     def tendons(self, v: ca.SX, sums: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return the moment and the force (3,) of tendons by their resultants (9,).
+        """Return the moment and the force (3,) of tendons from their resultants (9,).
 
-        The first six do where sections are neither twisted nor sheared.
+        The first six resultants are sufficient without torsion and shear.
         """
         tau, xi, k = ca.vertsplit(split(self, v)[0])
         T, n, b, nn, nb, bb, n_rate, b_rate, turn = ca.vertsplit(
@@ -173,18 +175,18 @@ class PaperSection(CrossSection):
         Y, Y_rate = offset(path)
         return ca.SX([1, 0, 0]) + Y_rate + ca.cross(split(self, v)[0], Y)
 
-    def run(self, v: ca.SX, path: ca.SX) -> ca.SX:
-        """See CrossSection.run: u_c' of eq. (6), which is not quite the tangent of the balance."""
+    def tendon_rate(self, v: ca.SX, path: ca.SX) -> ca.SX:
+        """See CrossSection.tendon_rate: u_c' of eq. (6), which differs from the tangent c."""
         kappa, nu = self.twist(v)
         Y, Y_rate = offset(path)
         return nu + Y_rate + ca.cross(kappa, Y)
 
 
 def resultants(n: Any, b: Any, n_rate: Any, b_rate: Any) -> tuple[Any, ...]:
-    """Return a tendon's share per newton in the resultants of tendons at Y = (n, b).
+    """Return the resultants of a tendon at Y = (n, b) under a tension of 1 N.
 
-    These are T, T Y, T Y Y^T (6), then T Y' and the moment t . T Y x Y' (3), which shear and twist
-    a section. Of the paper's four tendons a section the first are the sums T1+T2+T3+T4, y (T1-T3),
-    y (T2-T4), y^2 (T1+T3), 0, y^2 (T2+T4).
+    The resultants are T, T Y, T Y Y^T (6), then T Y' and the moment t . T Y x Y' (3), which shear
+    and twist a section. For the four tendons of a section of the paper, the first six are
+    T1+T2+T3+T4, y (T1-T3), y (T2-T4), y^2 (T1+T3), 0 and y^2 (T2+T4).
     """
     return 1.0, n, b, n * n, n * b, b * b, n_rate, b_rate, n * b_rate - b * n_rate

@@ -1,4 +1,4 @@
-"""The law of a scene's cross-sections, and the numbers that the law takes of the body."""
+"""The law of the cross-sections of a scene, and the numbers of the body in the law."""
 
 from __future__ import annotations
 
@@ -7,16 +7,21 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section.energy import ExactSection, RubberSection
 from octoplan.model.cross_section.law import CrossSection, PaperSection
-from octoplan.model.effects import ExactTendons, Extension, NeoHookean, Shear
+from octoplan.model.effects.sections import ExactTendons, Extension, NeoHookean, Shear
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
-from octoplan.model.stations import Stations, resists
+from octoplan.model.stations import Stations, body_stiffness
 
 
 def cross_section_of(scene: Scene, curved: bool = False, twisted: bool = True) -> CrossSection:
-    """Return the law of a scene's cross-sections; unless they are `twisted` without torsion, shear.
+    """Return the law of the cross-sections of a scene.
 
-    `curved` says whether they are curved at rest.
+    Parameters
+    ----------
+    curved : bool
+        Whether the cross-sections are curved at rest.
+    twisted : bool
+        Whether the law has torsion, and shear if the scene has Shear.
     """
     shape = (scene.has(Extension), twisted, twisted and scene.has(Shear), curved)
     rubber = scene.find(NeoHookean)
@@ -26,9 +31,10 @@ def cross_section_of(scene: Scene, curved: bool = False, twisted: bool = True) -
 
 
 def body_numbers(arm: Arm, scene: Scene, at: Stations, rates: bool = False) -> Array:
-    """Return what laws take of the body (n, N), or its derivatives along s; see CrossSection."""
-    area, rest = (at.area_rate, at.rest_rate) if rates else (at.area, at.rest)
-    body = resists(arm.material, area)
+    """Return the numbers of the body (n, N), or the derivatives along s; see CrossSection."""
+    area = at.area_rate if rates else at.area
+    rest = at.rest_rate if rates else at.rest
+    body = body_stiffness(arm.material, area)
     shear = scene.find(Shear)
     GA = body[0] * (shear.k_s * arm.material.G / arm.material.E if shear else 0.0)
     return np.vstack([body, GA, rest])

@@ -1,4 +1,4 @@
-"""The cross-sections of an arm in numbers: strains under tensions, wrenches, tendons' lengths."""
+"""The cross-sections of an arm in numbers: strains under tensions, wrenches, tendon lengths."""
 
 from __future__ import annotations
 
@@ -26,12 +26,13 @@ from octoplan.model.stations import (
 from octoplan.model.support.errors import CollapsedError, UnsettledSectionError
 from octoplan.model.support.machine.functions import BatchFunction, cached
 
-# Exact tendons keep a crushed section from turning inside out: what is left of its length then is
-# the width that keeps their roots smooth (see octoplan.model.cross_section.law), and no shape.
+# Smallest stretch of a cross-section. Exact tendons keep a crushed section from inverting; its
+# remaining length is an artefact of TINY, see octoplan.model.cross_section.law.
 LEAST_STRETCH = 1e-7
-# Newton steps at most that lead to the strains of a section without loads; of more sections than
-# this those that are in equilibrium are left out of further steps.
-_STEPS, _MANY = 40, 256
+# Largest number of Newton steps for the strains of a cross-section without loads.
+_STEPS = 40
+# Number of cross-sections above which converged ones are excluded from further steps.
+_MANY = 256
 
 
 class Balance(NamedTuple):
@@ -42,9 +43,9 @@ class Balance(NamedTuple):
     wrench : (N, n)
         Local moments [N m] and forces [N]; 0 in equilibrium without loads.
     jacobian : (N, n, n)
-        Its derivatives by the strains.
+        Derivatives of the wrench by the strains.
     units : (P, n)
-        The wrench per newton of the tendon of each crossing.
+        Wrench of the tendon of each crossing under 1 N.
     """
 
     wrench: Array
@@ -53,20 +54,22 @@ class Balance(NamedTuple):
 
 
 class Sections:
-    """Cross-sections at s (N,), which the tendons of `active` anchorages cross.
+    """Cross-sections at s (N,), crossed by the tendons of `active` (N,) anchorages.
 
     Attributes
     ----------
-    place, tendon : (P,)
-        Cross-section and tendon of each crossing of a tendon through a cross-section.
+    place : (P,)
+        Cross-section of each crossing of a tendon through a cross-section.
+    tendon : (P,)
+        Tendon of each crossing.
     stations : Stations
-        Their numbers.
+        Geometry of the cross-sections.
     body : (n, N)
-        What the law takes of the body.
+        Numbers of the body, see CrossSection.
     paths : (4, P)
         Offset along n and b, and its derivative, at each crossing.
     machine_code : bool
-        Whether the law's kernels are compiled.
+        Whether the kernels of the law are compiled.
     """
 
     def __init__(
@@ -78,8 +81,11 @@ class Sections:
         active: Counts,
         machine_code: bool = False,
     ) -> None:
-        self.law, self.s, self.machine_code = law, s, machine_code
-        self._arm, self._scene = arm, scene
+        self.law = law
+        self.s = s
+        self.machine_code = machine_code
+        self._arm = arm
+        self._scene = scene
         self.stations = stations(arm, s, active)
         self.place, self.tendon = np.nonzero(crossing(arm, self.stations))
         self.body = body_numbers(arm, scene, self.stations)
@@ -92,11 +98,12 @@ class Sections:
 
     @cached_property
     def _closed_form(self) -> tuple[ClosedStatics, Array, Array, Array]:
-        """The statics without loads, maps from tensions to pull, data, map of their strains."""
-        arm, scene, at = self._arm, self._scene, self.stations
-        statics = closed_statics(scene, arm)
+        """The statics without loads, maps from tensions to pull, data, and map of the strains."""
+        statics = closed_statics(self._scene, self._arm)
+        maps = statics.resultant_maps(self._arm, self.stations)
+        data = statics.data(self._arm, self._scene, self.stations)
         same = np.equal.outer(components(statics.law), components(self.law)).astype(float)
-        return statics, statics.pulls(arm, at), statics.data(arm, scene, at), same
+        return statics, maps, data, same
 
     def strains(self, tensions: Array) -> Array:
         """Return the strains (N, n) without loads under tensions (n_tendons,).
@@ -110,19 +117,19 @@ class Sections:
         return np.asarray(v)
 
     def unloaded(self, tensions: Array) -> Array:
-        """Return the strains (M, N, n) without loads under tensions (M, n_tendons), NaN for none.
+        """Return the strains (M, N, n) without loads under tensions (M, n_tendons).
 
-        See `strains`.
+        Strains of cross-sections without an equilibrium are NaN.
         """
         statics, maps, data, same = self._closed_form
         pull = (tensions @ maps.reshape(-1, maps.shape[-1]).T).reshape(-1, maps.shape[1])
-        v = settled(statics, pull, data, self.machine_code)
+        v = solve_sections(statics, pull, data, self.machine_code)
         return np.asarray((v @ same).reshape(len(tensions), *self.s.shape, same.shape[1]))
 
     def crushed(self, strains: Array) -> CollapsedError | None:
-        """Return what to tell of the first section where strains (N, n) leave a tendon no length.
+        """Return the error of the first section in which a tendon has no length; otherwise None.
 
-        None where they do so nowhere: only exact tendons come to that.
+        `strains` are (N, n). Only exact tendons can have no length.
         """
         short = self.place[self.folds(strains[None])[0]]
         if not short.size:
@@ -132,9 +139,9 @@ class Sections:
         return CollapsedError(float(self.s[i]), float(stretch))
 
     def folds(self, strains: Array) -> NDArray[np.bool_]:
-        """Return whether tendons have no length left at their crossings (M, P).
+        """Return whether tendons have no length at their crossings (M, P).
 
-        By strains (M, N, n) of many arms. Only exact tendons come to that.
+        `strains` (M, N, n) are those of many arms. Only exact tendons can have no length.
         """
         if not isinstance(self.law, EnergySection):
             return np.zeros((len(strains), self.place.size), dtype=bool)
@@ -143,15 +150,17 @@ class Sections:
         return np.asarray(lengths <= LEAST_STRETCH)
 
     def balance(self, v: Array, tensions: Array) -> Balance:
-        """Return the wrenches of body and tendons at strains v (N, n), and their derivatives.
+        """Return the wrenches of body and tendons, and their derivatives, at strains v (N, n).
 
         `tensions` (P,) are those of the crossings.
         """
-        (N, n), units = v.shape, np.zeros((0, v.shape[1]))
+        N, n = v.shape
+        units = np.zeros((0, n))
         rows = self._kernel(_body, v, self.body.T)
         if self.place.size:
             tendons = self._kernel(_tendon, v[self.place], self.paths.T)
-            first, units = np.flatnonzero(np.diff(self.place, prepend=-1)), tendons[:, :n]
+            first = np.flatnonzero(np.diff(self.place, prepend=-1))
+            units = tendons[:, :n]
             rows[self.place[first]] += np.add.reduceat(tendons * tensions[:, None], first)
         jacobian = rows[:, n:].reshape(N, n, n).transpose(0, 2, 1)
         return Balance(rows[:, :n], jacobian, units)
@@ -163,44 +172,49 @@ class Sections:
         return np.asarray(-np.linalg.solve(at.jacobian, rows))
 
     def lengths(self, v: Array, weights: Array) -> tuple[Array, Array]:
-        """Return the lengths of the tendons (n_tendons,) by quadrature with weights (N,) [m].
+        """Return the tendon lengths (n_tendons,) [m], and their derivatives (n_tendons, N, n).
 
-        And their Jacobian (n_tendons, N, n) in the strains v (N, n). They are of |u_c'| with u_c of
-        eq. (6), or of the tangent of the energy with exact tendons.
+        The lengths are integrals of the rates by quadrature with weights (N,). The derivatives are
+        by the strains v (N, n).
         """
-        rows, n_tendons = self.speeds(v) * weights[self.place, None], self._arm.n_tendons
+        n_tendons = self._arm.n_tendons
+        rows = self.length_rates(v) * weights[self.place, None]
         lengths = np.bincount(self.tendon, rows[:, 0], n_tendons)
         jacobian = np.zeros((n_tendons, *v.shape))
         jacobian[self.tendon, self.place] = rows[:, 1:]
         return lengths.astype(float), jacobian
 
-    def speeds(self, v: Array) -> Array:
-        """Return the length of tendon per length of arm (P, 1 + n) at each crossing, strains v.
+    def length_rates(self, v: Array) -> Array:
+        """Return the tendon length per arm length at each crossing, and its derivatives (P, 1 + n).
 
-        And its derivatives by the strains (N, n).
+        The rate is |u_c'| of eq. (6), or |c| with exact tendons. The derivatives are by the strains
+        v (N, n).
         """
         return self._kernel(_path_rate, v[self.place], self.paths.T)
 
     def _kernel(self, kernel_of: Callable[[CrossSection], ca.Function], *value: Array) -> Array:
-        """Return what a kernel of the law has of arguments (N, n), a row each."""
+        """Return the values of a kernel of the law for arguments (N, n), one row each."""
         return cached(BatchFunction, cached(kernel_of, self.law), self.machine_code)(*value)[0]
 
 
 def _path_rate(law: CrossSection) -> ca.Function:
     """Return strains, path -> |u_c'| of a tendon, then its derivatives."""
-    v, path = ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
-    return _with_jacobian("run", ca.norm_2(law.run(v, path)), v, path)
+    v = ca.SX.sym("v", size(law))
+    path = ca.SX.sym("path", 4)
+    return _with_jacobian("tendon_rate", ca.norm_2(law.tendon_rate(v, path)), v, path)
 
 
 def _body(law: CrossSection) -> ca.Function:
     """Return strains, body numbers -> wrench of the body, then its derivatives column by column."""
-    v, numbers = ca.SX.sym("v", size(law)), ca.SX.sym("body", body_size(law))
+    v = ca.SX.sym("v", size(law))
+    numbers = ca.SX.sym("body", body_size(law))
     return _with_jacobian("body", law.body(v, numbers), v, numbers)
 
 
 def _tendon(law: CrossSection) -> ca.Function:
     """Return strains, path -> wrench of a tendon per newton, then its Jacobian column by column."""
-    v, path = ca.SX.sym("v", size(law)), ca.SX.sym("path", 4)
+    v = ca.SX.sym("v", size(law))
+    path = ca.SX.sym("path", 4)
     return _with_jacobian("tendon", law.tendon(v, path), v, path)
 
 
@@ -210,16 +224,24 @@ def _with_jacobian(name: str, value: ca.SX, v: ca.SX, *numbers: ca.SX) -> ca.Fun
 
 
 class Extremes(NamedTuple):
-    """Where an arm is shortest and how it bends most: what the equations do not keep from a body.
+    """The extremes of stretch and curvature along an arm, which the equations do not limit.
 
     Attributes
     ----------
-    s, stretch : float
-        Where 1 + q is least, or the first place where it is no number [m], and its value there.
-    bent_at, radius, bend : float
-        Where curvature times the body's radius is largest [m], that radius [m], the product.
-    long_at, longest : float
-        Where 1 + q is largest [m], and its value there.
+    s : float
+        Arc length of the least stretch 1 + q, or of the first NaN [m].
+    stretch : float
+        The least stretch, or NaN.
+    bent_at : float
+        Arc length of the largest product of curvature and radius [m].
+    radius : float
+        Radius of the body there [m].
+    bend : float
+        The largest product.
+    long_at : float
+        Arc length of the largest stretch [m].
+    longest : float
+        The largest stretch.
     """
 
     s: float
@@ -232,33 +254,45 @@ class Extremes(NamedTuple):
 
     @classmethod
     def of(cls, s: Array, q: Array, curvature: Array, radius: Array) -> Extremes:
-        """Return those of q at arc lengths s [m], the first of which have the others too."""
-        worst, longest, bend = int(q.argmin()), int(q.argmax()), curvature * radius
-        i = int(bend.argmax())
-        values = s[worst], 1 + q[worst], s[i], radius[i], bend[i], s[longest], 1 + q[longest]
-        return cls(*map(float, values))
+        """Return the extremes of q (N,) at s (N,), and of curvature and radius at the first s."""
+        bend = curvature * radius
+        least = int(q.argmin())
+        longest = int(q.argmax())
+        bent = int(bend.argmax())
+        return cls(
+            s=float(s[least]),
+            stretch=float(1 + q[least]),
+            bent_at=float(s[bent]),
+            radius=float(radius[bent]),
+            bend=float(bend[bent]),
+            long_at=float(s[longest]),
+            longest=float(1 + q[longest]),
+        )
 
 
 def _kernels(statics: ClosedStatics, machine_code: bool) -> list[BatchFunction]:
-    """Return (pull, data) -> strains; or what steps to these begin with, and such a step."""
+    """Return (pull, data) -> strains, or the initial values and a Newton step; see functions."""
     return [BatchFunction(each, machine_code) for each in statics.functions()]
 
 
-def settled(statics: ClosedStatics, pull: Array, data: Array, machine_code: bool = False) -> Array:
-    """Return the strains (N, n) of cross-sections under pull (N, n_pull), NaN for none.
+def solve_sections(
+    statics: ClosedStatics, pull: Array, data: Array, machine_code: bool = False
+) -> Array:
+    """Return the strains (N, n) of cross-sections under pull (N, n_pull); NaN without solution.
 
-    Data may have fewer rows, which are taken again and again.
+    Fewer rows of data repeat.
     """
     begin, *step = cached(_kernels, statics, machine_code)
     u, *w = begin(pull, data)
     if isinstance(statics, PaperStatics):
         return u
-    strains, left = np.full(u.shape, np.nan), np.arange(len(u))
+    strains = np.full(u.shape, np.nan)
+    left = np.arange(len(u))
     for _ in range(_STEPS):
         u, *w, last, v = step[0](u, *w, pull, data)
         done = last[:, 0] < statics.settled
         strains[left[done]] = v[done]
-        going = last[:, 0] >= statics.settled  # what is no number stays so
+        going = last[:, 0] >= statics.settled  # excludes NaN
         if not going.any():
             break
         if len(left) > _MANY and not going.all():

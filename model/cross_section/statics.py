@@ -1,9 +1,9 @@
-"""The balance of a cross-section without loads, by its law, in symbols.
+"""The balance of a cross-section without loads, in symbols.
 
-Without loads the wrench of body and tendons vanishes, so that each cross-section is in equilibrium
-by itself: its strains follow from the tensions alone. None is twisted, but where tendons turn or
-the body shears. The paper's balance is linear in its strains; with an energy Newton steps lead
-there, four to seven for ordinary tensions, thirty for a thousand times as much.
+Without loads the wrench of body and tendons vanishes, and the strains of each cross-section follow
+from the tensions alone. Cross-sections twist only if tendons turn around the midline or the body
+shears. The paper's balance is linear in the strains. With an energy, Newton's method converges in
+four to seven steps under ordinary tensions, and in thirty under a thousandfold.
 """
 
 from __future__ import annotations
@@ -20,47 +20,48 @@ from octoplan.model.cross_section.law import (
     TINY,
     PaperSection,
     body_size,
+    elastic_strains,
     join,
-    less_rest,
     resultants,
     size,
 )
 from octoplan.model.cross_section.of_scene import body_numbers, cross_section_of
-from octoplan.model.effects import Shear
+from octoplan.model.effects.sections import Shear
 from octoplan.model.paths import Array
 from octoplan.model.rotations import norm
 from octoplan.model.scene import Scene
-from octoplan.model.stations import Stations, crossing, sides, tendon_offsets
+from octoplan.model.stations import Stations, crossing, tendon_directions, tendon_offsets
 
-# Where the strains are to be an expression of the tensions, so many steps are written out: enough
-# for ordinary ones.
+# Number of Newton steps in a symbolic solution; sufficient for ordinary tensions.
 _WRITTEN_OUT = 10
-# The energy of a neo-Hookean body is not convex everywhere: the least pivot of its Hessian that a
-# step is taken with, over the body's stiffness at rest. That of a linear body is convex, and at
-# least as stiff as without tendons.
-_LEAST = 1e-3
-# What of its stretch a step may take from a neo-Hookean body, and add to it; it may bend it by one
-# over the radius: 4 to 7 steps do where an arm curls up, 30 at a thousand times that tension.
-_SHRINKS, _GROWS = 0.3, 2.0
+# Smallest pivot of the Hessian of the energy, over the stiffness of the body at rest: the energy of
+# a neo-Hookean body is not convex everywhere.
+_LEAST_PIVOT = 1e-3
+# Largest relative decrease of the stretch of a neo-Hookean body in one Newton step.
+_MAX_DECREASE = 0.3
+# Largest relative increase of the stretch of a neo-Hookean body in one Newton step.
+_MAX_INCREASE = 2.0
 
 
 @dataclass(frozen=True)
 class EnergyStatics:
-    """The balance of a cross-section with an energy, as SX expressions of numbers of it.
+    """The balance of a cross-section with an energy, as SX expressions.
 
-    These are `pull` (n_pull,), linear in the tensions: here the tensions themselves; and `data`
-    (n_data,): what the law takes of the body, then the tendons' paths. Where no section is twisted
-    a tendon stays in a plane, so that these are the offsets y_i and y_i' in it.
+    The arguments are `pull` (n_pull,), here the tensions, and `data` (n_data,), the numbers of the
+    body and of the paths of the tendons. Without twist each tendon stays in a plane, and its path
+    consists of the offset y and its derivative in this plane.
 
     Attributes
     ----------
     law : EnergySection
-    row, cos, sin
-        Which of the paths each tendon has, and the direction (n, b) of its first component.
+    row : tuple of int
+        Index of the path of each tendon.
+    cos, sin : tuple of float
+        Components along n and b of the direction of the first component of each path.
     settled : float
-        A section is in equilibrium where the last step is below it, relative to its strains.
+        Tolerance of the last step, relative to the strains.
     is_explicit : bool
-        Whether strains are a short expression of pull and data.
+        Whether the strains are a short expression of pull and data.
     """
 
     law: EnergySection
@@ -72,7 +73,7 @@ class EnergyStatics:
 
     @property
     def n_pull(self) -> int:
-        """The size of pull: a tension for each tendon."""
+        """The size of pull: the number of tendons."""
         return len(self.row)
 
     @property
@@ -84,7 +85,7 @@ class EnergyStatics:
     def _path_size(self) -> int:
         return 4 if self.law.torsion else 2
 
-    def pulls(self, arm: Arm, at: Stations) -> Array:
+    def resultant_maps(self, arm: Arm, at: Stations) -> Array:
         """Return maps (N, n_pull, n_tendons) from tensions to pull: 1 for a tendon that crosses."""
         return np.asarray(crossing(arm, at)[:, :, None] * np.eye(arm.n_tendons))
 
@@ -97,7 +98,7 @@ class EnergyStatics:
         return np.ascontiguousarray(np.vstack([body_numbers(arm, scene, at), paths]).T)
 
     def _split(self, data: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
-        """Return what the law takes of the body, and each tendon's path (4,) in its directions."""
+        """Return the numbers of the body, and the path (4,) of each tendon in its directions."""
         n = body_size(self.law)
         paths = ca.reshape(data[n:], -1, self._path_size).T
         if not self.law.torsion:
@@ -105,10 +106,7 @@ class EnergyStatics:
         return data[:n], [paths[:, row] for row in self.row]
 
     def wrench(self, v: ca.SX, pull: ca.SX, data: ca.SX) -> ca.SX:
-        """Return the wrench of body and tendons at strains v, which vanishes without loads.
-
-        It is the gradient of the energy.
-        """
+        """Return the wrench of body and tendons at strains v, the gradient of the energy."""
         body, paths = self._split(data)
         result = self.law.body(v, body)
         for j, (cos, sin) in enumerate(zip(self.cos, self.sin, strict=True)):
@@ -118,7 +116,7 @@ class EnergyStatics:
         return result
 
     def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
-        """Return the strains v where the wrench vanishes, NaN if a few steps do not lead there."""
+        """Return the strains v at which the wrench vanishes; NaN if a few steps do not converge."""
         begun, step = self.functions()
         u, w = begun(pull, data)
         for _ in range(_WRITTEN_OUT):
@@ -126,34 +124,37 @@ class EnergyStatics:
         return ca.if_else(last < self.settled, v, np.nan)
 
     def functions(self) -> tuple[ca.Function, ...]:
-        """Return (pull, data) -> u and w to begin with, from the shape at rest; and a Newton step.
+        """Return the functions of the initial values and of a Newton step.
 
-        That is (u, w, pull, data) -> u and w after it, its size, the strains v there. u is (w
-        kappa, lambda, shears) with w the section's width, see EnergySection.drawn; w, one after the
-        other, are the tendons' unit vectors; the size counts curvatures by the radius.
+        Initial values are (pull, data) -> u, w. A step is (u, w, pull, data) -> u, w, size of the
+        step, strains v. The unknowns u are (bend, lambda, shears) with bend = kappa times the width
+        of the section, see EnergySection.tangent_of_bend. The vectors w of all tendons are those of
+        _Tendon. The size of a step has curvatures times the radius.
         """
-        law, stretches = self.law, isinstance(self.law, RubberSection)
-        u, pull = ca.SX.sym("u", size(law)), ca.SX.sym("pull", self.n_pull)
+        law = self.law
+        stretches = isinstance(law, RubberSection)
+        u = ca.SX.sym("u", size(law))
+        pull = ca.SX.sym("pull", self.n_pull)
         data = ca.SX.sym("data", self.n_data)
         body, paths = self._split(data)
         n = 2 + law.torsion
         v = ca.vertcat(u[:n] / law.width(u[n]), u[n:]) if law.extension else u
-        hessian, slope = ca.hessian(law.energy(less_rest(law, v, body), body[:4]), u)
+        hessian, slope = ca.hessian(law.energy(elastic_strains(law, v, body), body[:4]), u)
         tendons = [_Tendon(*self._tangent(j, u, paths[j]), u) for j in range(self.n_pull)]
         for j, tendon in enumerate(tendons):
             slope += pull[j] * tendon.slope
             hessian += pull[j] * tendon.curvature
-        # H = L D L^T with no pivot too small: a step of descent.
+        # A descent step: H = L D L^T with pivots of at least _LEAST_PIVOT.
         D, L, order = ca.ldl(ca.densify(hessian), False)
         EA, EJ, GI, GA = ca.vertsplit(body[:4])
         stiff = join(law, ca.vertcat(GI, EJ, EJ), EA, ca.vertcat(GA, GA))
-        step = ca.ldl_solve(-ca.densify(slope), ca.fmax(D, _LEAST * stiff), L, order)
+        step = ca.ldl_solve(-ca.densify(slope), ca.fmax(D, _LEAST_PIVOT * stiff), L, order)
         radius = 2 * ca.sqrt(EJ / EA)
         bent = radius * ca.norm_inf(step[:n])
         last = bent / (1 + radius * ca.norm_inf(u[:n]))
         last = ca.norm_inf(ca.vertcat(last, step[n:]))
         if stretches:
-            change = ca.fmax(-step[n] / _SHRINKS, step[n] / _GROWS)
+            change = ca.fmax(-step[n] / _MAX_DECREASE, step[n] / _MAX_INCREASE)
             step = step / ca.fmax(1, ca.fmax(change, bent) / u[n])
         w = [tendon.w for tendon in tendons]
         after = [u + step, ca.vertcat(*(tendon.turned(step) for tendon in tendons))]
@@ -167,30 +168,33 @@ class EnergyStatics:
         return ca.Function("begun", [pull, data], begun, {"cse": True}), newton
 
     def _tangent(self, j: int, u: ca.SX, path: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return what of the tangent of tendon j depends on u, and the square of the rest.
+        """Return the components of the tangent of tendon j that depend on u, and the squared rest.
 
-        In the frame of t, d and t x d, where without torsion a tendon stays in the plane of t, d.
+        Components are along t, d and t x d. Without torsion a tendon stays in the plane of t and d.
         """
-        cos, sin = self.cos[j], self.sin[j]
+        cos = self.cos[j]
+        sin = self.sin[j]
         turn = ca.SX([[1, 0, 0], [0, cos, sin], [0, -sin, cos]])
         bend, nu = (turn @ each for each in self.law.twist(u))
-        c = self.law.drawn(bend, nu, self.law.width(nu[0]), path)
+        c = self.law.tangent_of_bend(bend, nu, self.law.width(nu[0]), path)
         moving = [i for i in range(3) if ca.depends_on(c[i], u)]
         still = [i for i in range(3) if i not in moving]
         return c[moving], ca.sumsqr(c[still]) + TINY
 
 
 class _Tendon:
-    """A tendon of 1 N: its tangent c at u, and what Newton's method needs of |c|.
+    """A tendon under 1 N: its tangent c at u, and the derivatives of |c| for Newton's method.
 
-    Steps are those of a primal-dual method: w is c / |c| in equilibrium, and within the unit ball
-    on the way there, which keeps the Hessian of |c| bounded where c is short.
+    The method is primal-dual: the dual w stays in the unit ball, and is c / |c| in equilibrium. The
+    dual keeps the Hessian of |c| bounded if c is short.
     """
 
     def __init__(self, c: ca.SX, rest: ca.SX, u: ca.SX) -> None:
-        self.c, self.length = c, ca.sqrt(ca.sumsqr(c) + rest)
+        self.c = c
+        self.length = ca.sqrt(ca.sumsqr(c) + rest)
         self.w = w = ca.SX.sym("w", c.numel())
-        self.unit, self.along = c / self.length, ca.jacobian(c, u)
+        self.unit = c / self.length
+        self.along = ca.jacobian(c, u)
         self.slope = self.along.T @ self.unit
         across = ca.SX.eye(c.numel()) - (w @ self.unit.T + self.unit @ w.T) / 2
         bent = ca.jacobian(self.along.T @ w, u)
@@ -205,10 +209,10 @@ class _Tendon:
 
 @dataclass(frozen=True)
 class PaperStatics:
-    """The paper's balance, linear in the strains; `pull` are the resultants of the tendons.
+    """The paper's balance, linear in the strains; `pull` contains the resultants of the tendons.
 
-    (K + sum T y^2 (1 - d d^T)) omega = sum T y t x d, E A q = - sum T t . c; see PaperSection. Data
-    are what the law takes of the body.
+    (K + sum T y^2 (1 - d d^T)) omega = sum T y t x d, E A q = - sum T t . c; see PaperSection. The
+    argument `data` contains the numbers of the body.
     """
 
     law: PaperSection
@@ -216,7 +220,7 @@ class PaperStatics:
 
     @property
     def n_pull(self) -> int:
-        """The size of pull: six resultants, nine where sections may be twisted."""
+        """The size of pull: six resultants, nine with torsion."""
         return 9 if self.law.torsion else 6
 
     @property
@@ -224,8 +228,8 @@ class PaperStatics:
         """The size of data."""
         return body_size(self.law)
 
-    def pulls(self, arm: Arm, at: Stations) -> Array:
-        """See EnergyStatics.pulls."""
+    def resultant_maps(self, arm: Arm, at: Stations) -> Array:
+        """See EnergyStatics.resultant_maps."""
         (n, b), (n_rate, b_rate), _ = tendon_offsets(arm, at)
         rows = crossing(arm, at), *resultants(n, b, n_rate, b_rate)[1 : self.n_pull]
         return np.stack(rows, axis=1)
@@ -241,20 +245,26 @@ class PaperStatics:
 
     def functions(self) -> tuple[ca.Function, ...]:
         """Return (pull, data) -> strains."""
-        pull, data = ca.SX.sym("pull", self.n_pull), ca.SX.sym("data", self.n_data)
+        pull = ca.SX.sym("pull", self.n_pull)
+        data = ca.SX.sym("data", self.n_data)
         v = ca.densify(self.solve(pull, data))
         return (ca.Function("balance", [pull, data], [v], {"cse": True}),)
 
     def solve(self, pull: ca.SX, data: ca.SX) -> ca.SX:
-        """See EnergyStatics.solve: bending, then torsion, of which all others follow."""
-        v, n = ca.SX.sym("v", size(self.law)), int(self.law.torsion)
+        """See EnergyStatics.solve: solve for bending, then torsion, then stretch and shears."""
+        v = ca.SX.sym("v", size(self.law))
+        n = int(self.law.torsion)
         wrench = self.wrench(v, pull, data)
-        D, rest = ca.jacobian(wrench, v), ca.substitute(wrench, v, 0 * v)
-        bends, turns, others = slice(n, n + 2), slice(0, n), slice(n + 2, None)
+        D = ca.jacobian(wrench, v)
+        rest = ca.substitute(wrench, v, 0 * v)
+        bending = slice(n, n + 2)
+        torsion = slice(0, n)
+        others = slice(n + 2, None)
         result = ca.SX.zeros(v.numel())
-        (a, b, c, d), (e, f) = ca.vertsplit(ca.vec(D[bends, bends].T)), ca.vertsplit(rest[bends])
-        result[bends] = ca.vertcat(b * f - d * e, c * e - a * f) / (a * d - b * c)
-        for part in (turns, others):
+        a, b, c, d = ca.vertsplit(ca.vec(D[bending, bending].T))
+        e, f = ca.vertsplit(rest[bending])
+        result[bending] = ca.vertcat(b * f - d * e, c * e - a * f) / (a * d - b * c)
+        for part in (torsion, others):
             result[part] = -(rest[part] + D[part, :] @ result) / ca.diag(D)[part]
         return result
 
@@ -263,14 +273,17 @@ ClosedStatics = EnergyStatics | PaperStatics
 
 
 def closed_statics(scene: Scene, arm: Arm) -> ClosedStatics:
-    """Return the statics of an arm's cross-sections in a scene, but for its loads."""
-    twisted = any(arm.turns) or scene.has(Shear)
+    """Return the statics of the cross-sections of an arm in a scene without its loads."""
+    twisted = any(arm.angle_paths) or scene.has(Shear)
     law = cross_section_of(scene, arm.is_curved, twisted)
     if isinstance(law, PaperSection):
         return PaperStatics(law)
     assert isinstance(law, EnergySection)
-    row, n = arm.offset_of, arm.n_tendons
-    cos, sin = (tuple(each.tolist()) for each in sides(arm))
+    row = arm.offset_of
+    n = arm.n_tendons
+    cos, sin = (tuple(each.tolist()) for each in tendon_directions(arm))
     if law.torsion:
-        row, cos, sin = tuple(range(n)), (1.0,) * n, (0.0,) * n
+        row = tuple(range(n))
+        cos = (1.0,) * n
+        sin = (0.0,) * n
     return EnergyStatics(law, row, cos, sin)

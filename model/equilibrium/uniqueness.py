@@ -32,7 +32,7 @@ from octoplan.model.effects import Shear
 from octoplan.model.loads import force_bound, turning_bounds
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
-from octoplan.model.stations import resists
+from octoplan.model.stations import body_stiffness
 
 # Largest value of (1 + cos psi) / 2 + sin(psi) / pi.
 SPATIAL = 0.5 + np.hypot(0.5, 1 / np.pi)
@@ -50,7 +50,7 @@ def has_unique_equilibrium(arm: Arm, scene: Scene) -> bool:
     s = np.linspace(0.0, arm.length, _INTERVALS + 1)
     middle = (s[1:] + s[:-1]) / 2
     area = np.pi * arm.radius.evaluate(middle, arm.length)[0] ** 2
-    EA, EJ, GI = resists(arm.material, np.array([area, area**2 / (4 * np.pi)]))
+    EA, EJ, GI = body_stiffness(arm.material, np.array([area, area**2 / (4 * np.pi)]))
     shear = scene.find(Shear)
     axial = np.minimum(EA, shear.k_s * arm.material.G * area) if shear else EA
     stiffness = np.minimum(EJ, GI) / np.diff(s)

@@ -29,8 +29,8 @@ from octoplan.model.scene import Scene
 from octoplan.model.stations import (
     Counts,
     base_pose,
+    body_stiffness,
     crossing,
-    resists,
     stations,
     tendon_offsets,
 )
@@ -160,7 +160,9 @@ def section_numbers(arm: Arm, s: Array, active: Counts, T: Any) -> Any:
     (n, b), (n_rate, b_rate), _ = tendon_offsets(arm, at)
     rates = 0 * n, n_rate, b_rate, 2 * n * n_rate, n_rate * b + n * b_rate, 2 * b * b_rate
     maps = np.stack([crossing(arm, at), *resultants(n, b, n_rate, b_rate)[1:6], *rates], axis=1)
-    body = ca.DM(np.vstack([resists(arm.material, each) for each in (at.area, at.area_rate)]))
+    body = ca.DM(
+        np.vstack([body_stiffness(arm.material, each) for each in (at.area, at.area_rate)])
+    )
     sums = ca.reshape(ca.sparsify(ca.DM(maps.reshape(-1, arm.n_tendons))) @ T, 12, s.size)
     return ca.vertcat(sums, body)
 

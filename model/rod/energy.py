@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from octoplan.model.cross_section.energy import EnergySection
-from octoplan.model.cross_section.law import CrossSection, body_size, less_rest, size
+from octoplan.model.cross_section.law import CrossSection, body_size, elastic_strains, size
 from octoplan.model.extensions.obstacles.base import SIZE, signed_distance
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.element import element, rotation_quaternions
@@ -33,7 +33,7 @@ def body_energy(law: EnergySection) -> Kernel:
     v, weight, body = ca.SX.sym("v", size(law)), ca.SX.sym("weight"), ca.SX.sym("body", n)
     forces = ca.SX.sym("forces", size(law))
     parameters = {"weight": weight, "body": body, "forces": forces}
-    energy = law.energy(less_rest(law, v, body), body[:4]) + ca.dot(forces, v)
+    energy = law.energy(elastic_strains(law, v, body), body[:4]) + ca.dot(forces, v)
     return Kernel("body_energy", v, parameters, weight * energy)
 
 

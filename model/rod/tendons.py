@@ -68,7 +68,7 @@ def tendon_length(law: CrossSection) -> Kernel:
     v = ca.SX.sym("v", size(law))
     path = ca.SX.sym("path", 4)
     weight = ca.SX.sym("weight")
-    length = weight * ca.norm_2(law.run(v, path))
+    length = weight * ca.norm_2(law.tendon_rate(v, path))
     return Kernel("tendon_length", v, {"path": path, "weight": weight}, length)
 
 

@@ -1,9 +1,9 @@
-"""The explicit march: strains by tensions, poses by Magnus steps from the base.
+"""The closed form: strains from tensions, then poses by Magnus steps from the base.
 
-Data flow: tensions -> tendon resultants at the steps' nodes -> strains -> poses at the nodes of the
-mesh, by one Magnus step after the other from the base on. Where strains are an expression of the
-resultants (the paper's balance) a step takes these; where Newton's method finds them, it takes the
-strains. Both ends of each segment are the nodes of further steps, which have no length.
+Data flow: tensions -> resultants of the tendons at the nodes of the steps -> strains -> poses at
+the nodes of the mesh, step by step from the base. With the paper's balance, whose strains are
+explicit, a step takes the resultants. Otherwise Newton's method solves for the strains, and a step
+takes the strains. Steps of length 0 at both ends of each segment report the strains there.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from octoplan.model.anchorage import Anchorage, RestCurvature
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section.law import size
 from octoplan.model.cross_section.of_scene import cross_section_of
-from octoplan.model.cross_section.sections import Sections, reported, settled
+from octoplan.model.cross_section.sections import Sections, reported, solve_sections
 from octoplan.model.cross_section.statics import ClosedStatics, closed_statics
 from octoplan.model.integrators import Magnus
 from octoplan.model.mesh import Mesh, graded
@@ -38,25 +38,27 @@ from octoplan.model.support.machine.functions import (
 )
 from octoplan.model.unloaded.marched import ExplicitMap
 
-# Arms at a time, interpreted and by machine code: their numbers stay in the processor's cache.
-_ARMS = 2048, 256
-# Of log R and s/L in its meshes: errors of slender tips weigh most where strains follow tensions.
-_GRADED = 1.5, 0.75
-# So few steps are one list of operations, which CasADi runs sooner than a function time and again.
-_WRITTEN_OUT = 64
+# Number of arms per batch with interpreted and with compiled code, whose data fit into the cache.
+_BATCH = (2048, 256)
+# Weights of log R and of s/L in the mesh: slender tips have the largest errors.
+_MESH_WEIGHTS = (1.5, 0.75)
+# Largest number of steps that CasADi expands to a single list of operations, which is then faster
+# than repeated calls of a function.
+_MAX_EXPANDED = 64
 
 
 def _step(
     statics: ClosedStatics, scheme: Magnus, by_pull: bool, least: bool = False
 ) -> ca.Function:
-    """Return (pose, what is known of the nodes' sections, h) -> pose across a step, strains.
+    """Return (pose, inputs of the sections, h) -> pose after a step, strains tau, xi, k, q (4 m,).
 
-    Known are pull and data, or where these do not give the strains these; strains that it returns
-    are tau, xi, k, q (4 m,). With `least` there are none: behind the pose is the least 1 + q so
-    far.
+    Inputs of the m cross-sections are pull and data with `by_pull`, otherwise the strains. With
+    `least` the pose is followed by the least 1 + q so far, and no strains are returned.
     """
-    m, law = len(scheme.nodes), statics.law
-    x, h = ca.SX.sym("x", 7 + least), ca.SX.sym("h")
+    m = len(scheme.nodes)
+    law = statics.law
+    x = ca.SX.sym("x", 7 + least)
+    h = ca.SX.sym("h")
     if by_pull:
         known = [ca.SX.sym("pull", statics.n_pull, m), ca.SX.sym("data", statics.n_data, m)]
         sections = [statics.solve(*pair) for pair in zip(*map(ca.horzsplit, known), strict=True)]
@@ -74,7 +76,7 @@ def _step(
 def _march(
     statics: ClosedStatics, scheme: Magnus, by_pull: bool, machine_code: bool, S: int, steps: int
 ) -> ca.Function:
-    """Return (base, what is known of all sections, h) -> poses (7, S + 1), strains (4 m, steps)."""
+    """Return (base, inputs of all sections, h) -> poses (7, S + 1), strains (4 m, steps)."""
     march = kernel(cached(_step, statics, scheme, by_pull), machine_code).mapaccum(steps)
     inputs = march.mx_in()
     poses, strains = march.call(inputs)
@@ -83,7 +85,7 @@ def _march(
 
 @dataclass(frozen=True)
 class _Geometry:
-    """All of an arm but its material: arms that are alike in it share what `_placed` returns."""
+    """The geometry of an arm, without material: the key under which meshes are cached."""
 
     length: float
     radius: Path
@@ -96,28 +98,30 @@ class _Geometry:
 def _placed(
     of: _Geometry, statics: ClosedStatics, m: int, refinement: int, at: tuple[float, ...]
 ) -> tuple[Mesh, Stations, Array]:
-    """Return a mesh, its stations and the maps from tensions to pull there.
+    """Return a mesh, its stations, and the maps from tensions to pull at the stations.
 
-    The stations are m nodes a step, then both ends of each segment, the last one as often as fills
-    up a step.
+    Stations are the m nodes of each step, then both ends of each segment. The last end is repeated
+    to fill a step.
     """
     arm = of.arm
     taper = arm.radius
     if isinstance(taper, Linear):
-        # To a tenth of its exponent: arms of about the same taper have meshes of as many steps.
+        # Rounded exponent: arms of a similar taper have meshes with the same number of steps.
         taper = Linear(1.0, math.exp(round(10 * math.log(taper.end / taper.base)) / 10))
-    mesh = graded(arm, refinement, at, taper=taper, weights=_GRADED)
-    (s, _, active), (ends, at_ends) = mesh.points(m), mesh.segment_ends()
-    fill = 0, -ends.size % m
-    ends, at_ends = np.pad(ends, fill, "edge"), np.pad(at_ends, fill, "edge")
+    mesh = graded(arm, refinement, at, taper=taper, weights=_MESH_WEIGHTS)
+    s, _, active = mesh.points(m)
+    ends, at_ends = mesh.segment_ends()
+    fill = (0, -ends.size % m)
+    ends = np.pad(ends, fill, "edge")
+    at_ends = np.pad(at_ends, fill, "edge")
     places = stations(arm, np.append(s, ends), np.append(active, at_ends))
-    return mesh, places, statics.pulls(arm, places)
+    return mesh, places, statics.resultant_maps(arm, places)
 
 
 class ClosedForm(ExplicitMap):
-    """The forward map of an unloaded scene on a mesh of a refinement, with arc lengths as nodes.
+    """The forward map of a scene without loads.
 
-    Its `stretch_at` are the scheme's nodes in the steps, then both ends of each segment.
+    `stretch_at` contains the nodes of all steps, then both ends of each segment.
     """
 
     scheme: Magnus
@@ -131,32 +135,38 @@ class ClosedForm(ExplicitMap):
         at: tuple[float, ...] = (),
         machine_code: bool = False,
     ) -> None:
-        self.arm, self.scene, self.scheme = arm, scene, scheme
-        self.refinement, self.machine_code = refinement, machine_code
+        self.arm = arm
+        self.scene = scene
+        self.scheme = scheme
+        self.refinement = refinement
+        self.machine_code = machine_code
         self._statics = statics = closed_statics(scene, arm)
         alike = _Geometry(arm.length, arm.radius, arm.sections, arm.rest_curvature, arm)
         m = len(scheme.nodes)
         self.mesh, self._at, self._maps = _placed(alike, statics, m, refinement, at)
-        self.stretch_at, self.radius = self._at.s, self._at.radius
-        self._data, self._base = statics.data(arm, scene, self._at), base_pose(arm)
+        self.stretch_at = self._at.s
+        self.radius = self._at.radius
+        self._data = statics.data(arm, scene, self._at)
+        self._base = base_pose(arm)
         self._h = np.pad(np.diff(self.mesh.s), (0, self.stretch_at.size // m - self.mesh.steps))
         self._kind = (statics, scheme, statics.is_explicit)
         march = cached(_march, *self._kind, machine_code, self.mesh.steps, self._h.size)
-        if self._h.size <= _WRITTEN_OUT and not machine_code:
+        if self._h.size <= _MAX_EXPANDED and not machine_code:
             march = cached(ca.Function.expand, march)
         self._march = cached(BufferedFunction, march)
 
     @cached_property
     def sections(self) -> Sections:
-        """The cross-sections at the nodes of the steps, which wrenches may twist."""
+        """The cross-sections at the nodes of the steps, with torsion."""
         law = cross_section_of(self.scene, self.arm.is_curved)
         s, _, active = self.mesh.points(len(self.scheme.nodes))
         return Sections(self.arm, self.scene, law, s, active, self.machine_code)
 
     @property
     def function(self) -> ca.Function:
-        """Tensions (n_tendons,) -> poses (7, S + 1), 1 + q at `stretch_at` (1, K), for CasADi."""
-        T, sizes = ca.MX.sym("T", self.arm.n_tendons), (self.mesh.steps, self._h.size)
+        """See ExplicitMap."""
+        T = ca.MX.sym("T", self.arm.n_tendons)
+        sizes = (self.mesh.steps, self._h.size)
         pull = ca.sparsify(ca.DM(self._maps.reshape(-1, T.numel()))) @ T
         known = [ca.reshape(each, -1, self._h.size) for each in (pull, ca.DM(self._data.T))]
         march = cached(_march, self._statics, self.scheme, True, self.machine_code, *sizes)
@@ -171,27 +181,31 @@ class ClosedForm(ExplicitMap):
         return poses, strains.reshape(-1, 4)
 
     def _known(self, maps: Array, data: Array, tensions: Array) -> list[Array]:
-        """Return flat what a step takes of cross-sections that have such maps and data."""
+        """Return the inputs of the sections, flat, for maps from tensions to pull, and data."""
         pull = maps.reshape(-1, tensions.size) @ tensions
         if self._statics.is_explicit:
             return [pull, data.ravel()]
         pull = pull.reshape(maps.shape[:2])
-        return [settled(self._statics, pull, data, self.machine_code).ravel()]
+        return [solve_sections(self._statics, pull, data, self.machine_code).ravel()]
 
     def many(self, tensions: Array, nodes: Sequence[int] | None = None) -> tuple[Array, Array]:
-        """See ExplicitMap.many: so many arms at a time that their numbers stay at hand."""
+        """See ExplicitMap.many: in batches."""
         if len(tensions) <= FEW and not self.machine_code:
             return super().many(tensions, nodes)
         step = cached(VectorInterpreter, cached(_step, *self._kind, True), self.machine_code)
-        base, some, results = np.append(self._base, np.inf)[:, None], _ARMS[self.machine_code], []
+        base = np.append(self._base, np.inf)[:, None]
+        some = _BATCH[self.machine_code]
+        every = nodes is not None
+        h = self._h[:, None]
+        results = []
         for i in range(0, max(len(tensions), 1), some):
             known = self._columns(tensions[i : i + some])
-            every, h = nodes is not None, self._h[:, None]
             (x,) = step(base, *known, h, steps=h.size, every=every)
             results.append(x.reshape(-1, 8, known[0].shape[1]).transpose(2, 0, 1))
         states = np.concatenate(results)
-        poses, least = states[..., :7], states[:, -1, 7]
-        # The least of numbers and of what is none is a number.
+        poses = states[..., :7]
+        least = states[:, -1, 7]
+        # fmin ignores NaN.
         least[np.isnan(poses[:, -1, 4])] = np.nan
         if nodes is not None:
             begin = np.broadcast_to(self._base, (len(poses), 1, 7))
@@ -199,35 +213,42 @@ class ClosedForm(ExplicitMap):
         return poses, least
 
     def _columns(self, tensions: Array) -> list[Array]:
-        """Return what steps take of the cross-sections of arms (M, n_tendons), by columns.
+        """Return the inputs of the sections under tensions (M, n_tendons), one column per set.
 
-        Strains of a step at a time.
+        Strains are solved step by step.
         """
-        (K, n_pull, n), m, M = self._maps.shape, len(self.scheme.nodes), len(tensions)
+        K, n_pull, n = self._maps.shape
+        m = len(self.scheme.nodes)
+        M = len(tensions)
         if self._statics.is_explicit:
             return [self._maps.reshape(-1, n) @ tensions.T, self._data.reshape(-1, 1)]
         values = []
         for k in range(0, K, m):
-            maps, data = self._maps[k : k + m].reshape(-1, n), self._data[k : k + m]
+            maps = self._maps[k : k + m].reshape(-1, n)
+            data = self._data[k : k + m]
             pull = (tensions @ maps.T).reshape(-1, n_pull)
-            v = settled(self._statics, pull, data, self.machine_code)
+            v = solve_sections(self._statics, pull, data, self.machine_code)
             values.append(v.reshape(M, -1).T)
         return [np.concatenate(values)]
 
     def dense(self, tensions: Array, poses: Array, strains: Array, s: Array) -> tuple[Array, Array]:
-        """Return poses (N, 7) and strains (N, 4) at arc lengths s, a step from the nodes below."""
+        """See ExplicitMap.dense: one step from the node below s."""
         step = np.clip(np.searchsorted(self.mesh.s, s, side="left") - 1, 0, self.mesh.steps - 1)
-        active, left, statics = self.mesh.active[step], self.mesh.s[step], self._statics
+        active = self.mesh.active[step]
+        left = self.mesh.s[step]
+        statics = self._statics
 
         def at(s: Array, active: Counts) -> tuple[Array, Array]:
             places = stations(self.arm, s, active)
-            return statics.pulls(self.arm, places), statics.data(self.arm, self.scene, places)
+            return statics.resultant_maps(self.arm, places), statics.data(
+                self.arm, self.scene, places
+            )
 
         inside = (left[:, None] + (s - left)[:, None] * np.array(self.scheme.nodes)).ravel()
         known = self._known(*at(inside, np.repeat(active, len(self.scheme.nodes))), tensions)
         across = cached(BatchFunction, cached(_step, *self._kind))
         pose, _ = across(poses[step], *(each.reshape(s.size, -1) for each in known), s - left)
         maps, data = at(s, active)
-        there = reported(statics.law, settled(statics, maps @ tensions, data))
+        there = reported(statics.law, solve_sections(statics, maps @ tensions, data))
         at_node = (s == self.mesh.s[step + 1])[:, None]
         return np.where(at_node, poses[step + 1], pose), there

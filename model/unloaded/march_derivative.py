@@ -1,14 +1,15 @@
-"""How a march answers to its strains, and so to tensions and wrenches: by twists of its steps.
+"""Sensitivities of the closed form to tensions and wrenches, from the twists of its steps.
 
-A step is exp(Omega). A change of it moves all that is beyond by a spatial twist z = (rotation,
-shift), so that a place on the arm moves by the sum of the steps before it. With Z the derivatives
-of z by kappa and nu at a step's nodes, and W the nodes' weights in an integral along the arm,
+A change of a step exp(Omega) moves the arm beyond the step by a spatial twist z = (rotation,
+shift), and a node by the sum of the twists of all steps before the node. With the derivatives Z of
+z by kappa and nu at the nodes of a step, and the quadrature weights W of these nodes,
 
-    z = sum of Z twist' dv,      K dv = Z^T w / W - (wrench per newton) dT,
+    z = sum of Z twist' dv,      K dv = Z^T w / W - (wrench per newton) dT.
 
-where twist' are those of kappa and nu by the strains v, and K of the cross-section's wrench. The
-first is the chain rule, the second the principle of virtual work with the same Z: w is a moment
-and a force at the place. Sources: see octoplan.model.integrators.
+Here twist' is the derivative of kappa and nu by the strains v, K the derivative of the wrench of
+the cross-section, and w a moment and a force at the node. The first equation is the chain rule, the
+second the principle of virtual work with the same Z. Sensitivities by collocation take 1.1 to 4.4
+times as long (octoplan.model.equilibrium.sensitivities). Sources: see octoplan.model.integrators.
 """
 
 from __future__ import annotations
@@ -32,32 +33,38 @@ _ROUNDING = 4 * np.finfo(float).eps
 
 
 class MarchDerivative:
-    """See octoplan.model.equilibrium.sensitivities.Sensitivities, which has the same for arms with
+    """Sensitivities of an equilibrium in closed form.
+
+    The interface is that of octoplan.model.equilibrium.sensitivities.Sensitivities for arms under
     loads.
 
     Parameters
     ----------
     point : Marched
-        The equilibrium, in closed form.
+        The equilibrium.
     node : int
-        The node of its mesh that is pushed and watched.
+        The node at which wrenches act and displacements are evaluated.
     """
 
     def __init__(self, point: Marched, node: int) -> None:
         march = point.march
         assert isinstance(march, ClosedForm)
         self._at = at = march.sections
-        h, law = np.diff(march.mesh.s), at.law
-        self._weights, place = march.mesh.points(len(march.scheme.nodes))[1], point.poses[node, 4:]
+        h = np.diff(march.mesh.s)
+        law = at.law
+        place = point.poses[node, 4:]
+        _, self._weights, _ = march.mesh.points(len(march.scheme.nodes))
         self._v = v = strains_of(law, point.strains[: at.s.size])
         self._balance = at.balance(v, point.tensions[at.tendon])
         call = cached(_step_twists, law, march.scheme, h.size, march.machine_code)
         # Z transposed (P, 6 of kappa and nu, 6 of z) and Z twist' (P n, 6), 0 beyond the node.
         twists, by_strains = call(point.poses[:-1].ravel(), v.ravel(), h)
-        twists, by_strains = twists.reshape(-1, 6, 6), by_strains.reshape(*v.shape, 6)
+        twists = twists.reshape(-1, 6, 6)
+        by_strains = by_strains.reshape(*v.shape, 6)
         beyond = node * len(march.scheme.nodes)
-        twists[beyond:], by_strains[beyond:] = 0.0, 0.0
-        # Displacement and rotation of the place, and the same as moment and force about the base.
+        twists[beyond:] = 0.0
+        by_strains[beyond:] = 0.0
+        # The map from force and moment at the node to moment and force about the base.
         unit = np.eye(3)
         about_base = np.block([[np.cross(unit, place), unit], [unit, 0 * unit]])
         self._pose = about_base.T @ by_strains.reshape(-1, 6).T
@@ -71,7 +78,7 @@ class MarchDerivative:
 
     @cached_property
     def pose_wrench(self) -> Array:
-        """The same per force [N] and moment [N m] at the node (6, 6), base frame."""
+        """Displacement [m] and rotation [rad] per force [N] and moment [N m] (6, 6), base frame."""
         return np.asarray(self._pose @ self._by_wrench)
 
     @property
@@ -94,23 +101,23 @@ class MarchDerivative:
         """Whether each cross-section is at a minimum of its energy, tensions held."""
         K = self._balance.jacobian
         values = np.linalg.eigvalsh((K + K.transpose(0, 2, 1)) / 2)
-        # Where a tendon has no length left it is stiff beyond all digits of the rest.
+        # A tendon without length is stiffer than the rest of the section by more than rounding.
         return bool(np.all(values[:, 0] > -_ROUNDING * values[:, -1]))
 
     @property
     def _by_tensions(self) -> Array:
-        """How strains change with the tensions (P n, n_tendons)."""
+        """The derivatives of the strains by the tensions (P n, n_tendons)."""
         by_tensions = self._at.by_tensions(self._balance)
         return by_tensions.reshape(-1, by_tensions.shape[-1])
 
     @property
     def _by_wrench(self) -> Array:
-        """How strains change with a force and moment at the node (P n, 6)."""
+        """The derivatives of the strains by a force and moment at the node (P n, 6)."""
         return np.linalg.solve(self._balance.jacobian, self._wrench).reshape(-1, 6)
 
     @property
     def _length_jacobian(self) -> Array:
-        """How lengths change with the strains (n_tendons, P n)."""
+        """The derivatives of the lengths by the strains (n_tendons, P n)."""
         jacobian = self._at.lengths(self._v, self._weights)[1]
         return jacobian.reshape(len(jacobian), -1)
 
@@ -118,10 +125,13 @@ class MarchDerivative:
 def _step_twists(
     law: CrossSection, scheme: Magnus, steps: int, machine_code: bool
 ) -> BufferedFunction:
-    """Return (pose before a step, strains at its nodes, h) -> Z and Z twist' of the module."""
+    """Return (pose before a step, strains at the nodes, h) -> Z and Z twist'; see the module."""
     m = len(scheme.nodes)
-    g, v, h = ca.SX.sym("g", 7), ca.SX.sym("v", size(law), m), ca.SX.sym("h")
-    e, sections = ca.SX.sym("e", 6 * m), ca.horzsplit(v)
+    g = ca.SX.sym("g", 7)
+    v = ca.SX.sym("v", size(law), m)
+    h = ca.SX.sym("h")
+    e = ca.SX.sym("e", 6 * m)
+    sections = ca.horzsplit(v)
     twists = ca.vertcat(*(part for one in sections for part in law.twist(one)))
     _, local = step_jacobian(scheme, ca.vertsplit(e, 6), h, e)
     seen = adjoint_function()(g) @ ca.substitute(local, e, twists)
@@ -131,9 +141,9 @@ def _step_twists(
 
 
 def step_jacobian(scheme: Magnus, twists: list[ca.SX], h: ca.SX, e: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return the pose (7,) of a step, and the derivatives (6, n) of its z against e (n,).
+    """Return the pose (7,) of a step, and the derivatives (6, n) of z by e (n,).
 
-    `twists` (6,) at the scheme's nodes are expressions of e.
+    `twists` (6,) at the nodes of the scheme are expressions of e.
     """
     omega = scheme.expansion(twists, h)
     pose, jacobian = _exponential_jacobian()(omega)
@@ -141,7 +151,7 @@ def step_jacobian(scheme: Magnus, twists: list[ca.SX], h: ca.SX, e: ca.SX) -> tu
 
 
 def _exponential_jacobian() -> ca.Function:
-    """Return Omega (6,) -> exp(Omega) (7,), derivatives of z against Omega (6, 6)."""
+    """Return Omega (6,) -> exp(Omega) (7,), derivatives of z by Omega (6, 6)."""
     omega = ca.SX.sym("omega", 6)
     pose = exponential(omega[:3], omega[3:])
     columns = []

@@ -1,7 +1,7 @@
-"""An arm whose cross-sections nothing couples, marched along it: its equilibrium as a value.
+"""Explicit forward maps of arms with independent cross-sections, and their equilibria.
 
-And the lengths of its tendons by tensions, from the strains of its cross-sections by quadrature;
-derivatives are by the implicit function theorem on the balance of each cross-section.
+Tendon lengths under tensions are quadratures of the strains of the cross-sections. Their
+derivatives follow from the implicit function theorem for the balance of each cross-section.
 """
 
 from __future__ import annotations
@@ -26,27 +26,27 @@ from octoplan.model.scene import Scene
 from octoplan.model.support.errors import CollapsedError
 from octoplan.model.support.machine.functions import cached
 
-# Strains are analytic between nodes: so many Gauss points on the coarsest mesh leave rounding only,
-# whatever mesh poses have. Measured on the paper's arms and random ones at thrice their tensions.
+# Gauss points per element of the coarsest mesh in tendon lengths. Strains are analytic between
+# nodes, so that only rounding remains, also at three times the tensions of the paper's arms.
 LENGTH_POINTS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Lengths:
-    """Tendons under tensions.
+    """Tendon lengths under tensions.
 
     Attributes
     ----------
     at : Sections
-        The cross-sections at the quadrature's points.
+        The cross-sections at the points of the quadrature.
     tensions : (n_tendons,)
         [N].
     strains : (N, n)
-        Of the cross-sections.
+        Strains of the cross-sections.
     lengths : (n_tendons,)
         [m].
     jacobian : (n_tendons, N, n)
-        Of the lengths in the strains.
+        Derivatives of the lengths by the strains.
     """
 
     at: Sections
@@ -57,18 +57,18 @@ class Lengths:
 
     @classmethod
     def under(cls, at: Sections, weights: Array, tensions: Array) -> Lengths:
-        """Return those under tensions (n_tendons,), of cross-sections that have weights (N,)."""
+        """Return the lengths under tensions (n_tendons,), with weights (N,) of cross-sections."""
         v = at.strains(tensions)
         return cls(at, tensions, v, *at.lengths(v, weights))
 
     @property
     def crushed(self) -> CollapsedError | None:
-        """What to tell of the first cross-section that leaves a tendon no length, if any."""
+        """The error of the first cross-section in which a tendon has no length, if any."""
         return self.at.crushed(self.strains)
 
     @cached_property
     def length_tension(self) -> Array:
-        """How the lengths change with the tensions (n_tendons, n_tendons) [m/N]."""
+        """The derivatives of the lengths by the tensions (n_tendons, n_tendons) [m/N]."""
         at = self.at
         balance = at.balance(self.strains, self.tensions[at.tendon])
         return np.tensordot(self.jacobian, at.by_tensions(balance), 2)
@@ -78,9 +78,9 @@ class Lengths:
 def tendon_lengths(
     arm: Arm, scene: Scene, machine_code: bool = False
 ) -> Callable[[Array], Lengths]:
-    """Return tensions (n_tendons,) -> the lengths, by Gauss quadrature in each step.
+    """Return the function tensions (n_tendons,) -> Lengths, by Gauss quadrature, without loads.
 
-    But for loads. What it returns raises UnsettledSectionError.
+    The function raises UnsettledSectionError.
     """
     law = cross_section_of(scene, arm.is_curved, twisted=False)
     s, weights, active = graded(arm, 1).points(LENGTH_POINTS)
@@ -88,13 +88,18 @@ def tendon_lengths(
 
 
 class ExplicitMap(ABC):
-    """A forward map of an arm on a mesh, where each cross-section is in equilibrium by itself.
+    """The forward map of an arm with independent cross-sections on a mesh.
 
     Attributes
     ----------
     scheme : Magnus or RungeKutta
-    stretch_at, radius : (K,)
-        Arc lengths where the strains are looked at, and the body's radius there [m].
+        The integrator of the poses, or of poses and strains.
+    refinement : int
+        The refinement of the mesh.
+    stretch_at : (K,)
+        Arc lengths at which strains are reported [m].
+    radius : (K,)
+        Radius of the body there [m].
     """
 
     # Error of the tip by rounding, over the arm's length.
@@ -114,8 +119,8 @@ class ExplicitMap(ABC):
     radius: Array
 
     def __reduce__(self) -> tuple[Any, ...]:
-        of = self.arm, self.scene, self.scheme, self.refinement, (), self.machine_code
-        return cached, (type(self), *of)
+        arguments = self.arm, self.scene, self.scheme, self.refinement, (), self.machine_code
+        return cached, (type(self), *arguments)
 
     @property
     @abstractmethod
@@ -128,19 +133,20 @@ class ExplicitMap(ABC):
 
     @abstractmethod
     def dense(self, tensions: Array, poses: Array, strains: Array, s: Array) -> tuple[Array, Array]:
-        """Return poses (N, 7) and strains (N, 4) at arc lengths s (N,), by what `run` returned."""
+        """Return poses (N, 7) and strains (N, 4) at s (N,) [m], from the results of `run`."""
 
     def many(self, tensions: Array, nodes: Sequence[int] | None = None) -> tuple[Array, Array]:
         """Return poses (M, nodes, 7) under tensions (M, n_tendons), and the least 1 + q (M,).
 
-        Of some nodes, the last one unless told.
+        The default of `nodes` is the last node.
         """
-        values, nodes = [self.run(T) for T in tensions], [-1] if nodes is None else nodes
+        nodes = [-1] if nodes is None else nodes
+        values = [self.run(T) for T in tensions]
         poses = np.array([rows[nodes] for rows, _ in values]).reshape(-1, len(nodes), 7)
         return poses, np.array([1 + strains[:, 3].min() for _, strains in values])
 
     def solve(self, tensions: Array, near: object = None, looser: float = 1.0) -> Marched:
-        """Return the equilibrium under tensions (n_tendons,), which nothing is begun with."""
+        """Return the equilibrium under tensions (n_tendons,); other arguments have no effect."""
         return Marched(self, tensions, *self.run(tensions))
 
     def tendon_lengths(self, point: Marched) -> Array:
@@ -150,17 +156,20 @@ class ExplicitMap(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Marched:
-    """An equilibrium marched along the arm; see octoplan.model.equilibrium.linearised.Equilibrium.
+    """An equilibrium of an arm with independent cross-sections.
+
+    The interface is that of octoplan.model.equilibrium.linearised.Equilibrium.
 
     Attributes
     ----------
     march : ExplicitMap
+        The forward map.
     tensions : (n_tendons,)
         [N].
     poses : (N + 1, 7)
-        At the nodes.
+        Quaternions and positions [m] at the nodes.
     strains : (K, 4)
-        tau, xi, k, q at the march's `stretch_at`.
+        tau, xi, k, q at the `stretch_at` of the map.
     """
 
     march: ExplicitMap
@@ -191,8 +200,8 @@ class Marched:
     @cached_property
     def extremes(self) -> Extremes:
         """See Equilibrium."""
-        (_, xi, k, q), march = self.strains.T, self.march
-        return Extremes.of(march.stretch_at, q, np.hypot(xi, k), march.radius)
+        _, xi, k, q = self.strains.T
+        return Extremes.of(self.march.stretch_at, q, np.hypot(xi, k), self.march.radius)
 
     @property
     def machine_code(self) -> bool:
@@ -200,7 +209,7 @@ class Marched:
         return self.march.machine_code
 
     def at(self, s: Array) -> tuple[Array, Array]:
-        """See Equilibrium: a step from the nodes beside s."""
+        """See Equilibrium: one step of the integrator from the node next to s."""
         return self.march.dense(self.tensions, self.poses, self.strains, s)
 
     @cached_property
@@ -211,7 +220,7 @@ class Marched:
 
     @property
     def length_tension(self) -> Array:
-        """See Equilibrium; of all but the equations as printed."""
+        """See Equilibrium. Undefined for the equations as printed."""
         return self.tendons.length_tension
 
     @cached_property

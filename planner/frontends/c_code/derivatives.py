@@ -63,7 +63,7 @@ class PullPolynomials:
         parts = []
         for i, section in enumerate(arm.sections):
             s = section.at * np.array([0.0, 0.5, 1.0])
-            maps = statics.pulls(arm, stations(arm, s, np.full(TERMS, i + 1)))
+            maps = statics.resultant_maps(arm, stations(arm, s, np.full(TERMS, i + 1)))
             maps = maps[:, :, list(arm.tendons_of(i + 1))]
             parts.append(_coefficients(maps, section.at / arm.length))
         return cls(arm.length, tuple(parts))
