@@ -23,6 +23,10 @@ Rules = tuple[tuple[str, str], ...]
 class EffectSet(Protocol):
     """The effects of a scene."""
 
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """All effects."""
+
     def find(self, kind: type[E]) -> E | None:
         """Return the effect of a class; None without one."""
 

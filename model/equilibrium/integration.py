@@ -22,8 +22,6 @@ import numpy as np
 
 from octoplan.model.cross_section.law import join
 from octoplan.model.cross_section.sections import Sections
-from octoplan.model.extensions.contact.effects import bodies_of
-from octoplan.model.extensions.obstacles import distances
 from octoplan.model.integrators import RK8
 from octoplan.model.loads import dead_resultant
 from octoplan.model.paths import Array
@@ -32,7 +30,7 @@ from octoplan.model.rod.discrete_rod import DiscreteRod
 from octoplan.model.rod.kernels import Places
 from octoplan.model.rod.nodes import POSE
 from octoplan.model.rod.parameters import section_values, tendon_values, uniform_values
-from octoplan.model.rod.rod_term import RodPoints, SectionView
+from octoplan.model.rod.rod_term import ElementLoad, RodPoints, SectionView
 from octoplan.model.rod.structure import RodStructure, of_term
 from octoplan.model.rod.tendons import state_rate_function, tension_ratio_function
 from octoplan.model.rotations import multiply, unit_matrix
@@ -83,8 +81,7 @@ class Integration:
         self._dead = self._load_factor * known.dead
         if self._structure.couples_stages:
             self._variables = self._stage_variables()
-        if self._structure.pressed:
-            self._press()
+        self._loads = self._element_loads()
 
     def _stage_variables(self) -> Array:
         """Return the stage variables (n, n_variables) of all terms at all places."""
@@ -209,11 +206,10 @@ class Integration:
             wrench = wrench + np.einsum("pmn,pm->pn", self._units[at], change)
         inputs = [y[:, :w], self._v[at], wrench, self._inverse[at], self._dead[at]]
         inputs += [np.full((len(y), 1), self._load_factor), self._known.parameters[at]]
-        if structure.pressed:
-            normals = distances(self._bodies, y[:, 4:POSE])[1]
-            inputs.append(np.einsum("nk,nki->ni", self._pressure[at], normals))
-            inputs.append(self._traction[at])
-        rates, strains[k] = cached(_rates, structure)(*inputs)
+        if self._loads:
+            pairs = [load(at, y[:, 4:POSE]) for load in self._loads]
+            inputs += [np.sum([pair[i] for pair in pairs], axis=0) for i in (0, 1)]
+        rates, strains[k] = cached(_rates, structure, bool(self._loads))(*inputs)
         if not structure.n_tendon_states:
             return np.asarray(rates)
         change = strains[k] - self._v[at]
@@ -230,22 +226,17 @@ class Integration:
         ratio = call(states, np.full((len(states), 1), self._load_factor), parameters)[0]
         return np.asarray(self._x[:n_tendons] * ratio.reshape(len(y), n_tendons))
 
-    def _press(self) -> None:
-        """Note what presses and rubs where the arm lies on obstacles, linear between nodes."""
-        system, states, structure = self._system, self._states, self._structure
-        of, x = system.layout, self._share[:, :, :, None, None]
-        flags = system.parameters["pressure"]["values"][-1]
-        lies = flags.reshape(of.elements, structure.contacts, 1)[self._elements]
-
-        def linear(values: Array) -> Array:
-            before, after = values[self._elements], values[self._elements + 1]
-            return np.asarray(lies * ((1 - x) * before + x * after))
-
-        self._bodies = bodies_of(system.scene)
-        self._pressure = linear(states[of.touches[:, :, 1:]])[..., 0]
-        self._traction = np.zeros((*self._shape, 3))
-        if structure.contact_friction:
-            self._traction += linear(states[of.tractions]).sum(axis=3)
+    def _element_loads(self) -> list[ElementLoad]:
+        """Return the loads on elements that terms add by their own kernels."""
+        system = self._system
+        loads = list[ElementLoad]()
+        for terms, groups in zip(system.node_terms, system.layout.node_variables, strict=True):
+            for term, places in zip(terms, groups, strict=True):
+                values = self._states[places]
+                load = term.element_load(values, system.parameters, self._elements, self._share)
+                if load is not None:
+                    loads.append(load)
+        return loads
 
 
 class _Known(NamedTuple):
@@ -290,7 +281,7 @@ def _known(system: DiscreteRod, substeps: int, elements: Places, reach: Array) -
     end = np.broadcast_to(mesh.s[1:][elements], share.shape).ravel()
     sections = Sections(arm, scene, structure.law, s, active, structure.machine_code)
     dead = dead_resultant(arm, scene, s, end).T.reshape(*share.shape, 3)
-    points = RodPoints(arm, sections.stations, scene.rod_terms)
+    points = RodPoints(arm, sections.stations, system.terms)
     uniform = {
         name: np.repeat(value[:, None], s.size, axis=1)
         for name, value in uniform_values(arm, system.section_terms).items()
@@ -313,12 +304,12 @@ def _batch(function: ca.Function, structure: RodStructure) -> BatchFunction:
     return cached(BatchFunction, function, structure.machine_code)
 
 
-def _rates(structure: RodStructure) -> BatchFunction:
+def _rates(structure: RodStructure, loads: bool) -> BatchFunction:
     """Return the equations along s: pose and wrench of a cross-section -> their derivatives, v.
 
     Further arguments are v_0, w_0 and K (see above), the dead force beyond, the load factor, the
-    uniform and section parameters of the terms, and with pressure the loads per length of obstacles
-    (base frame) and of their friction (local frame).
+    uniform and section parameters of the terms, and with `loads` the loads per length of elements
+    in the base frame and in the local frame.
     """
     law = structure.law
     n = structure.n_strains
@@ -330,7 +321,7 @@ def _rates(structure: RodStructure) -> BatchFunction:
     load_factor = ca.SX.sym("load")
     symbols = structure.symbols("uniform") | structure.symbols("section")
     parameters = ca.vertcat(ca.SX(0, 1), *symbols.values())
-    presses, rubs = (ca.SX.sym(name, 3 * structure.pressed) for name in ("presses", "rubs"))
+    in_base, in_local = (ca.SX.sym(name, 3 * loads) for name in ("base", "local"))
     q = y[:4]
     frame = unit_matrix(q)
     F = dead + y[POSE + 3 :] if structure.has_force else dead
@@ -343,7 +334,7 @@ def _rates(structure: RodStructure) -> BatchFunction:
     if structure.has_moment:
         rates.append(-ca.cross(along, F))
     if structure.has_force:
-        f = presses + frame @ rubs if structure.pressed else ca.SX.zeros(3)
+        f = in_base + frame @ in_local if loads else ca.SX.zeros(3)
         for i, term in enumerate(structure.terms):
             section = SectionView(
                 strains=v,
@@ -358,7 +349,7 @@ def _rates(structure: RodStructure) -> BatchFunction:
             f += load_factor * term.load_per_length(section)
         rates.append(-f)
     inputs = [y, known, wrench, ca.vec(inverse), dead, load_factor, parameters]
-    inputs += [presses, rubs] * structure.pressed
+    inputs += [in_base, in_local] * loads
     function = ca.Function("rates", inputs, [ca.vertcat(*rates), v], {"cse": True})
     return BatchFunction(function, structure.machine_code)
 
@@ -389,7 +380,7 @@ def tendon_tensions(at: DiscreteRod, x: Array, s: Array, place: Places, tendon: 
         return np.asarray(T)
     m = structure.stages
     h = np.diff(at.mesh.s)
-    points = RodPoints(at.arm, at.sections.stations, at.scene.rod_terms)
+    points = RodPoints(at.arm, at.sections.stations, at.terms)
     stage, of_stage = of.crossings
     values = tendon_values(points, stage, of_stage)
     parameters = structure.stacked("tendon", values, stage.size)
@@ -408,7 +399,7 @@ def tendon_tensions(at: DiscreteRod, x: Array, s: Array, place: Places, tendon: 
     grown = np.einsum("pm,pmk->pk", weights, rates[element, :, tendon])
     states = x[of.first + of.tendon_states[element, tendon]] + grown
     there = stations(at.arm, s, at.mesh.active[element_of_s])
-    values = tendon_values(RodPoints(at.arm, there, at.scene.rod_terms), place, tendon)
+    values = tendon_values(RodPoints(at.arm, there, at.terms), place, tendon)
     ratio = _batch(cached(tension_ratio_function, structure), structure)(
         states,
         np.full((len(states), 1), x[of.n_tendons]),

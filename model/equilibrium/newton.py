@@ -34,9 +34,6 @@ TURN = FOLLOWED / 2
 # Guesses by another mesh are so near; the factorisation is kept after a step so small, and as long
 # as steps contract so fast: a residual costs a tenth of a factorised Jacobian.
 CLOSE, KEPT = 0.02, 0.1
-# How much a change of friction counts as one of strains: rounding in them is that of forces of the
-# whole arm. Forces [N] below the second are rounding.
-_FRICTION, _ROUNDING = 1e-2, 1e-13
 
 
 class Start(NamedTuple):
@@ -90,7 +87,8 @@ def newton(
         near.append(start.near and (start.near.near or start.near))
         unknowns.append(system.x(start.tensions, start.load, start.states))
     begun, before, path = near.copy(), [0.0] * len(starts), [math.inf] * len(starts)
-    x, rubs = np.array(unknowns), system.layout.structure.contact_friction
+    x = np.array(unknowns)
+    nonsmooth = any(term.is_nonsmooth for term in system.terms)
     for _ in range(STEPS_IN_CONTACT if touching else STEPS):
         if not going:
             break
@@ -115,16 +113,16 @@ def newton(
             level = looser * (LEFT if keeps else SETTLED)
             near[i] = point.near or point
             # Where it sticks and slips by turns half a step leads on.
-            share = 0.5 if rubs and not contracts else 1.0
+            share = 0.5 if nonsmooth and not contracts else 1.0
             x[i, first:] += min(share, farthest / max(rotation, farthest)) * step
             if rotation <= farthest and (size < level or size**2 < level * before[i]):
                 # So near to where they were linearised the equations have the same derivatives.
-                is_close = path[i] < math.sqrt(SETTLED * looser) and not rubs
+                is_close = path[i] < math.sqrt(SETTLED * looser) and not nonsmooth
                 close = near[i] if is_close else None
                 ends[i] = Equilibrium(system, x[i], close, history=starts[i].history)
                 continue
             far = CLOSE if begun[i] is None else math.inf
-            if rubs or size > (KEPT * before[i] if before[i] else far):
+            if nonsmooth or size > (KEPT * before[i] if before[i] else far):
                 near[i] = None
             before[i] = size
             left.append(i)
@@ -135,17 +133,15 @@ def newton(
 def step_sizes(system: DiscreteRod, steps: Array, states: Array) -> tuple[list[float], list[float]]:
     """Return how far each of steps (M, n_states) rotates a frame at most (M,), as its quaternion.
 
-    And its size (M,), of that, of strains relative to these, curvatures to 1 / L at least, and of
-    friction of contacts relative to the largest force: strains may be too stiff to tell of it.
+    And its size (M,): the largest of this rotation, the relative change of strains (of curvatures
+    relative to 1 / L at least), and the sizes that terms give their node variables.
     """
     of = system.layout
     rotation = np.abs(steps[:, of.nodes[:, :4]]).max(axis=(1, 2))
     relative = steps[:, of.stages] / (system.units + np.abs(states[:, of.stages]))
     size = np.maximum(rotation, np.abs(relative).max(axis=(1, 2)))
-    if of.structure.contact_friction:
-        h, every = float(np.diff(system.mesh.s).mean()), (1, 2, 3)
-        tractions = h * np.abs(steps[:, of.tractions]).max(axis=every)
-        rubs = np.maximum(np.abs(steps[:, of.friction_forces]).max(axis=every), tractions)
-        most = np.maximum(np.abs(states[:, of.touches[:, :, 0]]).max(axis=(1, 2)), _ROUNDING)
-        size = np.maximum(size, rubs / most * _FRICTION)
+    for terms, groups in zip(system.node_terms, of.node_variables, strict=True):
+        for term, places in zip(terms, groups, strict=True):
+            own = term.step_sizes(steps[:, places], states[:, places], system.mesh)
+            size = np.maximum(size, own)
     return rotation.tolist(), size.tolist()

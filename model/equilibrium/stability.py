@@ -63,7 +63,7 @@ def are_stable(candidates: Sequence[Equilibrium | None]) -> NDArray[np.bool_]:
     points = [each for each in candidates if each is not None]
     if not points:
         return stable
-    if points[0].system.layout.structure.contacts:
+    if any(group.n_variables for group in points[0].system.layout.node_groups):
         stable[stable] = [p.factor is not None and unstable_mode(p) is None for p in points]
         return stable
     of = points[0].system.layout

@@ -16,15 +16,15 @@ from octoplan.model.arm import Arm
 from octoplan.model.cross_section.energy import RubberSection
 from octoplan.model.cross_section.of_scene import cross_section_of
 from octoplan.model.cross_section.sections import Sections, kinematics
-from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.loads import growth_rate, is_loaded, required_arc_lengths
 from octoplan.model.mesh import Mesh, graded
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.element import element
 from octoplan.model.rod.equations import ParameterValues
+from octoplan.model.rod.kernels import Places
 from octoplan.model.rod.layout import layout
-from octoplan.model.rod.nodes import POSE, node_kernel_name
+from octoplan.model.rod.nodes import POSE
 from octoplan.model.rod.parameters import rod_parameters
 from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.rod.structure import (
@@ -54,6 +54,8 @@ class DiscreteRod:
         Arc lengths of the stages [m].
     sections : Sections
         The cross-sections there; tendons cross them in the order of the layout's crossings.
+    terms : tuple of RodTerm
+        The terms of the rod, with their numbers.
     node_terms : list of list of RodTerm
         The terms of each node group of the layout.
     units : (strains,)
@@ -68,42 +70,39 @@ class DiscreteRod:
         stages: int,
         loaded: bool = True,
         machine_code: bool = False,
-        pressed: bool = False,
+        terms: tuple[RodTerm, ...] | None = None,
     ) -> None:
         self.arm = arm
         self.scene = scene
         self.mesh = mesh
         self.loaded = loaded
-        self.pressed = pressed
-        touched = contacts(scene) if loaded else ()
-        terms = scene.rod_terms
+        self.terms = scene.rod_terms if terms is None else terms
         structure = RodStructure(
             law=cross_section_of(scene, arm.is_curved, twisted=loaded),
             stages=stages,
             has_moment=loaded,
-            has_force=any(term.depends_on_shape for term in terms),
-            term_structures=tuple(TermStructure(term) for term in section_terms(terms)),
+            has_force=any(term.depends_on_shape for term in self.terms),
+            term_structures=tuple(TermStructure(term) for term in section_terms(self.terms)),
             machine_code=machine_code,
-            contacts=len(touched),
-            pressed=pressed,
-            contact_friction=any(contact.friction for contact in touched),
         )
         at = [mesh.node(section.at) for section in arm.sections]
         ends = tuple(at[i] for i, _ in arm.tendons)
-        groups, self.node_terms = group_node_terms(terms, mesh)
+        groups, self.node_terms = group_node_terms(self.terms, mesh)
         self.layout = layout(structure, ends, mesh.steps, groups)
         self.s, weights, active = mesh.points(stages)
         self.sections = Sections(arm, scene, structure.law, self.s, active, machine_code)
         curvatures = np.arange(structure.n_strains) < 2 + structure.law.torsion
         self.units = np.where(curvatures, 1 / arm.length, 1.0)
-        values = rod_parameters(arm, scene, mesh, self.layout, self.sections, self.node_terms)
+        values = rod_parameters(
+            arm, scene, mesh, self.layout, self.sections, self.terms, self.node_terms
+        )
         self.p = self.layout.equations.vector(values)
         lengths = {"path": self.sections.paths, "weight": weights[None, self.sections.place]}
         self.length_p = self.layout.lengths.vector({"tendon_length": lengths})
 
     def __reduce__(self) -> tuple[Any, ...]:
         structure = self.layout.structure
-        options = structure.stages, self.loaded, structure.machine_code, self.pressed
+        options = structure.stages, self.loaded, structure.machine_code, self.terms
         return _restored, (self.arm, self.scene, self.mesh, *options, self.p)
 
     def __copy__(self) -> DiscreteRod:
@@ -112,9 +111,16 @@ class DiscreteRod:
         return result
 
     def on_mesh(
-        self, mesh: Mesh, scene: Scene | None = None, arm: Arm | None = None, pressed: bool = False
+        self,
+        mesh: Mesh,
+        scene: Scene | None = None,
+        arm: Arm | None = None,
+        terms: tuple[RodTerm, ...] | None = None,
     ) -> DiscreteRod:
-        """Return the equations on another mesh with the same stages, of another scene or arm."""
+        """Return the equations on another mesh with the same stages, of another scene or arm.
+
+        `terms` are those of the scene unless given.
+        """
         structure = self.layout.structure
         return DiscreteRod(
             arm or self.arm,
@@ -123,13 +129,13 @@ class DiscreteRod:
             structure.stages,
             self.loaded,
             structure.machine_code,
-            pressed,
+            terms,
         )
 
     @property
     def section_terms(self) -> tuple[RodTerm, ...]:
         """The terms with expressions of cross-sections or tendons, in the structure's order."""
-        return section_terms(self.scene.rod_terms)
+        return section_terms(self.terms)
 
     @property
     def parameters(self) -> ParameterValues:
@@ -186,9 +192,8 @@ class DiscreteRod:
         """Return moments and forces on the tip side of the nodes (N + 1, n_wrench)."""
         layout = self.layout
         states = x[layout.first :].copy()
-        names = {node_kernel_name(i) for i in range(len(layout.node_groups))} | {"touch"}
         for term in layout.equations.terms:
-            if term.kernel.name in names:
+            if term.kernel.name in layout.node_kernel_names:
                 # Each wrench row has the index of the wrench state that it balances.
                 np.add.at(states, term.rows, self.rows_of(term.kernel.name, x).T)
         return states[layout.nodes[:, POSE : POSE + layout.structure.n_wrench]]
@@ -238,13 +243,16 @@ class DiscreteRod:
         return np.vstack([self.base, result])
 
     def initial_states(
-        self, tensions: Array, strains: Array, load: float = 0.0, pressed: Array | None = None
+        self,
+        tensions: Array,
+        strains: Array,
+        load: float = 0.0,
+        known: tuple[Places, Array] | None = None,
     ) -> Array:
         """Return the states (..., n_states) of strains at the stages (..., N stages, strains).
 
         Of an arm or of many, tensions (..., n_tendons). Poses are integrated from the base, forces
-        and moments from the tip; with the forces `pressed` (N, contacts) of obstacles on the nodes
-        except the base, if given [N].
+        and moments from the tip, with the node variables that are `known`: places and values.
         """
         layout = self.layout
         structure = layout.structure
@@ -255,8 +263,6 @@ class DiscreteRod:
         by_arm = strains.reshape(-1, *strains.shape[-2:])
         poses = np.array([self.integrate_poses(each) for each in by_arm])
         states[..., layout.nodes[:, :POSE]] = poses.reshape(*batch, *poses.shape[1:])
-        if pressed is not None:
-            states[..., layout.touches[1:, :, 0]] = pressed
         h = np.diff(self.mesh.s)
         by_stage = strains.reshape(*batch, h.size, structure.stages, -1)
         for term, places in zip(self.section_terms, layout.stage_variables, strict=True):
@@ -267,6 +273,8 @@ class DiscreteRod:
         ):
             for term, nodes, places in zip(members, group.nodes, each, strict=True):
                 states[..., places[list(nodes)]] = term.initial_node_variables(self.arm)
+        if known is not None:
+            states[..., known[0]] = known[1]
         if not structure.has_moment:
             return states
         missing = -self.residual(x)

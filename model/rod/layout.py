@@ -22,6 +22,7 @@ from octoplan.model.rod.element import element
 from octoplan.model.rod.equations import Equations, Term
 from octoplan.model.rod.kernels import Places
 from octoplan.model.rod.nodes import POSE, clamp, node, node_kernel_name, tip, zero
+from octoplan.model.rod.rod_term import RodPlaces
 from octoplan.model.rod.structure import NodeGroup, RodStructure
 from octoplan.model.rod.tendons import (
     body,
@@ -31,7 +32,6 @@ from octoplan.model.rod.tendons import (
     tendon_jump,
     tendon_length,
 )
-from octoplan.model.rod.touch import pressure, touch
 from octoplan.model.support.machine.functions import cached
 
 
@@ -92,8 +92,6 @@ class Layout:
         Place of the first state among all unknowns, behind the tensions and the load factor.
     n_tendons, n_states, n_x : int
         Numbers of tensions, of states and equations, of all unknowns.
-    touching : int
-        Number of a node's unknowns that are about contact.
     node_size, stage_size, stride : int
         Numbers of unknowns of a node, of the stages of an element, of both.
     nodes : (N + 1, node_size)
@@ -108,10 +106,6 @@ class Layout:
         Places of the states of the tendons.
     node_variables : list of list of (N + 1, n)
         Places of the node variables, by group and term.
-    touches : (N + 1, contacts, 2)
-        Places of the two unknowns of each contact; see touch.
-    friction_forces, tractions : (N + 1, contacts, 3)
-        Places of the friction of each contact, and of that per length; see touch.
     crossings : (P,), (P,)
         Stage and tendon of each crossing of a tendon through the cross-section of a stage.
     passages : (P,), (P,)
@@ -136,11 +130,9 @@ class Layout:
         self.n_tendons = len(ends)
         self.first = self.n_tendons + 1
         m = structure.stages
-        K = structure.contacts
-        self.touching = (2 + 6 * structure.contact_friction) * K
         n_tendon_states = self.n_tendons * structure.n_tendon_states
         variables = sum(group.n_variables * len(group.nodes) for group in node_groups)
-        self.node_size = POSE + structure.n_wrench + n_tendon_states + variables + self.touching
+        self.node_size = POSE + structure.n_wrench + n_tendon_states + variables
         self.stage_size = m * structure.n_stage
         self.stride = self.node_size + self.stage_size
         self.n_states = elements * self.stride + self.node_size
@@ -160,11 +152,6 @@ class Layout:
             ends_of = column + np.arange(len(group.nodes) + 1) * group.n_variables
             self.node_variables.append([self.nodes[:, a:b] for a, b in pairwise(ends_of)])
             column = int(ends_of[-1])
-        values = self.nodes[:, column : column + 2 * K]
-        self.touches: Places = values.reshape(elements + 1, K, 2)
-        self._frictions: Places = self.nodes[:, column + 2 * K :].reshape(elements + 1, -1, 6)
-        self.friction_forces: Places = self._frictions[:, :, :3]
-        self.tractions: Places = self._frictions[:, :, 3:]
         self.passages = _pairs(np.arange(elements)[:, None] < np.array(ends))
         stage_elements = np.repeat(np.arange(elements), m)
         self.crossings = _pairs(stage_elements[:, None] < np.array(ends))
@@ -201,13 +188,9 @@ class Layout:
         return self.nodes[:, : POSE + self.structure.n_wrench]
 
     def base_condition(self) -> list[Term]:
-        """Return the clamped base; tendon states are 0 and nothing is touched there."""
+        """Return the clamped base; tendon states are 0 there."""
         pose = self.nodes[:1, :POSE].T
-        terms = [Term(clamp(), self.first + pose, pose), self._zero(self.tendon_states[0])]
-        if self.structure.contacts:
-            terms.append(self._zero(self.touches[0]))
-            terms.append(self._zero(self._frictions[0]))
-        return terms
+        return [Term(clamp(), self.first + pose, pose), self._zero(self.tendon_states[0])]
 
     def dynamics(self) -> list[Term]:
         """Return the elements: x_{k+1} = F(x_k, v_k), and the local wrench of all stages."""
@@ -225,13 +208,24 @@ class Layout:
         by_stage = np.vstack([self.stages.T, *(each.T for each in self.stage_variables)])
         bodies = Term(cached(body, self.structure), self.first + by_stage, by_stage)
         couples = self.structure.couples_stages
-        return [bodies, self._tendons_in_elements() if couples else self._tendons()]
+        tendons = self._tendons_in_elements() if couples else self._tendons()
+        loads = [
+            placed
+            for group, members in zip(self.node_groups, self.node_variables, strict=True)
+            for variables in members
+            for placed in group.structure.term.element_kernels(self._places(variables))
+        ]
+        return [bodies, tendons, *loads]
+
+    @cached_property
+    def node_kernel_names(self) -> frozenset[str]:
+        """The names of the kernels whose rows are jumps of moment and force at nodes."""
+        return frozenset(term.kernel.name for term in self._at_nodes()) - {"zero"}
 
     def jumps(self) -> list[Term]:
-        """Return the jumps at nodes: forces and moments, tendon states, contact."""
+        """Return the jumps at nodes, of moments and forces and of tendon states."""
         terms = self._at_nodes() if self.structure.has_moment else []
         terms += self._tendon_jumps() if self.structure.n_tendon_states else []
-        terms += self._contact() if self.structure.contacts else []
         return terms
 
     def tip_condition(self) -> list[Term]:
@@ -240,6 +234,10 @@ class Layout:
             return []
         wrench = self._node_states[-1:, POSE:].T
         return [Term(cached(tip, self.structure), self.first + wrench, wrench)]
+
+    def _places(self, variables: Places) -> RodPlaces:
+        """Return the places for a term's own kernels, by the places of its node variables."""
+        return RodPlaces(self.structure, self.first, self._node_states, self.inside, variables)
 
     def _zero(self, places: Places) -> Term:
         """Return equations by which states are 0."""
@@ -255,7 +253,13 @@ class Layout:
             variables = self.node_variables[i]
             pairs = zip(variables, group.nodes, strict=True)
             here = np.vstack([places[list(each)] for places, each in pairs]).T
-            if nodes:
+            own = [
+                placed
+                for places in variables
+                for placed in group.structure.term.node_kernels(self._places(places))
+            ]
+            terms += own
+            if nodes and not own:
                 load = np.full((1, len(nodes)), self.n_tendons)
                 poses = self.nodes[nodes, :POSE].T
                 unknowns = np.vstack([load, self.first + poses, self.first + here])
@@ -298,33 +302,6 @@ class Layout:
             Term(cached(tendon_jump, self.structure), both, y[k + 1, j].T),
             Term(idle_tendon(), at + np.vstack([before, after]), after),
         ]
-
-    def _contact(self) -> list[Term]:
-        """Return the contact of the nodes, each with all obstacles, and of the elements."""
-        structure, at, touches, nodes = self.structure, self.first, self.touches, self.nodes
-        law, m, K = structure.law, structure.stages, structure.contacts
-        inside = np.repeat(self.inside.T, K, axis=0)
-        before, after = (np.repeat(part[:, :POSE], K, axis=0) for part in (nodes[:-1], nodes[1:]))
-        wrench = np.repeat(nodes[:, POSE : POSE + 6], K, axis=0)
-        here = touches[1:].reshape(self.elements * K, -1)
-        unknowns, rows = [inside, after, here], [wrench[K:], here]
-        if structure.contact_friction:
-            # No part begins at the tip, so that what is beyond it does not matter.
-            beyond = [*range(2, self.elements + 1), -2]
-            rubbed = np.concatenate([touches[:, :, 1:], self.tractions], axis=2)
-            near = np.concatenate([rubbed[:-1], rubbed[beyond]], axis=2).reshape(-1, 8)
-            Q = self._frictions[1:].reshape(-1, 6)
-            unknowns, rows = [*unknowns, near, Q], [*rows, Q]
-        kernel = cached(touch, law, m, structure.contact_friction)
-        terms = [Term(kernel, at + np.hstack(unknowns).T, np.hstack(rows).T)]
-        if structure.pressed:
-            both = np.stack([touches[:-1, :, 1], touches[1:, :, 1]], axis=2).reshape(-1, 2)
-            rubbed = np.concatenate([self.tractions[:-1], self.tractions[1:]], axis=2)
-            both = np.hstack([both, rubbed.reshape(len(both), -1)])
-            values = at + np.hstack([before, inside, both]).T
-            kernel = cached(pressure, law, m, structure.contact_friction)
-            terms.append(Term(kernel, values, np.hstack([wrench[:-K], inside]).T))
-        return terms
 
 
 def _pairs(are: Mask) -> tuple[Places, Places]:

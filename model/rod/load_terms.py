@@ -265,20 +265,6 @@ class DragTerm(RodTerm):
         return float(drag * _capped_norm(self.velocity) ** 2)
 
 
-@dataclass(frozen=True)
-class ContactTerm(RodTerm):
-    """Contact with an obstacle; its kernels are those of octoplan.model.rod.touch."""
-
-    has_friction: bool
-    is_load = True
-    depends_on_shape = True
-    bends = True
-
-    def convergence_order(self, order: int, derivatives: bool, is_bent: bool) -> int:
-        """Return 2 with friction, which acts at nodes where a part lies on the obstacle."""
-        return min(order, 2) if self.has_friction else order
-
-
 def _capped_norm(vector: Any) -> float:
     """Return the size of a vector, capped where its square would overflow."""
     return float(np.linalg.norm(np.clip(vector, -LARGEST, LARGEST)))

@@ -6,10 +6,8 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section.sections import Sections
-from octoplan.model.extensions.contact.effects import bodies_of, contacts
 from octoplan.model.loads import dead_resultant
 from octoplan.model.mesh import Mesh
-from octoplan.model.paths import Array
 from octoplan.model.rod.equations import ParameterValues
 from octoplan.model.rod.layout import Layout
 from octoplan.model.rod.nodes import node_kernel_name
@@ -18,9 +16,6 @@ from octoplan.model.rod.structure import NodeGroup, parameter_name, section_term
 from octoplan.model.scene import Scene
 from octoplan.model.stations import Counts, base_pose, stations, tendon_paths
 
-# What slip is weighted with in contact friction, over the stiffness E J / L^3 of the base.
-_RESISTS = 10.0
-
 
 def rod_parameters(
     arm: Arm,
@@ -28,16 +23,16 @@ def rod_parameters(
     mesh: Mesh,
     layout: Layout,
     sections: Sections,
+    terms: tuple[RodTerm, ...],
     node_terms: list[list[RodTerm]],
 ) -> ParameterValues:
     """Return the parameter values of the equations of equilibrium.
 
-    By the cross-sections at the stages, and the terms of each node group. A parameter of all
-    stages of an element has their values behind each other.
+    By the cross-sections at the stages, all terms, and the terms of each node group. A parameter
+    of all stages of an element has their values behind each other.
     """
     structure = layout.structure
-    terms = section_terms(scene.rod_terms)
-    points = RodPoints(arm, sections.stations, scene.rod_terms)
+    points = RodPoints(arm, sections.stations, terms)
     h = np.diff(mesh.s)
     N = h.size
     m = structure.stages
@@ -53,7 +48,7 @@ def rod_parameters(
         dead = {"dead": dead_resultant(arm, scene, sections.s, end)} | of_sections
         uniform = {
             name: np.repeat(value[:, None], N, axis=1)
-            for name, value in uniform_values(arm, terms).items()
+            for name, value in uniform_values(arm, section_terms(terms)).items()
         }
         result["element"] |= {"force": np.zeros((3, N)), "moment": np.zeros((3, N))}
         result["element"] |= _by_element(dead, N) | uniform
@@ -72,7 +67,10 @@ def rod_parameters(
         path = tendon_paths(arm, ends, np.arange(k.size), j)
         result["tendon_jump"] = {"h": np.stack([h[k], h[k + 1]]), "path": path}
         result["tendon_in_element"]["h"] = h[None, layout.passages[0]]
-    return result | _contact_values(arm, scene, layout, mesh)
+    for members in node_terms:
+        for term in members:
+            result |= term.kernel_values(arm, mesh)
+    return result
 
 
 def uniform_values(arm: Arm, terms: tuple[RodTerm, ...]) -> Values:
@@ -131,25 +129,3 @@ def _by_passage(values: Values, layout: Layout) -> Values:
     return {
         name: value[:, at].transpose(2, 0, 1).reshape(-1, k.size) for name, value in values.items()
     }
-
-
-def _contact_values(arm: Arm, scene: Scene, layout: Layout, mesh: Mesh) -> ParameterValues:
-    """Return the values of nodes and elements that may touch something; none does yet."""
-    structure = layout.structure
-    if not structure.contacts:
-        return {}
-    h = np.diff(mesh.s)
-    s = mesh.s[1:]
-    touched = contacts(scene)
-    bodies = np.tile(bodies_of(scene).T, h.size)
-    nodes = np.repeat([*arm.outer_radius(s)[:2], h], len(touched), axis=1)
-    rows: list[Array] = [bodies, nodes, np.zeros((4, bodies.shape[1]))]
-    if structure.contact_friction:
-        mu = np.tile([contact.friction for contact in touched], h.size)
-        # By the stiffness along the arm, E A / L, steps went from sticking to slip and back.
-        r = _RESISTS * arm.bending_force / arm.length
-        rows += [mu, np.full(mu.size, r), np.zeros((3, mu.size))]
-    result: ParameterValues = {"touch": {"values": np.vstack(rows)}}
-    if structure.pressed:
-        result["pressure"] = {"values": np.vstack([bodies, nodes[2], 0 * nodes[2]])}
-    return result

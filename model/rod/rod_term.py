@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import ClassVar
+from typing import ClassVar, NamedTuple, Protocol
 
 import casadi as ca
 import numpy as np
@@ -20,12 +20,16 @@ from octoplan.model.arm import Arm
 from octoplan.model.cross_section.law import CrossSection
 from octoplan.model.mesh import Mesh
 from octoplan.model.paths import Array
+from octoplan.model.rod.equations import ParameterValues, Term
+from octoplan.model.rod.kernels import Places
 from octoplan.model.stations import Counts, Stations
 
 # Sizes of parameters, and their symbols or values, by name.
 Sizes = dict[str, int]
 Symbols = dict[str, ca.SX]
 Values = dict[str, Array]
+# (step, node of the scheme), positions (P, 3) -> loads per length (P, 3) in base and local frame.
+ElementLoad = Callable[[tuple[int, int], Array], tuple[Array, Array]]
 
 
 def _undefined(rows: int, columns: int = 1) -> Callable[[], ca.SX]:
@@ -158,6 +162,41 @@ class RodPoints:
         return result
 
 
+class KernelStructure(Protocol):
+    """The law and the number of stages of a rod."""
+
+    @property
+    def law(self) -> CrossSection:
+        """The law of the cross-sections."""
+
+    @property
+    def stages(self) -> int:
+        """The number of stages of an element."""
+
+
+class RodPlaces(NamedTuple):
+    """Places of the states of a rod of N elements, for a term's own kernels.
+
+    Attributes
+    ----------
+    structure : KernelStructure
+    first : int
+        Place of the first state among all unknowns.
+    nodes : (N + 1, 7 + n_wrench)
+        Pose, moment and force of the nodes.
+    inside : (n, N)
+        Stage variables of the elements.
+    variables : (N + 1, n_node_variables)
+        Node variables of the term.
+    """
+
+    structure: KernelStructure
+    first: int
+    nodes: Places
+    inside: Places
+    variables: Places
+
+
 class RodTerm:
     """Contribution of an effect to the rod. The default of each member contributes nothing.
 
@@ -172,8 +211,6 @@ class RodTerm:
         Whether it may bend an arm to the other side than the tendons do.
     n_tendon_states : int
         Number of states of each tendon at each node.
-    n_node_variables : int
-        Number of variables at each node.
     uniform_parameters, section_parameters, tendon_parameters, node_parameters : dict of int
         Sizes of the parameters in the expressions, by name: of the parameters that are the same
         all along the rod, that vary with the cross-section, with cross-section and tendon, and with
@@ -184,7 +221,6 @@ class RodTerm:
     depends_on_shape: bool = False
     bends: bool = False
     n_tendon_states: int = 0
-    n_node_variables: int = 0
     uniform_parameters: ClassVar[Sizes] = {}
     section_parameters: ClassVar[Sizes] = {}
     tendon_parameters: ClassVar[Sizes] = {}
@@ -194,6 +230,16 @@ class RodTerm:
     def is_conservative(self) -> bool:
         """Whether the load has a potential."""
         return True
+
+    @property
+    def n_node_variables(self) -> int:
+        """The number of variables at each node."""
+        return 0
+
+    @property
+    def is_nonsmooth(self) -> bool:
+        """Whether the equations have kinks, at which Newton's method may alternate."""
+        return False
 
     # Structure
 
@@ -318,6 +364,43 @@ class RodTerm:
     def node_equations(self, node: NodeView) -> ca.SX:
         """Return the equations (n_node_variables,) of the node variables."""
         return ca.SX(self.n_node_variables, 1)
+
+    # Own kernels, if the views of one section or one node do not suffice
+
+    def node_kernels(self, places: RodPlaces) -> list[Term]:
+        """Return placed kernels of the nodes in place of node forces, moments and equations.
+
+        Their rows are wrenches of nodes and the equations of all variables of the term's nodes.
+        """
+        return []
+
+    def element_kernels(self, places: RodPlaces) -> list[Term]:
+        """Return placed kernels of the elements, in addition to the kernels of the rod."""
+        return []
+
+    def kernel_values(self, arm: Arm, mesh: Mesh) -> ParameterValues:
+        """Return the parameter values of the term's own kernels."""
+        return {}
+
+    def element_load(
+        self, variables: Array, parameters: ParameterValues, elements: Counts, share: Array
+    ) -> ElementLoad | None:
+        """Return the loads of `element_kernels` per unit reference length, for integrators.
+
+        Parameters
+        ----------
+        variables : (N + 1, n_node_variables)
+            Values of the node variables.
+        parameters : dict
+            Parameters of all kernels, by kernel and name.
+        elements, share : (P,), (substeps, nodes, P)
+            Elements, and places in them from 0 to 1.
+        """
+        return None
+
+    def step_sizes(self, steps: Array, states: Array, mesh: Mesh) -> Array:
+        """Return the relative sizes (M,) of M steps of the node variables (M, N + 1, n)."""
+        return np.zeros(len(steps))
 
     # Numbers
 

@@ -44,12 +44,6 @@ class RodStructure:
         The terms that extend the cross-sections, see `section_terms`.
     machine_code : bool
         Whether the kernels are compiled.
-    contacts : int
-        Number of obstacles that a node may touch.
-    pressed : bool
-        Whether the arm may lie on them, pressed between the nodes too.
-    contact_friction : bool
-        Whether there is friction between arm and obstacles.
     """
 
     law: CrossSection
@@ -58,9 +52,6 @@ class RodStructure:
     has_force: bool = False
     term_structures: tuple[TermStructure, ...] = ()
     machine_code: bool = False
-    contacts: int = 0
-    pressed: bool = False
-    contact_friction: bool = False
 
     @cached_property
     def terms(self) -> tuple[RodTerm, ...]:

@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from octoplan.model.effects.base import Effect, EffectSet, Rules
+from octoplan.model.extensions.contact.term import ContactTerm
 from octoplan.model.extensions.obstacles.base import Convex, convex_parameters
 from octoplan.model.paths import Array
-from octoplan.model.rod.load_terms import ContactTerm
 from octoplan.model.rod.rod_term import RodTerm
 from octoplan.model.scene import Scene
 from octoplan.model.support.errors import InputError
@@ -75,9 +75,14 @@ class Contact(Effect):
         """See Effect."""
         return (_SLIDING,)
 
-    def rod_term(self, scene: EffectSet) -> RodTerm:
-        """Return a term that couples the cross-sections by forces that depend on the shape."""
-        return ContactTerm(has_friction=self.friction > 0)
+    def rod_term(self, scene: EffectSet) -> RodTerm | None:
+        """Return the term of all contacts of a scene, from the first of them."""
+        all_contacts = [effect for effect in scene.effects if isinstance(effect, Contact)]
+        if self != all_contacts[0]:
+            return None
+        bodies = convex_parameters([contact.obstacle for contact in all_contacts])
+        mu = tuple(contact.friction for contact in all_contacts)
+        return ContactTerm(tuple(map(tuple, bodies.tolist())), mu)
 
     def comparable(self) -> Contact:
         """See Effect: friction may differ between two shapes of a motion."""

@@ -12,7 +12,7 @@ from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium
 from octoplan.model.equilibrium.load_steps import Collocation
 from octoplan.model.equilibrium.newton import STAGES
-from octoplan.model.extensions.contact.effects import bodies_of, without_friction
+from octoplan.model.extensions.contact.effects import bodies_of, contacts, without_friction
 from octoplan.model.extensions.contact.gaps import check_outside
 from octoplan.model.extensions.contact.path import ContactEquilibrium, follow, retraced
 from octoplan.model.extensions.contact.sharp import Request, sharpened
@@ -46,7 +46,7 @@ class TouchingMap(Collocation):
         base = mesh_with_contact(arm, scene, refinement, at)
         self._mesh_options = refinement, at, machine_code
         super().__init__(DiscreteRod(arm, scene, base, STAGES, True, machine_code))
-        self._rubs = self.system.layout.structure.contact_friction
+        self._rubs = any(contact.friction for contact in contacts(scene))
         # Landmarks may be so near to each other that they are one node.
         self._fixed = base.s[
             sorted({base.node(s) for s in landmarks(arm, (*required_arc_lengths(arm, scene), *at))})

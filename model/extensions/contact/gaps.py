@@ -9,12 +9,12 @@ from octoplan.model.centreline import Centreline
 from octoplan.model.equilibrium.integration import poses_and_strains
 from octoplan.model.equilibrium.linearised import Index
 from octoplan.model.extensions.contact.effects import bodies_of, contacts
+from octoplan.model.extensions.contact.kernels import gap_along
 from octoplan.model.extensions.contact.touches import Place, Places
 from octoplan.model.extensions.obstacles import distances
 from octoplan.model.paths import SAME, Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.discrete_rod import DiscreteRod
-from octoplan.model.rod.touch import gap_along
 from octoplan.model.support.errors import InputError
 from octoplan.model.support.machine.functions import BatchFunction, cached
 

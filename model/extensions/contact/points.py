@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from octoplan.model.equilibrium.linearised import Equilibrium
+from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.extensions.contact.path import ContactEquilibrium
 from octoplan.model.extensions.contact.touches import ContactPoint, equilibrium_contacts
 from octoplan.model.shape import Shape
@@ -11,7 +12,7 @@ from octoplan.model.shape import Shape
 def contact_points(shape: Shape) -> tuple[ContactPoint, ...]:
     """Return the contact points of a shape from base to tip."""
     point = shape.equilibrium
-    if isinstance(point, Equilibrium) and point.system.layout.structure.contacts:
+    if isinstance(point, Equilibrium) and contacts(shape.scene):
         before = point.before if isinstance(point, ContactEquilibrium) else None
         return equilibrium_contacts(point, before)
     return shape.self_contacts

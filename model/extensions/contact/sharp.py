@@ -9,7 +9,7 @@ the arm passes through it between places there are new ones.
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from octoplan.model.equilibrium.load_steps import carried_strains, predicted
 from octoplan.model.equilibrium.newton import FOLLOWED, STEPS_IN_CONTACT, Start, newton
 from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.extensions.contact.gaps import THROUGH, along, least_gaps
+from octoplan.model.extensions.contact.kernels import BEFORE
+from octoplan.model.extensions.contact.term import ContactTerm, contact_places
 from octoplan.model.extensions.contact.touches import (
     BESIDE,
     ContactFlags,
@@ -35,7 +37,6 @@ from octoplan.model.extensions.contact.touches import (
 from octoplan.model.extensions.obstacles.base import SIZE
 from octoplan.model.paths import SAME, Array
 from octoplan.model.rod.discrete_rod import DiscreteRod
-from octoplan.model.rod.touch import BEFORE
 from octoplan.model.support.checks import SMALLEST
 
 # How far off places may be, over the arm's length.
@@ -73,7 +74,12 @@ class Request:
         base, mesh = self.base, mesh_with(self.base, self.fixed, places)
         if mesh is None:
             return None
-        system = base.on_mesh(mesh, pressed=any(place.lies for place in places))
+        conforms = any(place.lies for place in places)
+        terms = tuple(
+            replace(term, pressed=conforms) if isinstance(term, ContactTerm) else term
+            for term in base.scene.rod_terms
+        )
+        system = base.on_mesh(mesh, terms=terms)
         if self.before is not None:
             were = self.before.at(mesh.s[1:])[0][:, 4:]
             kernel_numbers(system, "touch")[:, :, BEFORE] = were[:, None]
@@ -193,11 +199,15 @@ def _initial_states(
     """Return states to begin with on another mesh: forces are those of the nodes nearest."""
     before, states = near.system, predicted(near, of.tensions)
     strains = carried_strains(before, states[before.layout.stages], system)
-    apart, now, were = np.abs(before.mesh.s[:, None] - system.mesh.s), system.layout, before.layout
+    apart = np.abs(before.mesh.s[:, None] - system.mesh.s)
+    now = contact_places(system.layout)
+    were = contact_places(before.layout)
     pressed = np.zeros(touches.held.shape)
     np.add.at(pressed, apart.argmin(axis=1), resultants(before, states))
-    carried = system.initial_states(of.tensions, strains, of.load, pressed[1:])
-    if now.structure.contact_friction and were.structure.contact_friction:
+    carried = system.initial_states(
+        of.tensions, strains, of.load, (now.touches[1:, :, 0], pressed[1:])
+    )
+    if now.tractions.size and were.tractions.size:
         at, held, pressing = apart.argmin(axis=0), touches.held, touches.pressing
         carried[now.touches] = states[were.touches[at]] * np.stack([held, pressing], axis=2)
         carried[now.friction_forces] = states[were.friction_forces[at]] * held[:, :, None]

@@ -15,11 +15,12 @@ import numpy as np
 
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.extensions.contact.effects import bodies_of, contacts
+from octoplan.model.extensions.contact.kernels import FLAGS
+from octoplan.model.extensions.contact.term import contact_places
 from octoplan.model.extensions.obstacles.base import Convex, pair_distances
 from octoplan.model.mesh import Mesh, with_nodes
 from octoplan.model.paths import Array, Mask
 from octoplan.model.rod.discrete_rod import DiscreteRod
-from octoplan.model.rod.touch import FLAGS
 from octoplan.model.rotations import matrices
 from octoplan.model.support.checks import SMALLEST
 
@@ -89,7 +90,7 @@ class ContactFlags:
         """Return a system with these touches set."""
         changed = copy.copy(system)
         kernel_numbers(changed, "touch")[..., FLAGS] = self.flags[1:]
-        if system.layout.structure.pressed:
+        if "pressure" in changed.parameters:
             kernel_numbers(changed, "pressure")[:, :, -1] = self.lies[:-1]
         return changed
 
@@ -97,12 +98,12 @@ class ContactFlags:
 def kernel_numbers(system: DiscreteRod, kernel: str) -> Array:
     """Return the numbers (N, K, n) of a kernel of contact, as a view of those of a system."""
     values = system.parameters[kernel]["values"].T
-    return values.reshape(system.layout.elements, system.layout.structure.contacts, -1)
+    return values.reshape(system.layout.elements, len(contacts(system.scene)), -1)
 
 
 def forces(system: DiscreteRod, states: Array) -> Array:
     """Return the contact force of each node on each obstacle (N + 1, K) [N]."""
-    return np.asarray(states[system.layout.touches[:, :, 0]])
+    return np.asarray(states[contact_places(system.layout).touches[:, :, 0]])
 
 
 def second(system: DiscreteRod, states: Array) -> Array:
@@ -110,7 +111,7 @@ def second(system: DiscreteRod, states: Array) -> Array:
 
     The shift [m] is how far on along the arm a point touches.
     """
-    return np.asarray(states[system.layout.touches[:, :, 1]])
+    return np.asarray(states[contact_places(system.layout).touches[:, :, 1]])
 
 
 def resultants(system: DiscreteRod, states: Array) -> Array:
@@ -131,15 +132,16 @@ def frictions(system: DiscreteRod, states: Array) -> Array:
 
     Of the traction between nodes as much falls to each as of the pressure.
     """
-    of, touches = system.layout, ContactFlags.of(system)
-    if not of.structure.contact_friction:
-        return np.zeros((of.elements + 1, of.structure.contacts, 3))
+    places = contact_places(system.layout)
+    touches = ContactFlags.of(system)
+    if not places.tractions.size:
+        return np.zeros((*places.touches.shape[:2], 3))
     p = second(system, states) * touches.pressing
     spread = resultants(system, states) - forces(system, states) * touches.held
     length = np.divide(spread, p, out=np.zeros_like(p), where=p > 0)
     frames = matrices(system.poses(states)[:, :4])
-    tau = np.einsum("nij,nkj->nki", frames, states[of.tractions])
-    return np.asarray(states[of.friction_forces] + length[:, :, None] * tau)
+    tau = np.einsum("nij,nkj->nki", frames, states[places.tractions])
+    return np.asarray(states[places.friction_forces] + length[:, :, None] * tau)
 
 
 def mesh_with(base: DiscreteRod, fixed: Array, places: Places) -> Mesh | None:

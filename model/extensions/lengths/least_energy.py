@@ -33,16 +33,16 @@ from octoplan.model.cross_section.energy import EnergySection, ExactSection
 from octoplan.model.cross_section.of_scene import body_numbers
 from octoplan.model.cross_section.sections import reported, strains_of
 from octoplan.model.extensions.contact.effects import bodies_of
+from octoplan.model.extensions.contact.term import ContactTerm, contact_places
+from octoplan.model.extensions.lengths.energy import held_rows, potential_energy
 from octoplan.model.extensions.lengths.winches import Winches
 from octoplan.model.loads import dead_resultant, is_conservative
 from octoplan.model.paths import Array
 from octoplan.model.rod.collocation import gauss
 from octoplan.model.rod.discrete_rod import DiscreteRod
-from octoplan.model.rod.energy import held_rows, potential_energy
 from octoplan.model.rod.equations import AssembledValue
 from octoplan.model.rod.layout import Layout, layout
 from octoplan.model.rod.load_terms import (
-    ContactTerm,
     CouplingTerm,
     DeadTipTerm,
     PointForceTerm,
@@ -188,7 +188,10 @@ class LeastEnergy:
 
     def states(self, point: Minimum, load: float = 1.0) -> Array:
         """Return the states of the equilibrium equations (n_states,)."""
-        return self.system.initial_states(point.tensions, self.strains(point), load, point.forces)
+        known = None
+        if point.forces.size:
+            known = contact_places(self.system.layout).touches[1:, :, 0], point.forces
+        return self.system.initial_states(point.tensions, self.strains(point), load, known)
 
     def lengths(self, point: Minimum) -> Array:
         """Return the lengths of the tendons (n_tendons,) [m]."""

@@ -20,10 +20,11 @@ from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.extensions.contact.effects import contacts, without_friction
 from octoplan.model.extensions.contact.gaps import along
+from octoplan.model.extensions.contact.kernels import BEFORE
 from octoplan.model.extensions.contact.path import Path
+from octoplan.model.extensions.contact.term import contact_places
 from octoplan.model.extensions.contact.touches import ContactFlags
 from octoplan.model.paths import Array
-from octoplan.model.rod.touch import BEFORE
 from octoplan.model.scene import Scene
 from octoplan.model.settle import settle
 from octoplan.model.shape import Shape
@@ -130,9 +131,9 @@ def _by_history(before: Equilibrium, earlier: Array, point: Equilibrium, by_step
         were[k, :, n + np.arange(k.size)] = then - now
     change = np.zeros((of.equations.n_p, n + k.size))
     rows = of.equations.named(change)["touch"]["values"][BEFORE]
-    rows = rows.reshape(3, of.elements, of.structure.contacts, n + k.size)
+    rows = rows.reshape(3, of.elements, len(contacts(system.scene)), n + k.size)
     rows[:] = were[1:, None].transpose(2, 0, 1, 3)
     by = -point.solve(of.equations.along_parameters(point.x, system.p, change))
-    by_history, by_shift, shifts = by[:, :n], by[:, n:], of.touches[k, j, 1]
+    by_history, by_shift, shifts = by[:, :n], by[:, n:], contact_places(of).touches[k, j, 1]
     shifted = np.linalg.solve(np.eye(k.size) - by_shift[shifts], (by_step + by_history)[shifts])
     return np.asarray(by_history + by_shift @ shifted)
