@@ -149,8 +149,8 @@ def switch_effects(
             missing = [each for each in added if not scene.has(type(each))]
             others.append((Scene(*scene.effects, *missing), effect))
     return tuple(
-        switch_effect(arm, tensions, scene, *other, accuracy, repeats)
-        for other in track("effects switched", others)
+        switch_effect(arm, tensions, scene, other, effect, accuracy, repeats)
+        for other, effect in track("effects switched", others)
     )
 
 
@@ -183,7 +183,9 @@ def switch_effect(
     with_it, without = (scene, other) if enabled else (other, scene)
     added = [each for each in with_it.effects if each not in without.effects]
     names = [type(each).__name__ for each in sorted(added, key=lambda each: each != effect)]
-    change, factor, problem = np.nan, np.nan, ""
+    change = np.nan
+    factor = np.nan
+    problem = ""
     calls = [partial(settle, arm, tensions, each, accuracy) for each in (with_it, without)]
     try:
         tips = [call().tip for call in calls]

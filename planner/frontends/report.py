@@ -152,7 +152,8 @@ def switch_table(switches: tuple[Switch, ...], accuracy: float) -> str:
         notes.append(f"Fewer unknowns with {names}: a coarser mesh is sufficient.")
     for switch in switches:
         more = switch.sizes.instructions / switch.sizes_without.instructions
-        change, factor = f"{switch.tip_change:.1e}", f"x {switch.time_factor:.2g}"
+        change = f"{switch.tip_change:.1e}"
+        factor = f"x {switch.time_factor:.2g}"
         if switch.problem:
             change = factor = "-"
             notes.append(f"{switch.effect}: {switch.problem}")

@@ -255,8 +255,10 @@ def joint_axes(base_frame: Array, bodies: Bodies, rest: Array, angles: Array) ->
     """Return the axes (N + 1, 4, 3) of the slide and of hinges x, y, z of each body."""
     before = np.concatenate([base_frame[None], bodies.frames[:-1]])
     first = before @ rest
-    x, y = np.zeros_like(angles), np.zeros_like(angles)
-    x[:, 0], y[:, 1] = angles[:, 0], angles[:, 1]
+    x = np.zeros_like(angles)
+    y = np.zeros_like(angles)
+    x[:, 0] = angles[:, 0]
+    y[:, 1] = angles[:, 1]
     second = first @ Rotation.from_rotvec(x).as_matrix()
     third = second @ Rotation.from_rotvec(y).as_matrix()
     return np.stack([before[:, :, 0], first[:, :, 0], second[:, :, 1], third[:, :, 2]], axis=1)

@@ -168,7 +168,8 @@ def urdf(shape: Shape, links: int = 30, name: str = "arm") -> str:
     parent = child_of(root, "link", name=BASE)
     for i in range(links + 1):
         if i:
-            place, along = (chain.chords[i - 1], 0, 0), (1, 0, 0)
+            place = (chain.chords[i - 1], 0, 0)
+            along = (1, 0, 0)
             parent = _add_link(root, parent, f"slide_{i}", "prismatic", along, xyz=place)
         turned = Rotation.from_matrix(chain.rest[i]).as_euler("xyz")
         for letter, axis, rpy in zip("xyz", np.eye(3), [turned, _NOT, _NOT], strict=True):

@@ -185,7 +185,7 @@ class _Nodes:
         self._each = list(zip(ca.horzsplit(pull), ca.horzsplit(data), strict=True))
         strain = strain_function(statics)
         self._derivatives = _strain_derivatives(statics)
-        self.strains = ca.vertcat(*(strain(*of)[1:] for of in self._each))
+        self.strains = ca.vertcat(*(strain(pull, data)[1:] for pull, data in self._each))
 
     def derivatives(self, weights: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return first derivatives (3 m, n_pull m) of the strains by pull, and second derivatives.
@@ -195,7 +195,9 @@ class _Nodes:
         parts = zip(
             ca.vertsplit(self.strains, 3), self._each, ca.vertsplit(weights, 3), strict=True
         )
-        pairs = [self._derivatives(strain, *of, weight) for strain, of, weight in parts]
+        pairs = [
+            self._derivatives(strain, pull, data, weight) for strain, (pull, data), weight in parts
+        ]
         first, second = zip(*pairs, strict=True)
         return ca.diagcat(*first), ca.diagcat(*second)
 

@@ -60,7 +60,8 @@ def plan(scene: ScenePath, /, *, options: SceneOptions = _DEFAULT) -> Output:
     """Find the tensions of least effort for the scene's target."""
     result = run_plan(options.question(scene))
     tables = {"plan.csv": lambda: plan_csv(result), "shape.csv": lambda: _shape_csv(result)}
-    record, certificate = plan_record(result), result.certificate
+    record = plan_record(result)
+    certificate = result.certificate
     draw = None if certificate.problem else result.plot
     return Output(lambda: str(result), record, "plan", draw, tables, certificate.passed)
 
@@ -185,13 +186,22 @@ def export(
     if what == "map" or what == "plan":
         if what == "map":
             check_complete(question, "tensions")
-            arguments = (question.arm, question.scene, to, question.tensions, question.accuracy)
-            result = export_map(*arguments, precision, name)
+            result = export_map(
+                question.arm,
+                question.scene,
+                to,
+                question.tensions,
+                accuracy=question.accuracy,
+                precision=precision,
+                name=name,
+            )
         else:
             # The plan is computed to the default accuracy or better.
             fine = question.but(accuracy=min(question.accuracy, ACCURACY))
             result = export_plan(run_plan(fine), to, question.accuracy, precision, name)
-        files, shape, static_bytes = result.files, result.shape, result.static_bytes
+        files = result.files
+        shape = result.shape
+        static_bytes = result.static_bytes
         more = (
             f"\n  {shape.s.size} nodes, tip error {shape.error:.1e} of the length at the "
             f"tensions of the scene or its plan, work arrays {static_bytes} bytes\n"

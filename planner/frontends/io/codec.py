@@ -205,7 +205,8 @@ def _chosen(kinds: tuple[Any, ...], value: Any, unit: str | None) -> Any:
 
     A list of two numbers is a path. In the exact form paths are tables, never lists.
     """
-    is_list, others = isinstance(value, list | tuple), [k for k in kinds if k is not type(None)]
+    is_list = isinstance(value, list | tuple)
+    others = [k for k in kinds if k is not type(None)]
     if Path in kinds and is_list:
         several = unit is None or any(not isinstance(item, float | int) for item in value)
         return next((item for item in kinds if several and item is not Path), Path)

@@ -86,7 +86,8 @@ def plan_csv(plan: Any) -> bytes:
     stroke taken in by the winch [mm], taut or slack. Lengths and strokes are empty if the statics
     define none or no equilibrium exists.
     """
-    arm, tensions = plan.arm, np.ravel(plan.tensions).tolist()
+    arm = plan.arm
+    tensions = np.ravel(plan.tensions).tolist()
     shape = of_shape(plan)
     slack = [T <= 0 for T in tensions] if shape["slack"] is None else shape["slack"].ravel()
     lengths, strokes = (_mm(arm, shape[key]) for key in ("lengths_m", "strokes_m"))

@@ -250,7 +250,8 @@ def read_json(path: Path, wanted: str) -> dict[str, Any]:
 
     `wanted` is "octoplan KIND VERSION".
     """
-    name, what = str(path), wanted.split()[1]
+    name = str(path)
+    what = wanted.split()[1]
     try:
         table = msgspec.json.decode(read_bytes(path, f"must be a saved {what}"))
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as reason:

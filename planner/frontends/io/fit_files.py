@@ -95,8 +95,15 @@ def run_design(path: str | Path) -> Design:
     with error_context(name, ""):
         objective: Objective = "effort" if file.objective is None else value_of(file.objective)
         tasks = [value_of(item) for item in file.tasks]
-        arguments = question.arm, tasks, unknowns, question.scene, most
-        return design(*arguments, manufacturing=value_of(file.manufacturing), objective=objective)
+        return design(
+            question.arm,
+            tasks,
+            unknowns,
+            scene=question.scene,
+            tension_max=most,
+            manufacturing=value_of(file.manufacturing),
+            objective=objective,
+        )
 
 
 def _read(path: Path, kind: Any, needed: str, command: str) -> tuple[Any, SceneFile, list[Unknown]]:

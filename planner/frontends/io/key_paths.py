@@ -125,7 +125,8 @@ def checked_key(scene: dict[str, Any], key: str, root: Any = SceneTable) -> str:
     if not _PATH.fullmatch(key):
         raise InputError("key", key, "a path such as arm.E_kPa, tensions[0][2], target.bend_deg")
     value: Any = scene
-    path, here = steps(key), ""
+    path = steps(key)
+    here = ""
     for step in path:
         refused = _refused(value, step, here or "the scene")
         if refused:

@@ -95,7 +95,8 @@ def _mistake(name: str, table: Any, root: Any, path: str) -> FileError:
     The error names the file, the key and similar keys.
     """
     where = steps(path)
-    value, kinds = value_at(table, where), kinds_at(root, table, where)
+    value = value_at(table, where)
+    kinds = kinds_at(root, table, where)
     tables = [kind for kind in kinds if isinstance(kind, inspect.StructType)]
     if isinstance(value, dict) and tables:
         return _wrong_keys(name, path, value, tables, root)
@@ -197,7 +198,8 @@ _EFFECTS: dict[Step, str] = {kind.__name__: key for kind, key in KEYS.items()}
 def _is_same(written: tuple[str, str, Any], argument: Any) -> bool:
     """Return True if a number or list of numbers of a file equals a value in SI units."""
     _, unit, value = written
-    a, b = np.array(in_si(value, unit)), np.array(argument)
+    a = np.array(in_si(value, unit))
+    b = np.array(argument)
     return {a.dtype.kind, b.dtype.kind} <= {"i", "f"} and np.array_equal(a, b, equal_nan=True)
 
 
@@ -213,9 +215,11 @@ def _arguments(
             if key in value:
                 yield from _arguments(f"{path}.{key}", value[key], names[1:], unit)
     elif isinstance(value, list):
-        which, rest = range(len(value)), names
+        which = range(len(value))
+        rest = names
         if isinstance(names[0], int):
-            which, rest = range(len(value))[names[0] : names[0] + 1], names[1:]
+            which = range(len(value))[names[0] : names[0] + 1]
+            rest = names[1:]
         for i in which:
             yield from _arguments(f"{path}[{i}]", value[i], rest, unit)
 

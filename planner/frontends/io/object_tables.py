@@ -53,7 +53,8 @@ def frame(tangent: Numbers, normal: Numbers) -> Frame:
 
     Vectors may be rounded to three digits; larger deviations from orthonormality raise InputError.
     """
-    t, n = np.array(tangent), np.array(normal)
+    t = np.array(tangent)
+    n = np.array(normal)
     for key, vector in (("tangent", t), ("normal", n)):
         if not abs(np.linalg.norm(vector) - 1) < _ROUNDED:
             raise InputError(key, vector.tolist(), "a vector of length 1")
@@ -127,7 +128,8 @@ def _inline(kind: Any) -> FieldFormat:
 
 _PRESETS = {name: Arm.from_paper(name) for name in PAPER_ARMS}
 Preset: Any = Literal[tuple(_PRESETS)]
-TABLES[RestCurvature], TABLES[Anchorage] = table(RestCurvature), table(Anchorage)
+TABLES[RestCurvature] = table(RestCurvature)
+TABLES[Anchorage] = table(Anchorage)
 _PRESET = "an arm of the paper; replaces length_mm, radius_mm and sections"
 ArmTable: Any = table(
     Arm,
@@ -172,7 +174,8 @@ def tag_of(kind: type) -> str:
 
 
 def _vertices(values: list[Numbers] | None, position: Numbers, t: Numbers, n: Numbers) -> Any:
-    axes, origin = np.array(frame(t, n)), np.array(in_si(position, "mm"))
+    axes = np.array(frame(t, n))
+    origin = np.array(in_si(position, "mm"))
     places = np.array(in_si(values or [], "mm")).reshape(-1, 3)
     return tuple(map(tuple, (places @ axes.T + origin).tolist()))
 
@@ -230,7 +233,8 @@ def _with_key(
     shape: type[Table], prefix: str, key: str, held: tuple[Any, Any], read: Any
 ) -> type[Table]:
     """Return the table of an obstacle with an additional key; `read` builds the value from both."""
-    name, tag = f"{prefix}{shape.__name__}", str(shape.__struct_config__.tag)
+    name = f"{prefix}{shape.__name__}"
+    tag = str(shape.__struct_config__.tag)
     new_table: type[Table] = struct(name, [(key, *held)], shape.__doc__, tag, shape)
     READ[new_table] = lambda table: read(READ[shape](table), getattr(table, key))
     return new_table

@@ -67,7 +67,8 @@ def load_plan(
     """
     name = str(path)
     saved = checked(read_json(path_of(path), schema_name(PlanRecord)), SavedPlan, name)
-    question, answer = saved.question, saved.answer
+    question = saved.question
+    answer = saved.answer
     task = _task(name, question, answer)
     result = build_at(name, "answer", value_of, answer)
     flat = build_at(name, "answer.tensions", task.arm.flat, result.tensions)
@@ -76,9 +77,17 @@ def load_plan(
         build_at(name, f"answer.{key}", not_negative, key, getattr(result, key))
     for i, T in enumerate(result.load_path):
         build_at(name, f"answer.load_path[{i}]", task.arm.flat, T)
-    obstacles, clear = read(Any, question.obstacles), (question.clearance, question.self_clearance)
-    at = "question.obstacles"
-    around = build_at(name, at, surroundings, task.arm, task.targets, obstacles, *clear)
+    obstacles = read(Any, question.obstacles)
+    around = build_at(
+        name,
+        "question.obstacles",
+        surroundings,
+        task.arm,
+        task.targets,
+        obstacles,
+        question.clearance,
+        question.self_clearance,
+    )
     kind = ContactPlan if contacts(task.scene) else Plan
     plan: Plan = kind.of(replace(task, environment=around), result)
     _check_multipliers(plan, name)
@@ -103,7 +112,8 @@ def _task(name: str, question: QuestionRecord, answer: Any) -> PlanningProblem:
 
 def _check_multipliers(plan: Plan, name: str) -> None:
     """Raise FileError for multipliers that are not finite or of the wrong number."""
-    lam_x, lam_g = plan.solution.lam_x, plan.solution.lam_g
+    lam_x = plan.solution.lam_x
+    lam_g = plan.solution.lam_g
     sizes = len(lam_x), len(lam_g)
     if any(sizes) and isinstance(plan, ContactPlan) and not plan.beside:
         wanted = plan.arm.n_tendons, sizes[1]
@@ -128,7 +138,8 @@ def load_calibration(path: str | Path) -> Calibration:
     saved = checked(
         read_json(path_of(path), schema_name(CalibrationRecord)), SavedCalibration, name
     )
-    question, fit = saved.question, saved.fit
+    question = saved.question
+    fit = saved.fit
     with error_context(name, "question"):
         arm = value_of(question.arm)
         scene = value_of(question.scene)

@@ -148,12 +148,18 @@ def question_of(raw: dict[str, Any], name: str = "scene") -> SceneFile:
     options = _without_none(arguments_of(table, OptionsTable)) | winches
     folder = Path(name).parent
     obstacles = list(build_each("obstacles", lambda item: value_of(inline_mesh(item, folder))))
-    clear = options["clearance"], options["self_clearance"]
-    build(
-        "obstacles" if obstacles else "clearance_mm",
-        lambda given: surroundings(arm, targets + waypoints, given, *clear, bool(waypoints)),
-        obstacles,
-    )
+
+    def check_surroundings(given: list[Any]) -> None:
+        surroundings(
+            arm,
+            targets + waypoints,
+            given,
+            clearance=options["clearance"],
+            of_itself=options["self_clearance"],
+            in_time=bool(waypoints),
+        )
+
+    build("obstacles" if obstacles else "clearance_mm", check_surroundings, obstacles)
     options |= {"obstacles": obstacles} | _without_none(arguments_of(table.motion))
     if table.limits is not None:
         options |= build("limits", partial(_limits, arm), table.limits)
@@ -258,9 +264,11 @@ def _left(arm: Arm, strokes: Any) -> list[float]:
     Raises InputError for strokes of another shape, and for strokes above the tendon length.
     """
     arm.flat([np.zeros(np.shape(row)).tolist() for row in strokes], "strokes")
-    taken, rest = np.hstack([np.ravel(row) for row in strokes]), rest_lengths(arm)
+    taken = np.hstack([np.ravel(row) for row in strokes])
+    rest = rest_lengths(arm)
     for j in np.flatnonzero(np.isinf(taken) | (taken >= rest)):
-        field, stroke = f"strokes[{j}] ({arm.tendon_name(int(j))})", f"{1e3 * taken[j]:g} mm"
+        field = f"strokes[{j}] ({arm.tendon_name(int(j))})"
+        stroke = f"{1e3 * taken[j]:g} mm"
         allowed = f"below {1e3 * rest[j]:.6g} mm, its length at rest; negative to pay out"
         raise InputError(field, stroke, allowed)
     warn_unusual("strokes_mm", (taken / arm.length).tolist(), STROKE)

@@ -132,7 +132,8 @@ def _switched(value: Any, kind: Any, on: bool) -> list[Effect]:
 def _effects_table(scene: Scene) -> dict[str, Any]:
     result: dict[str, Any] = {"extension": False}
     for effect in scene.effects:
-        kind, item = type(effect), table_of(effect)
+        kind = type(effect)
+        item = table_of(effect)
         if kind in _SWITCHES:
             result |= item
         elif kind in _SEVERAL:

@@ -128,7 +128,8 @@ def fields_of(kind: Any, skip: Container[str] = ()) -> Iterator[tuple[str, Any, 
     for name, argument in inspect.signature(kind).parameters.items():
         if name in skip:
             continue
-        hint, default = hints_of(kind).get(name), argument.default
+        hint = hints_of(kind).get(name)
+        default = argument.default
         unit = unit_of_type(hint)
         try:
             held = type_in_file(hint)
@@ -167,7 +168,8 @@ def attribute_descriptions(kind: Any) -> dict[str, str]:
 
 def type_in_file(hint: Any, unit: str | None = "") -> Any:
     """Return the type of a key in files for an annotation; raise TypeError if there is none."""
-    origin, inside = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    inside = get_args(hint)
     if origin is Annotated:
         inner, *more = inside
         unit = unit if unit is None else unit_of_type(hint) or unit

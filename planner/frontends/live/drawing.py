@@ -153,7 +153,8 @@ def _draw_floor(scene: Any, arm: Arm, style: Style) -> None:
 
 def backdrop(style: Style) -> str:
     """Return HTML with the background gradient; an image would cost a render pass per frame."""
-    top, bottom = f"rgb{style.top}", f"rgb{style.bottom}"
+    top = f"rgb{style.top}"
+    bottom = f"rgb{style.bottom}"
     return f"<style>canvas[data-engine] {{ background: linear-gradient({top}, {bottom}) }}</style>"
 
 
@@ -172,7 +173,8 @@ class ArmOnPage:
     def __init__(self, server: Any, shape: Shape, most: Array) -> None:
         """Draw a shape; tendons at `most` (n_tendons,) [N] have the colour `high`."""
         vertices, faces, pieces, colours, names = picture(shape, most)
-        scene, arm = server.scene, shape.arm
+        scene = server.scene
+        arm = shape.arm
         self._server = server
         self._body = scene.add_mesh_simple("/body", vertices, faces, color=LIGHT.body, opacity=0.45)
         thick = LIGHT.thickness * arm.length
@@ -188,9 +190,11 @@ class ArmOnPage:
         vertices, _, pieces, colours, names = picture(shape, most)
         with self._server.atomic():
             self._body.vertices = vertices
-            self._tendons.points, self._tendons.colors = pieces, colours
+            self._tendons.points = pieces
+            self._tendons.colors = colours
             for label, place in zip(self._names, names, strict=True):
-                label.position, label.visible = place, named
+                label.position = place
+                label.visible = named
 
 
 def add_obstacle(server: Any, name: str, obstacle: Obstacle) -> Any:

@@ -156,10 +156,12 @@ class Follower:
             result = self._settled(wanted)
             if result is not None:
                 stability = _stability(result) if self.brink else self._unheld
-                missed, gaps = goal.residual(result), self._gaps(result)[0]
+                missed = goal.residual(result)
+                gaps = self._gaps(result)[0]
                 merit = self._merit(missed, gaps, wanted, stability[0])
                 if merit < worth:
-                    self.shape, self._stability = result, stability
+                    self.shape = result
+                    self._stability = stability
                     self._reach = min(2 * self._reach, 1.0)
                     return merit < (1 - _STILL) * worth
             self._reach /= 4

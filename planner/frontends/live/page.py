@@ -125,7 +125,8 @@ class Page:
 
     def _add_numbers(self, each: Numbers) -> Any:
         """Add input boxes for numbers of the target."""
-        gui, start = self._server.gui, each.read(self.session.handle.start)
+        gui = self._server.gui
+        start = each.read(self.session.handle.start)
         add = gui.add_vector3 if start.size == 3 else gui.add_vector2
         box = add(each.label, tuple(start.tolist()), step=1.0)
 
@@ -133,7 +134,8 @@ class Page:
             if event.client is None:
                 return  # written by _draw, not by a user
             pose = each.write(self.session.pose, np.array(event.target.value))
-            self._control.wxyz, self._control.position = pose[:4], pose[4:]
+            self._control.wxyz = pose[:4]
+            self._control.position = pose[4:]
             self.move()
 
         box.on_update(typed)

@@ -176,18 +176,19 @@ class Session:
             code = bool(self._options.get("compile"))
             limits = checked_limits(self.arm, scene, **self._options)
             limits = limits.of_tendons(self.target.tendons(self.arm))
-            arguments = (self.arm, scene, limits, around, code)
+            tensions = None if before is None else before.shape.tensions
             try:
-                before = Follower(*arguments, None if before is None else before.shape.tensions)
+                before = Follower(self.arm, scene, limits, around, code, tensions)
             except OctoplanError:
-                before = Follower(*arguments)
+                before = Follower(self.arm, scene, limits, around, code)
         self._follower = before
         return before
 
     @property
     def _warm_start(self) -> Plan | None:
         """The current arm as a plan from which the next one is warm-started."""
-        last, shape = self.last, self.shape
+        last = self.last
+        shape = self.shape
         if last is None or shape is None or last.scene != self.scene:
             return None
         if shape is last.shape:

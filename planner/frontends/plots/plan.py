@@ -171,10 +171,12 @@ def _common_zero(left: Axes, right: Axes, strain: Array) -> None:
     """Set both vertical ranges so that zeros are at the same height, with a margin."""
     ranges = []
     for values in (strain[:, :3], strain[:, 3]):
-        low, high = min(np.nanmin(values), 0.0), max(np.nanmax(values), 0.0)
+        low = min(np.nanmin(values), 0.0)
+        high = max(np.nanmax(values), 0.0)
         size = high - low
         ranges.append((low / size, high / size, size) if size > 1e-12 else (0.0, 0.0, 1.0))
-    low, high = min(r[0] for r in ranges) - 0.06, max(r[1] for r in ranges) + 0.06
+    low = min(r[0] for r in ranges) - 0.06
+    high = max(r[1] for r in ranges) + 0.06
     for ax, (_, _, size) in zip((left, right), ranges, strict=True):
         ax.set_ylim(low * size, high * size)
         ax.yaxis.set_major_locator(MaxNLocator(6, steps=ROUND_STEPS))

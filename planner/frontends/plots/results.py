@@ -47,8 +47,10 @@ def _arms(result: Any, ax: Any) -> None:
     present = list(here.equilibria)
     which = present[:: max(1, -(-len(present) // _SHAPES))]
     for k, i in enumerate(which):
-        equilibrium, shape = here.equilibria[i], result.measured[i]
-        places, miss = shape.places, here.residuals[i]
+        equilibrium = here.equilibria[i]
+        shape = result.measured[i]
+        places = shape.places
+        miss = here.residuals[i]
         midline = equilibrium.system.poses(equilibrium.states)[:, 4:]
         ax.plot(*(MM * midline).T, color=f"C{k % 10}", lw=1.2)
         predicted = places + miss[: places.size].reshape(-1, 3)

@@ -217,21 +217,29 @@ def _values(compute: Compute, question: SceneFile) -> dict[str, Any]:
 def _compute_batch(job: Job, points: Sequence[Point]) -> Rows:
     """Return the results at sets of tensions of one arm, settled as a batch."""
     question = job.question()
-    flat, read = question.arm.flat(question.tensions), question.arm.flat
+    flat = question.arm.flat(question.tensions)
+    read = question.arm.flat
     # Find the tendon of each key path: mark the path with the largest tension.
     marked = (
         changed({"tensions": question.tensions}, [key], [flat.max() + 1.0]) for key in job.keys
     )
     T = np.repeat(flat[None], len(points), axis=0)
     T[:, [int(np.argmax(read(each["tensions"]))) for each in marked]] = points
-    arguments = (question.arm, T, question.scene, question.accuracy)
-    options = {"compile": question.options["compile"], "time_limit": question.time_limit}
-    many = settle_many(*arguments, errors="nan", **options)
+    many = settle_many(
+        question.arm,
+        T,
+        question.scene,
+        accuracy=question.accuracy,
+        compile=question.options["compile"],
+        errors="nan",
+        time_limit=question.time_limit,
+    )
     failed = {i: _compute_point(job, points[i]) for i, text in enumerate(many.problems) if text}
     rows = blank(job.compute, len(job.tendons), len(points))
     shapes = {name: getattr(many, name) for name in ("tip", "tip_frame", "error")}
     rows |= shapes | {"tensions": T}
-    rows["settled"][:], rows["outcome"][:] = True, SETTLED
+    rows["settled"][:] = True
+    rows["outcome"][:] = SETTLED
     for i, row in failed.items():
         for name, values in row.items():
             rows[name][i] = values[0]

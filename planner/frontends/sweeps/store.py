@@ -150,7 +150,8 @@ def gather(sweep: Sweep, chunks: ChunkFiles) -> Any:
     """Return the Dataset of a sweep, lazily; all chunks are checked first."""
     xarray = needed("xarray", "sweep")
     summary, width = _summary(sweep, chunks)
-    variables, coords = dict[str, Any](), dict[str, Any]()
+    variables = dict[str, Any]()
+    coords = dict[str, Any]()
     for name, item in VARIABLES[sweep.job.compute].items():
         units = {"units": item.units} if item.units else {}
         array = _array(sweep, chunks, name, item, width)

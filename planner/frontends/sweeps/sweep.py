@@ -87,9 +87,10 @@ def run_locally(sweep: Sweep, chunks: Iterable[int], jobs: int) -> Computed:
     joblib = needed("joblib", "sweep")
     broken = needed("joblib.externals.loky.process_executor", "sweep").BrokenProcessPool
     left = dict.fromkeys(chunks)
-    more = (end_of_limit(), versions())
+    end = end_of_limit()
+    wanted = versions()
     one = joblib.delayed(_run_chunk)
-    work = (one(sweep.job, chunk, sweep.points(chunk), *more) for chunk in list(left))
+    work = (one(sweep.job, chunk, sweep.points(chunk), end, wanted) for chunk in list(left))
     alone = {} if jobs == 1 else {"initializer": _end_with, "initargs": (os.getpid(),)}
     pool = joblib.Parallel(jobs, return_as="generator_unordered", batch_size=1, **alone)
     try:
@@ -153,10 +154,12 @@ def run_on_cluster(sweep: Sweep, chunks: Iterable[int], scheduler: str) -> Compu
     """
     distributed = needed("distributed", "cluster")
     left = dict.fromkeys(chunks)
-    more = (math.inf, versions())
+    wanted = versions()
     with _client(scheduler) as client:
         tasks = (
-            client.submit(_run_chunk, sweep.job, chunk, sweep.points(chunk), *more, pure=False)
+            client.submit(
+                _run_chunk, sweep.job, chunk, sweep.points(chunk), math.inf, wanted, pure=False
+            )
             for chunk in list(left)
         )
         first = islice(tasks, _AHEAD * sum(client.nthreads().values()))
