@@ -281,7 +281,7 @@ _AGAINST: dict[str, tuple[Any, Any]] = {
     "direction": keyed(VECTOR | None, "in the base frame", None),
     "matrix": keyed(tuple[VECTOR, VECTOR, VECTOR] | None, _MATRIX, None),
 }
-_ABOUT = "about the centre of the object; not balanced if omitted"
+_ABOUT = "about the centre of the object; if omitted, other supports balance the moment"
 _WRENCH: dict[str, Any] = {
     "force": keyed(VECTOR, "on the object, in the base frame", unit="N"),
     "moment": keyed(VECTOR | None, _ABOUT, None, unit="N m"),

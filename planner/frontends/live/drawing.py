@@ -35,7 +35,7 @@ class Style:
     line, coarse : Colour
         Grid lines of the floor.
     slack, low, high : Colour
-        A slack tendon, a tendon without tension, a tendon at maximal tension.
+        A slack tendon, a taut tendon at minimal tension, a tendon at maximal tension.
     body, ellipsoid, obstacle, plate : Colour
     thickness, aside : float
         Thickness of a tendon; distance of the label from the arm.

@@ -3,8 +3,8 @@
 Each step settles the arm from the shape before, and changes the tensions towards the goal with
 least effort, by the derivatives of that shape. No initial optimum is needed, so that the arm moves
 while a plan is searched for. Under loads the mesh is coarse; steps to unstable shapes are rejected
-and repeated with a constraint on the stability margin. The limits of tensions, strokes and total
-pull are those of the plan.
+and repeated with a constraint on the stability margin. The follower ignores limits of strokes
+and of the total pull; plans enforce both.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ from octoplan.planner.certificate import BRINK
 from octoplan.planner.frontends.live.handles import Goal
 from octoplan.planner.limits import Limits, natural_tensions
 
-# Miss, over the arm length, below which the arm is at the goal: about a pixel. It is also the
-# weight of the effort: of the mean tension that bends the arm by 1 rad.
+# Miss, over the arm length, below which the arm is at the goal: about a pixel. ACCURACY is
+# also the weight of the effort, in units of the mean tension that bends the arm by 1 rad.
 ACCURACY = 1e-3
 # Largest miss that a single step corrects, over the arm length or in rad.
 _FAR = 0.15
