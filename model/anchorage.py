@@ -66,7 +66,7 @@ class Anchorage:
 
     @property
     def angle_paths(self) -> tuple[Path | None, ...]:
-        """The additional angle of each tendon; None for tendons that do not turn."""
+        """The additional angle of each tendon, None for tendons that do not turn."""
         return (None,) * len(self.angles) if self.turn is None else self._each(self.turn)
 
     @property

@@ -217,13 +217,15 @@ class Arm(HtmlRepr):
         return [(each.at, [next(names) for _ in each.angles]) for each in self.sections]
 
     def __repr__(self) -> str:
-        cells, angles = [["  section", "at [mm]", "offset [mm]"]], ["tendons at [deg]"]
+        cells = [["  section", "at [mm]", "offset [mm]"]]
+        angles = ["tendons at [deg]"]
         for i, each in enumerate(self.sections):
             ends = ", ".join(ends_text(path, each.at) for path in dict.fromkeys(each.offsets))
             cells.append([f"  {i + 1}", f"{1e3 * each.at:g}", ends])
             angles.append(" ".join(f"{angle:.4g}" for angle in np.degrees(each.angles)))
         rows = [f"{line}   {angle}" for line, angle in zip(columns(cells), angles, strict=True)]
-        m, radius = self.material, ends_text(self.radius, self.length)
+        m = self.material
+        radius = ends_text(self.radius, self.length)
         head = f"Arm of {1e3 * self.length:g} mm, radius {radius} mm, {self.n_tendons} tendons"
         head += f"; E {m.E / 1e3:g} kPa, nu {m.nu:g}, {m.density:g} kg/m3"
         return "\n".join([head + ", curved at rest" * self.is_curved, *shortened_lines(rows)])

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from octoplan.model.arm import Arm
 from octoplan.model.cross_section.law import CrossSection
 from octoplan.model.cross_section.sections import kinematics
-from octoplan.model.effects import NeoHookean
+from octoplan.model.effects.sections import NeoHookean
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.paths import SAME, Array
 from octoplan.model.rod.collocation import gauss, rotation_vectors

@@ -83,7 +83,8 @@ def series(coefficients: list[ca.SX], h: ca.SX, bracket: Bracket, order: int) ->
     """
     zero = 0 * coefficients[0]
     rate = [h * coefficient for coefficient in coefficients][:order]
-    powers, omega = [rate + [zero] * (order - len(rate))], [zero]
+    powers = [rate + [zero] * (order - len(rate))]
+    omega = [zero]
     powers += [[] for _ in _BERNOULLI[1:]]
     for d in range(order):
         for lower, each in pairwise(powers):

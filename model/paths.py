@@ -87,7 +87,8 @@ class Sampled:
             raise InputError(
                 "Sampled.s", (self.s[0], self.s[-1]), f"samples from 0 to {length_text(span)}"
             )
-        spline, x = _spline(self), np.clip(s, self.s[0], self.s[-1])
+        spline = _spline(self)
+        x = np.clip(s, self.s[0], self.s[-1])
         return spline(x), spline(x, 1), spline(x, 2)
 
     def knots(self) -> tuple[float, ...]:

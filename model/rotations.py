@@ -29,7 +29,8 @@ def norm(v: ca.SX) -> ca.SX:
 
 def multiply(p: ca.SX, q: ca.SX) -> ca.SX:
     """Return the product of two quaternions."""
-    v, w = p[1:], q[1:]
+    v = p[1:]
+    w = q[1:]
     return ca.vertcat(p[0] * q[0] - ca.dot(v, w), p[0] * w + q[0] * v + ca.cross(v, w))
 
 
@@ -82,7 +83,9 @@ def _of_half(x: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     See half_angle. The first and the last are sums over k of (-b^2)^k / (2 k + 2)! and (2 k + 3)!,
     by Horner's rule. Products are several times faster than quotients.
     """
-    square, versine, cubic = 0.25 ** (_DOUBLINGS + 1) * x, ca.SX(0), ca.SX(0)
+    square = 0.25 ** (_DOUBLINGS + 1) * x
+    versine = ca.SX(0)
+    cubic = ca.SX(0)
     for k in reversed(range(_TERMS + 1)):
         versine = (-1.0) ** k / math.factorial(2 * k + 2) + square * versine
         cubic = (-1.0) ** k / math.factorial(2 * k + 3) + square * cubic
@@ -112,7 +115,8 @@ def exponential(w: ca.SX, v: ca.SX) -> ca.SX:
 
     The smoothness and the accuracy are those of half_angle.
     """
-    x, turn = ca.sumsqr(w), ca.cross(w, v)
+    x = ca.sumsqr(w)
+    turn = ca.cross(w, v)
     versine, sinc, cubic = _of_half(x)
     shift = v + 0.5 * sinc**2 * turn + 0.25 * (cubic + sinc * versine) * ca.cross(w, turn)
     return ca.vertcat(1 - 0.25 * x * versine, 0.5 * sinc * w, shift)

@@ -93,7 +93,7 @@ class Scene(HtmlRepr):
         return tuple(term for term in terms if term is not None)
 
     def find(self, kind: type[E] | tuple[type[E], ...]) -> E | None:
-        """Return the first effect of a kind, or of several kinds; None if there is no such effect.
+        """Return the first effect of a kind, or of several kinds, otherwise None.
 
         Raises InputError if `kind` is no kind of effect and no tuple of kinds.
         """

@@ -121,7 +121,7 @@ def settle(
     ----------
     arm : Arm
     tensions : (n_sections, n) or (n_tendons,)
-        [N], tip section first; None or NaN for tendons with a given length.
+        [N], tip section first. Pass None or NaN for tendons with a given length.
     scene : Scene
         The enabled effects. The default is `Scene()`, bending only.
     accuracy : float
@@ -133,10 +133,10 @@ def settle(
         compiler builds the code of each kind of scene in seconds, once per user. "auto" warns and
         uses interpreted code if no compiler works.
     lengths : (n_sections, n) or (n_tendons,)
-        Length of each tendon between base and anchorage without tension, as its winch sets it [m];
+        Length of each tendon between base and anchorage without tension, set by a winch [m]. Pass
         None or NaN for tendons with a given tension.
     tendon_EA : float
-        Stiffness E A of the tendons with given lengths [N]. By default they are inextensible.
+        Stiffness E A of the tendons with given lengths [N]; the default is inextensible tendons.
     tendon_outside : float
         Length of each tendon between winch and base, which also stretches [m]. The stretch ignores
         friction in the arm.
@@ -149,7 +149,8 @@ def settle(
     time_limit : float
         Time limit [s]. With contact, the equilibrium on a mesh is also limited to 20 s.
     progress : bool
-        Whether to show a progress line. By default terminals and notebooks show one after 2 s.
+        Whether to show a progress line. The default shows a line on terminals and in notebooks,
+        after 2 s.
 
     Raises
     ------

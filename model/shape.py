@@ -1,4 +1,4 @@
-"""A settled shape: its equilibrium, evaluated anywhere along the arm."""
+"""A settled shape: the equilibrium, evaluated anywhere along the arm."""
 
 from __future__ import annotations
 
@@ -58,13 +58,13 @@ class Shape(HtmlRepr):
     error : float
         Estimated tip error over arm length [-].
     equilibrium : AnyEquilibrium
-        The equations and their solution on the mesh that is accurate enough.
+        The equations and the solution on the mesh that is accurate enough.
     refinement : int
         Refinement of this mesh.
     winches : Winches or None
         The winches of the tendons, if lengths were given.
     snaps : tuple of float
-        With contact, fractions of tensions and loads at which the arm jumped on its way from rest.
+        With contact, fractions of tensions and loads at which the arm jumped.
     self_contacts : tuple of ContactPoint
         Points at which the arm presses on itself, in pairs, from base to tip. Shape and stability
         result from the scene with the contact forces as point loads.
@@ -102,7 +102,7 @@ class Shape(HtmlRepr):
 
     @property
     def machine_code(self) -> bool:
-        """Whether compiled kernels settled the arm; results at further places use them too."""
+        """Whether compiled kernels settled the arm and evaluate the shape."""
         return self.equilibrium.machine_code
 
     @property
@@ -114,7 +114,7 @@ class Shape(HtmlRepr):
     def slack_lengths(self) -> Array | None:
         """The slack lengths of tendons with given lengths (n_tendons,), otherwise NaN [m].
 
-        None if no lengths were given.
+        The value is None if no lengths were given.
         """
         if self.winches is None:
             return None
@@ -125,7 +125,7 @@ class Shape(HtmlRepr):
     def slack(self) -> Mask:
         """Whether each tendon is slack (n_sections, n), or (n_tendons,) if sections differ.
 
-        A tendon is slack if it is not taut, see octoplan.model.tendons.is_taut. A tendon with a
+        A slack tendon is not taut, see octoplan.model.tendons.is_taut. A tendon with a
         given length also needs a slack length.
         """
         none = ~is_taut(self.arm, self.tensions)
@@ -171,7 +171,7 @@ class Shape(HtmlRepr):
         """The reasons not to trust the shape, one sentence each.
 
         Reasons are: the arm passes through itself, bends sharper than its own radius, is stretched
-        beyond the law of its body, or a tendon has no length left. The equations do not exclude
+        beyond the law of the body, or a tendon has no length left. The equations do not exclude
         such states. `settle` warns of sharp bends and of stretch. With friction of contact,
         `error` ignores the length of the load steps.
         """
@@ -222,7 +222,7 @@ class Shape(HtmlRepr):
         """Return strains (tau, xi, k, q), (4,) or (N, 4), at arc length s [m].
 
         Curvatures are about t, n, b per unit deformed length [1/m], and q is the longitudinal
-        strain [-]. At an anchorage the strains are those on the base side, as in the paper's
+        strain [-]. At an anchorage the result is on the base side, as in the paper's
         half-open domains.
         """
         return self.strains(s)[..., :4]
@@ -255,7 +255,7 @@ class Shape(HtmlRepr):
         return self._at(s, lambda places: self.equilibrium.at(places)[1])
 
     def tension(self, s: float) -> Array:
-        """Return the tension of each tendon (n_tendons,) at arc length s, 0 beyond its end [N].
+        """Return the tension of each tendon (n_tendons,) at arc length s, 0 beyond the end [N].
 
         With friction, tensions vary along the arm. At an anchorage the result is on the base side.
         """
@@ -274,7 +274,7 @@ class Shape(HtmlRepr):
         """Length of each tendon from base to anchorage (n_tendons,) [m] in tendon order.
 
         With collocation, the lengths are integrals over the stages, which given lengths constrain.
-        Otherwise they are the integrals of ``|du_c/ds|`` by Gauss quadrature.
+        Otherwise the lengths are the integrals of ``|du_c/ds|`` by Gauss quadrature.
         """
         return self.equilibrium.lengths
 
@@ -307,7 +307,7 @@ class Shape(HtmlRepr):
 
     @property
     def known(self) -> Equilibrium | None:
-        """The equations by collocation and their solution, for other meshes to start from."""
+        """The equations by collocation and the solution, the initial guess for other meshes."""
         return self.equilibrium if isinstance(self.equilibrium, Equilibrium) else None
 
     def _places(self, s: Any) -> Array:

@@ -138,7 +138,8 @@ class Stiffness(HtmlRepr):
         return axes, directions
 
     def __repr__(self) -> str:
-        arm, T = self.shape.arm, self.shape.tensions
+        arm = self.shape.arm
+        T = self.shape.tensions
         held = "tensions held" if self.hold == "tension" else "lengths locked"
         place = "the tip" if self.at == arm.length else f"s = {1e3 * self.at:g} mm"
         rows = [["[mm/N]", "force x", "force y", "force z"]]
@@ -198,8 +199,8 @@ def stiffness(
     accuracy : float
         Accepted relative error of the compliance, and accepted tip error over arm length.
     tendon_EA : float
-        Stiffness E A of the tendons [N]. By default tendons are inextensible. As in settle, a
-        stretched tendon is as long as its path, and shorter without tension.
+        Stiffness E A of the tendons [N]; the default is inextensible tendons. A stretched tendon is
+        as long as its path, and shorter without tension.
     release : bool
         Whether tendons without tension are slack at constant lengths. They could only pull, and
         resist one of two opposite displacements at most. False locks all tendons, which is stiffer.

@@ -23,11 +23,13 @@ def cross_section_of(scene: Scene, curved: bool = False, twisted: bool = True) -
     twisted : bool
         Whether the law has torsion, and shear if the scene has Shear.
     """
-    shape = (scene.has(Extension), twisted, twisted and scene.has(Shear), curved)
+    extension = scene.has(Extension)
+    shear = twisted and scene.has(Shear)
     rubber = scene.find(NeoHookean)
     if rubber is not None:
-        return RubberSection(*shape, anticlastic=rubber.anticlastic)
-    return ExactSection(*shape) if scene.has(ExactTendons) else PaperSection(*shape)
+        return RubberSection(extension, twisted, shear, curved, anticlastic=rubber.anticlastic)
+    kind = ExactSection if scene.has(ExactTendons) else PaperSection
+    return kind(extension, twisted, shear, curved)
 
 
 def body_numbers(arm: Arm, scene: Scene, at: Stations, rates: bool = False) -> Array:

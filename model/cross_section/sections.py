@@ -336,5 +336,6 @@ def _kinematics(law: CrossSection) -> ca.Function:
 
 def _law_strains(law: CrossSection) -> ca.Function:
     e = ca.SX.sym("e", 6)
-    kappa, nu = (1 + e[3]) * e[:3], ca.vertcat(1 + e[3], e[4:])
+    kappa = (1 + e[3]) * e[:3]
+    nu = ca.vertcat(1 + e[3], e[4:])
     return ca.Function("strains", [e], [ca.densify(law.strains(kappa, nu))])

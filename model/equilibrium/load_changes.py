@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from copy import copy
 
-from octoplan.model.effects import Effect
+from octoplan.model.effects.base import Effect
 from octoplan.model.equilibrium.linearised import Equilibrium
 from octoplan.model.equilibrium.newton import CLOSE, Start, newton
 from octoplan.model.equilibrium.stability import is_stable

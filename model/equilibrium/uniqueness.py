@@ -28,7 +28,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cholesky_banded
 
 from octoplan.model.arm import Arm
-from octoplan.model.effects import Shear
+from octoplan.model.effects.sections import Shear
 from octoplan.model.loads import force_bound, turning_bounds
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
