@@ -40,6 +40,7 @@ def _tips(scene: Scene = PAPER) -> list[TipPosition]:
     return [TipPosition(tuple(settle(_arm(), T, scene).tip.tolist())) for T in pulls]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("objective", "scene"),
     [
@@ -118,6 +119,7 @@ def test_an_arm_is_designed_for_stiffness() -> None:
         found.sensitivity  # noqa: B018
 
 
+@pytest.mark.slow
 def test_a_stiffest_modulus_is_no_softer_than_others() -> None:
     """Forces that compliances are counted by do not change with the arm."""
     up, modulus = Stiffest((0.0, 0.0, 1.0)), Unknown("arm.E_kPa", 60, 200)
@@ -145,6 +147,7 @@ def test_an_arm_is_designed_for_reach() -> None:
         assert -settle(found.arm, T, PAPER).tip[1] <= found.value * (1 + 1e-6)
 
 
+@pytest.mark.slow
 def test_a_designed_arm_is_cheaper_and_every_plan_is_certified() -> None:
     found = design(_arm(), _tips(), [RADIUS, OFFSET], PAPER, 5.0, starts=3, n_starts=1)
     assert found.feasible

@@ -238,6 +238,7 @@ def test_a_plan_of_a_calibrated_arm_tells_how_sure_its_tip_is(sure: Calibration)
     assert found.measured_std > found.tip_std
 
 
+@pytest.mark.slow
 def test_a_shape_that_stops_settling_on_the_way_is_left_out_and_named() -> None:
     """At the given modulus an arm bears tensions that crush it at the modulus of the others."""
     scene = Scene(Extension(), Weight())

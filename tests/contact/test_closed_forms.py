@@ -16,6 +16,7 @@ from tests.contact.cases import bar, stiffness
 NONE = np.zeros(4)
 
 
+@pytest.mark.slow
 def test_a_heavy_cantilever_lies_on_a_floor_from_where_beam_theory_says() -> None:
     """M = w (a - x)^2 / 2 - P (a - x); y'(a) = 0 gives P = w a / 3, y(a) = w a^4 / (72 EJ)."""
     length, radius, E, above = 0.3, 0.003, 1e8, 1e-5
@@ -45,6 +46,7 @@ def test_a_tip_pressed_on_a_floor_is_carried_but_for_what_bends_the_bar(force: f
     assert touch.force[2] == pytest.approx(force - bends, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_tip_bent_against_a_wall_presses_as_the_elastica_does() -> None:
     """theta' = (m - P (x(L) - x)) / EJ against a wall across y, with m the tendon's moment."""
     length, radius, E, tension, wall = 0.3, 0.003, 1e9, 40.0, 0.03

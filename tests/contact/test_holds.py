@@ -43,6 +43,7 @@ def held() -> ContactPlan:
     return p
 
 
+@pytest.mark.slow
 def test_the_forces_on_the_object_balance_within_their_cones_by_numpy_alone(
     held: ContactPlan,
 ) -> None:

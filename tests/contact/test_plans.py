@@ -33,6 +33,7 @@ def first() -> Plan:
     return plan(ARM, TipPosition(tuple(leaning(1.0).tip)), SCENE, 30.0, starts=1)
 
 
+@pytest.mark.slow
 def test_a_tip_is_brought_to_a_place_on_the_floor_that_carries_the_arm(first: Plan) -> None:
     assert first.reached, str(first.certificate)
     assert first.shape.contacts
@@ -53,6 +54,7 @@ def test_a_force_across_a_gap_is_no_contact(first: Plan, monkeypatch: pytest.Mon
     assert not spoilt.passed
 
 
+@pytest.mark.slow
 def test_a_motion_leads_through_contact_and_is_certified_on_its_way(first: Plan) -> None:
     tip = leaning(2.0).tip
     asked = {"rate_max": 2.0, "start": first, "accuracy": 1e-5}
@@ -84,6 +86,7 @@ BOX = Box(
 )
 
 
+@pytest.mark.slow
 def test_a_plan_that_begins_in_contact_lets_go_where_nothing_has_to_press() -> None:
     """It ended where the arm touched without pressing, for more effort, and was not certified."""
     arm, target = Arm.from_paper("table-2"), TipPosition((0.29957, 0.010395, 0.023342))

@@ -32,6 +32,7 @@ def on_floor(tensions: list[float]) -> Shape:
     return settle(arm, tensions, ROUGH, 1e-6, near=settle(arm, NONE, SMOOTH))
 
 
+@pytest.mark.slow
 def test_a_tip_that_sticks_holds_all_that_tendons_would_move() -> None:
     """Q = T along the bar, that keeps its length, and 3 m / 2 L across, m the tendon's moment."""
     tension = 0.02
@@ -55,6 +56,7 @@ def test_a_tip_that_slips_is_held_back_by_mu_times_what_presses() -> None:
     assert touch.slip[0] < 0
 
 
+@pytest.mark.slow
 def test_a_shape_that_rubs_says_that_load_steps_are_no_part_of_its_error() -> None:
     assert "no part of its error" in " ".join(on_floor([0.02, 0, 0, 0]).remarks)
     assert settle(bar(LENGTH, RADIUS, E), NONE, SMOOTH).remarks == ()
@@ -121,6 +123,7 @@ RUBBING = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RUBBING)
 def test_meshes_of_an_arm_that_rubs_differ_by_their_own_errors_alone(name: str) -> None:
     """Finer ones took steps of their own, which changed more: it was refused after 20 s."""

@@ -46,6 +46,7 @@ def plans() -> tuple[Plan, Plan]:
     return free, held
 
 
+@pytest.mark.slow
 def test_a_margin_is_held_in_contact_and_costs_effort(plans: tuple[Plan, Plan]) -> None:
     free, held = plans
     assert free.reached
@@ -57,6 +58,7 @@ def test_a_margin_is_held_in_contact_and_costs_effort(plans: tuple[Plan, Plan]) 
     assert "stability, at its margin of 0.305" in "; ".join(held.holding())
 
 
+@pytest.mark.slow
 def test_no_tensions_nearby_cost_less_and_stand_as_well(plans: tuple[Plan, Plan]) -> None:
     """By differences of settled shapes: effort's gradient is one of tip and stability."""
     held = plans[1]

@@ -68,6 +68,7 @@ def test_silicone_that_widens_to_its_tip_enters_nothing_on_either_side_of_a_touc
     assert gaps.min() > -1e-9 * arm.length
 
 
+@pytest.mark.slow
 def test_a_part_that_lies_off_the_point_where_it_began_is_found() -> None:
     """It was given up, and begun again at one of its ends, for as long as it pulled there."""
     scene = Scene(Extension(), ExactTendons(), Weight(), Contact(ROD))
@@ -116,6 +117,7 @@ def arm() -> Arm:
     return bar(0.3, 0.006, 2e5)
 
 
+@pytest.mark.slow
 def test_lengths_of_a_leaning_arm_give_it_back(arm: Arm) -> None:
     T = np.array([0.0, 0.3, 0.1, 0.0])
     given = settle(arm, T, BY_LENGTHS, 1e-8)
@@ -146,6 +148,7 @@ THIN_ROD = Capsule((0.2, -0.15, -0.05), (0.2, 0.15, -0.05), 0.02)
 PULLS = np.array([0, 0, 0, 0, 0, 0, 0, 0, 0.3, 3, 0, 0])
 
 
+@pytest.mark.slow
 def test_lengths_of_an_arm_that_touches_two_bodies_give_it_back() -> None:
     """Steps along what lengths hardly feel went to kilonewtons, and to no end."""
     sphere = Sphere((0.153, -0.006, -0.095), 0.0285)
@@ -162,6 +165,7 @@ def test_lengths_of_an_arm_that_touches_two_bodies_give_it_back() -> None:
 SHEARED = Scene(Extension(), ExactTendons(), Contact(THIN_ROD), Shear())
 
 
+@pytest.mark.slow
 def test_an_arm_that_shears_passes_through_nothing_where_it_leans() -> None:
     """A force at a point bent it by an angle there: it was inside by 4e-6 of its length."""
     shape = settle(TABLE_4, PULLS, SHEARED)
@@ -190,6 +194,7 @@ def test_what_presses_makes_up_for_the_angle_by_the_obstacle_s_curvature() -> No
     assert last.s - first.s == pytest.approx(P / pressure, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_shearing_arm_leans_on_a_thin_bead() -> None:
     """The part that would lie on it is 1e-7 of the length long: it touches at a point."""
     arm, free, bent = Arm.from_paper("section-5.2"), Scene(ExactTendons(), Shear()), [0.3, 0, 0, 0]

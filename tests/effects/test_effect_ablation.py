@@ -83,6 +83,7 @@ def test_what_needs_an_effect_or_is_needed_by_it_is_switched_along(
     assert [name for name, switch in found.items() if not switch.enabled] == others
 
 
+@pytest.mark.slow
 def test_each_of_several_point_loads_is_switched_by_itself() -> None:
     loads = (PointLoad(0.1, (0.0, 0.01, 0.0)), PointLoad(0.2, (0.0, 0.01, 0.0)))
     found = switch_effects(ARM, BENT, Scene(*loads), 1e-4, repeats=1)

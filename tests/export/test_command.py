@@ -22,6 +22,7 @@ from tests.export.cases import BENT, CURVED, SECTION_52, TABLE_4, gcc
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
 
 
+@pytest.mark.slow
 def test_a_scene_is_exported_and_its_makefile_checks_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

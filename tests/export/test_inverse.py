@@ -83,6 +83,7 @@ def inverse(first: Any, tmp_path_factory: pytest.TempPathFactory) -> Inverse:
     return Inverse(tmp_path_factory.mktemp("inverse"), first, 1e-6)
 
 
+@pytest.mark.slow
 def test_second_derivatives_are_those_of_the_map(inverse: Inverse) -> None:
     function = explicit_map(TABLE_4, PAPER, inverse.shape.refinement).function
     T, weight = ca.MX.sym("T", 12), np.array([0.3, -1.0, 0.7])

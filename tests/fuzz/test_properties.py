@@ -143,6 +143,7 @@ CHECKS = [
 NAMES = [check.__name__ for check, _, _ in CHECKS]
 
 
+@pytest.mark.quick("any_target_ends_in_a_plan_or_is_refused", "any_tensions_settle_or_are_refused")
 @pytest.mark.parametrize(("check", "examples", "drawn"), CHECKS, ids=NAMES)
 def test_it_holds_for_the_same_few(check: Check, examples: int, drawn: Drawn) -> None:
     settings(BASIC, max_examples=(examples + 1) // 2, derandomize=True)(

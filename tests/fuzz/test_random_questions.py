@@ -174,6 +174,7 @@ def test_many_random_questions_are_answered_rightly() -> None:
     assert ends["reached"] >= 0.97 * ends.total(), ends
 
 
+@pytest.mark.slow
 def test_a_shape_that_topples_is_held_by_tendons_against_each_other() -> None:
     """None of the optima stood; the plan was not certified, and off by 2.9 rad."""
     asked = question(21)

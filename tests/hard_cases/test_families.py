@@ -26,6 +26,22 @@ FAMILIES = (
 )
 
 
+@pytest.mark.quick(
+    "any tension, silicone-0",
+    "stiff friction-0",
+    "units-0",
+    "ill-posed plans-0",
+    "many turns-0",
+    "exact values-0",
+    "any tension, paper-0",
+    "layouts-0",
+    "any tension, exact-0",
+    "slender tips-0",
+    "heavy loads-0",
+    "compression, silicone-0",
+    "compression, paper-0",
+    "compression, exact-0",
+)
 @pytest.mark.parametrize("first", [0, pytest.param(1, marks=pytest.mark.slow, id="many")])
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
 def test_members_are_right_or_refused(

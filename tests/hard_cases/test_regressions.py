@@ -30,6 +30,7 @@ def test_exact_tendons_settle_at_any_tension(times: float, extension: bool) -> N
     assert shape.error <= 1e-5
 
 
+@pytest.mark.slow
 def test_a_shape_says_where_a_tendon_has_no_length_left() -> None:
     # 15, 120, 390 N settle, 5, 40, 130 N are refused: neither is an arm, and only one said so.
     T = np.zeros((3, 4))
@@ -50,6 +51,7 @@ ROLLED = [
 ]
 
 
+@pytest.mark.quick("0.0001-one", "0.0001-another", "1e-06-a fetch", "0.0001-a fetch")
 @pytest.mark.parametrize("T", ROLLED, ids=["one", "another", "a fetch"])
 @pytest.mark.parametrize("accuracy", [1e-4, 1e-6])
 def test_errors_of_arms_that_are_folded_are_true(T: list[list[float]], accuracy: float) -> None:
@@ -115,6 +117,7 @@ def test_a_mesh_before_one_that_failed_says_nothing_about_one_after_it() -> None
     assert np.linalg.norm(shape.tip - [x, -y, 0]) < 1e-5 * 0.327
 
 
+@pytest.mark.slow
 def test_sections_where_the_energy_hardly_curves_are_settled() -> None:
     # Steps had no less than a tenth of the stiffness at rest and crept, one set in twenty of these.
     T = np.array([3.169, 0.369, 0, 1.748, 0, 0, 4.912, 0, 0, 4.127, 0.292, 0])

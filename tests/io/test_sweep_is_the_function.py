@@ -79,8 +79,8 @@ def test_a_sweep_of_one_point_is_a_settle(seed: int) -> None:
     assert np.array_equal(found.tip.values[0], alone.tip)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(100, 120))
-@pytest.mark.quick("100")
 def test_a_sweep_of_one_point_is_a_stiffness(seed: int) -> None:
     rng = np.random.default_rng(seed)
     scene, T = random_scene(rng), _tensions(rng)

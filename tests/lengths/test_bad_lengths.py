@@ -100,6 +100,7 @@ REFUSED: Refused = {
 }
 
 
+@pytest.mark.quick("no shape", "a set of many")
 @pytest.mark.parametrize(("attempt", "field", "allowed"), REFUSED.values(), ids=REFUSED)
 def test_what_is_no_length_or_stroke_is_refused(
     attempt: Callable[[], object], field: str, allowed: str

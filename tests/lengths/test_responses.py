@@ -31,6 +31,7 @@ def lengths_of(scene: Scene) -> np.ndarray:
     return settle(ARM, T, scene, 1e-10).tendon_lengths + 5e-3 * (T == 0)
 
 
+@pytest.mark.quick("scene0-None", "scene1-200.0")
 @pytest.mark.parametrize(("scene", "own"), [(EXACT, None), (EXACT, 200.0), (WATER, 200.0)])
 def test_derivatives_are_those_of_differences(scene: Scene, own: float | None) -> None:
     lengths, step = lengths_of(scene), 1e-6

@@ -16,7 +16,7 @@ from tests.lengths.cases import EXACT, PAPER, SCENES, check_complementary, pulle
 _ARMS = ("table-2", "table-4", "random")
 
 
-@pytest.mark.quick("inextensible", "silicone", "in water")
+@pytest.mark.quick("inextensible", "in water")
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
 def test_lengths_of_a_shape_give_it_back(scene: Scene) -> None:
     check_trips(scene, 1, 1 if is_loaded(scene) else 3, 1)
@@ -35,6 +35,7 @@ def test_a_tendon_that_is_slack_by_little_keeps_no_other_from_its_length() -> No
 
 
 # It used to be refused as too short, and told as crushed by lengths that do not crush it.
+@pytest.mark.slow
 def test_lengths_are_met_where_the_least_energy_is_no_guess() -> None:
     arm, scene = Arm.from_paper("table-4"), PAPER["paper in water"]
     lengths = rest_lengths(arm) * np.append(0.69, np.ones(11))

@@ -56,6 +56,7 @@ def test_the_certificate_finds_out_strokes_beyond_their_limits_by_how_far() -> N
     assert pulled.certificate.bounds == pytest.approx(1e-3, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_a_stroke_of_one_tendon_bends_by_as_much_as_it_is_long() -> None:
     """An inextensible arm with tendons at y: the stroke of the one that pulls is y times the bend.
 
@@ -73,6 +74,7 @@ def test_a_stroke_of_one_tendon_bends_by_as_much_as_it_is_long() -> None:
     assert bend == pytest.approx(1.9e-3 / y, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_how_far_winches_pay_out_is_a_limit_of_its_own() -> None:
     """The slack tendon across is longer by y times the bend: 1.9 mm let it be 0.475 rad."""
     arm, y = cylinder((0.2,)), 4e-3
@@ -103,6 +105,7 @@ def test_scene_files_have_them_in_millimetres() -> None:
     assert options["stroke_min"] == pytest.approx(-3e-3)
 
 
+@pytest.mark.slow
 def test_a_shape_beyond_stroke_limits_is_not_called_the_nearest() -> None:
     """Where nothing within the limits is found, as in water with nearly no stroke at all."""
     arm, target = cylinder((0.2,)), BendingPlane(angle=0.0, bend=0.5, section=1)

@@ -135,6 +135,7 @@ with progress.ProgressLine():
 """
 
 
+@pytest.mark.slow
 def test_a_line_is_shown_in_notebooks() -> None:
     root = Path(__file__).parents[2]
     command = [sys.executable, "-c", _NOTEBOOK]

@@ -201,6 +201,7 @@ def test_a_load_that_doubles_the_length_is_told() -> None:
         settle(bar, rest, Scene.silicone(TipLoad(force=(0.7 * EA, 0.0, 0.0))))
 
 
+@pytest.mark.slow
 def test_certificates_tell_of_arms_stretched_too_far() -> None:
     bar = conical(0.1, (0.01, 0.01), [(0.1, 0.005, 0.005)], material=Material(1e5))
     scene = Scene(Extension(), TipLoad(force=(1.2e5 * np.pi * 0.01**2, 0.0, 0.0)))

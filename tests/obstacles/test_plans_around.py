@@ -148,6 +148,7 @@ def test_a_plan_among_obstacles_is_found_from_sampled_shapes() -> None:
     assert np.linalg.norm(shape.tip - known.tip) < 1e-6 * arm.length
 
 
+@pytest.mark.slow
 def test_where_no_shape_keeps_clear_the_outcome_says_what_is_touched() -> None:
     bend, wall = BendingPlane(angle=0.0, bend=0.02), HalfSpace((0.3, 0, 0), (-1.0, 0, 0))
     p = plan(ARM, bend, SCENE, 0.01, obstacles=[wall], starts=1)
@@ -155,6 +156,7 @@ def test_where_no_shape_keeps_clear_the_outcome_says_what_is_touched() -> None:
     assert p.outcome.startswith("Not clear: it passes through obstacles[0] by 15")
 
 
+@pytest.mark.slow
 def test_an_obstacle_that_guesses_do_not_come_near_is_led_around_without_loads() -> None:
     """Poses became unknowns once it was near: the plan ended in a ValueError."""
     ball = Sphere((0.157, -0.071, -0.08), 0.02)
@@ -228,6 +230,7 @@ def test_a_plan_with_obstacles_loads_back_equal(around: Plan, tmp_path: Path) ->
     assert other.certificate.clearance == around.certificate.clearance
 
 
+@pytest.mark.slow
 def test_a_plan_near_another_is_led_around_under_loads_too() -> None:
     """It ended in an error of CasADi's."""
     scene = Scene(Extension(), Weight(), Buoyancy())

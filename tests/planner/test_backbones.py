@@ -61,6 +61,7 @@ def drawn(arm: Arm, seed: int) -> Array:
     return rng.uniform(0, 0.8, arm.n_tendons) * natural_tensions(arm) * (of_each < 0.6)
 
 
+@pytest.mark.quick("2")
 @pytest.mark.parametrize("norm", ["2", "1", "inf"])
 def test_limits_that_are_far_leave_effort_as_it_is(norm: str) -> None:
     rng = np.random.default_rng(140112)
@@ -112,6 +113,7 @@ def test_effort_is_least_among_tensions_that_meet_it(arm: Arm, seed: int) -> Non
     assert cheaper > p.effort * (1 - 1e-4) or missed > 1e-9
 
 
+@pytest.mark.slow
 def test_a_backbone_out_of_reach_costs_the_same_for_far_limits() -> None:
     backbone = own_backbone(SEVEN, drawn(SEVEN, 7), PAPER, np.array([0.3, 0.5, 0.8, 1.0]))
     moved = Backbone(

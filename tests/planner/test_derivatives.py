@@ -70,6 +70,7 @@ def test_derivatives_with_the_least_stable_mode_are_those_that_casadi_finds() ->
     check_program(ARM, PAYLOAD_IN_WATER, "exact", 1)
 
 
+@pytest.mark.slow
 def test_how_near_a_target_is_had_does_not_depend_on_the_norm_of_effort() -> None:
     """Among obstacles CasADi takes derivatives backwards, and lost those by the largest tension."""
     angles = tuple(np.radians([276.2, 6.2, 96.2, 186.2]).tolist())

@@ -51,6 +51,7 @@ def test_a_table_has_a_line_for_each_effect(
     assert captured.err == ""
 
 
+@pytest.mark.slow
 def test_an_arm_that_buckles_out_of_water_is_told_in_the_table_and_in_the_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

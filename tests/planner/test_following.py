@@ -29,12 +29,14 @@ def followed(count: int, accuracy: float = 1e-6) -> tuple[Plan, ...]:
     return tuple(plan_many(ARM, path(count), PAPER, 20.0, accuracy=accuracy))
 
 
+@pytest.mark.slow
 def test_a_followed_plan_is_the_optimum_that_a_search_finds() -> None:
     for target, found in zip(path(4), followed(4, 1e-8), strict=True):
         afresh = plan(ARM, target, PAPER, 20.0, accuracy=1e-8)
         assert found.effort == pytest.approx(afresh.effort, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_plans_along_a_path_need_no_search_and_tendons_go_slack_on_the_way() -> None:
     along = followed(12)
     assert all(found.reached for found in along)
@@ -120,6 +122,7 @@ def test_a_finer_accuracy_than_before_is_met() -> None:
     assert rough.certificate.residual > 1e-9 >= fine.certificate.residual
 
 
+@pytest.mark.slow
 def test_loaded_arms_are_followed() -> None:
     water = Scene(Extension(), Weight(), Buoyancy(1000.0))
     tips = [TipPosition(settle(ARM, FIRST + u * (LAST - FIRST), water).tip) for u in (0.3, 0.4)]
@@ -139,6 +142,7 @@ def test_plans_are_as_accurate_as_asked(accuracy: float) -> None:
     assert np.linalg.norm(tip - np.array(path(12)[5].position)) <= accuracy * ARM.length
 
 
+@pytest.mark.slow
 def test_a_long_step_on_one_branch_is_no_jump() -> None:
     near = plan(ARM, path(12)[0], PAPER, 20.0)
     far = plan(ARM, path(12)[-1], PAPER, 20.0, near=near)

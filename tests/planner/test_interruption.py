@@ -42,6 +42,7 @@ def test_at_the_time_limit_there_is_a_plan_that_says_so(name: str) -> None:
     assert np.all((stopped.tensions >= 0) & (stopped.tensions <= 20))
 
 
+@pytest.mark.slow
 def test_a_plan_stopped_after_an_optimum_is_that_optimum() -> None:
     whole = plan(ARM, TARGET, SCENES["silicone"], 20.0)
     for limit in (0.3, 0.6, 1.2):
@@ -76,6 +77,7 @@ except KeyboardInterrupt:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.2, pytest.param(0.9, marks=pytest.mark.slow)])
 def test_ctrl_c_ends_a_plan_and_leaves_the_next_one_alone(delay: float) -> None:
     code = textwrap.dedent(INTERRUPTED.format(delay=delay))
@@ -259,6 +261,7 @@ def together(seconds: float, jobs: int, each: int, warm: bool) -> str:
     return run.stdout
 
 
+@pytest.mark.slow
 def test_four_threads_plan_and_settle_what_each_does_alone() -> None:
     """Used to end the process: one memory of the solver served all threads."""
     assert "0 otherwise" in together(0.0, 3, 1, warm=False)

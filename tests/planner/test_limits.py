@@ -71,6 +71,7 @@ def test_maxima_that_do_nothing_hold_everything_back(most: float) -> None:
     assert ("at its maximum" if most else "Not reached") in found.outcome
 
 
+@pytest.mark.slow
 def test_starts_are_counted_and_their_agreement_too() -> None:
     found = plan(ARM, TARGET, PAPER, 20.0)
     assert 1 <= found.solution.n_equal_optima <= len(found.solution.starts) <= 8
@@ -108,6 +109,7 @@ def test_too_much_bend_keeps_the_plane_and_bends_as_far_as_it_goes() -> None:
     assert found.tensions[2].tolist() == pytest.approx([0, 5, 0, 0])
 
 
+@pytest.mark.slow
 def test_a_bare_arm_bends_where_an_arm_with_extension_would_be_crushed() -> None:
     arm = Arm.from_paper("table-2")
     target = BendingPlane(np.radians(20), np.pi, 3)

@@ -100,6 +100,7 @@ def test_out_of_reach_the_arm_goes_as_near_as_it_can_and_the_page_says_so() -> N
     assert "at its maximum of 0.5 N" in planned(hand)
 
 
+@pytest.mark.slow
 def test_a_heavy_arm_goes_no_nearer_than_it_stands_and_the_page_says_so() -> None:
     """In air it was led along shapes that do not stand, and crept there for half a minute."""
     heavy = session(Scene.silicone(Weight()), TipPosition((0.3, 0.15, -0.1)), tension_max=10.0)
@@ -123,6 +124,7 @@ def test_effects_are_switched_and_contradictions_refused() -> None:
         silicone.step()
 
 
+@pytest.mark.slow
 def test_obstacles_are_switched_and_kept_clear_of() -> None:
     free = brought(session())
     through = free.settled()

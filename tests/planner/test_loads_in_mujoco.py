@@ -176,6 +176,7 @@ point_loads = [{ s_mm = 200.0, force = [0.0, 0.01, -0.005] }]
 """
 
 
+@pytest.mark.slow
 def test_command_writes_a_keyframe_that_stays(tmp_path: Path) -> None:
     """It fell by 161 of 300 mm."""
     scene = tmp_path / "arm.toml"
@@ -201,6 +202,7 @@ def test_command_names_loads_that_urdf_lacks(
     assert len(json.loads(shown.out)["files"]) == 2
 
 
+@pytest.mark.slow
 def test_current_and_obstacles_are_named_in_mjcf() -> None:
     floor = Contact(HalfSpace((0.0, 0.0, -0.5), (0.0, 0.0, 1.0)))
     shape = settle(Arm.from_paper("table-2"), PULLED, Scene(*EXACT, floor))
@@ -226,6 +228,7 @@ def test_links_that_turn_too_far_are_named() -> None:
 REFUSED = {"friction": Friction(0.2), "contact": FLOOR}
 
 
+@pytest.mark.quick("friction")
 @pytest.mark.parametrize("effect", REFUSED.values(), ids=REFUSED)
 def test_mjcf_refuses_loads_that_it_cannot_have(effect: Effect) -> None:
     arm = bar(0.3, 0.006, 2e5)

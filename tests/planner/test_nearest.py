@@ -76,6 +76,7 @@ def test_nearest_tip_of_a_helical_arm_is_as_near_as_a_grid() -> None:
     assert found.solution.sampled > 100
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", [(-0.1, 0.2, 0.1), (0.05, -0.12, 0.0)])
 def test_nearest_tip_of_a_curled_thin_arm_is_as_near_as_a_grid(
     place: tuple[float, float, float],
@@ -96,6 +97,7 @@ def test_the_search_mesh_resolves_tendons_that_turn() -> None:
         assert np.linalg.norm(on_mesh - tip) < 1e-3 * HELICAL.length
 
 
+@pytest.mark.slow
 def test_the_search_mesh_is_finer_where_samples_curl() -> None:
     task = _task(THIN, (0.01, 0.0, 0.02), EXACT, (1.5, 1.5, 1.5))
     samples = sample(task, N_SAMPLED)
@@ -107,6 +109,7 @@ def test_the_search_mesh_is_finer_where_samples_curl() -> None:
     assert np.linalg.norm(forward.solve(nearest).poses[-1, 4:] - tip) < 1e-2 * THIN.length
 
 
+@pytest.mark.slow
 def test_nearest_solves_converge_from_all_corners_of_the_limits() -> None:
     """No optimum is farther off than the corner that the solver started from."""
     task = _task(HELICAL, PLACE, SHEAR, MAXIMA)
@@ -131,6 +134,7 @@ def test_samples_cover_corners_and_keep_to_the_limits() -> None:
     assert (T.sum(axis=1) <= 0.2 * (1 + 1e-12)).all() and (T >= 0.01 - 1e-15).all()
 
 
+@pytest.mark.slow
 def test_samples_come_by_the_distance_of_their_settled_tips() -> None:
     samples = sample(_task(HELICAL, PLACE, SHEAR, MAXIMA), N_SAMPLED)
     tips = [settle(HELICAL, T, SHEAR, 1e-4).tip for T in samples.tensions[::20]]
@@ -151,6 +155,7 @@ def test_fits_move_samples_onto_the_target(scene: Scene) -> None:
     assert np.linalg.norm(shape.tip - tip) < 1e-3 * THIN.length
 
 
+@pytest.mark.slow
 def test_agreement_alone_does_not_end_a_search_that_misses() -> None:
     """Guesses agreed on the nearest shape before any shape over the limits was looked at."""
     far = plan(THIN, TipPosition((0.9, 0.0, 0.1)), EXACT, 0.35)

@@ -25,6 +25,7 @@ def figure_in(html: str) -> bytes:
     return base64.b64decode(html.split("base64,")[1].split('"')[0])
 
 
+@pytest.mark.slow
 def test_a_plan_fits_a_screen_and_prints_its_certificate() -> None:
     found = PLAN
     lines = repr(found).splitlines()
@@ -50,6 +51,7 @@ def test_a_stiffness_is_readable() -> None:
     assert figure_in(k._repr_html_()).startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_shapes_and_arms_bring_their_figure() -> None:
     shape = settle(ARM, T, SCENE)
     assert figure_in(shape._repr_html_()).startswith(b"\x89PNG")

@@ -48,6 +48,7 @@ def _json(capsys: pytest.CaptureFixture[str], *argv: str) -> Any:
     return json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.quick("stiffness", "settle")
 @pytest.mark.parametrize("command", ["settle", "stiffness", "effects"])
 def test_json_is_as_its_schema_says(
     command: str, calm: str, capsys: pytest.CaptureFixture[str]
@@ -129,6 +130,7 @@ def _octoplan(*argv: str, **options: Any) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.slow
 def test_a_reader_that_goes_away_ends_it_quietly() -> None:
     process = _octoplan("settle", FIGURE_15, "--json")
     assert process.stdout is not None
@@ -139,6 +141,7 @@ def test_a_reader_that_goes_away_ends_it_quietly() -> None:
     process.stderr.close()
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_it_quietly_in_the_midst_of_the_solver() -> None:
     process = _octoplan("plan", LONG, "-v")
     assert process.stderr is not None
@@ -183,6 +186,7 @@ def test_what_plan_prints_is_what_it_writes_and_is_loaded(
     jsonschema.validate(shown, schema_of("plan"))
 
 
+@pytest.mark.slow
 def test_settle_writes_a_table_of_the_shape(tmp_path: Path, calm: str) -> None:
     assert main(["settle", calm, "--out", str(tmp_path / "out"), "--figure", "pdf"]) == 0
     assert (tmp_path / "out" / "shape.pdf").read_bytes().startswith(b"%PDF")
@@ -232,6 +236,7 @@ def test_a_compiler_that_is_not_there_is_bad_input(
         assert "C compiler" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_told_and_leaves_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -290,6 +295,9 @@ UNSOLVED: dict[str, tuple[str, list[str], str]] = {
 }
 
 
+@pytest.mark.quick(
+    "effects of what does not settle", "a limit of time in the file", "tensions that crush the arm"
+)
 @pytest.mark.parametrize(("text", "argv", "told"), UNSOLVED.values(), ids=UNSOLVED)
 def test_what_is_not_solved_is_told_with_1(
     text: str,

@@ -70,6 +70,7 @@ def test_no_tensions_near_a_plan_meet_its_tip_with_less_effort(name: str, norm: 
     assert found.effort == pytest.approx(np.linalg.norm(other, ORDER[norm]), rel=2e-3)
 
 
+@pytest.mark.slow
 def test_a_target_in_a_plane_that_is_cheaper_out_of_it_has_a_mirror_image() -> None:
     T = np.zeros((3, 4))
     rng = np.random.default_rng(3)
@@ -297,7 +298,7 @@ SLOW = {
 }
 
 
-@pytest.mark.quick(*LOST.keys() - SLOW)
+@pytest.mark.quick("a pose of a sharply bent arm")
 @pytest.mark.parametrize(("kind", "scene", "T", "most"), LOST.values(), ids=LOST)
 def test_what_was_lost_or_cost_more_is_met(kind: str, scene: Scene, T: Array, most: float) -> None:
     found = planned(kind, scene, T)
@@ -360,6 +361,7 @@ def test_a_fetch_in_one_plane_is_certified() -> None:
     assert plan(ARM, target, Scene(), MOST).certificate.passed
 
 
+@pytest.mark.slow
 def test_a_backbone_is_met_to_fine_accuracy_or_told_not_to_be_resolved() -> None:
     scene = Scene(Extension())
     drawn = settle(ARM, [[0, 0.12, 0, 0], [0, 0, 0, 1.2], [0, 4.6, 0, 0]], scene, 1e-10)
@@ -377,6 +379,7 @@ def test_a_backbone_is_met_to_fine_accuracy_or_told_not_to_be_resolved() -> None
     assert off[1e-9] < off[1e-6]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_poses_of_an_arm_with_many_sections_take_no_more_than_the_tensions_drawn(seed: int) -> None:
     """Guesses bent all sections, each its own way: not met, or for ten times as much."""

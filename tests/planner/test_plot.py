@@ -144,6 +144,7 @@ def test_given_axes_are_drawn_in_and_returned_and_get_no_company(fetch: Plan) ->
     assert plot_strains(fetch.shape, flat) is flat
 
 
+@pytest.mark.slow
 def test_arms_without_pull_and_arms_of_many_sections_are_drawn() -> None:
     for arm in (barrel_arm(), Arm.from_paper("section-5.1")):
         for tensions in (np.zeros(arm.n_tendons), np.full(arm.n_tendons, 1e-3)):
@@ -168,6 +169,7 @@ def test_saving_writes_the_format_of_the_suffix_and_nothing_else(
     assert wanted.stat().st_size < 300_000
 
 
+@pytest.mark.slow
 def test_a_figure_of_a_plan_is_1100_pixels_wide_and_small(fetch: Plan, tmp_path: Path) -> None:
     written = save(plot_plan(fetch), tmp_path / "plan.png").read_bytes()
     assert int.from_bytes(written[16:20]) == 1100
@@ -217,6 +219,7 @@ def plans() -> list[Plan]:
     return plan_many(Arm.from_paper("table-2"), targets, Scene(Extension()), 20.0)
 
 
+@pytest.mark.slow
 def test_the_arm_moves_from_rest_to_the_last_plan(plans: list[Plan], tmp_path: Path) -> None:
     path = save_motion(plot_motion(plans, frames=2, fps=10), tmp_path / "arm.gif", 40)
     assert [p.name for p in tmp_path.iterdir()] == ["arm.gif"]

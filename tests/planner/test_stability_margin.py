@@ -33,6 +33,7 @@ def test_derivatives_of_a_stability_are_differences_of_it() -> None:
     check_derivatives(whole(problem, problem.parameters()), problem.guess(T + 0.05), 1e-4)
 
 
+@pytest.mark.slow
 def test_a_margin_is_held_and_costs_effort() -> None:
     free = hanging(0.0)
     stability = free.certificate.stability
@@ -75,6 +76,7 @@ def test_a_plan_tells_how_well_it_stands_and_is_loaded_with_its_margin(tmp_path:
     assert loaded.certificate == found.certificate
 
 
+@pytest.mark.slow
 def test_what_a_column_bears_is_its_buckling_load() -> None:
     arm, push = Arm.from_paper("section-5.2"), 1e-2
     end = TipPosition((arm.length, 0.0, 0.0))
@@ -100,6 +102,7 @@ def test_where_loads_move_an_arm_far_starts_are_tried_until_two_agree() -> None:
 
 # The mode that is held used to turn into another that is stable already, with the arm as unstable
 # as before: such shapes were told to be less stable than the margin.
+@pytest.mark.slow
 def test_the_nearest_shape_of_an_arm_that_would_yield_is_a_stable_one() -> None:
     found = plan(ARM, TipPosition((0.205, 0.449, 0.075)), Scene.silicone(Weight()), 20.0)
     assert found.shape.stability == pytest.approx(0.1, abs=1e-3)

@@ -128,9 +128,7 @@ SHAPES: dict[str, tuple[str, Scene, Array]] = {
 }
 
 
-@pytest.mark.quick(
-    "tip, payload in water", "tip, figure 15", "pose, moderate", "backbone, moderate"
-)
+@pytest.mark.quick("tip, figure 15", "pose, moderate", "backbone, moderate")
 @pytest.mark.parametrize(("kind", "scene", "tensions"), SHAPES.values(), ids=SHAPES)
 def test_what_a_settled_shape_meets_is_met_with_no_more_effort(
     kind: str, scene: Scene, tensions: Array
@@ -169,7 +167,7 @@ LOST = {
 }
 
 
-@pytest.mark.quick("crushed", "dearer optima agree")
+@pytest.mark.quick("dearer optima agree")
 @pytest.mark.parametrize(("tensions", "scene"), LOST.values(), ids=LOST)
 def test_poses_that_tensions_reach_are_not_lost(tensions: list[list[float]], scene: Scene) -> None:
     shape = settle(ARM, tensions, scene, 1e-10)
@@ -205,6 +203,7 @@ def test_a_plane_and_bend_are_hit_by_neighbouring_tendons(scene: Scene, section:
         assert own[1] * own[3] == 0
 
 
+@pytest.mark.slow
 def test_three_prescribed_bends_are_made_between_the_anchorages() -> None:
     check_met("fetch", Fetch(*np.radians([[60, 90], [50, -90], [70, 30]])), PAPER)
 
@@ -227,6 +226,7 @@ def test_a_fetch_reaches_the_mouth_through_three_bends(plane: float | None, scen
         assert np.abs(found.shape.position(np.array([0.135, 0.315, 0.45]))[:, 2]).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_weights_move_a_backbone_towards_the_points_that_weigh_more() -> None:
     points = ((0.1, 0.05, 0.0), (0.2, 0.15, 0.0), (0.3, -0.1, 0.0), (0.2, 0.0, 0.2))
     s = (0.1, 0.2, 0.3, 0.45)
@@ -343,6 +343,7 @@ def test_weights_choose_what_comes_nearer_where_both_cannot_be_had(kind: str) ->
     assert angles[1] < 0.3 * angles[0]
 
 
+@pytest.mark.slow
 def test_an_arm_as_limp_as_a_rope_comes_to_where_it_is_known_to_come() -> None:
     """Least squares ended nowhere from guesses without its weight, 138 mm off."""
     angles = (5.04, 4.96)

@@ -238,6 +238,7 @@ def test_plans_without_certificates_have_none_until_read(monkeypatch: pytest.Mon
 TARGETS = [TipPosition((0.2, 0.1, 0.1)), TipPosition((0.2, 0.12, 0.1))]
 
 
+@pytest.mark.slow
 def test_reading_a_motion_computes_nothing() -> None:
     motion = trajectory(ARM, TARGETS, WATER, 20.0, rate_max=1.0, obstacles=[ASIDE])
     with time_limit(1e-9):

@@ -111,6 +111,7 @@ def test_what_is_wrong_in_a_scene_file_is_told(tmp_path: Path, text: str, told: 
         load(scene_file(tmp_path, text))
 
 
+@pytest.mark.slow
 def test_units_of_strokes_and_lengths_that_are_likely_others_are_told(tmp_path: Path) -> None:
     with detailed(UnitWarning, "strokes_mm .* if metres were meant"):
         load(scene_file(tmp_path, f"strokes_mm = {[0.005] * 12}"))
@@ -127,6 +128,7 @@ def test_units_of_strokes_and_lengths_that_are_likely_others_are_told(tmp_path: 
         Rates.of(ARM, None, 2e-5)
 
 
+@pytest.mark.slow
 def test_strokes_count_from_where_winches_are_zeroed() -> None:
     water, target = Scene.silicone(Weight(), Buoyancy()), TipPosition((0.28, 0.06, -0.08))
     hanging = settle(ARM, np.zeros(12), water)

@@ -79,6 +79,7 @@ def test_a_matrix_is_a_lower_bound_in_all_directions() -> None:
     assert shares[0] > 0.98 * (1 - 1e-5)
 
 
+@pytest.mark.slow
 def test_the_stiffest_is_stiffer_than_any_asked_and_the_softest_softer_than_the_least() -> None:
     scene, most_pull = STATICS["paper"], 4.0
     stiffest = plan(ARM, [PLACE, Stiffest(ALONG)], scene, most_pull, starts=3)

@@ -26,6 +26,7 @@ ARM = Arm.from_paper("table-4")
 PAPER = Scene(Extension())
 
 
+@pytest.mark.slow
 def test_plans_and_draws_too(tmp_path: Path) -> None:
     target = BendingPlane(np.radians(135.0), np.radians(40.0))
     drawn = {"distribution": "uniform", "low": 30.0, "high": 50.0}

@@ -20,6 +20,7 @@ ARM = Arm.from_paper("table-4")
 SCENE = Scene(Extension())
 
 
+@pytest.mark.slow
 def test_two_jobs_find_what_one_finds(tmp_path: Path) -> None:
     path = written(tmp_path, GRID + STIFFNESS + DRAWN, more="draws = 10")
     one, two = planner.sweep(path), planner.sweep(path, jobs=2)
@@ -39,6 +40,7 @@ def test_plans_depend_neither_on_jobs_nor_on_the_plans_before(tmp_path: Path) ->
     assert alone.equals(data.isel(y=slice(1, None)))
 
 
+@pytest.mark.slow
 def test_a_long_list_of_values_is_saved_with_its_text(tmp_path: Path) -> None:
     values = np.linspace(0.1, 0.5, 8000).tolist()
     axis = f'[[sweep.axes]]\nkey = "tensions[0][2]"\nvalues = {values}'
@@ -54,6 +56,7 @@ values = [0.1, 0.2, 500.0, 0.3]
 """
 
 
+@pytest.mark.slow
 def test_points_that_fail_among_others_of_their_chunk_are_as_settle_has_them(
     tmp_path: Path,
 ) -> None:

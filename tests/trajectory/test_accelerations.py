@@ -74,6 +74,7 @@ def test_a_limit_of_tension_rates_holds_as_well() -> None:
     assert law.x[-1] == pytest.approx(1 / 2.0 + 0.06 / 0.5, rel=2e-3)
 
 
+@pytest.mark.quick("times")
 @pytest.mark.parametrize("given", [{}, {"times": [1.5, 3.0]}], ids=["least time", "times"])
 def test_accelerations_of_strokes_keep_to_their_limit(given: dict[str, list[float]]) -> None:
     most, rate = 0.2, 0.05

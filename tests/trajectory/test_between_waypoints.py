@@ -19,6 +19,7 @@ from tests.lengths.cases import cylinder
 ARM = Arm.from_paper("table-4")
 
 
+@pytest.mark.slow
 def test_strokes_are_within_their_limits_between_waypoints_too() -> None:
     """A winch was 1 mm beyond its limit on the way between two places that it allows."""
     first, last = np.zeros(12), np.zeros(12)

@@ -45,6 +45,7 @@ def _crossing(free: Trajectory) -> Moving:
     return Moving(ball, (0.5, 2.5), (tuple(-aside), tuple(aside)))
 
 
+@pytest.mark.slow
 def test_a_motion_keeps_clear_of_a_ball_that_passes(free: Trajectory) -> None:
     ball = _crossing(free)
     assert _sees(free, ball, 61) < 0
