@@ -17,7 +17,7 @@ def is_loaded(scene: Scene) -> bool:
 
     In all other scenes each cross-section settles by itself.
     """
-    return any(term.is_load for term in scene.rod_terms)
+    return any(term.couples_sections for term in scene.rod_terms)
 
 
 def has_complementarity(scene: Scene) -> bool:

@@ -15,8 +15,8 @@ import numpy as np
 from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, check_stretch
 from octoplan.model.equilibrium.load_changes import with_loads_of
-from octoplan.model.equilibrium.load_steps import ROUGHEST
-from octoplan.model.equilibrium.newton import SETTLED
+from octoplan.model.equilibrium.load_steps import MAX_TOLERANCE_FACTOR
+from octoplan.model.equilibrium.newton import STEP_TOL
 from octoplan.model.forward import (
     COARSE,
     FINEST,
@@ -218,8 +218,10 @@ def _solve(problem: SettlingProblem) -> Shape:
         raise InputError("tendon_outside", given, "none where no lengths are given")
     T = problem.arm.flat(problem.tensions)
 
-    def solve(forward: ForwardMap, near: AnyEquilibrium | None, looser: float) -> AnyEquilibrium:
-        return forward.solve(T, near, looser)
+    def solve(
+        forward: ForwardMap, near: AnyEquilibrium | None, tolerance_factor: float
+    ) -> AnyEquilibrium:
+        return forward.solve(T, near, tolerance_factor)
 
     return settle_on_meshes(maps, solve, problem.accuracy, near)
 
@@ -265,7 +267,7 @@ def settle_on_meshes(
     """
     # The first mesh is chosen by the order of smooth solutions; refinement may gain less.
     refinement, fine = first_pair(accuracy)
-    looser = loosest(accuracy)
+    tolerance_factor = initial_tolerance_factor(accuracy)
     coarse = 0
     before = list[float]()
     error = np.inf
@@ -282,7 +284,7 @@ def settle_on_meshes(
             begun = time.process_time()
         try:
             with timeout() if is_limited else _NO_LIMIT:
-                point = solve(forward, near, 1.0 if coarse else looser)
+                point = solve(forward, near, 1.0 if coarse else tolerance_factor)
             tip = point.poses[-1].tolist()
             if math.isnan(tip[4]):
                 check_stretch(point)
@@ -335,9 +337,9 @@ def settle_on_meshes(
     raise ConvergenceError(accuracy, error, COARSE)
 
 
-def loosest(accuracy: float) -> float:
+def initial_tolerance_factor(accuracy: float) -> float:
     """Return the factor of Newton's tolerance on a first mesh, whose result is approximate."""
-    return min(max(10 * accuracy / SETTLED, 1.0), ROUGHEST)
+    return min(max(10 * accuracy / STEP_TOL, 1.0), MAX_TOLERANCE_FACTOR)
 
 
 def scene_of(arm: Arm, scene: Scene | None) -> Scene:

@@ -275,7 +275,7 @@ class Responses(Block):
         width = self.request.width
         D = ca.reshape(parameters[: 3 * width], 3, width)
         Y = ca.reshape(dependents, self.layout.n_x, width)
-        tip = self.layout.first + self.layout.nodes[-1, 4:POSE]
+        tip = self.layout.n_before_states + self.layout.nodes[-1, 4:POSE]
         return ca.vec(D.T @ Y[tip.tolist(), :] / parameters[-1])
 
     def measure_shape(self, shape: Shape, on_mesh: Array) -> Array:
@@ -331,8 +331,8 @@ class LeastMode(Block):
         """Return dr/dS y - sigma B y, and the norm of y."""
         layout, terms = self.layout, list[Term]()
         for term in layout.equations.terms:
-            changing = tuple(np.flatnonzero(term.unknowns[:, 0] >= layout.first).tolist())
-            changes = unknown + term.unknowns[list(changing)] - layout.first
+            changing = tuple(np.flatnonzero(term.unknowns[:, 0] >= layout.n_before_states).tolist())
+            changes = unknown + term.unknowns[list(changing)] - layout.n_before_states
             unknowns = np.vstack([rod[term.unknowns], changes])
             kernel = linearised_in(term.kernel, changing)
             terms.append(Term(kernel, unknowns, row + term.rows))

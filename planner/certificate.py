@@ -21,7 +21,7 @@ from octoplan.model.equilibrium.load_steps import (
 )
 from octoplan.model.equilibrium.newton import STAGES
 from octoplan.model.equilibrium.stability import stability
-from octoplan.model.equilibrium.verification import verified
+from octoplan.model.equilibrium.verification import verify
 from octoplan.model.forward import collocation_map
 from octoplan.model.loads import has_complementarity, is_loaded
 from octoplan.model.paths import Array
@@ -356,7 +356,7 @@ def _integrated(
     for mesh in sorted(meshes):
         forward = collocation_map(arm, scene, mesh, stations, shape.machine_code)
         equilibrium = forward.solve(shape.tensions, shape.known)
-        check, error = verified(equilibrium, accuracy)
+        check, error = verify(equilibrium, accuracy)
         system, poses = check.system, check.poses
         gap = np.abs(poses[-1] - shape.poses(arm.length)) / scale
         if gap.max() <= 10 * accuracy:

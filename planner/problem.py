@@ -260,7 +260,7 @@ class Problem:
         with suppress(OctoplanError, np.linalg.LinAlgError):
             if strong or (settled and is_loaded(self.scene)):
                 with suppress(OctoplanError, np.linalg.LinAlgError):
-                    point = self.forward.towards(tensions)
+                    point = self.forward.solve_towards(tensions)
                     limits = self.limits.lower, self.limits.upper
                     return self.complete(np.clip(point.tensions, *limits), point.states)
             return self.complete(tensions, self.forward.without_loads(tensions))

@@ -67,7 +67,7 @@ class Integration:
         of = system.layout
         self._system = system
         self._x = x
-        self._states = x[of.first :]
+        self._states = x[of.n_before_states :]
         self._structure = of.structure
         self._load_factor = x[of.n_tendons]
         self._elements, reach = parts or (np.arange(of.elements), np.ones(of.elements))
@@ -364,7 +364,7 @@ def poses_and_strains(system: DiscreteRod, x: Array, s: Array) -> tuple[Array, A
     elements = np.clip(np.searchsorted(mesh.s, s) - 1, 0, mesh.steps - 1)
     reach = (s - mesh.s[elements]) / np.diff(mesh.s)[elements]
     n_known = POSE + system.layout.structure.n_wrench
-    at_nodes = x[system.layout.first + system.layout.nodes[elements + 1, :n_known]]
+    at_nodes = x[system.layout.n_before_states + system.layout.nodes[elements + 1, :n_known]]
     known = np.where(reach[:, None] < 1, np.nan, at_nodes)
     parts = Integration(system, x, 1, (elements, reach))
     y, strains = parts.run(parts.begin(), known)
@@ -384,7 +384,12 @@ def tendon_tensions(at: DiscreteRod, x: Array, s: Array, place: Places, tendon: 
     stage, of_stage = of.crossings
     values = tendon_values(points, stage, of_stage)
     parameters = structure.stacked("tendon", values, stage.size)
-    inside = np.hstack([x[of.first + of.stages], *(x[of.first + v] for v in of.stage_variables)])
+    inside = np.hstack(
+        [
+            x[of.n_before_states + of.stages],
+            *(x[of.n_before_states + v] for v in of.stage_variables),
+        ]
+    )
     function = cached(state_rate_function, structure)
     rows = _batch(function, structure)(inside[stage], at.sections.paths.T, parameters)[0]
     K = structure.n_tendon_states
@@ -397,7 +402,7 @@ def tendon_tensions(at: DiscreteRod, x: Array, s: Array, place: Places, tendon: 
     powers = np.arange(1, m + 1)
     weights = h[element, None] * (share[:, None] ** powers / powers @ gauss(m).powers)
     grown = np.einsum("pm,pmk->pk", weights, rates[element, :, tendon])
-    states = x[of.first + of.tendon_states[element, tendon]] + grown
+    states = x[of.n_before_states + of.tendon_states[element, tendon]] + grown
     there = stations(at.arm, s, at.mesh.active[element_of_s])
     values = tendon_values(RodPoints(at.arm, there, at.terms), place, tendon)
     ratio = _batch(cached(tension_ratio_function, structure), structure)(

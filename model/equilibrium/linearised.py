@@ -84,7 +84,7 @@ class Equilibrium:
     @cached_property
     def states(self) -> Array:
         """The states (n_states,)."""
-        return self.x[self.system.layout.first :]
+        return self.x[self.system.layout.n_before_states :]
 
     @cached_property
     def factor(self) -> tuple[Array, Array] | None:
@@ -143,7 +143,7 @@ class Equilibrium:
         SingularError.
         """
         at, right = self.system.layout.band, np.zeros(self.system.layout.n_states)
-        inside = at.columns < self.system.layout.first
+        inside = at.columns < self.system.layout.n_before_states
         np.add.at(right, at.rows[inside], self.nonzeros[inside] * direction[at.columns[inside]])
         return -self.solve(right)
 

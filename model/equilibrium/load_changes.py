@@ -9,7 +9,7 @@ from copy import copy
 
 from octoplan.model.effects.base import Effect
 from octoplan.model.equilibrium.linearised import Equilibrium
-from octoplan.model.equilibrium.newton import CLOSE, Start, newton
+from octoplan.model.equilibrium.newton import CHORD_RADIUS, Start, newton
 from octoplan.model.equilibrium.stability import is_stable
 from octoplan.model.paths import Array
 from octoplan.model.rod.discrete_rod import DiscreteRod
@@ -65,7 +65,7 @@ def change_loads(system: DiscreteRod, begin: Equilibrium, strains: Array) -> Equ
     if before.layout is not system.layout:
         return None
     states = before.initial_states(begin.tensions, strains, 1.0)
-    (point,) = newton(before, [Start(begin.tensions, 1.0, states, history="near")], CLOSE)
+    (point,) = newton(before, [Start(begin.tensions, 1.0, states, history="near")], CHORD_RADIUS)
     change = system.p - before.p
     fraction = 0.0
     step = 1.0

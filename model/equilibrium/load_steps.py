@@ -19,7 +19,14 @@ import numpy as np
 from octoplan.model.cross_section.sections import Sections
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium, History, linearised
 from octoplan.model.equilibrium.load_changes import change_loads
-from octoplan.model.equilibrium.newton import CLOSE, FOLLOWED, TURN, Start, newton, step_sizes
+from octoplan.model.equilibrium.newton import (
+    CHORD_RADIUS,
+    MAX_BRANCH_ROTATION,
+    MAX_STEP_ROTATION,
+    Start,
+    newton,
+    step_sizes,
+)
 from octoplan.model.equilibrium.stability import are_stable, is_stable
 from octoplan.model.equilibrium.uniqueness import has_unique_equilibrium
 from octoplan.model.loads import is_loaded
@@ -39,7 +46,7 @@ LEAST_STEP = 1 / 8192
 # The same if the place where a branch ends is not asked for.
 ROUGH_STEP = 1 / 32
 # How many times larger the last steps of Newton's method may be on the way.
-ROUGHEST = 1e6
+MAX_TOLERANCE_FACTOR = 1e6
 # Number of rounds after which tensions are checked for a tendon without length: any load moves such
 # a tendon by many times the width that keeps its root smooth, so that steps shrink without end.
 _SOON_IF_CRUSHED = 30
@@ -69,8 +76,8 @@ def continue_branches(
     lines: tuple[Array, Array],
     least: float,
     crushed: Sequence[Callable[[], CollapsedError | UnsettledSectionError | None]] = (),
-    looser: float = 1.0,
-    on_the_way: float = 1.0,
+    tolerance_factor: float = 1.0,
+    path_tolerance_factor: float = 1.0,
     first_step: float = 1.0,
     passed: list[Equilibrium] | None = None,
 ) -> list[BranchEnd]:
@@ -88,7 +95,7 @@ def continue_branches(
         Smallest step over the fraction that is reached, and the first step.
     crushed : sequence of callable
         Whether the tensions at the end of a line crush the arm without loads: a reason to stop.
-    looser, on_the_way : float
+    tolerance_factor, path_tolerance_factor : float
         Factors of the tolerance of Newton's method, at the end of the line and before; see Start.
     passed : list of Equilibrium
         Receives the equilibrium of each step on any of the branches.
@@ -98,7 +105,7 @@ def continue_branches(
     ends = [*starts]
     steps = [first_step] * len(starts)
     fractions = [0.0] * len(starts)
-    levels = [on_the_way] * len(starts)
+    levels = [path_tolerance_factor] * len(starts)
     begin_stable: list[bool | None] = [None] * len(starts)
     n, quaternions = system.layout.n_tendons, system.layout.nodes[:, :4]
     tried, going = 0, [*range(len(starts))]
@@ -118,14 +125,16 @@ def continue_branches(
                 continue
             rate = point.by_direction(ends_at[i] - begins[i])
             turned = 2 * steps[i] * float(np.abs(rate[quaternions]).max())
-            step = steps[i] * min(1.0, TURN / max(turned, TURN))
+            step = steps[i] * min(1.0, MAX_STEP_ROTATION / max(turned, MAX_STEP_ROTATION))
             # The end of the line to the last digit, in spite of rounding.
             fractions[i] = 1.0 if step == 1.0 - reached else reached + step
             states = point.states + (fractions[i] - reached) * rate
-            level = looser if fractions[i] == 1.0 else levels[i]
+            level = tolerance_factor if fractions[i] == 1.0 else levels[i]
             now = begins[i] + fractions[i] * (ends_at[i] - begins[i])
             history = point.history
-            begun.append(Start(now[:n], float(now[n]), states, looser=level, history=history))
+            begun.append(
+                Start(now[:n], float(now[n]), states, tolerance_factor=level, history=history)
+            )
             going.append(i)
         if not going:
             break
@@ -134,7 +143,7 @@ def continue_branches(
         for k, (i, there) in enumerate(zip(going, points, strict=True)):
             if there is not None:
                 both = ends[i].point.states[quaternions] * there.states[quaternions]
-                if np.abs(both.sum(axis=1)).min() <= np.cos(FOLLOWED / 2):
+                if np.abs(both.sum(axis=1)).min() <= np.cos(MAX_BRANCH_ROTATION / 2):
                     points[k] = None
         for i, there, stable in zip(going, points, are_stable(points), strict=True):
             if there is not None and not stable and begin_stable[i] is None:
@@ -170,7 +179,7 @@ class Collocation:
         self.system, self.mesh, self._loaded = system, system.mesh, is_loaded(system.scene)
 
     def solve(
-        self, tensions: Array, near: AnyEquilibrium | None = None, looser: float = 1.0
+        self, tensions: Array, near: AnyEquilibrium | None = None, tolerance_factor: float = 1.0
     ) -> Equilibrium:
         """Return the equilibrium under tensions (n_tendons,).
 
@@ -189,16 +198,19 @@ class Collocation:
             begin = [near]
         elif self._loaded and near is not None:
             # The loads act on an arm that is pulled without them.
-            (loaded,) = self._loaded_last(near.tensions[None], looser)
+            (loaded,) = self._loaded_last(near.tensions[None], tolerance_factor)
             if isinstance(loaded, Equilibrium):
                 begin = [replace(loaded, history="near")]
-        (end,) = self.many(tensions[None], begin, looser)
+        (end,) = self.many(tensions[None], begin, tolerance_factor)
         if isinstance(end, OctoplanError):
             raise end
         return end
 
     def many(
-        self, tensions: Array, near: Sequence[Equilibrium | None] = (), looser: float = 1.0
+        self,
+        tensions: Array,
+        near: Sequence[Equilibrium | None] = (),
+        tolerance_factor: float = 1.0,
     ) -> list[Equilibrium | OctoplanError]:
         """Return the equilibria under sets of tensions (M, n_tendons), or why there are none.
 
@@ -213,7 +225,7 @@ class Collocation:
                 ends[i] = point
         left = [i for i, end in enumerate(ends) if end is None]
         if left:
-            for i, end in zip(left, self._from_rest(tensions[left], looser), strict=True):
+            for i, end in zip(left, self._from_rest(tensions[left], tolerance_factor), strict=True):
                 ends[i] = end
         return [end for end in ends if end]
 
@@ -229,7 +241,7 @@ class Collocation:
             not np.array_equal(T, each.tensions) or each.system.scene != self.system.scene
             for T, each in zip(tensions, near, strict=True)
         ]
-        ends = newton(self.system, self._starts(tensions, near, moved), CLOSE)
+        ends = newton(self.system, self._starts(tensions, near, moved), CHORD_RADIUS)
         far = [i for i, end in enumerate(ends) if end is None and moved[i]]
         if not far:
             return ends
@@ -237,11 +249,11 @@ class Collocation:
         starts = self._starts(
             np.array([each.tensions for each in others]), others, [True] * len(far)
         )
-        begun = newton(self.system, starts, CLOSE)
+        begun = newton(self.system, starts, CHORD_RADIUS)
         for k, other in enumerate(others):
             if begun[k] is None and other.system.scene != self.system.scene:
                 strains = other.states[other.system.layout.stages]
-                strains = carried_strains(other.system, strains, self.system)
+                strains = transfer_strains(other.system, strains, self.system)
                 begun[k] = change_loads(self.system, other, strains)
         on_line = [(i, point) for i, point in zip(far, begun, strict=True) if point is not None]
         if on_line:
@@ -250,7 +262,9 @@ class Collocation:
                 self._line(tensions[[i for i, _ in on_line]], 1.0),
             )
             begins = [BranchEnd(point, 0.0) for _, point in on_line]
-            followed = continue_branches(begins, lines, LEAST_STEP, on_the_way=ROUGHEST)
+            followed = continue_branches(
+                begins, lines, LEAST_STEP, path_tolerance_factor=MAX_TOLERANCE_FACTOR
+            )
             for (i, _), end in zip(on_line, followed, strict=True):
                 ends[i] = end.point if end.fraction == 1.0 else None
         return ends
@@ -259,13 +273,13 @@ class Collocation:
         self, tensions: Array, near: Sequence[Equilibrium], moved: Sequence[bool]
     ) -> list[Start]:
         """Return where Newton's method begins; `moved` says which tensions or loads are new."""
-        states = self.carried(tensions, near)
+        states = self.transfer_states(tensions, near)
         return [
             Start(T, 1.0, row, history="near" if new else each.history)
             for T, row, each, new in zip(tensions, states, near, moved, strict=True)
         ]
 
-    def towards(self, tensions: Array) -> Equilibrium:
+    def solve_towards(self, tensions: Array) -> Equilibrium:
         """Return the equilibrium from rest that comes nearest to tensions (n_tendons,) on its line.
 
         The place where the branch ends is located roughly.
@@ -274,7 +288,9 @@ class Collocation:
             return self.solve(tensions)
         lines = self._line(0 * tensions[None], 1.0), self._line(tensions[None], 1.0)
         begin = BranchEnd(self._under_loads.point, 0.0)
-        (end,) = continue_branches([begin], lines, ROUGH_STEP, on_the_way=ROUGHEST)
+        (end,) = continue_branches(
+            [begin], lines, ROUGH_STEP, path_tolerance_factor=MAX_TOLERANCE_FACTOR
+        )
         return end.point
 
     def passed(self, tensions: Array) -> list[Equilibrium]:
@@ -290,8 +306,8 @@ class Collocation:
             [BranchEnd(self._under_loads.point, 0.0)] * len(tensions),
             (self._line(0 * tensions, 1.0), self._line(tensions, 1.0)),
             ROUGH_STEP,
-            looser=ROUGHEST,
-            on_the_way=ROUGHEST,
+            tolerance_factor=MAX_TOLERANCE_FACTOR,
+            path_tolerance_factor=MAX_TOLERANCE_FACTOR,
             passed=points,
         )
         return points
@@ -303,11 +319,13 @@ class Collocation:
             return False
         return not self._under_loads.why
 
-    def _from_rest(self, tensions: Array, looser: float) -> list[Equilibrium | OctoplanError]:
+    def _from_rest(
+        self, tensions: Array, tolerance_factor: float
+    ) -> list[Equilibrium | OctoplanError]:
         """Return the equilibria that the arm reaches from rest under sets (M, n_tendons)."""
         if self.loads_first:
-            return self._pulled(self._under_loads.point, tensions, looser)
-        return self._loaded_last(tensions, looser)
+            return self._pulled(self._under_loads.point, tensions, tolerance_factor)
+        return self._loaded_last(tensions, tolerance_factor)
 
     @cached_property
     def _under_loads(self) -> BranchEnd:
@@ -316,17 +334,21 @@ class Collocation:
         x = self.system.x(none, 0.0, self.without_loads(none))
         start = BranchEnd(Equilibrium(self.system, x), 0.0)
         lines = self._line(none[None], 0.0), self._line(none[None], 1.0)
-        return continue_branches([start], lines, LEAST_STEP, on_the_way=ROUGHEST)[0]
+        return continue_branches(
+            [start], lines, LEAST_STEP, path_tolerance_factor=MAX_TOLERANCE_FACTOR
+        )[0]
 
     def _pulled(
-        self, rest: Equilibrium, tensions: Array, looser: float
+        self, rest: Equilibrium, tensions: Array, tolerance_factor: float
     ) -> list[Equilibrium | OctoplanError]:
         """Return the equilibria of a loaded arm whose tendons are pulled in proportion."""
         at = self.system.sections
         crushed = [partial(_crushed, at, T) for T in tensions]
         starts = [BranchEnd(rest, 0.0)] * len(tensions)
         lines = self._line(0 * tensions, 1.0), self._line(tensions, 1.0)
-        followed = continue_branches(starts, lines, LEAST_STEP, crushed, looser, ROUGHEST)
+        followed = continue_branches(
+            starts, lines, LEAST_STEP, crushed, tolerance_factor, MAX_TOLERANCE_FACTOR
+        )
         ends = list[Equilibrium | OctoplanError]()
         for end, fails in zip(followed, crushed, strict=True):
             if not end.why and end.fraction == 1.0:
@@ -337,7 +359,9 @@ class Collocation:
                 ends.append(SnapError(1.0, end.why or SNAPS, end.fraction, "loads first"))
         return ends
 
-    def _loaded_last(self, tensions: Array, looser: float) -> list[Equilibrium | OctoplanError]:
+    def _loaded_last(
+        self, tensions: Array, tolerance_factor: float
+    ) -> list[Equilibrium | OctoplanError]:
         """Return the equilibria of arms that are pulled before their loads act.
 
         Without loads each cross-section settles by itself.
@@ -358,7 +382,9 @@ class Collocation:
                 points, _ = linearised(at, x, [None] * len(x))
                 starts = [BranchEnd(replace(point, history=history), 0.0) for point in points]
                 lines = self._line(T, 0.0), self._line(T, 1.0)
-                followed = continue_branches(starts, lines, LEAST_STEP, crushed, looser, ROUGHEST)
+                followed = continue_branches(
+                    starts, lines, LEAST_STEP, crushed, tolerance_factor, MAX_TOLERANCE_FACTOR
+                )
             else:
                 followed = [BranchEnd(Equilibrium(at, row), 1.0) for row in x]
         known = iter(zip(followed, crushed, strict=True))
@@ -386,19 +412,19 @@ class Collocation:
         """Return points of lines (M, n_tendons + 1): tensions (M, n_tendons), load factor."""
         return np.column_stack([tensions, np.full(len(tensions), load)])
 
-    def led_to(self, at: Equilibrium, tensions: Array) -> Equilibrium | None:
+    def solve_from(self, at: Equilibrium, tensions: Array) -> Equilibrium | None:
         """Return the equilibrium under tensions near another of this mesh; None for none."""
         of, change = at.system.layout, at.by_tensions @ (tensions - at.tensions)
         _, (size,) = step_sizes(at.system, change[None], at.states[None])
         load, states = float(at.x[of.n_tendons]), at.states + change
-        start = Start(tensions, load, states, near=at if size < CLOSE else None)
+        start = Start(tensions, load, states, near=at if size < CHORD_RADIUS else None)
         return newton(at.system, [start])[0]
 
     def without_loads(self, tensions: Array) -> Array:
         """Return the states under tensions without loads; raises UnsettledSectionError."""
         return self.system.initial_states(tensions, self.system.sections.strains(tensions))
 
-    def carried(self, tensions: Array, near: Sequence[Equilibrium]) -> Array:
+    def transfer_states(self, tensions: Array, near: Sequence[Equilibrium]) -> Array:
         """Return the states (M, n_states) of this mesh by the strains of equilibria on others.
 
         Each set of tensions (M, n_tendons) has an equilibrium of its own, on a mesh of its own.
@@ -409,12 +435,12 @@ class Collocation:
         for one in np.unique(systems):
             alike = np.flatnonzero(systems == one).tolist()
             before = near[alike[0]].system
-            states = np.array([predicted(near[i], tensions[i]) for i in alike])
+            states = np.array([predict_states(near[i], tensions[i]) for i in alike])
             if before.layout is not self.system.layout or not np.array_equal(
                 before.mesh.s, self.mesh.s
             ):
                 strains = states[:, before.layout.stages].transpose(1, 2, 0)
-                strains = carried_strains(before, strains, self.system).transpose(2, 0, 1)
+                strains = transfer_strains(before, strains, self.system).transpose(2, 0, 1)
                 states = self.system.initial_states(tensions[alike], strains, 1.0)
             result[alike] = states
         return result
@@ -428,14 +454,14 @@ def _crushed(sections: Sections, tensions: Array) -> CollapsedError | UnsettledS
         return problem
 
 
-def predicted(near: Equilibrium, tensions: Array) -> Array:
+def predict_states(near: Equilibrium, tensions: Array) -> Array:
     """Return states under tensions (n_tendons,) by the derivatives of an equilibrium nearby."""
     if np.array_equal(tensions, near.tensions):
         return near.states
     return near.states + near.by_tensions @ (tensions - near.tensions)
 
 
-def carried_strains(before: DiscreteRod, strains: Array, after: DiscreteRod) -> Array:
+def transfer_strains(before: DiscreteRod, strains: Array, after: DiscreteRod) -> Array:
     """Return the strains (N stages, ...) at the stages of a mesh by those of another's stages."""
     mesh, m = before.mesh, before.layout.structure.stages
     step = np.clip(np.searchsorted(mesh.s, after.s) - 1, 0, before.layout.elements - 1)

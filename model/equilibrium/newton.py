@@ -21,19 +21,19 @@ from octoplan.model.support.progress import check_time
 STAGES = 3
 # Steps at most; those in contact may each bring places from sticking to slip or back, or other
 # nodes into touch.
-STEPS, STEPS_IN_CONTACT = 14, 30
+MAX_STEPS, MAX_STEPS_IN_CONTACT = 14, 30
 # The size of the last step: larger where its factorisation is of the same point, as the next one
 # would be its square.
-SETTLED, LEFT = 1e-10, 1e-13
+STEP_TOL, CHORD_STEP_TOL = 1e-10, 1e-13
 # A step counts as safe if it is so much smaller than the last; below SMALL rounding may be felt.
-CONTRACTION, SMALL = 0.5, 1e-3
+CONTRACTION, SAFE_STEP = 0.5, 1e-3
 # The farthest that a frame may rotate from one equilibrium to the next on a branch [rad]; in one
 # step, as a change of its quaternion. So far ahead a tangent is trusted too [rad].
-FOLLOWED = 1.2
-TURN = FOLLOWED / 2
+MAX_BRANCH_ROTATION = 1.2
+MAX_STEP_ROTATION = MAX_BRANCH_ROTATION / 2
 # Guesses by another mesh are so near; the factorisation is kept after a step so small, and as long
 # as steps contract so fast: a residual costs a tenth of a factorised Jacobian.
-CLOSE, KEPT = 0.02, 0.1
+CHORD_RADIUS, CHORD_RATE = 0.02, 0.1
 
 
 class Start(NamedTuple):
@@ -45,7 +45,7 @@ class Start(NamedTuple):
         Tensions and load factor, which stay, and the states.
     near : Equilibrium
         The equations linearised nearby, whose factorisation is begun with.
-    looser : float
+    tolerance_factor : float
         How many times larger the last steps may be; the root of that for how far from where they
         were linearised the equations count as such.
     history : History
@@ -56,14 +56,14 @@ class Start(NamedTuple):
     load: float
     states: Array
     near: Equilibrium | None = None
-    looser: float = 1.0
+    tolerance_factor: float = 1.0
     history: History = "loads first"
 
 
 def newton(
     system: DiscreteRod,
     starts: Sequence[Start],
-    farthest: float = TURN,
+    farthest: float = MAX_STEP_ROTATION,
     touching: Callable[[DiscreteRod, Array], DiscreteRod] | None = None,
 ) -> list[Equilibrium | None]:
     """Return the equilibria near given states, each under tensions of its own.
@@ -80,7 +80,7 @@ def newton(
         start.
     """
     ends, going = list[Equilibrium | None](), list[int]()
-    near, unknowns, first = list[Equilibrium | None](), list[Array](), system.layout.first
+    near, unknowns, first = list[Equilibrium | None](), list[Array](), system.layout.n_before_states
     for start in starts:
         going.append(len(ends))
         ends.append(None)
@@ -89,13 +89,13 @@ def newton(
     begun, before, path = near.copy(), [0.0] * len(starts), [math.inf] * len(starts)
     x = np.array(unknowns)
     nonsmooth = any(term.is_nonsmooth for term in system.terms)
-    for _ in range(STEPS_IN_CONTACT if touching else STEPS):
+    for _ in range(MAX_STEPS_IN_CONTACT if touching else MAX_STEPS):
         if not going:
             break
         check_time()
         if touching:
             last, system = system, touching(system, x[0, first:])
-            near = near if np.allclose(system.p, last.p, CLOSE, 0.0) else [None]
+            near = near if np.allclose(system.p, last.p, CHORD_RADIUS, 0.0) else [None]
         some = x[going]
         points, steps = linearised(system, some, [near[i] for i in going])
         for point, row in zip(points, steps, strict=True):
@@ -104,25 +104,25 @@ def newton(
         sizes = step_sizes(system, steps, some[:, first:] + steps)
         left = list[int]()
         for i, point, step, rotation, size in zip(going, points, steps, *sizes, strict=True):
-            contracts = not before[i] or size <= max(CONTRACTION * before[i], SMALL)
+            contracts = not before[i] or size <= max(CONTRACTION * before[i], SAFE_STEP)
             is_safe = rotation <= farthest and contracts
             if math.isnan(size) or not (touching or is_safe):
                 continue
-            looser, keeps = starts[i].looser, near[i] is not None
+            tolerance_factor, keeps = starts[i].tolerance_factor, near[i] is not None
             path[i] = size + (path[i] if keeps else 0.0)
-            level = looser * (LEFT if keeps else SETTLED)
+            level = tolerance_factor * (CHORD_STEP_TOL if keeps else STEP_TOL)
             near[i] = point.near or point
             # Where it sticks and slips by turns half a step leads on.
             share = 0.5 if nonsmooth and not contracts else 1.0
             x[i, first:] += min(share, farthest / max(rotation, farthest)) * step
             if rotation <= farthest and (size < level or size**2 < level * before[i]):
                 # So near to where they were linearised the equations have the same derivatives.
-                is_close = path[i] < math.sqrt(SETTLED * looser) and not nonsmooth
+                is_close = path[i] < math.sqrt(STEP_TOL * tolerance_factor) and not nonsmooth
                 close = near[i] if is_close else None
                 ends[i] = Equilibrium(system, x[i], close, history=starts[i].history)
                 continue
-            far = CLOSE if begun[i] is None else math.inf
-            if nonsmooth or size > (KEPT * before[i] if before[i] else far):
+            far = CHORD_RADIUS if begun[i] is None else math.inf
+            if nonsmooth or size > (CHORD_RATE * before[i] if before[i] else far):
                 near[i] = None
             before[i] = size
             left.append(i)

@@ -18,7 +18,7 @@ import numpy as np
 from octoplan.model.cross_section.sections import kinematics
 from octoplan.model.equilibrium.integration import poses_and_strains
 from octoplan.model.equilibrium.linearised import Equilibrium, Index
-from octoplan.model.equilibrium.stability import is_stable, turns
+from octoplan.model.equilibrium.stability import is_stable, rotation_basis
 from octoplan.model.paths import Array
 from octoplan.model.rotations import matrices
 
@@ -77,7 +77,9 @@ class Sensitivities:
         of = self.point.system.layout
         places = of.nodes[self.node]
         q = self.point.states[places[:4]]
-        return np.vstack([change[places[4:7]], 4 * turns(q[None, :])[0].T @ change[places[:4]]])
+        return np.vstack(
+            [change[places[4:7]], 4 * rotation_basis(q[None, :])[0].T @ change[places[:4]]]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,4 +124,4 @@ def along(point: Equilibrium, nodes: Index) -> Array:
     kappa, nu = kinematics(system.layout.structure.law, v)
     local = np.stack([kappa, nu], axis=2)
     turned, moved = np.moveaxis(matrices(poses[:, :4]) @ local, 2, 0)
-    return np.hstack([(turns(poses[:, :4]) @ turned[:, :, None])[:, :, 0], moved])
+    return np.hstack([(rotation_basis(poses[:, :4]) @ turned[:, :, None])[:, :, 0], moved])

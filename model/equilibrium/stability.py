@@ -71,7 +71,7 @@ def are_stable(candidates: Sequence[Equilibrium | None]) -> NDArray[np.bool_]:
     blocks, at_tip = _block_places(of)
     J, tip = nonzeros.take(blocks, axis=1), nonzeros.take(at_tip, axis=1)
     w, n = of.structure.n_wrench, of.structure.stages * of.structure.n_strains
-    small = turns(np.array([each.states for each in points])[:, of.nodes[:, :4]])
+    small = rotation_basis(np.array([each.states for each in points])[:, of.nodes[:, :4]])
     v, nxt = slice(POSE + w, POSE + w + n), POSE + w + n
     after = slice(nxt + POSE, nxt + POSE + w)
     moment, quaternion = J[..., :w, :], J[..., w + n : w + n + 4, :]
@@ -105,7 +105,7 @@ def are_stable(candidates: Sequence[Equilibrium | None]) -> NDArray[np.bool_]:
     return stable
 
 
-def turns(q: Array) -> Array:
+def rotation_basis(q: Array) -> Array:
     """Return the changes (..., 4, 3) of unit quaternions (..., 4) by small turns, base frame."""
     w, x, y, z = np.moveaxis(q / 2, -1, 0)
     rows = [[-x, -y, -z], [w, z, -y], [-z, w, x], [y, -x, w]]
@@ -126,10 +126,10 @@ def _block_places(of: Layout) -> tuple[Index, Index]:
     nodes, stages = of.nodes[:, : POSE + w], of.stages.reshape(of.elements, -1)
     for before, inside, after in zip(nodes[:-1], stages, nodes[1:], strict=True):
         rows = np.concatenate([before[POSE:], inside, after[:4]])
-        columns = of.first + np.concatenate([before, inside, after])
+        columns = of.n_before_states + np.concatenate([before, inside, after])
         blocks.append(numbered[rows][:, columns].toarray() - 1)
     last = nodes[-1]
-    columns = of.first + np.concatenate([last[:4], last[POSE:]])
+    columns = of.n_before_states + np.concatenate([last[:4], last[POSE:]])
     return np.array(blocks), numbered[last[POSE:]][:, columns].toarray() - 1
 
 
@@ -187,8 +187,9 @@ def unstable_mode(point: Equilibrium) -> Array | None:
         return None
     of, (weight, _) = point.system.layout, rest_stiffness(point.system)
     mode = bends[:, least].real.reshape(of.stages.shape)
-    turns = weight.reshape(mode.shape)[:, :1] * np.abs(mode[:, : 2 + of.structure.law.torsion])
-    return np.asarray(mode / turns.sum(axis=0).max())
+    curvatures = np.abs(mode[:, : 2 + of.structure.law.torsion])
+    rotations = weight.reshape(mode.shape)[:, :1] * curvatures
+    return np.asarray(mode / rotations.sum(axis=0).max())
 
 
 def stability_slope(point: Equilibrium) -> tuple[float, Array]:
@@ -212,8 +213,8 @@ def stability_slope(point: Equilibrium) -> tuple[float, Array]:
     H = of.equations.hessian(point.x, point.system.p, w.real)
     if np.iscomplexobj(w):
         H = H + 1j * of.equations.hessian(point.x, point.system.p, w.imag)
-    mode = np.append(np.zeros(of.first), y)
-    by_unknowns = np.vstack([np.eye(of.first, of.n_tendons), point.by_tensions])
+    mode = np.append(np.zeros(of.n_before_states), y)
+    by_unknowns = np.vstack([np.eye(of.n_before_states, of.n_tendons), point.by_tensions])
     slope = (mode[rows] * H) @ by_unknowns[columns]
     return float(value.real), (slope / (w[places] @ (stiff * y[places]))).real
 
@@ -287,7 +288,7 @@ def _reciprocals(
 def _less_stiff(point: Equilibrium, by: float) -> Equilibrium:
     """Return the equations with so much less of the stiffness at rest."""
     at, of = point.system.layout.band, point.system.layout
-    diagonal = np.flatnonzero(at.rows == at.columns - of.first)
+    diagonal = np.flatnonzero(at.rows == at.columns - of.n_before_states)
     at_rest, nonzeros = np.zeros(of.n_states), point.nonzeros.copy()
     at_rest[np.ravel(of.stages)] = rest_stiffness(point.system)[1]
     nonzeros[diagonal] -= by * at_rest[at.rows[diagonal]]

@@ -23,7 +23,7 @@ from octoplan.model.support.progress import check_time
 SUBSTEPS = (1, 2, 4, 8, 16)
 
 
-def verified(point: Equilibrium, accuracy: float) -> tuple[Equilibrium, float]:
+def verify(point: Equilibrium, accuracy: float) -> tuple[Equilibrium, float]:
     """Return an equilibrium corrected by what an integrator says of it, and its estimated error.
 
     Steps are halved until the corrections of two of them differ by less than an accuracy, over the
@@ -37,8 +37,8 @@ def verified(point: Equilibrium, accuracy: float) -> tuple[Equilibrium, float]:
         x, elements = point.x.copy(), Integration(system, point.x, substeps)
         y, first = elements.run(elements.begin(strains))
         strains = first[0] if strains is None else strains
-        x[system.layout.first :] -= point.solve(_defects(point, y))
-        poses = system.poses(x[system.layout.first :]) / scale
+        x[system.layout.n_before_states :] -= point.solve(_defects(point, y))
+        poses = system.poses(x[system.layout.n_before_states :]) / scale
         if before is not None:
             error = estimate(float(np.abs(poses - before).max()), 1, 2, SCHEME.order)
             if error <= accuracy:
@@ -59,7 +59,7 @@ def _defects(point: Equilibrium, y: Array) -> Array:
     wrenches[there[:, POSE : POSE + w]] = y[:, POSE : POSE + w] - states[there[:, POSE : POSE + w]]
     # What an element makes of another wrench beyond it; a node's own wrench is left out.
     at, inside = of.band, of.band.inside
-    products = point.nonzeros[inside] * wrenches[at.columns[inside] - of.first]
+    products = point.nonzeros[inside] * wrenches[at.columns[inside] - of.n_before_states]
     left = wrenches - np.bincount(at.rows[inside], products, of.n_states)
     stages = of.inside.ravel()
     missed[of.nodes[:, POSE : POSE + w]] = left[of.nodes[:, POSE : POSE + w]]

@@ -31,7 +31,7 @@ from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.rotations import matrices
 from octoplan.model.scene import Scene
-from octoplan.model.settle import ACCURACY, loosest, scene_of, settle
+from octoplan.model.settle import ACCURACY, initial_tolerance_factor, scene_of, settle
 from octoplan.model.shape import at_ends
 from octoplan.model.support.checks import LARGEST, is_several, literal, positive
 from octoplan.model.support.errors import CompilerError, InputError, OctoplanError
@@ -142,9 +142,9 @@ def _side_by_side(maps: ForwardMaps, T: Array, accuracy: float) -> tuple[Array, 
         forward = maps.on(refinement)
         before = poses[now]
         if isinstance(forward, Collocation):
-            looser = loosest(accuracy) if refinement == coarse else 1.0
+            tolerance_factor = initial_tolerance_factor(accuracy) if refinement == coarse else 1.0
             least = np.full(now.size, np.nan)
-            ends = forward.many(T[now], [near[i] for i in now], looser)
+            ends = forward.many(T[now], [near[i] for i in now], tolerance_factor)
             for j, (i, end) in enumerate(zip(now, ends, strict=True)):
                 if isinstance(end, Equilibrium):
                     near[i] = end

@@ -83,7 +83,7 @@ class TendonFriction(RodTerm):
 
     mu: float
     direction: int | tuple[int, ...]
-    is_load = True
+    couples_sections = True
     n_tendon_states = 1
     section_parameters: ClassVar[Sizes] = {"dead_load": 3}
     tendon_parameters: ClassVar[Sizes] = {"signed_mu": 1, "path_rate": 4}

@@ -166,7 +166,7 @@ class DiscreteRod:
         lengths = of.lengths
         nonzeros = lengths.jacobian(x, self.length_p)
         whole = csr_array((nonzeros, lengths.jacobian.triplet), (of.n_tendons, of.n_x + 1))
-        return np.asarray(whole.toarray()[:, of.first : -1])
+        return np.asarray(whole.toarray()[:, of.n_before_states : -1])
 
     def by_wrench(self, x: Array, node: int) -> Array:
         """Return the changes of the residuals by a dead force and moment at a node (n_states, 6).
@@ -191,7 +191,7 @@ class DiscreteRod:
     def wrenches_beyond(self, x: Array) -> Array:
         """Return moments and forces on the tip side of the nodes (N + 1, n_wrench)."""
         layout = self.layout
-        states = x[layout.first :].copy()
+        states = x[layout.n_before_states :].copy()
         for term in layout.equations.terms:
             if term.kernel.name in layout.node_kernel_names:
                 # Each wrench row has the index of the wrench state that it balances.
@@ -258,7 +258,7 @@ class DiscreteRod:
         structure = layout.structure
         batch = tensions.shape[:-1]
         x = self.x(tensions, load, np.zeros((*batch, layout.n_states)))
-        states = x[..., layout.first :]
+        states = x[..., layout.n_before_states :]
         states[..., layout.stages] = strains
         by_arm = strains.reshape(-1, *strains.shape[-2:])
         poses = np.array([self.integrate_poses(each) for each in by_arm])

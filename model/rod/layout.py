@@ -42,7 +42,7 @@ class Band:
     ----------
     rows, columns : (nnz,)
         Of all nonzeros; columns are tensions, load factor, states.
-    first : int
+    n_before_states : int
         The first column of the states.
     below, above : int
         Width of the band.
@@ -59,12 +59,12 @@ class Band:
     """
 
     def __init__(self, of: Layout) -> None:
-        self.first, n = of.first, of.n_states
+        self.n_before_states, n = of.n_before_states, of.n_states
         self.rows, self.columns = (each[:-n] for each in of.equations.jacobian.triplet)
-        self.inside = np.flatnonzero(self.columns >= of.first)
+        self.inside = np.flatnonzero(self.columns >= of.n_before_states)
         self.states = np.arange(n)
         self.states[of.nodes] = np.roll(of.nodes, -4, axis=1)
-        column = np.argsort(self.states)[self.columns[self.inside] - of.first]
+        column = np.argsort(self.states)[self.columns[self.inside] - of.n_before_states]
         earliest = np.full(n, n)
         np.minimum.at(earliest, self.rows[self.inside], column)
         self.equations = np.argsort(earliest, kind="stable")
@@ -88,7 +88,7 @@ class Layout:
         N.
     node_groups : tuple of NodeGroup
         The terms that act at nodes.
-    first : int
+    n_before_states : int
         Place of the first state among all unknowns, behind the tensions and the load factor.
     n_tendons, n_states, n_x : int
         Numbers of tensions, of states and equations, of all unknowns.
@@ -128,7 +128,7 @@ class Layout:
         self.elements = elements
         self.node_groups = node_groups
         self.n_tendons = len(ends)
-        self.first = self.n_tendons + 1
+        self.n_before_states = self.n_tendons + 1
         m = structure.stages
         n_tendon_states = self.n_tendons * structure.n_tendon_states
         variables = sum(group.n_variables * len(group.nodes) for group in node_groups)
@@ -136,7 +136,7 @@ class Layout:
         self.stage_size = m * structure.n_stage
         self.stride = self.node_size + self.stage_size
         self.n_states = elements * self.stride + self.node_size
-        self.n_x = self.first + self.n_states
+        self.n_x = self.n_before_states + self.n_states
         start = np.arange(elements + 1) * self.stride
         self.nodes: Places = start[:, None] + np.arange(self.node_size)
         self.inside: Places = start[:-1] + self.node_size + np.arange(self.stage_size)[:, None]
@@ -156,7 +156,7 @@ class Layout:
         stage_elements = np.repeat(np.arange(elements), m)
         self.crossings = _pairs(stage_elements[:, None] < np.array(ends))
         stage, tendon_index = self.crossings
-        crossed = self.first + self.stages[stage].T
+        crossed = self.n_before_states + self.stages[stage].T
         term_of_lengths = Term(cached(tendon_length, structure.law), crossed, tendon_index[None, :])
         self.lengths = Equations(
             self.n_x, self.n_tendons, [term_of_lengths], structure.machine_code
@@ -190,11 +190,11 @@ class Layout:
     def base_condition(self) -> list[Term]:
         """Return the clamped base; tendon states are 0 there."""
         pose = self.nodes[:1, :POSE].T
-        return [Term(clamp(), self.first + pose, pose), self._zero(self.tendon_states[0])]
+        return [Term(clamp(), self.n_before_states + pose, pose), self._zero(self.tendon_states[0])]
 
     def dynamics(self) -> list[Term]:
         """Return the elements: x_{k+1} = F(x_k, v_k), and the local wrench of all stages."""
-        at = self.first
+        at = self.n_before_states
         nodes = self._node_states
         load = np.full((1, self.elements), self.n_tendons)[: int(self.structure.has_moment)]
         values = at + np.vstack([nodes[:-1].T, self.inside])
@@ -206,7 +206,7 @@ class Layout:
     def stage_equations(self) -> list[Term]:
         """Return body and tendons of the stages, which balance the local wrench."""
         by_stage = np.vstack([self.stages.T, *(each.T for each in self.stage_variables)])
-        bodies = Term(cached(body, self.structure), self.first + by_stage, by_stage)
+        bodies = Term(cached(body, self.structure), self.n_before_states + by_stage, by_stage)
         couples = self.structure.couples_stages
         tendons = self._tendons_in_elements() if couples else self._tendons()
         loads = [
@@ -233,16 +233,18 @@ class Layout:
         if not self.structure.has_moment:
             return []
         wrench = self._node_states[-1:, POSE:].T
-        return [Term(cached(tip, self.structure), self.first + wrench, wrench)]
+        return [Term(cached(tip, self.structure), self.n_before_states + wrench, wrench)]
 
     def _places(self, variables: Places) -> RodPlaces:
         """Return the places for a term's own kernels, by the places of its node variables."""
-        return RodPlaces(self.structure, self.first, self._node_states, self.inside, variables)
+        return RodPlaces(
+            self.structure, self.n_before_states, self._node_states, self.inside, variables
+        )
 
     def _zero(self, places: Places) -> Term:
         """Return equations by which states are 0."""
         flat = places.reshape(1, -1)
-        return Term(zero(), self.first + flat, flat)
+        return Term(zero(), self.n_before_states + flat, flat)
 
     def _at_nodes(self) -> list[Term]:
         """Return forces, moments and variables of the terms at the nodes."""
@@ -262,7 +264,9 @@ class Layout:
             if nodes and not own:
                 load = np.full((1, len(nodes)), self.n_tendons)
                 poses = self.nodes[nodes, :POSE].T
-                unknowns = np.vstack([load, self.first + poses, self.first + here])
+                unknowns = np.vstack(
+                    [load, self.n_before_states + poses, self.n_before_states + here]
+                )
                 rows = np.vstack([self.nodes[nodes, wrench].T, here])
                 name = node_kernel_name(i)
                 kernel = cached(node, name, group.structure, self.structure.n_wrench)
@@ -275,12 +279,12 @@ class Layout:
         """Return the tendons of the stages, tensions the same all along."""
         strains = self.stages.T
         stage, number = self.crossings
-        unknowns = np.vstack([number, self.first + strains[:, stage]])
+        unknowns = np.vstack([number, self.n_before_states + strains[:, stage]])
         return Term(cached(tendon, self.structure.law), unknowns, strains[:, stage])
 
     def _tendons_in_elements(self) -> Term:
         """Return the tendons of the elements, with their states at the nodes."""
-        at = self.first
+        at = self.n_before_states
         y = self.tendon_states
         k, j = self.passages
         inside = self.inside[:, k]
@@ -291,7 +295,7 @@ class Layout:
 
     def _tendon_jumps(self) -> list[Term]:
         """Return the jumps of tendon states at anchorages; states stay the same beyond its end."""
-        at = self.first
+        at = self.n_before_states
         y = self.tendon_states
         k, j = self.kinks
         both = np.vstack([at + self.inside[:, k], at + self.inside[:, k + 1]])

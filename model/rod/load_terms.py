@@ -25,7 +25,7 @@ _RADIUS_SAMPLES = 65
 class CouplingTerm(RodTerm):
     """Couples and twists the cross-sections without a load; the law of the sections needs it."""
 
-    is_load = True
+    couples_sections = True
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class WeightTerm(RodTerm):
 
     g: Vector
     fluid_density: float
-    is_load = True
+    couples_sections = True
     bends = True
 
     def specific_weight(self, arm: Arm) -> Array:
@@ -72,7 +72,7 @@ class DeadTipTerm(RodTerm):
 
     force: Vector
     moment: Vector
-    is_load = True
+    couples_sections = True
     bends = True
     node_parameters: ClassVar[Sizes] = {"moment": 3}
 
@@ -112,7 +112,7 @@ class FollowerTerm(RodTerm):
 
     force: Vector
     moment: Vector
-    is_load = True
+    couples_sections = True
     depends_on_shape = True
     bends = True
     node_parameters: ClassVar[Sizes] = {"force": 3, "moment": 3}
@@ -167,7 +167,7 @@ class PointForceTerm(RodTerm):
     s: float
     force: Vector
     offset: Vector | None
-    is_load = True
+    couples_sections = True
     bends = True
     node_parameters: ClassVar[Sizes] = {"offset": 3, "force": 3}
 
@@ -218,7 +218,7 @@ class DragTerm(RodTerm):
     velocity: Vector
     density: float
     coefficient: float
-    is_load = True
+    couples_sections = True
     depends_on_shape = True
     bends = True
     uniform_parameters: ClassVar[Sizes] = {"velocity": 3}

@@ -180,7 +180,7 @@ class RodPlaces(NamedTuple):
     Attributes
     ----------
     structure : KernelStructure
-    first : int
+    n_before_states : int
         Place of the first state among all unknowns.
     nodes : (N + 1, 7 + n_wrench)
         Pose, moment and force of the nodes.
@@ -191,7 +191,7 @@ class RodPlaces(NamedTuple):
     """
 
     structure: KernelStructure
-    first: int
+    n_before_states: int
     nodes: Places
     inside: Places
     variables: Places
@@ -202,7 +202,7 @@ class RodTerm:
 
     Attributes
     ----------
-    is_load : bool
+    couples_sections : bool
         Whether the effect couples or twists the cross-sections, so that the moment is a state of
         the nodes and torsion a strain.
     depends_on_shape : bool
@@ -217,7 +217,7 @@ class RodTerm:
         the node.
     """
 
-    is_load: bool = False
+    couples_sections: bool = False
     depends_on_shape: bool = False
     bends: bool = False
     n_tendon_states: int = 0

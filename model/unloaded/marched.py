@@ -145,7 +145,7 @@ class ExplicitMap(ABC):
         poses = np.array([rows[nodes] for rows, _ in values]).reshape(-1, len(nodes), 7)
         return poses, np.array([1 + strains[:, 3].min() for _, strains in values])
 
-    def solve(self, tensions: Array, near: object = None, looser: float = 1.0) -> Marched:
+    def solve(self, tensions: Array, near: object = None, tolerance_factor: float = 1.0) -> Marched:
         """Return the equilibrium under tensions (n_tendons,); other arguments have no effect."""
         return Marched(self, tensions, *self.run(tensions))
 

@@ -29,7 +29,7 @@ FIELD = (0.01, 0.03, 0.02)  # T
 class MagneticTipTerm(RodTerm):
     dipole: tuple[float, ...]
     field: tuple[float, ...]
-    is_load = True
+    couples_sections = True
     bends = True
     node_parameters: ClassVar[Sizes] = {"dipole": 3, "field": 3}
 

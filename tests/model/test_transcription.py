@@ -19,7 +19,7 @@ from octoplan.model.effects import (
     Weight,
 )
 from octoplan.model.equilibrium.load_steps import Collocation
-from octoplan.model.equilibrium.verification import verified
+from octoplan.model.equilibrium.verification import verify
 from octoplan.model.extensions.friction import Friction
 from octoplan.model.rod.discrete_rod import DiscreteRod, system
 from tests.differences import Array, check_rows, fourth_order
@@ -98,7 +98,7 @@ def test_what_verifies_an_equilibrium_corrects_a_coarse_one(name: str, arm: str)
     pulls = {"table-4": PULLS, "section-5.2": np.array([0.3, 0.2, 0.0, 0.1])}[arm]
     # As coarse as to be off by some millionths of the length.
     here = Collocation(system(given, scene, 2, 2)).solve(pulls)
-    corrected, error = verified(here, 1e-8)
+    corrected, error = verify(here, 1e-8)
     wanted = settle(given, pulls, scene, 1e-10).tip
     coarse, fine = (at.system.poses(at.states)[-1, 4:] for at in (here, corrected))
     assert error <= 1e-8
@@ -106,7 +106,7 @@ def test_what_verifies_an_equilibrium_corrects_a_coarse_one(name: str, arm: str)
     assert np.linalg.norm(fine - coarse) > 5e-7 * given.length
     assert np.linalg.norm(fine - wanted) < 1e-7 * given.length
     with pytest.raises(ConvergenceError, match="rk8"):
-        verified(here, 1e-17)
+        verify(here, 1e-17)
 
 
 def test_an_arm_that_is_all_but_crushed_is_integrated() -> None:
@@ -115,6 +115,6 @@ def test_an_arm_that_is_all_but_crushed_is_integrated() -> None:
     T = np.array([0.306, 0.335, 0.66, 0.343, 0.015, 4.82, 5.377, 0.075, 2.965, 0, 0, 2.958])
     collocation = Collocation(system(arm, scene, 3, 16, (), False))
     here = collocation.solve(T)
-    corrected, error = verified(here, 1e-6)
+    corrected, error = verify(here, 1e-6)
     assert error <= 1e-6
     assert corrected.poses[-1, 4:] == pytest.approx(here.poses[-1, 4:], abs=1e-3 * arm.length)

@@ -212,7 +212,7 @@ def test_stability_under_followers_is_the_least_real_part_of_differences(
     shape = settle(Arm.from_paper("table-4"), T, scene, 1e-4)
     here = shape.known
     assert here is not None
-    of, steps = here.system.layout, 1e-7 * np.eye(here.x.size)[here.system.layout.first :]
+    of, steps = here.system.layout, 1e-7 * np.eye(here.x.size)[here.system.layout.n_before_states :]
     residual = here.system.residual
     J = [(residual(here.x + step) - residual(here.x - step)) / 2e-7 for step in steps]
     B = np.zeros(of.n_states)

@@ -60,7 +60,7 @@ class TouchingMap(Collocation):
         self,
         tensions: Array,
         near: AnyEquilibrium | None = None,
-        looser: float = 1.0,
+        tolerance_factor: float = 1.0,
         jumps: bool = True,
     ) -> ContactEquilibrium:
         """Return the equilibrium that the arm comes to from another one or from rest.
@@ -87,7 +87,7 @@ class TouchingMap(Collocation):
         there = sharpened(end, near)
         return follow(end, near, jumps) if there is None else ContactEquilibrium.of(there)
 
-    def led_to(self, at: Equilibrium, tensions: Array) -> Equilibrium | None:
+    def solve_from(self, at: Equilibrium, tensions: Array) -> Equilibrium | None:
         """Return the equilibrium that another leads to, by load steps; None where it jumps."""
         with suppress(SnapError, UnsettledContactError):
             return self.solve(tensions, at, jumps=False)

@@ -36,7 +36,7 @@ def along(system: DiscreteRod, x: Array, s: Array, obstacles: Index) -> tuple[Ar
     m, step = of.structure.stages, np.clip(np.searchsorted(mesh.s, s) - 1, 0, mesh.steps - 1)
     h, p = np.diff(mesh.s)[step], np.arange(1, m)
     weights = p * ((s - mesh.s[step]) / h)[:, None] ** (p - 1) @ gauss(m).powers[1:] / h[:, None]
-    stages = x[of.first + of.stages].reshape(-1, m, of.structure.n_strains)[step]
+    stages = x[of.n_before_states + of.stages].reshape(-1, m, of.structure.n_strains)[step]
     rate = np.einsum("km,kmn->kn", weights, stages)
     call = cached(BatchFunction, cached(gap_along, of.structure.law), of.structure.machine_code)
     radii = np.array(system.arm.outer_radius(s)).T
@@ -61,7 +61,7 @@ def least_gaps(system: DiscreteRod, x: Array, places: Places = ()) -> Places:
     But for `places`, where the arm touches already. Gaps change at most twice as fast as arc
     length, so that they may be below 0 beside samples which are nearer than that.
     """
-    s, gap = gaps_along(system, x[system.layout.first :])
+    s, gap = gaps_along(system, x[system.layout.n_before_states :])
     apart, same, L = np.diff(s, prepend=0.0, append=s[-1]), SAME * s[-1], system.arm.length
     widest = np.maximum(apart[:-1], apart[1:])
     least = (gap <= minimum_filter1d(gap, 3, 0)) & (gap < widest[:, None])

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.ndimage import minimum_filter1d
 
 from octoplan.model.equilibrium.linearised import Equilibrium
-from octoplan.model.equilibrium.load_steps import carried_strains
+from octoplan.model.equilibrium.load_steps import transfer_strains
 from octoplan.model.equilibrium.newton import Start, newton
 from octoplan.model.equilibrium.stability import is_stable, unstable_mode
 from octoplan.model.extensions.contact.effects import bodies_of, without_friction
@@ -100,7 +100,7 @@ def follow(end: Request, near: Equilibrium, jumps: bool = True) -> ContactEquili
     Raises UnsettledContactError where none is found; unless it may jump, SnapError where it would.
     """
     snaps, rubs, base = list[float](), end.before is not None, end.base
-    begin, goal = near.x[: near.system.layout.first], np.append(end.tensions, end.load)
+    begin, goal = near.x[: near.system.layout.n_before_states], np.append(end.tensions, end.load)
 
     def solve(before: float, factor: float, near: Equilibrium, least: bool) -> Equilibrium | None:
         x = begin + factor * (goal - begin)
@@ -122,7 +122,7 @@ def follow(end: Request, near: Equilibrium, jumps: bool = True) -> ContactEquili
     if rubs:
         path = stepped(solve, near, _STEPS)
         return ContactEquilibrium.of(path[-1][0], tuple(snaps), tuple(path))
-    strains = carried_strains(near.system, near.states[near.system.layout.stages], base)
+    strains = transfer_strains(near.system, near.states[near.system.layout.stages], base)
     states = base.initial_states(begin[:-1], strains, float(begin[-1]))
     free = Equilibrium(base, np.append(begin, states))
     rough, _ = stepped(solve, free, _STEPS)[-1]
@@ -135,7 +135,7 @@ def retraced(end: Request, path: Path) -> ContactEquilibrium | None:
     So meshes differ by their own errors alone, and not by those of steps of different lengths.
     """
     (begin, _), *others = path
-    x, goal = begin.x[: begin.system.layout.first], np.append(end.tensions, end.load)
+    x, goal = begin.x[: begin.system.layout.n_before_states], np.append(end.tensions, end.load)
     anew = [path[0]]
     for near, factor in others:
         check_time()
@@ -207,7 +207,7 @@ def _least_energy(request: Request, near: Equilibrium) -> Equilibrium | None:
     None where none is found.
     """
     program, system = LeastEnergy(request.base), request.base
-    strains = carried_strains(near.system, near.states[near.system.layout.stages], system)
+    strains = transfer_strains(near.system, near.states[near.system.layout.stages], system)
     to = request.tensions, request.load
     minimum = program.minimise(program.near(near.tensions, strains), *to, rounds=_ROUNDS)
     if minimum is None:
@@ -236,7 +236,7 @@ def _at_refined_places(request: Request, rough: Equilibrium) -> Equilibrium:
             if mode is None:
                 return end
             x, of = end.x.copy(), end.system.layout
-            x[of.first + of.stages] += _ASIDE * mode
+            x[of.n_before_states + of.stages] += _ASIDE * mode
             rough = Equilibrium(end.system, x)
         base = request.on(_contact_nodes(rough))
         after = None if base is None else _least_energy(replace(request, base=base), rough)

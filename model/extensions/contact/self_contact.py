@@ -134,9 +134,9 @@ def settle_with_self_contact(problem: SettlingProblem) -> Shape:
 
     def settle(T: Array, scene: Scene, near: Shape | None) -> Shape:
         def on_mesh(
-            forward: ForwardMap, near: AnyEquilibrium | None, looser: float
+            forward: ForwardMap, near: AnyEquilibrium | None, tolerance_factor: float
         ) -> AnyEquilibrium:
-            return forward.solve(T, near, looser)
+            return forward.solve(T, near, tolerance_factor)
 
         maps = forward_maps(arm, scene, problem.machine_code)
         is_branch = near is not None and is_loaded(scene) and is_loaded(near.scene)

@@ -15,8 +15,13 @@ import numpy as np
 
 from octoplan.model.effects import NeoHookean, Shear
 from octoplan.model.equilibrium.linearised import Equilibrium
-from octoplan.model.equilibrium.load_steps import carried_strains, predicted
-from octoplan.model.equilibrium.newton import FOLLOWED, STEPS_IN_CONTACT, Start, newton
+from octoplan.model.equilibrium.load_steps import predict_states, transfer_strains
+from octoplan.model.equilibrium.newton import (
+    MAX_BRANCH_ROTATION,
+    MAX_STEPS_IN_CONTACT,
+    Start,
+    newton,
+)
 from octoplan.model.extensions.contact.effects import contacts
 from octoplan.model.extensions.contact.gaps import THROUGH, along, least_gaps
 from octoplan.model.extensions.contact.kernels import BEFORE
@@ -95,7 +100,7 @@ class Request:
         return (*(arm.anchorages if self.base.scene.has(NeoHookean) else ()), arm.length)
 
 
-def close(one: Equilibrium, other: Equilibrium, most: float = FOLLOWED) -> bool:
+def close(one: Equilibrium, other: Equilibrium, most: float = MAX_BRANCH_ROTATION) -> bool:
     """Return whether frames turn by less than most [rad] between equilibria, on any two meshes."""
     before, after = one.poses[:, :4], other.poses[:, :4]
     there = np.array([np.interp(other.mesh.s, one.mesh.s, column) for column in before.T]).T
@@ -114,9 +119,9 @@ def sharpened(
     """
     begin, last = near, None
     if places is None:
-        x = near.system.x(request.tensions, request.load, predicted(near, request.tensions))
+        x = near.system.x(request.tensions, request.load, predict_states(near, request.tensions))
         places = _correct_places(request, Equilibrium(near.system, x), places_of(near.system))
-    for _ in range(STEPS_IN_CONTACT):
+    for _ in range(MAX_STEPS_IN_CONTACT):
         point = _with_places(request, near, places)
         if point is None:
             return None
@@ -197,8 +202,8 @@ def _initial_states(
     of: Request, near: Equilibrium, system: DiscreteRod, touches: ContactFlags
 ) -> Array:
     """Return states to begin with on another mesh: forces are those of the nodes nearest."""
-    before, states = near.system, predicted(near, of.tensions)
-    strains = carried_strains(before, states[before.layout.stages], system)
+    before, states = near.system, predict_states(near, of.tensions)
+    strains = transfer_strains(before, states[before.layout.stages], system)
     apart = np.abs(before.mesh.s[:, None] - system.mesh.s)
     now = contact_places(system.layout)
     were = contact_places(before.layout)

@@ -88,7 +88,7 @@ class ContactTerm(RodTerm):
     bodies: tuple[tuple[float, ...], ...]
     mu: tuple[float, ...]
     pressed: bool = False
-    is_load = True
+    couples_sections = True
     depends_on_shape = True
     bends = True
 
@@ -146,7 +146,7 @@ class ContactTerm(RodTerm):
             unknowns += [near, friction]
             rows += [friction]
         kernel = cached(touch, law, m, self.has_friction)
-        return [Term(kernel, places.first + np.hstack(unknowns).T, np.hstack(rows).T)]
+        return [Term(kernel, places.n_before_states + np.hstack(unknowns).T, np.hstack(rows).T)]
 
     def element_kernels(self, places: RodPlaces) -> list[Term]:
         """Return the pressure on the elements."""
@@ -160,7 +160,7 @@ class ContactTerm(RodTerm):
         both = np.stack([touches[:-1, :, 1], touches[1:, :, 1]], axis=2).reshape(-1, 2)
         rubbed = np.concatenate([tractions[:-1], tractions[1:]], axis=2)
         both = np.hstack([both, rubbed.reshape(len(both), -1)])
-        unknowns = places.first + np.hstack([poses, inside, both]).T
+        unknowns = places.n_before_states + np.hstack([poses, inside, both]).T
         structure = places.structure
         kernel = cached(pressure, structure.law, structure.stages, self.has_friction)
         return [Term(kernel, unknowns, np.hstack([wrench, inside]).T)]

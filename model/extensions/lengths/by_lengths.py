@@ -22,8 +22,8 @@ import numpy as np
 
 from octoplan.model.arm import Arm
 from octoplan.model.equilibrium.linearised import AnyEquilibrium, Equilibrium
-from octoplan.model.equilibrium.load_steps import Collocation, carried_strains
-from octoplan.model.equilibrium.newton import CLOSE, STAGES, Start, newton
+from octoplan.model.equilibrium.load_steps import Collocation, transfer_strains
+from octoplan.model.equilibrium.newton import CHORD_RADIUS, STAGES, Start, newton
 from octoplan.model.extensions.contact.forward import TouchingMap
 from octoplan.model.extensions.lengths.least_energy import ROUNDS, LeastEnergy
 from octoplan.model.extensions.lengths.shortest import SHORT, no_shape, refuse
@@ -178,7 +178,7 @@ class GivenLengths:
             return forward.solve(self._unloaded_tensions)
         assert isinstance(forward, Collocation)
         begins = self._initial_equilibria(forward, near)
-        result = continue_to_lengths(begins, self.winches, forward.led_to, self.maps.arm, SAME)
+        result = continue_to_lengths(begins, self.winches, forward.solve_from, self.maps.arm, SAME)
         if result is None:
             raise no_shape(self.maps.arm, self.winches)
         return result
@@ -188,7 +188,7 @@ class GivenLengths:
         if not (isinstance(end, Equilibrium) and is_loaded(self.maps.scene)):
             return end
         assert isinstance(forward, Collocation)
-        return solve_lengths(end, self.winches, forward.led_to, self.maps.arm) or end
+        return solve_lengths(end, self.winches, forward.solve_from, self.maps.arm) or end
 
     def _initial_equilibria(
         self, forward: Collocation, near: AnyEquilibrium | None
@@ -205,14 +205,14 @@ class GivenLengths:
             if touching:
                 yield forward.solve(T, near)
             else:
-                start = Start(T, 1.0, forward.carried(T[None], [near])[0])
-                yield from newton(forward.system, [start], CLOSE)
+                start = Start(T, 1.0, forward.transfer_states(T[None], [near])[0])
+                yield from newton(forward.system, [start], CHORD_RADIUS)
         for coarse, T, v in self._least_energy():
             if touching:
                 with suppress(SnapError, UnsettledContactError):
                     yield forward.solve(T)
             else:
-                strains = carried_strains(coarse, v, forward.system)
+                strains = transfer_strains(coarse, v, forward.system)
                 start = Start(T, 1.0, forward.system.initial_states(T, strains, 1.0))
                 yield from newton(forward.system, [start])
         with suppress(SnapError, UnsettledContactError, UnsettledSectionError):

@@ -244,7 +244,7 @@ class SessionEquations:
         mesh = Collocation(self.system)
         if not shape.by_length:
             with suppress(OctoplanError):
-                result = mesh.solve(self.tensions(shape), looser=LOOSER)
+                result = mesh.solve(self.tensions(shape), tolerance_factor=LOOSER)
                 check_stretch(result)
                 return result
         try:
@@ -272,7 +272,9 @@ class SessionEquations:
             return reached
         n = self.system.arm.n_tendons
         winches = Winches(np.ones(n, dtype=bool), self._lengths(shape), np.zeros(n))
-        result = solve_lengths(reached, winches, Collocation(self.system).led_to, self.system.arm)
+        result = solve_lengths(
+            reached, winches, Collocation(self.system).solve_from, self.system.arm
+        )
         return result or OctoplanError("no shape near its lengths is found")
 
     def tensions(self, shape: Measured) -> Array:

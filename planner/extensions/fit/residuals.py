@@ -19,7 +19,7 @@ import numpy as np
 from octoplan.model import OctoplanError
 from octoplan.model.equilibrium.linearised import Equilibrium, check_stretch
 from octoplan.model.equilibrium.load_steps import Collocation
-from octoplan.model.equilibrium.newton import CLOSE, Start, newton
+from octoplan.model.equilibrium.newton import CHORD_RADIUS, Start, newton
 from octoplan.model.equilibrium.sensitivities import ParameterSensitivities, along
 from octoplan.model.paths import Array
 from octoplan.model.rotations import conjugate, multiply, rotate
@@ -202,8 +202,8 @@ class Evaluation:
             layout = before.system.layout
             near = None
             if equations.system.layout is not layout:
-                states = Collocation(equations.system).carried(T[None], [before])[0]
-            elif np.abs(states - before.states)[layout.nodes[:, :4]].max() < CLOSE:
+                states = Collocation(equations.system).transfer_states(T[None], [before])[0]
+            elif np.abs(states - before.states)[layout.nodes[:, :4]].max() < CHORD_RADIUS:
                 near = before
             (end,) = newton(equations.system, [Start(T, 1.0, states, near, LOOSER)])
             reached[i] = equations.enforce_lengths(shape, end or OctoplanError("it jumps"))

@@ -29,7 +29,7 @@ from octoplan.model.forward import collocation_map
 from octoplan.model.loads import is_loaded
 from octoplan.model.paths import Array
 from octoplan.model.scene import Scene
-from octoplan.model.settle import loosest, settle
+from octoplan.model.settle import initial_tolerance_factor, settle
 from octoplan.model.shape import Shape
 from octoplan.model.support.errors import OctoplanError, SingularError
 from octoplan.model.support.progress import limited
@@ -224,9 +224,12 @@ class Follower:
 
     def _near(self, forward: Collocation, now: Equilibrium, tensions: Array) -> Shape | None:
         """Return the shape on a mesh near the equilibrium `now`; None if no stable one is found."""
-        guess = forward.carried(tensions[None], [now])[0]
+        guess = forward.transfer_states(tensions[None], [now])[0]
         shape = self.shape
-        (point,) = newton(forward.system, [Start(tensions, 1.0, guess, looser=loosest(ACCURACY))])
+        (point,) = newton(
+            forward.system,
+            [Start(tensions, 1.0, guess, tolerance_factor=initial_tolerance_factor(ACCURACY))],
+        )
         if point is None or not is_stable(point):
             return None
         return Shape(shape.arm, shape.scene, ACCURACY, point, shape.refinement)
