@@ -107,7 +107,7 @@ class Problem:
         stations = sorted({*self.target_set.stations, *(s for b in blocks for s in b.stations())})
         rod = self._rod(tuple(stations))
         self.forward = Collocation(rod)
-        self.stretch = LeastStretch.of(rod)
+        self.stretch = _least_stretch(rod)
         self.blocks = (
             *([PeakTension()] if self.options.norm == "inf" else []),
             TargetRows.of(self.target_set, self.options.mode),
@@ -120,7 +120,9 @@ class Problem:
         structure = Structure(rod.layout, nodes, options.norm, options.mode, self.blocks)
         self.program = program_of(structure)
         self._p = self._parameters(rod)
-        self.scale = np.array(self.program.scale(self._p)).ravel()
+        self.scale = np.ones(self.program.size)
+        self.scale[: self.unit.size] = self.unit
+        self.scale[self.program.states.start :] = self._p[self.program.parts["scale"]]
         self.bounds = self._bounds()
 
     def _rod(self, stations: tuple[float, ...]) -> DiscreteRod:
@@ -218,7 +220,9 @@ class Problem:
         program, result, values = self.program, p, x * self.scale
         for block, place in zip(self.blocks, program.dependents, strict=True):
             updates = block.kernel_updates(self.forward.system, values[place])
-            result = p.copy() if updates else result
+            if not updates:
+                continue
+            result = result.copy()
             kernels = program.equations.named(result[program.parts["kernels"]])
             for name, update in updates.items():
                 for parameter, value in update.items():
@@ -281,20 +285,20 @@ class Problem:
         x[: tensions.size] = tensions / self.unit
         x[program.n_decision] = 1.0
         x[program.states] = states / self.scale[program.states]
-        for block, place in zip(self.blocks, program.decisions, strict=True):
+        deciding = _not_empty(self.blocks, program.decisions)
+        for block, place in deciding:
             x[place] = block.initial_decisions(tensions / self.effort_unit)
-        placed = list(zip(self.blocks, program.dependents, strict=True))
-        linear = np.concatenate(
-            [np.r_[place] for block, place in placed if block.is_linear] or [np.zeros(0, int)]
-        )
-        if linear.size:
+        placed = _not_empty(self.blocks, program.dependents)
+        at = [np.arange(place.start, place.stop) for block, place in placed if block.is_linear]
+        if at:
+            linear = np.concatenate(at)
             _, _, g, J = program.evaluate(x, p)
             rows = program.n_design_rows + linear - program.states.start
             x[linear] = -factorised(J.tocsr()[rows].tocsc()[:, linear]).solve(g[rows])
         for block, place in placed:
             if not block.is_linear:
                 x[place] = block.initial_dependents(self.linearised(x)) / self.scale[place]
-        for block, place in zip(self.blocks, program.decisions, strict=True):
+        for block, place in deciding:
             kind, numbers = block.slack_rows()
             if numbers:
                 rows = np.flatnonzero(program.row_kinds == kind)[numbers]
@@ -318,6 +322,12 @@ class Problem:
         return not is_loaded(self.scene) or is_stable(self.linearised(x), margin)
 
 
+def _not_empty(blocks: Sequence[Block], places: Sequence[slice]) -> list[tuple[Block, slice]]:
+    """Return the blocks with unknowns at their places, and these places."""
+    pairs = zip(blocks, places, strict=True)
+    return [(block, place) for block, place in pairs if place.stop > place.start]
+
+
 def factorised(matrix: csc_array) -> SuperLU:
     """Return the factors of a square matrix; raise SingularError if the matrix is singular."""
     try:
@@ -338,6 +348,12 @@ def tension_scales(arm: Arm, limits: Limits) -> Array:
 def _without_effect(arm: Arm, upper: Array) -> Array:
     """Return which tendons have an upper limit without effect on the shape."""
     return np.asarray(upper <= NO_EFFECT * natural_tensions(arm))
+
+
+@lru_cache(maxsize=24)
+def _least_stretch(rod: DiscreteRod) -> LeastStretch:
+    """Return the block of the least stretches of a rod."""
+    return LeastStretch.of(rod)
 
 
 @lru_cache(maxsize=24)
