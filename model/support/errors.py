@@ -9,6 +9,8 @@ from typing import Any, Self
 
 # Largest difference of the load fractions at which an arm snaps on two meshes that agree.
 _SNAP_AGREEMENT = 1e-2
+# The same if the arm snaps sooner on the finer mesh, so that still finer ones do not revive it [-].
+_SNAP_FALL = 3e-2
 # Largest number of characters of a given value in a message.
 _LONG = 300
 
@@ -263,8 +265,9 @@ class SnapError(OctoplanError):
         if other is None or self.history != other.history:
             return False
         now = self.load_factor * self.tension_factor
-        change = abs(now - other.load_factor * other.tension_factor)
-        return change < min(_SNAP_AGREEMENT, (1 - now) / 2)
+        change = now - other.load_factor * other.tension_factor
+        tolerance = _SNAP_AGREEMENT if change > 0 else _SNAP_FALL
+        return abs(change) < min(tolerance, (1 - now) / 2)
 
 
 class SingularError(OctoplanError):
