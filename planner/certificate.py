@@ -62,33 +62,33 @@ class Check:
 
 @dataclass(frozen=True)
 class Certificate(HtmlRepr):
-    """The results of a plan's check. Lengths are over the arm's length, angles in rad.
+    """The results of the check of a plan. Lengths are divided by the arm's, angles are in rad.
 
     Attributes
     ----------
-    equality : size of the residual of each thing that has to be met, as a distance or an angle
-    soft_residual : size of each thing that was to be made as small as the limits allow
-    inequality : least value of each thing that has to be 0 or above
+    equality : norm of the residual of each equality of the targets
+    soft_residual : norm of each residual that is minimised within the limits
+    inequality : smallest value of each quantity that has to be at least 0
     bounds : largest violation of a tension limit [N]
-    strokes : largest violation of a limit of strokes
-    kkt : residual of the first-order conditions, scaled; their multipliers are the plan's
-    agreement : distance of the settled tip from the check's, over L
-    error : estimated tip error of the check, over L
-    stability : least eigenvalue of the scaled Hessian of the energy; below 0 the arm is unstable
-    stability_margin : the least that is accepted
-    scheme : the integrator of the check
-    tolerance : what equality, inequality and agreement are held to
-    problem : why the check could not be made, if so
-    gaps_asked : least distance of the arm's surface from each body with a required clearance [m]
-    least_gaps : the required clearances [m]
-    clearances : how clear the arm is of each thing it can meet, by name; see
+    strokes : largest violation of a stroke limit
+    kkt : residual of the first-order conditions, scaled, with the multipliers of the plan
+    agreement : distance between the settled tip and the tip of the check
+    error : estimated tip error of the check
+    stability : smallest eigenvalue of the scaled Hessian of the energy; below 0 the arm is unstable
+    stability_margin : smallest accepted stability
+    scheme : integrator of the check
+    tolerance : tolerance of equality, inequality and agreement
+    problem : error that prevented the check; empty otherwise
+    gaps_asked : distance of the arm's surface from each kind of body with a required clearance [m]
+    least_gaps : required clearances [m]
+    clearances : clearance of the arm from each kind of body, by name; see
         octoplan.model.extensions.clearance
-    load_factor : times its loads at which the arm yields, tensions held; infinite if that is more
-        than MOST_LOADS, None without loads, in contact, and if the time limit was reached
-    units : of these by name: "L" of lengths over the arm's, "rad"
+    load_factor : multiple of the loads at which the arm yields at constant tensions; infinite above
+        MOST_LOADS, None without loads, in contact, and if the time limit was reached
+    units : units by name: "L" for lengths over the arm's, "rad" for angles
     checks : further quantities that extensions verify, by name
-    bends : where the arm bends sharper than its own radius, in words
-    stretches : where the arm is stretched beyond the law of its body, in words
+    bends : description of the place where the radius of curvature is below the arm's radius
+    stretches : description of the place where the stretch is beyond the law of the body
     """
 
     equality: Mapping[str, float] = field(default_factory=dict)
@@ -115,25 +115,25 @@ class Certificate(HtmlRepr):
 
     @property
     def gaps(self) -> Mapping[str, float]:
-        """The least distance of the arm's surface from each thing it can meet [m]."""
+        """The distance of the arm's surface from each kind of body [m]."""
         return {name: clearance.gap for name, clearance in self.clearances.items()}
 
     @property
     def nearest(self) -> str:
-        """The nearest of what the arm can meet, in words."""
+        """A description of the nearest body."""
         return str(min(self.clearances.values(), key=lambda clear: clear.gap, default=""))
 
     @property
     def clearance(self) -> float:
-        """The least distance of the arm's surface from obstacles, from behind its base, itself [m].
+        """The distance of the arm's surface from obstacles, itself and behind its base [m].
 
-        A lower bound; below 0 the arm passes through, infinite where it can meet nothing.
+        A lower bound; below 0 for penetration, infinite without any body.
         """
         return min(self.gaps.values(), default=np.inf)
 
     @property
     def too_near(self) -> Mapping[str, float]:
-        """By how much gaps fall short of the clearance required, by name [m]."""
+        """Required clearance minus clearance of the bodies that are too near, by name [m]."""
         missing = {name: least - self.gaps_asked[name] for name, least in self.least_gaps.items()}
         return {name: distance for name, distance in missing.items() if distance > 0}
 
@@ -148,7 +148,7 @@ class Certificate(HtmlRepr):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was not required and yet is impossible or doubtful, a sentence each."""
+        """Sentences about results that are doubtful although nothing forbids them."""
         sentences = [
             f"the arm passes through {name} by {-1e3 * gap:.3g} mm"
             for name, gap in self.gaps.items()
@@ -164,7 +164,7 @@ class Certificate(HtmlRepr):
 
     @property
     def residual(self) -> float:
-        """The largest residual of what has to be met."""
+        """The largest residual of the equalities."""
         return max(self.equality.values(), default=0.0)
 
     @property
@@ -175,7 +175,7 @@ class Certificate(HtmlRepr):
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """What did not pass, a sentence each."""
+        """Sentences about the checks that failed."""
         if self.problem:
             return (self.problem,)
         least = self.stability_margin
@@ -197,7 +197,7 @@ class Certificate(HtmlRepr):
 
     @property
     def bears(self) -> str:
-        """How many times its loads the arm bears, in words; empty without loads."""
+        """A description of the load factor; empty without loads."""
         if self.load_factor is None:
             return ""
         if np.isinf(self.load_factor):
@@ -211,7 +211,7 @@ class Certificate(HtmlRepr):
 
     @property
     def rows(self) -> list[list[str]]:
-        """What was checked: name with unit, value, what is allowed; first the names of columns."""
+        """A table of the checks: name with unit, value, allowed values; first the head."""
         most, least = f"at most {self.tolerance:.0e}", "as small as the limits allow"
         measured = ((self.equality, most), (self.soft_residual, least))
         load_factor = None if self.load_factor is None else min(self.load_factor, MOST_LOADS)
@@ -238,7 +238,7 @@ class Certificate(HtmlRepr):
 
 
 def _digits(value: float) -> str:
-    """Return a number with three digits: as people write it, a small one with its exponent."""
+    """Return a number with three digits, with an exponent if the number is small or large."""
     return f"{value:.3g}" if value == 0 or 1e-2 <= abs(value) < 1e5 else f"{value:.2e}"
 
 
@@ -342,12 +342,23 @@ def tension_excess(tensions: Array, limits: Limits) -> float:
 def _integrated(
     shape: Shape, stations: tuple[float, ...], accuracy: float
 ) -> tuple[Array, Array, float, float, Callable[[], Centreline]]:
-    """Return what initial value integration makes of a shape.
+    """Integrate a shape as an initial value problem.
 
-    Poses at the stations (K, 7), the tip (3,), its estimated error, stability, midline. It begins
-    from a mesh half as fine as the shape's: what wrenches lack there is corrected to first order.
-    Where that leaves the tip's pose farther off than ten times its accuracy, from that of the
-    shape.
+    The initial wrenches are those of the equilibrium on a mesh half as fine as that of the shape,
+    corrected to first order. If the pose of the tip then differs from that of the shape by more
+    than ten times the accuracy, the equilibrium is that on the mesh of the shape.
+
+    Returns
+    -------
+    poses : (K, 7)
+        At the stations.
+    tip : (3,)
+        [m].
+    error : float
+        Estimated error of the tip, over the arm's length.
+    stability : float
+    line : function
+        Returns the midline.
     """
     arm, scene, touching = shape.arm, shape.scene, has_complementarity(shape.scene)
     coarser = min(shape.refinement, max(2, shape.refinement // 2))
@@ -363,15 +374,15 @@ def _integrated(
             break
     places = [system.mesh.node(s) for s in stations]
     line = partial(Centreline.at_states, system, check.states)
-    # The point does not tell which contacts are closed.
+    # The integrated states do not contain the set of closed contacts.
     least = stability(equilibrium if touching else check)
     return poses[places], poses[-1, 4:], error, least, line
 
 
 def _load_factor(shape: Shape) -> float | None:
-    """Return how many times its loads an arm bears, infinite if more than it is followed.
+    """Return the multiple of the loads at which the arm yields; infinite above MOST_LOADS.
 
-    None without loads, and of an arm in contact.
+    None without loads, and in contact.
     """
     if not is_loaded(shape.scene) or has_complementarity(shape.scene):
         return None

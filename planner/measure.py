@@ -1,4 +1,4 @@
-"""What is told of a shape's winches: what they take in, errors of lengths, slack tendons."""
+"""Quantities of winches: strokes, sensitivity of the tip to lengths, slack tendons."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from octoplan.planner.targets.target_set import TargetSet
 
 
 def remark_on_slack(targets: TargetSet, shape: Shape) -> str:
-    """Return the stiffness of targets with lengths held when slack tendons are released.
+    """Return a sentence about the tip's stiffness with slack tendons released, after a space.
 
-    A sentence that begins with a space; empty without such targets, or where all tendons pull.
+    Empty without targets of stiffness at held lengths, and if no tendon is slack.
     """
     arm = targets.arm
     slack = [arm.tendon_name(int(j)) for j in np.flatnonzero(~is_taut(arm, shape.tensions))]
@@ -40,10 +40,9 @@ def remark_on_slack(targets: TargetSet, shape: Shape) -> str:
 
 
 def length_error(shape: Shape) -> dict[str, float]:
-    """Return how far the tip of a shape goes where a winch is off by some length.
+    """Return the displacement of the tip per error of a tendon length [-], by taut tendon.
 
-    Over the error of the winch [-], as mm per mm, by the names of the taut tendons; see
-    octoplan.model.compliance.
+    See octoplan.model.compliance.
     """
     response = length_response(shape)
     taut = np.flatnonzero(response.taut)
@@ -53,10 +52,10 @@ def length_error(shape: Shape) -> dict[str, float]:
 
 
 def strokes(shape: Shape, zero: Any = None) -> Array:
-    """Return what winches have taken in from where they are zeroed (n_tendons,) [m].
+    """Return the strokes of the winches (n_tendons,) [m]: lengths at zero minus lengths.
 
-    Where the shape's tendons have these lengths `zero` [m]; in the straight arm at rest unless
-    given. Of a slack tendon it is the most that may be taken in without its pulling.
+    `zero` are the lengths (n_tendons,) at which winches are zeroed [m]; those of the straight arm
+    at rest unless given. The stroke of a slack tendon is its maximum without tension.
     """
     left = shape.tendon_lengths
     if shape.winches is not None:
@@ -65,5 +64,5 @@ def strokes(shape: Shape, zero: Any = None) -> Array:
 
 
 def taken_in(arm: Arm, lengths: Array, zero: Any = None) -> Array:
-    """Return what winches that leave lengths (..., n_tendons) have taken in [m]; see strokes."""
+    """Return the strokes for tendon lengths (..., n_tendons) [m]; see strokes."""
     return np.asarray((rest_lengths(arm) if zero is None else np.array(zero)) - lengths)

@@ -53,10 +53,9 @@ def plan(
     stroke_zero: Any = "straight",
     certify: bool = True,
 ) -> Plan:
-    """Return the tensions of least effort that give an arm the shape that a target wants.
+    """Return the tensions of least effort that give an arm the shape that a target asks for.
 
-    It may be called from several threads at once, as all functions may: what they share is built
-    once and not changed, and each solves in memory of its own. Their linear algebra takes turns, so
+    Several threads may call this function at the same time. Their linear algebra takes turns, so
     that processes are faster.
 
     Parameters
@@ -64,76 +63,77 @@ def plan(
     arm : Arm
     target : Target, or several to be met together
     scene : Scene
-        The effects enabled; the bare arm unless given.
+        The effects; the bare arm unless given.
     tension_max, tension_min : float, or one for each tendon
         Bounds [N]; infinite and 0 unless given.
     total_pull : float
-        The most that all tendons together may pull [N]; no limit unless given.
+        Largest sum of all tensions [N]; no limit unless given.
     norm : "2", "1" or "inf"
-        What effort is: root of the sum of squares, sum, or largest tension.
+        The effort that is minimised: root of the sum of squares, sum, or largest tension.
     accuracy : float
-        What residuals and tip errors are held to, over the arm's length (angles: rad).
+        Tolerance of residuals and tip errors, over the arm's length (angles: rad).
     starts : int
-        How many initial guesses are tried, as far as so many differ. Unless given, 14 at most, and
-        fewer once enough of them led to the same optimum, which is no proof that it is the best. If
-        these miss the target, 8 more, the nearest of several hundred settled shapes under tensions
-        sampled over the limits; of a given number, half are such shapes.
+        Number of initial guesses. Unless given, at most 14; the search stops once enough guesses
+        lead to the same optimum, which does not prove that the optimum is the best. If the guesses
+        miss the target, 8 more follow: the nearest of several hundred settled shapes, under
+        tensions sampled over the limits. Half of a given number are such shapes.
     near : Plan
-        A plan for a target nearby, of the same kind, for the same arm and scene: the search begins
-        at its optimum, which takes a tenth of the time. Where that fails all starts are tried.
-        Where the tensions do not go over into each other, as where a target passes the arm's axis,
-        `outcome` says that the plan left the branch. Where contacts have friction it is the plan
-        that the arm moves from in a straight line of tensions, against friction, which may have
-        been 0 there; unless given, from the least tensions, where the arm has to touch nothing.
-        Such plans are for places and poses.
+        A plan for a target nearby, of the same kind, for the same arm and scene. The search begins
+        at its optimum, which takes a tenth of the time. If this fails, all guesses are tried. If
+        the tensions jump, for example because a target passes the arm's axis, `outcome` reports
+        that the plan left the branch. With friction of contacts, `near` is the plan from which the
+        arm moves, in a straight line of tensions, against friction; the friction of `near` may
+        differ. Without `near` the arm moves from the smallest tensions, at which it must not touch
+        anything. Plans with friction of contacts are for positions and poses.
     time_limit : float
-        How long the call may take [s], with shape, certificate and outcome. The search then returns
-        the best plan so far. The certificate has what is left of the limit, and at least GRACE, 1
-        s. In contact the search ends early by about the time that the arm takes to settle.
-        `outcome` says if the limit ended the search, or came before the certificate was complete.
-        Setting up the first plan for an arm and a scene is not cut short.
+        Time for the call [s], with shape, certificate and outcome. The search then returns the best
+        plan so far. The certificate gets the rest of the time, and at least GRACE, 1 s. In contact
+        the search ends earlier, by about the time that the arm takes to settle. `outcome` reports
+        if the limit ended the search or the certificate. The first plan for an arm and a scene
+        builds functions; the limit does not stop this.
     stability_margin : float
-        The least stability of the shape under its loads that is accepted, 0 to 1: the least
-        eigenvalue of the scaled Hessian of the energy, which is 1 for an arm at rest and 0 where it
-        is about to yield. With 0 the arm has to be stable. Unless given 0.1, where that can be had,
-        else the best that is stable, which `outcome` tells as on the brink; 0 where contacts have
-        friction.
+        Smallest accepted stability of the shape under its loads, 0 to 1: the smallest eigenvalue of
+        the scaled Hessian of the energy, which is 1 for an arm at rest and 0 for an arm that is
+        about to yield. With 0 the arm has to be stable. Unless given, 0.1 if attainable, otherwise
+        the best stable plan, which `outcome` reports as on the brink; 0 with friction of contacts.
     compile : bool or "auto"
-        Whether to work by machine code, see settle; the plan's shape and certificate are found by
-        it too. In a scene as printed, and of curved tendons without loads, only these are.
+        Whether to use machine code, see settle. In a scene as printed, and with curved tendons
+        without loads, machine code computes the shape and the certificate only.
     obstacles : sequence of Obstacle
-        What the arm keeps clear of, all along; see octoplan.model.extensions.obstacles.
+        Bodies that the whole arm keeps clear of; see octoplan.model.extensions.obstacles.
     clearance : float
-        How far its surface stays from them [m].
+        Smallest distance of the arm's surface from the obstacles [m].
     self_clearance : bool
-        Whether it stays as far from itself and from the far side of its base plane.
+        Whether the arm keeps the same distance from itself and from the far side of its base plane.
     stroke_max : float, or one for each tendon
-        The most that winches take in of tendons from where they are zeroed [m], of slack ones too
-        (`Plan.strokes`); no limit unless given.
+        Largest stroke: the length that a winch takes in from its zero [m]. Slack tendons count, too
+        (`Plan.strokes`). No limit unless given.
     stroke_min : float, or one for each tendon
-        The least: 0 or below, how far they can pay out; as far as they take in unless given.
+        Smallest stroke, 0 or below: minus the length that a winch can pay out [m]; minus
+        `stroke_max` unless given.
     progress : bool
-        Whether a line tells how far it is: unless given, after two seconds, on terminals and in
+        Whether to show a line of progress. Unless given, after two seconds, on terminals and in
         notebooks.
     stroke_zero : "straight", "at rest", Shape, or lengths (n_tendons,)
-        Where winches are zeroed, and strokes count from: at the straight arm without loads, at the
-        arm as it stands in the scene without tensions, at a shape, at lengths of tendons [m].
+        Zero of the winches: the straight arm without loads, the arm in the scene without tensions,
+        a shape, or lengths of the tendons [m].
     certify : bool
         Whether to compute shape, certificate and outcome before returning. Pass False in loops that
-        need tensions alone; shape and certificate are then computed when they are first read.
+        need tensions alone; the plan then computes shape and certificate at their first reading.
 
     Returns
     -------
     Plan
-        Also if the target is not met: then it is the nearest shape found, and `outcome` says how
-        far off that is, what holds it, and how many guesses and sampled shapes were tried.
+        If the target is missed, the nearest shape found. `outcome` then reports the distance, the
+        active limits, and the numbers of guesses and sampled shapes.
 
     Raises
     ------
     InputError
-        Naming the field, for anything that is not allowed; targets that contradict each other.
+        With the name of the argument, for values that are not allowed and for targets that
+        contradict each other.
     CompilerError
-        If `compile` is True, and there is no compiler or it fails.
+        If `compile` is True and there is no compiler, or the compiler fails.
     """
     scene = planned_scene(arm, scene)
     targets = check_targets(arm, target)

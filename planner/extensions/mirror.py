@@ -1,8 +1,8 @@
-"""Mirror images: other tensions that do the same on the other side of a plane of the arm.
+"""Mirror images: tensions of the arm that is mirrored in a plane through the base's axis.
 
-A plane through the base's axis in which the tendons of each anchorage are mirrored maps tensions to
-those of the mirrored tendons. Where arm, loads and targets are alike on both sides too, the mirror
-image of a plan is a plan of the same effort. That is checked by the shapes themselves.
+A plane in which the tendons of each anchorage are symmetric maps tensions to those of the mirrored
+tendons. If arm, loads and targets are symmetric too, the mirror image of a plan is a plan of the
+same effort. The settled shapes verify this.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from octoplan.planner.targets.target_set import TargetSet
 
 
 def _planes(arm: Arm, limits: Limits) -> Iterator[tuple[float, Array]]:
-    """Yield the planes that map the tendons to others of the same section, path and limits.
+    """Yield the planes that map tendons to tendons of the same section, path and limits.
 
-    Their angles in the base's n and b, in [0, pi) [rad], and the mirror image (n_tendons,) of each
-    tendon. None for arms whose anchorages are turned.
+    Yields the angle in the base's n and b, in [0, pi) [rad], and the index of the mirror image of
+    each tendon (n_tendons,). Arms with turned anchorages have no such planes.
     """
     angles = np.array([phi for _, phi in arm.tendons])
     paths = [arm.offset_paths[i] for i in arm.offset_of]
@@ -43,10 +43,10 @@ def _planes(arm: Arm, limits: Limits) -> Iterator[tuple[float, Array]]:
 
 
 def _mirrored(arm: Arm, angle: float, poses: Array) -> Array:
-    """Return the mirror images of poses (K, 7), their frames right-handed like those.
+    """Return the mirror images of poses (K, 7), with right-handed frames.
 
-    Frames are mirrored in the base's plane and in their own: reflections are half turns about the
-    normals, but for their signs, which cancel.
+    Frames are mirrored in the base's plane and in their own plane. A reflection is a half turn
+    about the normal times -1; the two signs cancel.
     """
     own_normal = np.array([0.0, -np.sin(angle), np.cos(angle)])
     normal = np.array(arm.base_frame) @ own_normal
@@ -59,10 +59,10 @@ def _mirrored(arm: Arm, angle: float, poses: Array) -> Array:
 
 
 def mirror_images(task: PlanningProblem, shape: Shape) -> Iterator[tuple[float, Array]]:
-    """Yield angles of planes [rad], and mirrored tensions (n_tendons,) that meet the targets too.
+    """Yield angles of planes [rad], and mirrored tensions (n_tendons,) that meet the targets [N].
 
-    As well as the shape does, to ten times the accuracy. None for targets of stiffness, with limits
-    on strokes, where nothing pulls, and of tensions that are their own mirror image.
+    The residuals may exceed those of the shape by ten times the accuracy. Nothing for targets of
+    stiffness, with stroke limits, without tensions, and for tensions that are symmetric.
     """
     arm, targets, limits = task.arm, task.target_set, task.limits
     T, stations = shape.tensions, np.array(targets.stations)
@@ -82,7 +82,7 @@ def mirror_images(task: PlanningProblem, shape: Shape) -> Iterator[tuple[float, 
 
 
 def _largest_residual(targets: TargetSet, poses: Array) -> float:
-    """Return how far poses (K, 7) are from the targets, the largest residual."""
+    """Return the largest residual of the targets for poses (K, 7)."""
     equality, soft_residual, inequality, _ = targets.values(poses, ())
     gaps = [np.abs(value) for value in (*equality.values(), *soft_residual.values())]
     gaps += [-value for value in inequality.values()]

@@ -1,10 +1,10 @@
-"""From a plan to that for a target nearby: the same program, warm, with unknowns and multipliers.
+"""Warm starts: continue the optimum of a plan to the target of another problem.
 
-The numbers of a target are parameters of the program, so that an optimum moves with them and takes
-its multipliers along; so it does with the minima of the tensions. Steps that are too long are
-halved. What is followed is one optimum, not the best of all. Where its branch ends, as it may where
-a target passes the arm's axis, the optimum beyond is another one, and the jump of the tensions is
-told.
+The numbers of a target are parameters of the program. Unknowns and multipliers of an optimum change
+continuously with these parameters, and with the smallest tensions. Steps that are too long are
+halved. The result is the optimum of this branch, not the best of all. A branch may end, for example
+if a target passes the arm's axis. Then the optimum belongs to another branch, and the solution
+records the jump of the tensions.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from octoplan.planner.problem import Problem
 from octoplan.planner.solution import Solution, Trial
 from octoplan.planner.solve.refine import PART, polish, refine
 
-# By so much, over their norm, tensions may change from one target to the next; where more is asked
-# of one step, smaller ones tell whether they jump.
+# Relative change of the tensions per step above which the step is halved to detect a jump.
 _LITTLE = 0.25
+# Smallest step, as a share of the change of the parameters.
 _LEAST_STEP = 1 / 64
 
 
 def warm_start(
     near: Plan, task: PlanningProblem, avoidance: ClearanceConstraints | None = None
 ) -> Solution | None:
-    """Return the optimum that a plan leads to, None where it cannot be followed.
+    """Return the optimum to which the optimum of a plan continues, or None.
 
-    Its targets are of the same structure as the task's. Minima of the tensions may be others;
-    maxima are the same. It is also None where the plan does not reach its targets, and where the
-    optimum is less stable than it has to be.
+    The targets of both problems need the same structure, and the limits may differ in the smallest
+    tensions only. None as well if the plan does not reach its targets, if the continuation fails,
+    or if its optimum is less stable than the margin.
     """
     arm, limits, margin = task.arm, task.limits, task.options.margin
     before, after = near.problem.target_set, task.target_set
@@ -70,9 +70,9 @@ def warm_start(
 
 
 def jump(before: Array, after: Array, *others: Array) -> float:
-    """Return how far tensions are apart, over the largest norm; 0 where that is little.
+    """Return the change of the tensions over the largest norm; 0 if the change is small.
 
-    Others count by their norms alone.
+    Only the norms of the `others` enter.
     """
     size = max(float(np.linalg.norm(T)) for T in (before, after, *others))
     apart = float(np.linalg.norm(np.ravel(after) - np.ravel(before)))
@@ -82,9 +82,10 @@ def jump(before: Array, after: Array, *others: Array) -> float:
 def _continued(
     near: Plan, task: PlanningProblem, avoidance: ClearanceConstraints | None
 ) -> tuple[NlpSolution, float] | None:
-    """Return the optimum for a task, by steps in target numbers and minima from one nearby.
+    """Return the continued optimum and its jump, by steps in parameters and smallest tensions.
 
-    By the defect of that; and by how much the tensions jump, 0 where they change little by little.
+    The defect is that of the plan. The jump is 0 if the tensions change continuously. None if a
+    step fails.
     """
     blocks = avoidance.blocks(task.arm) if avoidance else ()
     origin, problem = near.optimum, Problem(task, near.problem.options, blocks)

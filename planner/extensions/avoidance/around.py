@@ -1,13 +1,13 @@
-"""Plans that keep clear: searched as if nothing was in the way, then led around what is.
+"""Search for plans that keep clear: solve without obstacles, then lead the arm around them.
 
-An optimum of the search that touches nothing is as good as before. Others get inequalities where
-they come too near, and are solved again from where they are; places are exchanged for those of the
-new arm until it keeps clear, on the coarse mesh and as it settles. Optima are tried by effort,
-until none that is left can be better. Where none leads around, other initial guesses are, then arms
-that touch nothing and come near to the target; from the latter the nearest shape that keeps clear
-is looked for where the target cannot be met.
+The plan without obstacles comes first. If the arm of this plan is too near to something, clearance
+rows are added at the nearest places, and the program is solved again from there. The rows follow
+the nearest places of the new arm, until the settled arm keeps clear. The other optima of the search
+are led around in the same way, until none of the rest can be better. If this fails, the search
+continues from other initial guesses, and then from arms that touch nothing and come near to the
+target. If the target cannot be met, such arms also lead to the nearest shape that keeps clear.
 
-Arms that touch nothing are drawn at random: where to begin on the other side of obstacles.
+Arms that touch nothing are drawn at random: they are starts on the other side of obstacles.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from octoplan.planner.solve.refine import CORRECTIONS, refine
 from octoplan.planner.solve.samples import fine_enough, fitted, sample
 from octoplan.planner.solve.search import N_EQUAL_OPTIMA, N_SAMPLED, RelaxationStage, Search
 
-# Drawn arms that are looked at, and those that are tried, at most.
+# Largest numbers of drawn arms that are checked for contact, and that are tried.
 _LOOKED_AT, _MOST = 100, 6
 # Number of sampled shapes that are fitted to the targets, and the miss up to which a fit is tried,
 # in lengths and rad: where limits hold a fit may miss by the error of its mesh.
@@ -60,7 +60,17 @@ def _lines_of(task: PlanningProblem) -> Lines:
 
 
 class ObstacleSearch:
-    """A planning question with surroundings; `searched` tells whether all guesses were tried."""
+    """The search for a problem with an environment.
+
+    Attributes
+    ----------
+    task : PlanningProblem
+    trials : list of Trial
+    searched : bool
+        Whether the search tried initial guesses.
+    sampled : int
+        Number of sampled shapes.
+    """
 
     def __init__(self, task: PlanningProblem) -> None:
         self.task, self.surroundings = task, task.environment
@@ -68,9 +78,9 @@ class ObstacleSearch:
         self._lines = _lines_of(task)
 
     def run(self, near: Solution | None = None) -> Solution:
-        """Return the best that keeps clear, or the best so far out of time.
+        """Return the best solution that keeps clear, or the best so far if the time is over.
 
-        Where a plan that is near is given, it is led around, and only if it cannot be is searched.
+        A solution nearby is led around the obstacles; the search follows only if this fails.
         """
         result = near
         with suppress(OutOfTime):
@@ -96,9 +106,9 @@ class ObstacleSearch:
         return replace(result, stopped=True)
 
     def led_from(self, tensions: Array) -> Solution | None:
-        """Return the plan that meets the targets and keeps clear, from tensions near it.
+        """Return the solution near given tensions that meets the targets and keeps clear.
 
-        None if there is none, or out of time.
+        None if there is no such solution, or if the time is over.
         """
         with suppress(OutOfTime):
             led = self._exchange(tensions, "exact")
@@ -106,15 +116,15 @@ class ObstacleSearch:
         return None
 
     def _in_the_way(self, result: Solution) -> str | None:
-        """Return what a plan comes nearest to in words, None where it keeps clear."""
+        """Return a description of the body that is too near; None if the arm keeps clear."""
         line = line_of(self.task, np.ravel(result.tensions))
         return "" if line is None else in_the_way(self.surroundings, line) or None
 
     def _detour(self, search: Search, result: Solution) -> Solution:
-        """Return the best of what is led around, the plan without surroundings if nothing is.
+        """Return the best solution around the obstacles, or the solution without obstacles.
 
-        From optima that something is in the way of, other guesses, arms that touch nothing: as the
-        plan reads its targets, and from the last as near to them as can be.
+        Starts are the optima of the search, further guesses, and arms that touch nothing. The mode
+        is that of the solution without obstacles, and then "nearest" from the latter starts.
         """
         mode, T = result.options.mode, np.ravel(result.tensions)
         met = sorted(search.stage.stable, key=attrgetter("f"))
@@ -130,7 +140,7 @@ class ObstacleSearch:
         return best or result
 
     def _clear(self, arms: Iterable[Array]) -> Iterator[Array]:
-        """Yield the tensions under which the arm touches nothing."""
+        """Yield the tensions of arms that touch nothing."""
         for T in arms:
             line = self._lines(T)
             if line is not None and avoiding(line, self.surroundings, None)[1] >= 0:
@@ -152,10 +162,10 @@ class ObstacleSearch:
         yield from self._clear(near)
 
     def _best(self, mode: Mode, *sources: Iterable[tuple[float, Array]]) -> Solution | None:
-        """Return the best that is led around from the first starts of which any is.
+        """Return the best solution from the first source with a start that leads around.
 
-        From enough of these, of which no objective is less. Starts are what their objective is at
-        least, and tensions.
+        A start is a lower bound of the objective, and tensions. The source ends once enough starts
+        lead around, and once a found objective is below the bound.
         """
         for starts in sources:
             done: list[tuple[float, Solution]] = []
@@ -170,7 +180,7 @@ class ObstacleSearch:
         return None
 
     def _exchange(self, T: Array, mode: Mode) -> tuple[float, Solution] | None:
-        """Return the plan that keeps clear to which tensions lead, with its objective."""
+        """Return the objective and the solution that keeps clear, from given tensions."""
         avoidance: ClearanceConstraints | None = None
         optimum: NlpSolution | None = None
         task, line, objectives = self.task, self._lines(T), list[float]()

@@ -1,4 +1,4 @@
-"""What an arm is to keep clear of, and by how much."""
+"""Environments: required distances, violations, and checks of the arguments."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from octoplan.model.support.errors import InputError
 from octoplan.planner.environment import Environment
 from octoplan.planner.targets.base import Target
 
-# What plans keep besides, over L and over the clearance: the bounds of a check are so close.
+# Additional distance of plans, over L and over the clearance: the resolution of verified bounds.
 _SPARE = (1e-4, 2e-2)
 
 
@@ -58,10 +58,10 @@ def surroundings(
     of_itself: bool,
     in_time: bool = False,
 ) -> Environment:
-    """Return what was asked, checked; of a motion, which goes on `in_time`, obstacles may move.
+    """Return the environment for arguments of `plan`; obstacles of motions may move (`in_time`).
 
-    Raises InputError for what is no obstacle, a negative clearance, obstacles that hold the base or
-    a place that the targets prescribe, and a clearance from nothing.
+    Raises InputError for other objects, a negative clearance, a clearance without obstacles, and
+    for obstacles that contain the base or a position that the targets prescribe.
     """
     value = list(obstacles) if in_time and isinstance(obstacles, Sequence) else []
     moving = tuple(obstacle for obstacle in value if isinstance(obstacle, Moving))
@@ -86,7 +86,7 @@ def surroundings(
 
 
 def _tips(arm: Arm, targets: tuple[Target, ...]) -> list[Array]:
-    """Return the places (3,) that targets prescribe for the tip."""
+    """Return the tip positions (3,) that targets prescribe."""
     prescribed = [target.prescribed(arm) for target in targets]
     return [places["tip position"] for places in prescribed if "tip position" in places]
 

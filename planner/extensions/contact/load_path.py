@@ -43,15 +43,15 @@ def rubs(scene: Scene) -> bool:
 
 
 def is_same(near: Scene, scene: Scene) -> bool:
-    """Return whether scenes are one; where contacts have friction, but for what they had before."""
+    """Return whether scenes are equal; with friction of contacts, up to the friction of `near`."""
     return near == scene or (rubs(scene) and without_friction(near) == without_friction(scene))
 
 
 def from_rest(arm: Arm, tensions: Array, scene: Scene, name: str = "near") -> LoadPath:
     """Return the load path of an arm that touches nothing under tensions (n_tendons,).
 
-    That is all that friction has to know of the motion before. Raises InputError, that names the
-    field, where the arm touches something.
+    Friction then depends on no earlier motion. Raises InputError with the name of the argument if
+    the arm touches something.
     """
     if settle(arm, tensions, without_friction(scene), ON_THE_PATH).contacts:
         allowed = (
@@ -70,11 +70,11 @@ def settled_along(
     accuracy: float,
     machine_code: bool = False,
 ) -> Shape:
-    """Return the shape that an arm comes to by tensions (n_tendons,) on its load path.
+    """Settle an arm under tensions (n_tendons,) at the end of a load path.
 
-    From rest to the first of them tensions and loads grow in proportion, then tensions change in
-    straight lines from one to the next. Where the arm jumps `Shape.snaps` of the last tells so.
-    Friction of contacts acts beyond the first of them. Raises what settle does.
+    From rest to the first tensions of the path, tensions and loads grow in proportion; then
+    tensions change in straight lines. `Shape.snaps` reports whether the arm snaps at last. Friction
+    of contacts acts beyond the first tensions. Raises the errors of settle.
     """
     if not load_path and not rubs(scene):
         return settle(arm, tensions, scene, accuracy, compile=machine_code)
@@ -90,8 +90,7 @@ def _at_the_end(
 ) -> Shape:
     """Return the shape at the last tensions of a load path.
 
-    Cached: the path of a plan is settled in its search and again for its certificate, and has up to
-    a hundred steps.
+    Cached: search and certificate need the same path, of up to a hundred steps.
     """
     first, *others = load_path
     near = settle(arm, first, without_friction(scene), accuracy, compile=machine_code)
@@ -114,15 +113,16 @@ def path_sensitivities(path: Path) -> Array:
 
 
 def _by_history(before: Equilibrium, earlier: Array, point: Equilibrium, by_step: Array) -> Array:
-    """Return what dx/dT (n_states, n_tendons) has by where the arm was before.
+    """Return the part of dx/dT (n_states, n_tendons) that follows from the previous equilibrium.
 
-    With dx/dT `earlier` there, and `by_step` by the tensions alone. A point that moves along the
-    arm looks back to another station of it, by the angle between the arm's tangents then and now.
+    `earlier` is dx/dT of the previous equilibrium, `by_step` the part of the tensions alone. A
+    contact point that moves along the arm refers to another station of the previous equilibrium, by
+    the angle between the tangents of both.
     """
     system, touches = point.system, ContactFlags.of(point.system)
     of, s, n = system.layout, system.mesh.s, system.layout.n_tendons
     k, j = np.nonzero(touches.points)
-    # Where nodes were, by the tensions and by how far points move along the arm.
+    # Derivatives of previous node positions by tensions and by shifts of points along the arm.
     were = np.zeros((s.size, 3, n + k.size))
     nodes = before.system.layout.nodes[:, 4:7]
     were[:, :, :n] = scipy.interpolate.make_interp_spline(before.mesh.s, earlier[nodes])(s)

@@ -35,23 +35,24 @@ from octoplan.planner.solve.guesses import BendCoordinates, initial_guesses, man
 from octoplan.planner.solve.search import N_EQUAL_OPTIMA, RelaxationStage
 from octoplan.planner.targets.backbone import Backbone
 
-# The meshes of searches and of plans.
+# Refinement of the search's mesh.
 COARSE = 1
+# Refinement of the mesh of plans.
 FINE = 2 * COARSE
-# Time of a plan's shape and certificate, which are more accurate, over that of one step of the load
+# Time for shape and certificate, which are more accurate, over the time for one step of the load
 # path in the search. The path itself is not settled again.
 CERTIFICATE_TIME = 4.0
-# How far frames may turn between meshes in what is one equilibrium [rad].
+# Largest rotation of frames between two meshes for the same equilibrium [rad].
 _SAME = 0.1
-# What is taken of the way to tensions without friction, and beyond.
+# Shares of the change of tensions to the optimum without friction.
 _SLID = (1.0, 1.5, 2.5)
-# Arms that are drawn where something is held; of these, those around which as many are drawn again,
-# and the spread of their bends' logarithms.
+# Number of arms that are drawn for a hold; number of the nearest of these, around which as many
+# arms are drawn again; spread of the logarithms of their bends.
 _DRAWN, _NEAREST, _SPREAD = 3000, 150, 0.3
 
 
 def check_contact(task: PlanningProblem) -> None:
-    """Raise InputError for what is not stated in scenes with contact, and what is held without."""
+    """Raise InputError for problems that scenes with contact do not support."""
     bodies = [contact.obstacle for contact in contacts(task.scene)]
     for target in task.targets:
         if isinstance(target, Hold) and target.obstacle not in bodies:
@@ -92,8 +93,9 @@ def _trials(optima: Sequence[ContactOptimum]) -> tuple[Trial, ...]:
 class ContactSearch:
     """The search for the least tensions of an arm in contact.
 
-    `begin` is the load path to an equilibrium nearby, its tensions last: it is tried first, and
-    with friction, that acts against the motion from there, alone; unless given from rest.
+    `begin` is the load path to an equilibrium nearby, with its tensions last, or None for an arm at
+    rest. The search begins there. With friction, which acts against the motion from there, it tries
+    no other start.
     """
 
     def __init__(self, task: PlanningProblem, begin: LoadPath | None = None) -> None:
@@ -124,15 +126,15 @@ class ContactSearch:
         return Solution(options, T, *multipliers, trials, stopped, load_path=way)
 
     def _search_with_friction(self) -> None:
-        """Find optima against friction, by what the targets take without.
+        """Find optima with friction, from the optimum without friction.
 
-        Where the arm still sticks no tensions tell how to move it: steps begin at those that it
-        takes without friction, and beyond.
+        While the arm sticks, its shape does not depend on the tensions. Therefore the starts are
+        the tensions of the optimum without friction, and beyond.
         """
         if self.begin is None:
             lower = np.array(self.task.allowed.lower)
             self.begin = from_rest(self.task.arm, lower, self.task.scene)
-        # From where it begins, and from rest where that leads nowhere.
+        # The optimum without friction, from the begin of the motion.
         smooth = replace(self.task, scene=without_friction(self.task.scene), guesses=2)
         free = np.ravel(ContactSearch(smooth, self.begin).run().tensions)
         program = TensionProgram(self.task, FINE, load_path=self.begin)
@@ -147,11 +149,11 @@ class ContactSearch:
                     break
 
     def _search(self, nearby: Sequence[LoadPath], needed: float = 1) -> None:
-        """Find optima until enough agree on the best, or there are as many as are asked for.
+        """Find optima until enough are equal to the best, or all guesses are used.
 
-        As many as needed from what is nearby, else two, or three where something is held, as two
-        may agree on many times the least effort. Where three guesses miss the targets with the
-        default margin of stability, the search goes on without it, from the nearest of these.
+        From load paths nearby, `needed` optima are enough; otherwise two, or three for holds, of
+        which two may have many times the least effort. If three guesses miss the targets with the
+        default stability margin, the search continues without margin from the nearest of these.
         """
         task, stated = self.task, self.task.options
         hasty = task.best_margin and stated.margin > stated.floor
@@ -187,9 +189,9 @@ class ContactSearch:
                 return
 
     def _refined_optimum(self, fine: TensionProgram, end: ContactOptimum) -> ContactOptimum:
-        """Return an optimum on the fine mesh: the arm comes to it from rest, or by all steps.
+        """Return the optimum on the fine mesh that the arm reaches from rest or by all steps.
 
-        Raises UnsettledContactError where it does not.
+        Raises UnsettledContactError if the arm does not reach the optimum.
         """
         arm, scene, T = self.task.arm, self.task.scene, end.point.tensions
         for way in ((), end.load_path):
@@ -207,22 +209,19 @@ class ContactSearch:
 
 
 def _free_arms_reaching(task: PlanningProblem, hold: Hold) -> Iterator[Array]:
-    """Yield tensions of arms that free, under their loads, would reach into what is held.
+    """Yield tensions of free arms that, under their loads, would penetrate the held object.
 
-    From arms without loads that do, by tensions that bring the deepest place of each there under
-    loads. First those that would be pressed apart from it along what balances the wrench, within
-    the cone of friction; of these the least tensions first. Few that are drawn reach what is small:
-    as many again are drawn around those that come nearest.
+    The starts are arms without loads that penetrate the object. For each, a plan finds the tensions
+    that bring the deepest place there under loads. Arms whose contact force would balance the
+    wrench within the cone of friction come first, by increasing effort. Few drawn arms reach a
+    small object; as many again are drawn around the nearest arms.
     """
     arm, body, rng = task.arm, hold.obstacle, np.random.default_rng(0)
     tendons = frozenset(j for j in range(arm.n_tendons) if task.allowed.upper[j] > 0)
     bends = BendCoordinates(arm, tendons, task.allowed)
 
     def deepest(points: Array) -> tuple[Array, Array, Array, Array]:
-        """Return tensions, where each arm is deepest in the body or next to it, and its gap.
-
-        Where it is as a place, and as an arc length.
-        """
+        """Return tensions, and the place of the smallest gap of each arm: position, s and gap."""
         tensions = bends.tensions(points)
         places, s = many_places(task, tensions)
         gaps = body.distance(places.reshape(-1, 3)).reshape(places.shape[:2])

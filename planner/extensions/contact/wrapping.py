@@ -1,4 +1,4 @@
-"""Wraps in plans: what lies beside the arm is kept clear of, and where a part begins is found."""
+"""Plans with wraps: obstacles beside the arm, and the length of a part that is given by turns."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from octoplan.planner.plan_result import Plan
 from octoplan.planner.planning_problem import PlanningProblem
 from octoplan.planner.targets.base import Target
 
-# Plans from which a part's length follows, and how much longer than estimated they make it.
+# Number of plans for the length of a part, and the share by which a part exceeds its estimate.
 _ROUNDS, _SPARE = 4, 0.01
 
 
 def beside(targets: Iterable[Target], scene: Scene) -> tuple[Obstacle, ...]:
-    """Return the obstacles that wraps lie along and that are no contacts: to be kept clear of.
+    """Return the obstacles of wraps that are no contacts: the arm keeps clear of these obstacles.
 
-    Raises InputError where the scene has others as contacts.
+    Raises InputError if the scene has other obstacles as contacts.
     """
     touched = [contact.obstacle for contact in contacts(scene)]
     obstacles = [wrap.obstacle for wrap in targets if isinstance(wrap, Wrap)]
@@ -54,7 +54,7 @@ def beside_contacts(problem: PlanningProblem) -> PlanningProblem | None:
 
 
 def open_wrap(targets: Iterable[Target]) -> Wrap | None:
-    """Return the wrap whose part a plan has to find; InputError for several."""
+    """Return the wrap whose length a plan has to find; raises InputError for several."""
     wraps = [wrap for wrap in targets if isinstance(wrap, Wrap) and wrap.is_open]
     if len(wraps) > 1:
         raise InputError("target", wraps, "one Wrap by turns, others with where they begin")
@@ -62,9 +62,9 @@ def open_wrap(targets: Iterable[Target]) -> Wrap | None:
 
 
 def with_places_of(targets: tuple[Target, ...], before: tuple[Target, ...]) -> tuple[Target, ...]:
-    """Return targets whose wraps have the places that a plan for the same parts has found.
+    """Return the targets with the places that a plan has added to wraps of the same parts.
 
-    So their programs have the same structure, and one is a warm start for the other.
+    Then both programs have the same structure, as a warm start requires.
     """
     if len(targets) != len(before):
         return targets
@@ -87,10 +87,11 @@ def with_turns(
     wrap: Wrap,
     planned: Callable[[tuple[Target, ...], Plan | None], Plan],
 ) -> Plan:
-    """Return the plan for a wrap of so many turns: its part is as long as they take.
+    """Return the plan for a wrap that is given by its turns.
 
-    By plans for parts of given length, each near the one before, until one goes round as often;
-    then by a plan for what of that part takes the turns, which are an inequality.
+    Plans for parts of increasing length, each near the one before, lead to a part with enough
+    turns. The last plan is for the share of this part that the turns need, with the number of turns
+    as an inequality.
     """
 
     def stated(part: Wrap) -> tuple[Target, ...]:
