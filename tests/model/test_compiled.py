@@ -119,7 +119,7 @@ def test_without_a_compiler_auto_goes_on_and_warns(monkeypatch: pytest.MonkeyPat
     no_compiler(monkeypatch)
     with pytest.warns(RuntimeWarning, match="not compiled: no C compiler"):
         found = settle(ARM, T, Scene(*FEW), 1e-4, compile="auto")
-    assert not found.problem.machine_code
+    assert not found.machine_code
     assert np.array_equal(found.states, settle(ARM, T, Scene(*FEW), 1e-4).states)
 
 
